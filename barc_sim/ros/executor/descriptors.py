@@ -25,7 +25,6 @@ _MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
 
 _LIBC = ctypes.PyDLL(None)  # keeps the interpreter's lock
 _spare: list[int] = []  # eventfds that nothing uses
-add_to = os.eventfd_write
 _epoll_wait, _read = _LIBC.epoll_wait, _LIBC.read  # without `argtypes`, which cost 0.3 us
 _wait = ctypes.CDLL(None).ppoll  # gives the lock up; `select`'s functions round to milliseconds
 

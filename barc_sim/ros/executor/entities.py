@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from traceback import walk_tb
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
@@ -18,7 +20,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from barc_sim.ros.executor.rclpy_private import handle_of, raised_by_rclpy
+from barc_sim.ros.executor.rclpy_private import handle_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +37,7 @@ Entity: TypeAlias = Any
 
 #: The names of a node's lists of entities, in the order in which rclpy executes what is ready.
 KINDS = ('waitables', 'timers', 'subscriptions', 'guards', 'clients', 'services')
-_WITH_MESSAGES = ('subscriptions', 'clients', 'services')
+_OURS = ('rclpy.', 'barc_sim.ros.executor.')  # modules
 _MESSAGE_ONLY = Subscription.CallbackType.MessageOnly
 
 
@@ -52,7 +54,6 @@ class Entry:
     end: Callable[[], None]  #: gives the group back
     pending: int = 0  #: takes that may find something
     ahead: int = 0  #: those that were tried before their arrival was counted
-    tries: int = 0  #: so often it is tried before epoll is asked
     queued: bool = False
     found: float = 0.0  #: [s] when it was queued
     executed: float = 0.0  #: [s] when it was taken last
@@ -61,9 +62,14 @@ class Entry:
     idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
     on_taken: Callable[[Entry], None] | None = None
 
-    def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
-        """Warn where rclpy itself cannot handle what has arrived; return False for other errors."""
-        if not (raised_by_rclpy(error) or (taking and self.kind in _WITH_MESSAGES)):
+    def warns_of(self, error: BaseException) -> bool:
+        """Warn where rclpy itself cannot handle what has arrived; return False for other errors.
+
+        Those come from, or through, Python code that is not rclpy's.
+        """
+        frames = [frame.f_globals for frame, _ in walk_tb(error.__traceback__)]
+        ours = all(str(each.get('__name__')).startswith(_OURS) for each in frames)
+        if not (ours and isinstance(error, Exception)):
             return False
         name = getattr(self.entity, 'topic', type(self.entity).__name__)
         self.node.get_logger().warning(
@@ -114,6 +120,24 @@ def _take_service(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     return execute, ()
 
 
+def _take_client(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
+    """Take a response; unlike rclpy's way, this returns whether there was one."""
+    client = entry.entity
+    with entry.handle:
+        header, response = entry.handle.take_response(client.srv_type.Response)
+    if header is None:
+        entry.pending = 0
+        return None
+
+    def execute() -> None:
+        with suppress(KeyError):  # the request was cancelled
+            future = client.get_pending_request(header.request_id.sequence_number)
+            future._set_executor(executor)
+            future.set_result(response)
+
+    return execute, ()
+
+
 def _take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take a timer, unless it was cancelled or reset meanwhile; faster than rclpy's way."""
     timer, handle = entry.entity, entry.handle
@@ -142,11 +166,6 @@ def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
 def take_waitable(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
     """Take a waitable's data."""
     return executor._take_waitable(entry.entity), ()
-
-
-def _take_client(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
-    execute = executor._take_client(entry.entity)
-    return (execute, ()) if execute else None
 
 
 _TAKES: dict[type[Any], Take] = {

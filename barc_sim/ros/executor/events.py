@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections import deque
 from contextlib import suppress
 from functools import partial
 from math import inf
-from threading import Lock
+from threading import Thread
 from typing import TYPE_CHECKING
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
-from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
-from rclpy.service import Service
-from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from barc_sim.ros.executor.descriptors import Descriptors, add_to, counter, retire
+from barc_sim.ros.executor.descriptors import Descriptors, counter, retire
 from barc_sim.ros.executor.entities import KINDS, Entity, Entry, entry_of
-from barc_sim.ros.executor.rclpy_private import notify_of_triggers, set_listener, was_triggered
-from barc_sim.ros.executor.wait_set import WaitSetThread
+from barc_sim.ros.executor.rclpy_private import (
+    StandIn,
+    notify_of_triggers,
+    set_listener,
+    was_triggered,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -33,8 +37,7 @@ if TYPE_CHECKING:
 
 #: [s] The longest wait. Then the context is checked, as a signal ends it without an event.
 _CHECK_PERIOD = 0.1
-#: What shares a descriptor while it is idle: until it has been used so often.
-_SHARING = (Subscription, Service, EventHandler)
+#: An entity shares a descriptor until it has been used so often.
 _IDLE_USES = 8
 #: [s] While callbacks are executed without a pause, epoll is asked so seldom.
 _POLL_PERIOD = 0.25e-3
@@ -46,8 +49,8 @@ _ANY_JUMP = JumpThreshold(
 class Events:
     """The entities of an executor's nodes, and which of them something has arrived for.
 
-    The subscriptions and services that are hardly used share one descriptor: when something arrives
-    for one, all of them are tried. After a few uses it gets a descriptor of its own.
+    Those that are hardly used share one descriptor: when something arrives for one, all of them are
+    tried. After a few uses it gets a descriptor of its own.
 
     All but `wake` is for one thread at a time. `on_failure` is called in the wait set's thread with
     an exception of a waitable.
@@ -55,7 +58,7 @@ class Events:
 
     def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:
         self.ready: deque[Entry] = deque()  #: entries with something pending, in turn
-        self.recent: dict[Entry, None] = {}  #: what is tried before epoll is asked
+        self.recent: dict[Entry, int] = {}  #: what is tried, so often, before epoll is asked
         self.poll_due = 0.0  #: [s] when epoll is asked, even if something is ready
         self.now = 0.0  #: [s] when it was polled last
         self.stale = True  #: whether the nodes are to be looked at again
@@ -69,8 +72,6 @@ class Events:
         self._jumps: dict[Entry, JumpHandle] = {}
         self._next_check = 0.0
         self._wakeup = counter()  # which timers count their resets in, too
-        self._wakeup_lock = Lock()
-        self._wakeup_is_set = False  # also once it is closed
         self._waiter = WaitSetThread(context, self._signal, on_failure)
         self._descriptors = Descriptors()
         self._descriptors.add(self._wakeup)
@@ -79,10 +80,7 @@ class Events:
     def wake(self, _: object = None) -> None:
         """End a wait, from any thread, also when this is closed."""
         self.woken = True
-        with self._wakeup_lock:
-            if not self._wakeup_is_set:
-                self._wakeup_is_set = True
-                add_to(self._wakeup, 1)
+        os.eventfd_write(self._wakeup, 1)
 
     def _signal(self, entry: Entry) -> None:
         self._signalled.append(entry)
@@ -130,9 +128,9 @@ class Events:
     def _try_recent(self) -> bool:
         """Queue what had a message lately; return whether there is any."""
         tried = False
-        for entry in self.recent:
-            if entry.tries and not entry.queued:
-                entry.tries -= 1
+        for entry, tries in self.recent.items():
+            if tries and not entry.queued:
+                self.recent[entry] = tries - 1
                 entry.ahead += 1
                 self.queue(entry)
                 tried = True
@@ -150,19 +148,15 @@ class Events:
     def _sort(self) -> None:
         """Sort what is ready as rclpy does; but none is executed twice before another one."""
         oldest = min(entry.found for entry in self.ready)
-
-        def turn(entry: Entry) -> tuple[float, int]:
-            again = entry.executed if entry.executed >= oldest else 0.0
-            return again, KINDS.index(entry.kind)
-
-        turns = sorted(self.ready, key=turn)
+        turns = sorted(
+            self.ready,
+            key=lambda each: (each.executed >= oldest and each.executed, KINDS.index(each.kind)),
+        )
         self.ready.clear()
         self.ready.extend(turns)
 
     def _on_wake(self) -> None:
-        with self._wakeup_lock:
-            self._descriptors.take_count(self._wakeup)
-            self._wakeup_is_set = False
+        self._descriptors.take_count(self._wakeup)
         while self._signalled:
             entry = self._signalled.popleft()
             if self._entries.get(entry.entity) is entry and not entry.pending:
@@ -215,9 +209,9 @@ class Events:
             notify_of_triggers(entity, partial(self._signal, entry))
             if was_triggered(entity, entry.node.context):
                 self._signal(entry)
-        elif self._count(entry, self._shared if isinstance(entity, _SHARING) else counter()):
-            if isinstance(entity, _SHARING):
-                entry.idle_uses = _IDLE_USES
+        elif set_listener(entity, self._shared):
+            entry.descriptor, entry.idle_uses = self._shared, _IDLE_USES
+            self._counted[self._shared].append(entry)
             if left := getattr(entity, '_arrived', 0):  # counted, but not taken before
                 self.queue(entry, left)
         else:
@@ -225,29 +219,21 @@ class Events:
             self._waiter.add(entry)
         self._entries[entity] = entry
 
-    def _count(self, entry: Entry, descriptor: int) -> bool:
-        """Count an entity's arrivals in a descriptor; return False where it has no listener."""
-        if not set_listener(entry.entity, descriptor):
-            return False
-        entry.descriptor = descriptor
-        if descriptor not in self._counted:
-            self._descriptors.add(descriptor)
-        self._counted.setdefault(descriptor, []).append(entry)
-        return True
-
     def note_use(self, entry: Entry) -> None:
         """Note that something was taken for an idle entity: it shares a descriptor for so long."""
         entry.idle_uses -= 1
         if not entry.idle_uses:
-            try:
-                self._count(entry, counter())
-            except OSError:  # no descriptor is left
-                entry.idle_uses = _IDLE_USES
-            else:
-                self._leave(entry, self._shared)
+            with suppress(OSError):  # no descriptor is left
+                own = counter()
+                with suppress(InvalidHandle):  # destroyed
+                    set_listener(entry.entity, own)
+                self._leave(entry)
+                entry.descriptor, self._counted[own] = own, [entry]
+                self._descriptors.add(own)
 
-    def _leave(self, entry: Entry, descriptor: int) -> None:
-        """Count no arrivals of an entity in a descriptor any longer."""
+    def _leave(self, entry: Entry) -> None:
+        """Count no arrivals of an entity in its descriptor any longer."""
+        descriptor = entry.descriptor
         self._queue_counted(descriptor)
         self._counted[descriptor].remove(entry)
         if descriptor != self._shared:
@@ -272,7 +258,7 @@ class Events:
             if entry in self._jumps:
                 self._jumps.pop(entry).unregister()
             if entry.descriptor >= 0:
-                self._leave(entry, entry.descriptor)
+                self._leave(entry)
                 entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
         self.recent.pop(entry, None)
         with suppress(ValueError):  # it waits for nothing
@@ -283,9 +269,74 @@ class Events:
         """Listen to nothing."""
         self.refresh([])
         self._waiter.close()
-        with self._wakeup_lock:
-            self._wakeup_is_set = True
         for descriptor in (self._wakeup, self._shared):
             self._descriptors.remove(descriptor)
             retire(descriptor)
         self._descriptors.close()
+
+
+class WaitSetThread(SingleThreadedExecutor):
+    """Waits for what has no listener, with rclpy's own wait set; it starts with the first entry.
+
+    It calls `is_ready` with an entry that is ready, which is waited for again after `resume`; and
+    `on_failure` with an exception of a waitable, which ends it.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        is_ready: Callable[[Entry], None],
+        on_failure: Callable[[BaseException], None],
+    ) -> None:
+        super().__init__(context=context)
+        self._is_ready = is_ready
+        self._on_failure = on_failure
+        self._waited: dict[Entry, StandIn] = {}
+        self._thread = Thread(target=self._run, name='wait set', daemon=True)
+        for kind in KINDS:  # it is waited for as if they were a node's
+            setattr(self, kind, [])
+
+    def add(self, entry: Entry) -> None:
+        """Wait for an entry, too, also while its callback group is claimed."""
+        group = ReentrantCallbackGroup()
+        waited = StandIn(entry.entity, entry=entry, callback_group=group, _executor_event=False)
+        self._waited[entry] = waited
+        getattr(self, entry.kind).append(waited)
+        self.wake()
+        if not self._thread.ident:
+            self._thread.start()
+
+    def __contains__(self, entry: Entry) -> bool:
+        """Whether an entry is waited for."""
+        return entry in self._waited
+
+    def resume(self, entry: Entry) -> None:
+        """Wait for an entry again, as what was ready is taken."""
+        vars(self._waited[entry])['_executor_event'] = False  # rclpy's: True from ready to taken
+        self.wake()
+
+    def remove(self, entry: Entry) -> None:
+        """Wait for an entry no longer."""
+        getattr(self, entry.kind).remove(self._waited.pop(entry))
+        self.wake()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._is_shutdown = True
+        self.wake()
+        if self._thread.ident:
+            self._thread.join()
+        with suppress(InvalidHandle):  # destroyed already, at the interpreter's end
+            self.shutdown()
+        self._sigint_gc = None
+
+    def _run(self) -> None:
+        try:
+            while True:
+                for task, waited, _ in self._wait_for_ready_callbacks(None, [self]):
+                    task.cancel()
+                    self._is_ready(waited.entry)
+        except (ShutdownException, ExternalShutdownException):
+            pass
+        except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
+            self._on_failure(error)

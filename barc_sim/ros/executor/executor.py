@@ -18,7 +18,7 @@ from threading import Event, RLock, Thread, current_thread
 from typing import TYPE_CHECKING, Any
 
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import MultiThreadedExecutor, TimeoutObject
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.task import Task
 
 from barc_sim.ros.executor.events import Events
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Coroutine
 
     from rclpy.context import Context
+    from rclpy.executors import TimeoutObject
     from rclpy.task import Future
 
     from barc_sim.ros.executor.entities import Call, Entry
@@ -46,9 +47,9 @@ class Spin:
     """A call of one of the methods that spin."""
 
     future: Future | None
-    deadline: float  #: [s]
+    deadline: float  #: [s]; -inf: its one callback has returned
     once: bool
-    before: int  #: callbacks that had begun before it did
+    begun: bool = False  #: whether the one callback has
     over: Event = field(default_factory=Event)
 
 
@@ -80,8 +81,7 @@ class QuickExecutor(MultiThreadedExecutor):
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
         super().__init__(num_threads, context=context)
         self._spins: set[Spin] = set()  # those that are not over
-        self._once = False  # whether one of them is to execute one callback
-        self._begun = 0  # callbacks and steps of tasks
+        self._once = False  # whether one of them waits for its one callback to begin
         self._failures: deque[BaseException] = deque()  # for the spinning threads to raise
         self._threads: set[Thread] = set()  # daemons, so that a program can end while they spin
         self._standing_by = 0  # those of them that neither lead nor call a callback
@@ -139,10 +139,9 @@ class QuickExecutor(MultiThreadedExecutor):
         self, future: Future, timeout_sec: float | TimeoutObject | None = None
     ) -> None:
         """Execute one callback, or return because the future is done or the time is over."""
-        seconds = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
-        self._spin(seconds, future, once=True)
+        self._spin(getattr(timeout_sec, 'timeout', timeout_sec), future, once=True)
 
-    def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Stop, wait for the callbacks that have begun, and end the pool's threads.
 
         Returns False where callbacks still ran after `timeout_sec` (None or negative: no end);
@@ -161,9 +160,7 @@ class QuickExecutor(MultiThreadedExecutor):
             self._close()
         while self._failures:  # no spin is left to raise them
             traceback.print_exception(self._failures.popleft())
-        self._executor.shutdown(wait=wait_for_threads)  # rclpy's pool, which has no threads
-        # Not MultiThreadedExecutor's: a newer one waits for this thread, too.
-        return bool(super(MultiThreadedExecutor, self).shutdown(timeout_sec))
+        return bool(super().shutdown(timeout_sec))
 
     def _spin(
         self, timeout_sec: float | None, future: Future | None = None, *, once: bool = False
@@ -173,7 +170,7 @@ class QuickExecutor(MultiThreadedExecutor):
         Within a callback this thread is one of the pool, and leads where no other one does.
         """
         deadline = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
-        spin = Spin(future, deadline, once, self._begun)
+        spin = Spin(future, deadline, once)
         inside = current_thread() in self._threads
         period = _CHECK_PERIOD_INSIDE if inside else _CHECK_PERIOD
         if future:
@@ -206,7 +203,7 @@ class QuickExecutor(MultiThreadedExecutor):
         ended = bool(self._failures) or self._is_shutdown or not self.context.ok()
         for spin in list(self._spins):
             done = spin.future is not None and (spin.future.done() or spin.future.cancelled())
-            begun = spin.once and self._begun > spin.before
+            begun = spin.begun and spin.deadline < inf  # else it ends when the callback returns
             if ended or done or begun or spin.deadline <= expired:
                 self._spins.discard(spin)
                 spin.over.set()
@@ -266,7 +263,7 @@ class QuickExecutor(MultiThreadedExecutor):
                     spins = list(self._spins)
                     if not spins or (within and within.over.is_set()):
                         break
-                    self._once = any(spin.once for spin in spins)
+                    self._once = any(spin.once and not spin.begun for spin in spins)
                     deadline = min(spin.deadline for spin in spins)
                     if events.stale:
                         events.refresh(self.get_nodes())
@@ -352,7 +349,7 @@ class QuickExecutor(MultiThreadedExecutor):
         except InvalidHandle:  # destroyed without its node
             entry.pending = 0
         except Exception as error:
-            if not entry.warns_of(error, taking=True):
+            if not entry.warns_of(error):
                 raise
         finally:
             if call is None:
@@ -368,8 +365,7 @@ class QuickExecutor(MultiThreadedExecutor):
             else:
                 entry.queued = False
                 if call is not None and entry.kind == 'subscriptions' and not entry.idle_uses:
-                    self._events.recent[entry] = None
-                    entry.tries = _TRIES
+                    self._events.recent[entry] = _TRIES
         return call
 
     def _run(self, entry: Entry | None, call: Call) -> bool:
@@ -379,7 +375,10 @@ class QuickExecutor(MultiThreadedExecutor):
         """
         callback, args = call
         claimed = entry
-        self._begun += 1
+        spins = list(self._spins) if self._once else ()
+        once = [spin for spin in spins if spin.once and not spin.begun]
+        for spin in once:
+            spin.begun = True
         lent = self._leadership.lend(entry is not None and entry.lasting)
         try:
             result = callback(*args)
@@ -392,6 +391,8 @@ class QuickExecutor(MultiThreadedExecutor):
         finally:
             if claimed:  # after the failure, which ends spins before another of its group begins
                 claimed.end()
+        for spin in once:
+            spin.deadline = -inf  # for the next look
         leads = self._leadership.take_back(lent)
         if entry:
             self._change = lent  # a coroutine in another thread may wait for this, but be no task

@@ -11,7 +11,6 @@ from __future__ import annotations
 import ctypes
 import os
 import select
-import traceback
 from ctypes import c_void_p
 from functools import cache
 from importlib import import_module
@@ -19,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
-from rclpy.guard_condition import GuardCondition
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -28,56 +26,54 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.context import Context
+    from rclpy.guard_condition import GuardCondition
 
-#: By type of entity, the attribute with its handle and the function of rcl that sets its listener.
-LISTENERS: dict[type[Any], tuple[str, str]] = {
-    Subscription: ('handle', 'subscription_set_on_new_message'),
-    Client: ('handle', 'client_set_on_new_response'),
-    Service: ('handle', 'service_set_on_new_request'),
-    Timer: ('handle', 'timer_set_on_reset'),
-    EventHandler: ('_EventHandler__event', 'event_set'),
+#: By type of entity, the function of rcl that sets its listener.
+LISTENERS: dict[type[Any], str] = {
+    Subscription: 'subscription_set_on_new_message',
+    Client: 'client_set_on_new_response',
+    Service: 'service_set_on_new_request',
+    Timer: 'timer_set_on_reset',
+    EventHandler: 'event_set',
 }
 
 #: By module and class, its private names: those that it has, or that its methods use.
-_NAMES = """
-rclpy.executors: TimeoutObject await_or_execute ShutdownException ExternalShutdownException
-rclpy.executors:Executor _guard _is_shutdown _tasks _tasks_lock _sigint_gc can_execute
-rclpy.executors:Executor _wait_for_ready_callbacks _executor_event
-rclpy.executors:MultiThreadedExecutor _executor _take_client _take_waitable
-concurrent.futures:ThreadPoolExecutor _max_workers
-rclpy.task:Future remove_done_callback
-rclpy.guard_condition:GuardCondition _GuardCondition__gc
-rclpy.subscription:Subscription _callback_type
-rclpy.subscription:Subscription.CallbackType MessageOnly
-rclpy.event_handler:EventHandler _EventHandler__event
-rclpy._rclpy_pybind11: RCLError
-rclpy._rclpy_pybind11:Subscription take_message pointer
-rclpy._rclpy_pybind11:Timer is_timer_ready call_timer time_until_next_call pointer
-rclpy._rclpy_pybind11:Service service_take_request pointer
-rclpy._rclpy_pybind11:EventHandle take_event pointer
-rclpy._rclpy_pybind11:GuardCondition trigger_guard_condition
-rclpy._rclpy_pybind11:WaitSet clear_entities wait get_ready_entities is_ready add_guard_condition
-os: eventfd EFD_NONBLOCK EFD_CLOEXEC
-select: epoll
-"""
-
-
-def private_names() -> list[tuple[str, str]]:
-    """Return each private name with its module and class, `'module:class'`."""
-    lines = [line.split() for line in _NAMES.strip().splitlines()]
-    return [(path, name) for path, *names in lines for name in names]
+PRIVATE_NAMES = {
+    'rclpy.executors': 'await_or_execute ShutdownException ExternalShutdownException',
+    'rclpy.executors:Executor': '_guard _is_shutdown _tasks _tasks_lock _sigint_gc '
+    '_executor_event _wait_for_ready_callbacks',
+    'rclpy.executors:MultiThreadedExecutor': '_executor _take_waitable',
+    'concurrent.futures:ThreadPoolExecutor': '_max_workers',
+    'rclpy.task:Future': 'remove_done_callback _set_executor',
+    'rclpy.client:Client': 'get_pending_request',
+    'rclpy.guard_condition:GuardCondition': '_GuardCondition__gc',
+    'rclpy.subscription:Subscription': '_callback_type',
+    'rclpy.subscription:Subscription.CallbackType': 'MessageOnly',
+    'rclpy.event_handler:EventHandler': '_EventHandler__event',
+    'rclpy._rclpy_pybind11': 'RCLError',
+    'rclpy._rclpy_pybind11:Subscription': 'take_message pointer',
+    'rclpy._rclpy_pybind11:Timer': 'is_timer_ready call_timer time_until_next_call pointer',
+    'rclpy._rclpy_pybind11:Service': 'service_take_request pointer',
+    'rclpy._rclpy_pybind11:Client': 'take_response pointer',
+    'rclpy._rclpy_pybind11:EventHandle': 'take_event pointer',
+    'rclpy._rclpy_pybind11:GuardCondition': 'trigger_guard_condition',
+    'rclpy._rclpy_pybind11:WaitSet': 'clear_entities wait get_ready_entities add_guard_condition',
+    'os': 'eventfd EFD_NONBLOCK EFD_CLOEXEC',
+    'select': 'epoll',
+}
 
 
 def missing() -> list[str]:
     """Return what this rclpy, rcl or machine lacks, or has with another behaviour."""
     lacking = [
-        f'{path.partition(":")[2] or path.rstrip(":")}.{name}'
-        for path, name in private_names()
+        f'{path.rpartition(":")[2]}.{name}'
+        for path, names in PRIVATE_NAMES.items()
+        for name in names.split()
         if _lacks(path, name)
     ]
     if not lacking:
         try:
-            for _, name in LISTENERS.values():
+            for name in LISTENERS.values():
                 _setter(name)
             counting_listener()
             for opened in (os.eventfd(0), ctypes.CDLL(None).timerfd_create(1, 0)):
@@ -113,12 +109,8 @@ def counting_listener() -> c_void_p:
 
 def handle_of(entity: Any) -> Any:  # noqa: ANN401 (a class of pybind11)
     """Return the handle of an entity: the entity itself for other packages' waitables."""
-    if isinstance(entity, GuardCondition):
-        return getattr(entity.handle, 'instead_of', entity.handle)
-    attribute = next(
-        (name for each, (name, _) in LISTENERS.items() if isinstance(entity, each)), ''
-    )
-    return getattr(entity, attribute) if attribute else entity
+    attribute = '_EventHandler__event' if isinstance(entity, EventHandler) else 'handle'
+    return getattr(entity, attribute, entity)
 
 
 def set_listener(entity: Any, descriptor: int | None) -> bool:  # noqa: ANN401
@@ -128,7 +120,7 @@ def set_listener(entity: Any, descriptor: int | None) -> bool:  # noqa: ANN401
     then it has none any longer. Once a listener is taken back, no thread is left in it. It is set
     twice, as what arrives during the first call may be missed: the second counts it.
     """
-    name = next((name for each, (_, name) in LISTENERS.items() if isinstance(entity, each)), '')
+    name = next((name for each, name in LISTENERS.items() if isinstance(entity, each)), '')
     if not name:
         return False
     handle, set_ = handle_of(entity), _setter(name)
@@ -174,16 +166,14 @@ def notify_of_triggers(guard: GuardCondition, notify: Callable[[], None] | None)
 
     Its handle is replaced and not its `trigger`, which others may have kept.
     """
-    former, handle = guard.handle, handle_of(guard)
-    if former is not handle:
-        former.trigger_guard_condition = handle.trigger_guard_condition  # others may have kept it
+    handle = getattr(guard.handle, 'instead_of', guard.handle)
     listening = notify and StandIn(handle, trigger_guard_condition=notify)
     guard._GuardCondition__gc = listening or handle
 
 
 def was_triggered(guard: GuardCondition, context: Context) -> bool:
-    """Forget the triggers of a guard condition; return whether there were any."""
-    handle = handle_of(guard)
+    """Forget the former triggers of one that is notified of; return whether there were any."""
+    handle = guard.handle.instead_of
     if not context.ok():
         return False
     with handle, context.handle:
@@ -192,13 +182,3 @@ def was_triggered(guard: GuardCondition, context: Context) -> bool:
         wait_set.add_guard_condition(handle)
         wait_set.wait(0)
         return bool(wait_set.get_ready_entities('guard_condition'))
-
-
-def raised_by_rclpy(error: BaseException) -> bool:
-    """Return whether an exception comes from Python code of rclpy that no other code has called."""
-    names = [
-        str(frame.f_globals.get('__name__')) for frame, _ in traceback.walk_tb(error.__traceback__)
-    ]
-    called = [name for name in names if not name.startswith('barc_sim.ros.executor.')]
-    by_rclpy = called and all(name.startswith('rclpy.') for name in called)
-    return bool(by_rclpy) and isinstance(error, Exception)

@@ -249,22 +249,19 @@ def test_nothing_is_left_after_shutdown(ros: Context, spins: int) -> None:
     executor = QuickExecutor(4, context=ros)
     node = Node('tested', context=ros)
     executor.add_node(node)
-    handles = [
-        entity.handle
-        for entity in (
-            node.create_subscription(Time, 'a', lambda _: None, 1),
-            node.create_timer(0.001, lambda: None),
-            node.create_guard_condition(lambda: None),
-            *node.services,
-        )
-    ]
+    entities = (
+        node.create_subscription(Time, 'a', lambda _: None, 1),
+        node.create_timer(0.001, lambda: None),
+        node.create_guard_condition(lambda: None),
+        *node.services,
+    )
     for _ in range(spins):
         executor.spin_once(timeout_sec=1.0)
 
     executor.shutdown()
     node.destroy_node()
 
-    assert not any(handle.pointer for handle in handles)
+    assert not any(entity.handle.pointer for entity in entities)
     assert set(threading.enumerate()) == threads
     gone = weakref.ref(executor)
     del executor
