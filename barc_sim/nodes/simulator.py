@@ -99,7 +99,7 @@ class VehicleSimulator(Node):
         super().__init__('vehicle_simulator', **options)
         self.values = values = declare(self, parameters(distance))
         self.road = road or Road.named(values['road'])
-        self.stepper = Stepper.of_parameters(values, self, model, self.road)
+        self.stepper = Stepper(values, self, model, self.road)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
         self.finished, self._warning = Future(), RateLimitedWarning(self, 10.0)

@@ -79,14 +79,6 @@ class RoadSegments(NamedTuple):
         return self.begins[i], self.ends[i], self.gravity_forces[i]
 
 
-class _Trace(NamedTuple):
-    """What a loop leaves; the first two are shape `(n,)`, of each state."""
-
-    v: Floats  #: [m/s]
-    integral: Floats  #: [m/s²] after the state's command
-    after: tuple[float, float]  #: x [m] and v [m/s] after the last step; at the distance, there
-
-
 def _drive(
     gains: tuple[float, float, float],
     settings: LoopSettings,
@@ -95,8 +87,10 @@ def _drive(
     start: tuple[float, float],
     waiting: list[float],
     early: float,
-) -> _Trace:
-    """Drive to the distance, or to the end of `errors`, measured minus true speed [m/s].
+) -> tuple[Floats, Floats]:
+    """Return the speed [m/s], and the integral [m/s²] after the command, of each state.
+
+    The loop ends at the distance, or with `errors`, measured minus true speed [m/s].
 
     `start` is x [m] and v [m/s]; the controller is at its beginning.
 
@@ -154,32 +148,32 @@ def _drive(
         if after < 0.0 < v or v < 0.0 < after:
             after = clamped_at_zero(v, after, v + ts * (command + gravity_force / mass))
         v = after
-    columns = np.frombuffer(array('d', speeds)), np.frombuffer(array('d', integrals))
-    return _Trace(*columns, (x, v))
+    return np.frombuffer(array('d', speeds)), np.frombuffer(array('d', integrals))
 
 
 @np.errstate(over='ignore', invalid='ignore')  # as with floats
 def _commands(
     gains: tuple[float, float, float],
     settings: LoopSettings,
-    trace: _Trace,
+    v: Floats,
+    integral: Floats,
     errors: Floats | float,
 ) -> dict[str, Any]:
     """Return the columns of the PID's command and terms: the sums of `_drive`, for arrays."""
     kp, ki, kd = gains
-    measured = trace.v + errors
+    measured = v + errors
     deviation = settings.reference - measured
     increment = ki * deviation * settings.dt
     change = np.diff(measured, prepend=0.0)
     proportional, derivative = kp * deviation, -kd * change / settings.dt
     increment[:1] = derivative[:1] = 0.0
-    before = np.concatenate([[0.0], trace.integral[:-1]])
+    before = np.concatenate([[0.0], integral[:-1]])
     output = proportional + before + increment + derivative
     motor = np.clip(output, settings.low, settings.high)
     return {
         'motor': motor,
         'proportional': proportional,
-        'integral': trace.integral,
+        'integral': integral,
         'derivative': derivative,
         'saturated': motor != output,
     }
@@ -211,7 +205,7 @@ def pid_log(
     errors: Iterable[float] = repeat(-0.0)
     if plant.sensor.is_noisy:
         errors = chain.from_iterable(_speed_errors(plant.sensor.again(), blocks))
-    trace = _drive(
+    v, integral = _drive(
         gains,
         settings,
         RoadSegments.of(plant.road, vehicle),
@@ -220,16 +214,16 @@ def pid_log(
         [] if plant.actuators.is_ideal else motor.waiting,
         motor.early,
     )
-    n = len(trace.v)
+    n = len(v)
     zero: Any = np.zeros(n)
     error: Any = MeasurementError(*[zero] * 6)
     if blocks:
         error = MeasurementError(*np.concatenate(blocks, axis=1)[:, :n])
-    computed = _commands(gains, settings, trace, error.v_x if blocks else -0.0)
-    if not all(map(isfinite, (*trace.after, *(each[-1] for each in computed.values())))):
+    computed = _commands(gains, settings, v, integral, error.v_x if blocks else -0.0)
+    if not all(isfinite(each[-1]) for each in computed.values()):
         return None
-    x = np.add.accumulate(np.append(state.x, plant.ts * trace.v[:-1]))
-    states = State(x, np.full(n, state.y), zero, trace.v)  # type: ignore[arg-type]
+    x = np.add.accumulate(np.append(state.x, plant.ts * v[:-1]))
+    states = State(x, np.full(n, state.y), zero, v)  # type: ignore[arg-type]
     measured = motion(states, 0.0, vehicle)
     if blocks:
         measured = with_error(measured, error, cos(state.psi), sin(state.psi))
@@ -238,7 +232,7 @@ def pid_log(
         measured,
         error,
         Command(computed.pop('motor'), zero),
-        surroundings(trace.v, plant.road.at(x), vehicle),  # type: ignore[arg-type]
+        surroundings(v, plant.road.at(x), vehicle),  # type: ignore[arg-type]
         reference=np.full(n, speed_reference),
         **computed,
     )

@@ -10,11 +10,11 @@ import time
 from enum import Enum
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from barc_sim.errors import UserError
 from barc_sim.simulation.timing import TOLERATED, Commands, Pace, out_of_order
-from barc_sim.vehicle.bike_model import Command
+from barc_sim.vehicle.bike_model import Command, bikeFE
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.parameters import (
     LIVE,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from barc_sim.vehicle.bike_model import Model, State
-    from barc_sim.vehicle.plant import Observation, Plant
+    from barc_sim.vehicle.plant import Observation
     from barc_sim.vehicle.road import Road
 
 RESET = 'reset: the car is back at the start'
@@ -38,46 +38,6 @@ DISTANCE = Parameter(
 )
 LAPS = Parameter('laps', 1, 'number of laps; 0: no end', (0, 10**6), read_only=True)
 _NANOSECONDS = 1_000_000_000
-
-
-class Settings(NamedTuple):
-    """The limits and times of a `Stepper`."""
-
-    realtime_factor: float = 1.0  #: simulated seconds per second; 0: lock-step
-    distance: float = inf  #: [m] a lap ends here
-    laps: int = 1  #: number of laps; 0: no end
-    command_timeout: float = 0.0  #: [s] without a command, after which the car brakes; 0: never
-    timeout_braking: float = 8.0  #: [m/s²] deceleration then
-    max_command: Command = Command(100.0, 1.5)  #: a command beyond is refused
-
-    @classmethod
-    def of_parameters(cls, values: Mapping[str, Any]) -> Settings:
-        """Return the settings of the values of `parameters`.
-
-        Raises
-        ------
-        UserError
-            There are several laps, and no distance at which one ends; or time would hardly pass.
-        """
-        low, high = REALTIME_FACTORS
-        if 0.0 < values['realtime_factor'] < low:
-            raise UserError(
-                f'realtime_factor {values["realtime_factor"]:g} is so small that time hardly '
-                f'passes: expected 0, or {low:g} to {high:g}'
-            )
-        if values['laps'] != 1 and not values['distance']:
-            raise UserError(
-                f'laps {values["laps"]} with distance 0, at which no lap ends: expected a distance '
-                'above 0, or one lap'
-            )
-        return cls(
-            realtime_factor=values['realtime_factor'],
-            distance=values['distance'] or inf,
-            laps=values['laps'],
-            command_timeout=values['command_timeout'],
-            timeout_braking=values['timeout_braking'],
-            max_command=Command(values['refuse_motor_above'], values['refuse_servo_above']),
-        )
 
 
 def parameters(distance: float = 0.0) -> list[Parameter]:
@@ -173,25 +133,46 @@ class Stepper:
 
     def __init__(
         self,
-        new_plant: Callable[[], Plant],
+        values: Mapping[str, Any],
         outputs: Outputs,
-        settings: Settings | None = None,
+        model: Model = bikeFE,
+        road: Road | None = None,
         *,
         clock: Callable[[], float] = time.monotonic,
         wall_clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        """Begin in STARTING; `new_plant` returns a plant at the start of its road.
+        """Begin in STARTING, with the `values` of `parameters`.
 
-        `clock` [s] paces the steps, and `wall_clock` [ns] gives the first stamp.
+        `model` steps the car, on `road` or that of the parameter. `clock` [s] paces the steps, and
+        `wall_clock` [ns] gives the first stamp.
+
+        Raises
+        ------
+        UserError
+            where the values do not go together.
         """
-        self._settings = settings or Settings()
-        self._new_plant, self._plant = new_plant, new_plant()
+        factor, (low, high) = values['realtime_factor'], REALTIME_FACTORS
+        if 0.0 < factor < low:
+            raise UserError(
+                f'realtime_factor {factor:g} is so small that time hardly passes: expected 0, or '
+                f'{low:g} to {high:g}'
+            )
+        if values['laps'] != 1 and not values['distance']:
+            raise UserError(
+                f'laps {values["laps"]} with distance 0, at which no lap ends: expected a distance '
+                'above 0, or one lap'
+            )
+        self._distance = values['distance'] or inf
+        self._max_command = Command(values['refuse_motor_above'], values['refuse_servo_above'])
+        self._timeout, self._braking = values['command_timeout'], values['timeout_braking']
+        self._laps, self._in_real_time = values['laps'], factor == 1.0
+        self._new_plant = partial(plant, values, model, road, disturbance_of(values))
+        self._plant = self._new_plant()
         self._outputs = outputs
         self._clock, self._wall_clock = clock, wall_clock
         self._period_ns = round(self._plant.ts * _NANOSECONDS)
-        factor = self._settings.realtime_factor
         self._pace = Pace(self._plant.ts / factor) if factor else None
-        self._commands = Commands(self._settings.command_timeout)
+        self._commands = Commands(self._timeout)
         self.phase = Phase.STARTING
         self.paused = False
         self.states = self.missed = self.laps = 0
@@ -204,14 +185,6 @@ class Stepper:
         self._place: State | None = None
         self._ends = False
         self._values: Mapping[str, Any] | None = None  # for the plant
-
-    @classmethod
-    def of_parameters(
-        cls, values: Mapping[str, Any], outputs: Outputs, model: Model, road: Road
-    ) -> Stepper:
-        """Return a stepper of the values of `parameters`; UserError: they do not go together."""
-        new_plant = partial(plant, values, model, road, disturbance_of(values))
-        return cls(new_plant, outputs, Settings.of_parameters(values))
 
     @property
     def slipped(self) -> int:
@@ -227,7 +200,7 @@ class Stepper:
         """Publish the first state, and let time run unless it is paused."""
         self.phase = Phase.PAUSED if self.paused else Phase.RUNNING
         self.stamp = self.stamp + self._period_ns if self.stamp else self._wall_clock()
-        if self._settings.realtime_factor == 1.0:
+        if self._in_real_time:
             self.stamp = max(self.stamp, self._wall_clock())
         self._first_stamp, self._warned_of_lag = self.stamp, False
         self._commands.start_timeout(self._clock())
@@ -239,7 +212,7 @@ class Stepper:
 
         Return why it is refused, if it is.
         """
-        limit = self._settings.max_command
+        limit = self._max_command
         # Written so that NaN is out of range, too.
         if not (abs(command.motor) <= limit.motor and abs(command.servo) <= limit.servo):
             return (
@@ -353,8 +326,8 @@ class Stepper:
         if request == 'reset':
             self._restart()
             return
-        settings, plant = self._settings, self._plant
-        if self._place is None and (self._ends or plant.distance >= settings.distance):
+        plant = self._plant
+        if self._place is None and (self._ends or plant.distance >= self._distance):
             self._end_lap()
             return
         if self._values:
@@ -365,10 +338,10 @@ class Stepper:
             self._place, self._ends = None, False
         elif self._commands.timed_out(self._clock()):
             self._outputs.warn(
-                f'no command for {settings.command_timeout:g} s: the car brakes to a standstill',
+                f'no command for {self._timeout:g} s: the car brakes to a standstill',
                 'timeout',
             )
-            plant.brake(settings.timeout_braking)
+            plant.brake(self._braking)
         else:
             plant.advance(self._commands.latest)
         self._commands.next_step()
@@ -379,7 +352,7 @@ class Stepper:
         """Begin the next lap, or end the run after the last."""
         if not self._ends:
             self.laps += 1
-            if self.laps != self._settings.laps:
+            if self.laps != self._laps:
                 self._restart(f'lap {self.laps} is driven: the road begins anew')
                 return
         self.phase = Phase.FINISHED
@@ -387,7 +360,7 @@ class Stepper:
         self._outputs.finish()
 
     def _publish(self) -> None:
-        if self._settings.realtime_factor == 1.0:
+        if self._in_real_time:
             self.stamp_lag = max((self._wall_clock() - self.stamp) / _NANOSECONDS, 0.0)
             if self.stamp_lag > TOLERATED and not self._warned_of_lag:
                 self._warned_of_lag = True
@@ -429,7 +402,7 @@ class Stepper:
         self._ends = False
         self._stop_deadlines()
         self._plant = self._new_plant()
-        self._commands = Commands(self._settings.command_timeout)
+        self._commands = Commands(self._timeout)
         self._first_state = self.states
         self._outputs.prepare_start(why)
 

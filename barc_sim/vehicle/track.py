@@ -174,11 +174,13 @@ class Track:
 
     def place(self, s: Any, e_y: Any = 0.0, e_psi: Any = 0.0) -> Pose:  # noqa: ANN401 (or arrays)
         """Return the pose on the map of a pose on the track; arrays, of arrays."""
-        if not isinstance(s, (float, int)):
-            return self._place_many(s, e_y, e_psi)
-        i, distance = self.segment(s)
-        x, y, psi = _ahead(self._poses[i], self.curvatures[i], distance)
-        return Pose(x - e_y * sin(psi), y + e_y * cos(psi), psi + e_psi)
+        i, s_in_lap = self._segments(np.asarray(s, np.float64))
+        start, _, curvature, x, y, psi, _, _ = self._columns[:, i]
+        half = 0.5 * curvature * (s_in_lap - start)
+        chord, psi = (s_in_lap - start) * np.sinc(half / pi), psi + half
+        x, y, psi = x + chord * np.cos(psi), y + chord * np.sin(psi), psi + half
+        found = x - e_y * np.sin(psi), y + e_y * np.cos(psi), psi + e_psi
+        return Pose(*(map(float, found) if np.ndim(s) == 0 else found))
 
     def frenet(self, x: Any, y: Any, psi: Any, near: Any = None) -> Frenet:  # noqa: ANN401 (or arrays)
         """Return the pose on the track of a pose on the map; arrays, of arrays.
@@ -188,8 +190,9 @@ class Track:
         place of the right one, and s grows over the finish line. Without it the nearest counts.
         """
         if not isinstance(x, (float, int)):
-            return self._frenet_many(x, y, psi, self._nearest_many(x, y) if near is None else near)
-        near = self._nearest(x, y) if near is None else near
+            return self._frenet_many(x, y, psi, self._nearest(x, y) if near is None else near)
+        if near is None:
+            near = float(self._nearest(np.array([x]), np.array([y]))[0])
         n, starts = len(self.lengths), self.starts
         i, _ = self.segment(near)
         for _ in range(n):
@@ -216,20 +219,6 @@ class Track:
         ahead, e_y = _project(self._poses[i], self.curvatures[i], self.lengths[i], x, y)
         return self.starts[i] + ahead, e_y
 
-    def _nearest(self, x: float, y: float) -> float:
-        """Return s of the nearest point of the centre line."""
-
-        def inside(i: int) -> float:
-            return min(max(self._project(i, x, y)[0], self.starts[i]), self.starts[i + 1])
-
-        def distance(s: float) -> float:
-            there = self.place(s)
-            return hypot(x - there.x, y - there.y)
-
-        return min(map(inside, range(len(self.lengths))), key=distance)
-
-    # The same for arrays.
-
     @cached_property
     def _columns(self) -> Floats:
         x, y, psi = np.array(self._poses[:-1]).T
@@ -240,15 +229,6 @@ class Track:
         s = s - np.floor(s / self.length) * self.length if self.is_closed else s
         i = np.searchsorted(self.starts, s, side='right') - 1
         return np.clip(i, 0, len(self.lengths) - 1), s
-
-    def _place_many(self, s: Floats, e_y: Floats | float, e_psi: Floats | float) -> Pose:
-        i, s = self._segments(s)
-        start, _, curvature, x, y, psi, _, _ = self._columns[:, i]
-        half = 0.5 * curvature * (s - start)
-        chord, psi = (s - start) * np.sinc(half / pi), psi + half
-        x, y, psi = x + chord * np.cos(psi), y + chord * np.sin(psi), psi + half
-        found: Any = x - e_y * np.sin(psi), y + e_y * np.cos(psi), psi + e_psi
-        return Pose(*found)
 
     def _project_many(self, i: Any, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:  # noqa: ANN401
         """Return s, e_y and heading of the centre line in the frames of segments `i`."""
@@ -280,11 +260,12 @@ class Track:
         found: Any = s, e_y, _wrapped(psi - heading), self._columns[2, i]
         return Frenet(*found)
 
-    def _nearest_many(self, x: Floats, y: Floats) -> Floats:
+    def _nearest(self, x: Floats, y: Floats) -> Floats:
+        """Return s of the nearest points of the centre line."""
         near, minimum = np.zeros(len(x)), np.full(len(x), np.inf)
         for i, (start, end) in enumerate(pairwise(self.starts)):
             s = np.clip(self._project_many(i, x, y)[0], start, end)
-            there = self._place_many(s, 0.0, 0.0)
+            there = self.place(s)
             distance = np.hypot(x - there.x, y - there.y)
             near = np.where(distance < minimum, s, near)
             minimum = np.minimum(minimum, distance)

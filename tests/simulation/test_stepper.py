@@ -5,16 +5,19 @@
 from __future__ import annotations
 
 from math import inf, nan
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from barc_sim.simulation.stepper import Phase, Settings, Stepper
+from barc_sim.simulation.stepper import Phase, Stepper, parameters
 from barc_sim.vehicle.bike_model import Command, State
 from barc_sim.vehicle.parameters import PARAMETERS
-from barc_sim.vehicle.plant import Observation, Plant
 from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from barc_sim.vehicle.plant import Observation
 
 START = 10**18  #: [ns]
 PERIOD = 20_000_000  #: [ns]
@@ -35,9 +38,9 @@ class Engine:
         self.log: list[str] = []
         self.late: list[tuple[Command, int]] = []  #: commands that are delivered on request only
         self.stepper = Stepper(
-            lambda: Plant(road=Road.flat()),
+            {row.name: row.default for row in parameters()} | settings,
             self,
-            Settings(**{'realtime_factor': 1.0} | settings),
+            road=Road.flat(),
             clock=lambda: self.now,
             wall_clock=lambda: self.wall,
         )
