@@ -173,6 +173,8 @@ class RelayProgram:
                 f'it publishes more than {MAX_COMMANDS} commands in {world.seconds:g} s: is the '
                 'sleep of its loop missing?'
             )
+        elif not (world.commands or world.now_ns):
+            fault = 'it ends at once, and publishes nothing on ecu: is its spin missing?'
         elif not world.commands:
             others = ', '.join(map(repr, sorted(world.published)))
             but = f', but on {others}' if others else ''

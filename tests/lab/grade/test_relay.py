@@ -118,6 +118,9 @@ WORKS = {
     'another topic': Work(
         replaced(ROS_2, "'ecu'", "'ecu_pwm'"), 0, 0, "publishes nothing on ecu, but on 'ecu_pwm'"
     ),
+    'without a spin': Work(
+        replaced(CALLBACK, 'rospy.spin()', ''), 0, 0, 'nothing on ecu: is its spin missing?'
+    ),
     'not finite': Work(
         replaced(FUNCTION, '2.0 * linear_x', 'float("inf") * linear_x'), 0, 0,
         'relay.py, line 1: relay(linear_x=0.0, angular_z=0.0) returned [nan, 0.0]',
