@@ -123,12 +123,6 @@ def add_arguments_submit(parser: Parser) -> None:
         metavar='BAG',
         help='your drive by hand (the newest of teleop in ./bags or LAB/bags)',
     )
-    parser.add_argument(
-        '--video',
-        type=Path,
-        metavar='FILE',
-        help="of your drive by hand (the newest in LAB, or in that drive's bag)",
-    )
     add_engine_option(parser)
 
 
@@ -147,10 +141,7 @@ def run_submit(options: Namespace) -> None:
     bags = (Path('bags'), folder / 'bags')
     teleop = options.teleop or submit.newest_drive(bags, 'teleop')
     beside = [] if teleop is None else [teleop if teleop.is_dir() else teleop.parent]
-    named = options.video
-    if named and named.is_symlink():  # the user's own, unlike one in a folder
-        named = Path(os.path.realpath(named))
-    video = named or submit.newest_video([folder, *beside])
+    video = submit.newest_video([folder, *beside])
     with saving(path) as part, tempfile.TemporaryDirectory() as made:
         course, why = options.course, ''
         if course is None:

@@ -19,7 +19,6 @@ from barc_sim.lab.user_code.source import read as read_source
 from barc_sim.simulation.metrics import RUN_UP
 
 if TYPE_CHECKING:
-    import ast
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
@@ -151,23 +150,17 @@ def _code(folder: Path) -> Iterator[Part]:
             yield Part('code', f'{found} is the template: nothing is written in it', missing=True)
 
 
-def chosen_gains(folder: Path) -> ChosenGains | None:
+def _chosen_gains(folder: Path) -> ChosenGains | None:
     """Return the gains that the folder's controller chooses; none of its code is run."""
     path = files_in(folder).get('controller')
-    files = ([path] if path else []) + sorted(folder.glob('*.py'))
-    trees = {file.name: tree for file in files if (tree := _tree(file))}
-    return find_gains(trees, path.name) if path and path.name in trees else None
-
-
-def _tree(file: Path) -> ast.Module | None:
     try:
-        return compiled(read_source(file, file.name)).tree
+        return find_gains(compiled(read_source(path, path.name)).tree, path.name) if path else None
     except UserError:
         return None
 
 
 def _gains(folder: Path, info: Mapping[str, str]) -> Part:
-    chosen = chosen_gains(folder)
+    chosen = _chosen_gains(folder)
     driven = [float(info[name]) for name in PID.gains if name in info]
     if chosen and driven in ([], [*chosen[:3]]):
         return Part('gains', str(chosen))
@@ -214,10 +207,11 @@ def _teleop(bag: Path | None) -> Part:
 
 
 def _video(video: Path | None) -> Part:
-    if video and video.is_file():
+    if video:
         return Part('video', str(video), {f'teleop{video.suffix.lower()}': video})
-    advice = 'save one with barc replay BAG --save drive.mp4, or name one: --video'
-    return Part('video', f'there is no {str(video)!r}' if video else advice, missing=True)
+    return Part(
+        'video', 'save one in your folder: barc replay BAG --save …/drive.mp4', missing=True
+    )
 
 
 def _start(file: Path) -> bytes:

@@ -257,10 +257,8 @@ class UserCode:
         """The gains that `controller.py`, which is loaded, chooses."""
         if 'controller' not in self.__dict__ or not self.controller:
             return None
-        folder = self.controller.folder
-        trees = {folder.sources[file].name: tree for file, tree in folder.trees.items()}
-        path = str(self.paths['controller'])
-        return find_gains(trees, folder.sources[path].name)
+        folder, path = self.controller.folder, str(self.paths['controller'])
+        return find_gains(folder.trees[path], folder.sources[path].name)
 
     @property
     def relay_keys(self) -> str:

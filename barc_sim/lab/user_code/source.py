@@ -202,19 +202,17 @@ class ChosenGains(NamedTuple):
         return f'kp {self.kp:g}, ki {self.ki:g}, kd {self.kd:g} ({self.origin})'
 
 
-def find_gains(trees: Mapping[str, ast.Module], file: str) -> ChosenGains | None:
-    """Return the gains that a user has chosen in `file`, one of the syntax trees by name.
+def find_gains(tree: ast.Module, file: str) -> ChosenGains | None:
+    """Return the gains that a user has chosen in `file`, whose syntax tree is given.
 
-    They are those of the last call `PID(…)` of numbers and constants, else the defaults of the
-    constructor, which can be in another file, if they are not the template's.
+    They are those of the last call `PID(…)` of numbers and constants, else the defaults of its
+    constructor, if they are not the template's.
     """
-    place, constructor = next(
-        ((name, c) for name, tree in trees.items() if (c := _constructor(tree))), (file, None)
-    )
+    constructor = _constructor(tree)
     parameters = _parameters(constructor) if constructor else dict.fromkeys(('kp', 'ki', 'kd'))
     names = gain_names([*parameters])
-    constants = _constants(trees[file])
-    calls = [node for node in ast.walk(trees[file]) if _makes_pid(node)]
+    constants = _constants(tree)
+    calls = [node for node in ast.walk(tree) if _makes_pid(node)]
     for call in sorted(calls, key=lambda node: node.lineno, reverse=True):
         passed: dict[str, ast.expr | None] = dict(zip(parameters, call.args, strict=False))
         passed |= {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
@@ -224,7 +222,7 @@ def find_gains(trees: Mapping[str, ast.Module], file: str) -> ChosenGains | None
                 return ChosenGains(*gains, f'{file}, line {call.lineno}')
     gains = _numbers([parameters[name] for name in names], {})
     if constructor and gains and gains != _TEMPLATE:
-        return ChosenGains(*gains, f'{place}, defaults, line {constructor.lineno}')
+        return ChosenGains(*gains, f'{file}, defaults, line {constructor.lineno}')
     return None
 
 
@@ -236,12 +234,9 @@ def _constructor(tree: ast.Module) -> ast.FunctionDef | None:
 
 def _parameters(function: ast.FunctionDef) -> dict[str, ast.expr | None]:
     """Return the arguments after self, with their defaults."""
-    arguments = function.args
-    names = [argument.arg for argument in (*arguments.posonlyargs, *arguments.args)][1:]
-    found: dict[str, ast.expr | None] = dict.fromkeys(names)
-    found |= dict(zip(reversed(names), reversed(arguments.defaults), strict=False))
-    only = [argument.arg for argument in arguments.kwonlyargs]
-    return found | dict(zip(only, arguments.kw_defaults, strict=True))
+    names = [argument.arg for argument in function.args.args][1:]
+    defaults = dict(zip(reversed(names), reversed(function.args.defaults), strict=False))
+    return {name: defaults.get(name) for name in names}
 
 
 def _makes_pid(node: ast.AST) -> TypeGuard[ast.Call]:

@@ -43,16 +43,8 @@ PLAIN = 'class PID:\n    def __init__(self, kp, ki, kd): pass\n'
 def test_gains_come_from_calls_constants_and_defaults_in_this_order(
     text: str, found: tuple[float, float, float, str] | None
 ) -> None:
-    gains = find_gains({'controller.py': ast.parse(text)}, 'controller.py')
+    gains = find_gains(ast.parse(text), 'controller.py')
     if found is None:
         assert gains is None
     else:
         assert gains == (*found[:3], f'controller.py, {found[3]}')
-
-
-def test_the_class_can_be_in_another_file() -> None:
-    trees = {
-        'controller.py': ast.parse('from pid import PID'),
-        'pid.py': ast.parse(PID.replace('kd=1', 'kd=0')),
-    }
-    assert find_gains(trees, 'controller.py') == (1.0, 1.0, 0.0, 'pid.py, defaults, line 2')
