@@ -185,7 +185,10 @@ tty.setraw(0)
 fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_NONBLOCK)
 motor = servo = 0.0
 while not rospy.is_shutdown():
-    keys = os.read(0, 3)
+    try:
+        keys = os.read(0, 3)
+    except OSError:
+        keys = b''
     if keys == b'\\x1b[A':
         motor, servo = 2.0, 0.0
     elif keys == b'\\x1b[B':

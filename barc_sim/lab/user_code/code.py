@@ -333,14 +333,10 @@ class UserPid:
 
     def reset(self) -> bool:
         """Call the object's `reset`; return whether there is one."""
-        if not hasattr(self.instance, 'reset'):
+        reset = self._step.attempt(getattr, self.instance, 'reset')
+        if reset is None:
             return False
-        try:
-            self.instance.reset()
-        except (Exception, SystemExit) as error:
-            raise UserCodeError(
-                f'reset() raised {describe_error(error)}; expected it to clear the PID'
-            ) from error
+        UserFunction(self._step.folder, reset, (), 'it to clear the PID')()
         return True
 
 

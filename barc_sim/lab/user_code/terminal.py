@@ -113,7 +113,9 @@ class Terminal:
     def _read_file(self, file: int, size: int) -> bytes:
         if file:
             return os.read(file, size)
-        return self.read(min(size, max(len(self._typed), 1))).encode()
+        if keys := self.read(min(size, max(len(self._typed), 1))):
+            return keys.encode()
+        raise BlockingIOError('Resource temporarily unavailable')
 
     def _attributes(self, *_: object) -> list[Any]:
         self.use = self.use or 'reads the terminal'
