@@ -35,6 +35,7 @@ from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.peers import node_graph
 from barc_sim.runs.options import opens_page, recording, wanted_mirrors, wants_page
 from barc_sim.runs.terminal import UserOutput
+from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -167,7 +168,7 @@ class Run:
         At its end the run waits until a node that `reads` a simulator has `latest`, the stamp of
         its newest state, at this simulator's last one.
 
-        UserError: A parameter is out of range, or the topic is taken.
+        UserError: a parameter is out of range, or the topic is taken.
         """
         if self.recorder:
             # A publisher may wait for the node's subscription, send one message, and end.
@@ -179,10 +180,17 @@ class Run:
         self.nodes.append(node)
         if reads:
             self._readers.append((node, reads))
-        if isinstance(node, VehicleSimulator):
-            self.simulators.append(node)
-            node.finished.add_done_callback(lambda _: self._on_finished())
         return node
+
+    def add_simulator(self, given: Mapping[str, Any], **options: Any) -> VehicleSimulator:  # noqa: ANN401
+        """Add and return a simulator, as `add` does, with the options that both runs have."""
+        names = ('realtime_factor', 'seed', 'integrator', 'dynamics', 'clock')
+        given = {name: getattr(self.options, name) for name in names} | {**given}
+        model = self.inputs.user_code.model or bikeFE
+        simulator: VehicleSimulator = self.add(VehicleSimulator, given, model=model, **options)
+        self.simulators.append(simulator)
+        simulator.finished.add_done_callback(lambda _: self._on_finished())
+        return simulator
 
     def _on_finished(self) -> None:
         if all(each.finished.done() for each in self.simulators) and not self.finished.done():

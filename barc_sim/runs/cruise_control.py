@@ -13,13 +13,11 @@ from barc_sim.control.types import DEFAULT_TYPE, TYPES
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.runs.composition import Run, carrier, check_left_out, read_inputs
 from barc_sim.runs.terminal import Display, cruise_line, print_summaries, print_summary
 from barc_sim.simulation.closed_loop import check_ahead
 from barc_sim.simulation.metrics import Laps
 from barc_sim.simulation.progress import Progress
-from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -62,7 +60,7 @@ class Car:
     def __init__(self, run: Run, namespace: str, number: int) -> None:
         """Add the nodes of the car `number` to the run, in a namespace.
 
-        UserError: A parameter is out of range, or the topic is taken.
+        UserError: a parameter is out of range, or the topic is taken.
         """
         options, (road, user_code, _) = run.options, run.inputs
         self.name = namespace
@@ -87,25 +85,19 @@ class Car:
                 namespace=namespace,
             )
         self._speed = SPEED_REFERENCE if options.speed is None else options.speed
-        self.simulator: VehicleSimulator = run.add(
-            VehicleSimulator,
+        self.simulator = run.add_simulator(
             {
                 'distance': options.distance,
                 'laps': options.laps,
                 'road': road and road.name,
-                'realtime_factor': options.realtime_factor,
                 # Each car has its own noise.
                 'seed': (options.seed or 0) + number if number else options.seed,
-                'integrator': options.integrator,
-                'dynamics': options.dynamics,
-                'clock': options.clock,
                 'refuse_motor_above': NO_LIMIT if user_code.controller else None,
             },
             road=road,
             distance=_DISTANCE,
             keeps_clock=number == 0,
             on_step=self._on_step,
-            model=user_code.model or bikeFE,
             namespace=namespace,
         )
         if self.controller and not self.controller.values['reference']:

@@ -18,10 +18,8 @@ from barc_sim.lab.user_code.adapters import UserDriver
 from barc_sim.lab.user_code.calls import UserFunction
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.relay import Relay
-from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.runs.composition import Run, carrier, check_left_out, read_inputs
 from barc_sim.runs.terminal import Display, drive_line
-from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -31,6 +29,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.lab.user_code.code import UserCode
+    from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.vehicle.plant import Observation
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.
@@ -68,20 +67,10 @@ def drive(options: Namespace, stop: StopSignals) -> int:
         if not (options.no_relay or program):
             driver = UserDriver(inputs.user_code) if inputs.user_code.relay else None
             relay = run.add(Relay, {'input': options.input}, driver=driver)
-        simulator: VehicleSimulator = run.add(
-            VehicleSimulator,
-            {
-                'road': road.name,
-                'realtime_factor': options.realtime_factor,
-                'seed': options.seed,
-                'integrator': options.integrator,
-                'dynamics': options.dynamics,
-                'clock': options.clock,
-                'command_timeout': _COMMAND_TIMEOUT,
-            },
+        simulator = run.add_simulator(
+            {'road': road.name, 'command_timeout': _COMMAND_TIMEOUT},
             road=road,
             on_step=partial(_show, line, relay) if line else None,
-            model=inputs.user_code.model or bikeFE,
         )
         _check_pace(simulator)
         if terminal:
