@@ -195,7 +195,7 @@ def test_no_more_than_can_be_counted_is_accepted_as_a_number(option: str, value:
 
 
 def test_a_factor_that_is_too_small_is_refused_as_a_parameter(tmp_path: Path) -> None:
-    options = ('--engine', 'local', '--no-bag', '--ros-args', '-p', 'realtime_factor:=1.0e-300')
+    options = ('--engine', 'local', '--no-bag', '--ros-args', '-p', 'realtime_factor:=0.0000001')
     assert 'realtime_factor' in sentence(limited('acc', *options, cwd=tmp_path))
 
 

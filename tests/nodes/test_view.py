@@ -156,18 +156,6 @@ def test_every_state_reaches_the_page_with_its_messages(view: ViewNode, peer: Pe
     assert np.all(client.column('reference')[1:] == 8.0)
 
 
-@pytest.mark.parametrize('x', [float('nan'), float('inf'), 1e308])
-def test_invalid_states_are_left_out(view: ViewNode, peer: Peer, x: float) -> None:
-    with page(view) as client:
-        client.receive('status')
-        for place in (1.0, x, 2.0):
-            peer.step(place)
-        until(lambda: view.page.seen == 2)
-        view.page.end('over')
-        client.receive('end')
-    np.testing.assert_array_equal(client.column('x'), [1.0, 2.0])
-
-
 def test_invalid_parameter_events_are_ignored(view: ViewNode, peer: Peer) -> None:
     events = peer.create_publisher(ParameterEvent, '/parameter_events', 10)
     until(events.get_subscription_count)

@@ -133,15 +133,6 @@ def test_a_run_waits_for_a_controller_that_dies_until_it_returns(
     assert bag.info(tmp_path / ended(run))['missed_deadlines'] == '0'
 
 
-@pytest.mark.usefixtures('ros_domain')
-def test_what_is_for_the_controller_that_is_left_out_is_refused(start: Start) -> None:
-    run = start(*RUN, '--kp', '3')
-    out, err = run.communicate(timeout=DEADLINE)
-    assert (run.returncode, out) == (2, '')
-    assert '--kp 3.0 is for the controller that --no-controller leaves out' in err
-    assert err.count('\n') == 1
-
-
 # On two machines
 
 

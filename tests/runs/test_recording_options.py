@@ -43,15 +43,6 @@ def test_without_options_everything_is_recorded_into_one_file() -> None:
     assert (Recording().max_bag_size, Recording().max_bag_duration) == (inf, inf)
 
 
-def test_options_are_taken_as_they_are_given() -> None:
-    given = parse(
-        *('--max-bag-size', '1e6', '--max-bag-duration', '60'),
-        *('--on-write-error', 'continue', '--min-free-space', '0.5'),
-    )
-    assert (given.max_bag_size, given.max_bag_duration) == (1e6, 60.0)
-    assert (given.on_write_error, given.reserve) == ('continue', 2**19)
-
-
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [

@@ -89,21 +89,6 @@ def test_mirrors_are_those_named_or_all_for_foxglove(argv: list[str], expected: 
 
 
 @pytest.mark.parametrize(
-    ('argv', 'expected'),
-    [
-        ([], ('127.0.0.1', 0, None)),
-        (['--view-host', '::1', '--view-port', '8080', '--foxglove'], ('::1', 8080, 8765)),
-        (['--foxglove', '0'], ('127.0.0.1', 0, 0)),
-    ],
-)
-def test_addresses_are_of_this_machine_unless_named(
-    argv: list[str], expected: tuple[str, int, int | None]
-) -> None:
-    options = parse(*argv)
-    assert (options.view_host, options.view_port, options.foxglove) == expected
-
-
-@pytest.mark.parametrize(
     ('argument', 'reason'),
     [
         *(
