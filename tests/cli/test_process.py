@@ -147,17 +147,12 @@ def test_a_middleware_that_ros_does_not_have_is_named(tmp_path: Path) -> None:
         assert done.returncode == 0
 
 
-@pytest.mark.parametrize('engine', ['local', pytest.param('ros', marks=needs_ros)])
-def test_a_domain_that_is_no_number_is_named(engine: str, tmp_path: Path) -> None:
-    done = limited(*LOCAL, '--engine', engine, cwd=tmp_path, ROS_DOMAIN_ID='abc')
-    assert 'ROS_DOMAIN_ID is not an integral number' in sentence(done)
-
-
 @needs_ros
 @pytest.mark.parametrize(
     ('name', 'value', 'expected'),
     [
         ('ROS_DOMAIN_ID', '233', 'choose one from 0 to 232'),
+        ('ROS_DOMAIN_ID', 'abc', 'ROS_DOMAIN_ID is not an integral number'),
         ('FASTRTPS_DEFAULT_PROFILES_FILE', 'pipe', "'pipe' is a named pipe"),
         ('RCUTILS_COLORIZED_OUTPUT', 'x', 'unset RCUTILS_COLORIZED_OUTPUT'),
     ],
