@@ -68,6 +68,55 @@ pid = PID(30, 200, 0.1)
 """
 
 
+#: As on the board, without the limits of barc_sim's own.
+PLAIN_MODEL = """\
+from math import atan, cos, sin, tan
+
+l_f = 1.5
+l_r = 1.5
+g = 9.8
+
+
+def sign(v):
+    return (v > 0) - (v < 0)
+
+
+def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
+    beta = atan(l_r / (l_f + l_r) * tan(d_f))
+    F_ext = -m * g * sin(theta) - (a0 * v**2 + Ff) * sign(v)
+    x_next = x + ts * v * cos(psi + beta)
+    y_next = y + ts * v * sin(psi + beta)
+    psi_next = psi + ts * v / l_r * sin(beta)
+    v_next = v + ts * (a + F_ext / m)
+    return [x_next, y_next, psi_next, v_next]
+"""
+
+PLAIN_CONTROLLER = """\
+class PID:
+    def __init__(self, kp, ki, kd):
+        self.kp = kp
+        self.ki = ki
+        self.kd = kd
+        self.total = 0.0
+        self.e_before = None
+
+    def acc_calculate(self, speed_reference, speed_current):
+        dt = 0.02
+        e = speed_reference - speed_current
+        self.total += e * dt
+        change = 0.0 if self.e_before is None else e - self.e_before
+        self.e_before = e
+        P = self.kp * e
+        I = self.ki * self.total
+        D = self.kd * change / dt
+        output = P + I + D
+        return output
+
+
+pid = PID(kp=30, ki=60, kd=0.1)
+"""
+
+
 class LocalCode(JudgedCode):
     """User code that is called in this process: nothing stops an endless loop."""
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.check.code import Finding
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.hills.lab import Report, Settings
-    from barc_sim.lab.hills.loop import Stretch
+    from barc_sim.simulation.metrics import SegmentErrors
 
 FORMATS = ('png', 'pdf', 'svg')
 DPI = 150
@@ -91,10 +91,10 @@ def run(options: Namespace) -> int:
     report = judge_folder(folder, _settings(rubric.settings, options))
     print_report(report, rubric)
     composed = _composition(folder)
-    if path and report.comparison:
+    if path and report.drive:
         with saving(path) as part:
             title = f'{folder.resolve().name}: {report.gains}'
-            report.comparison.figure(title).savefig(part, dpi=DPI)
+            report.drive.figure(title).savefig(part, dpi=DPI)
         print(path)  # noqa: T201
     return 0 if composed and all(finding.passed for finding in report.judged) else NOT_PASSED
 
@@ -133,10 +133,10 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     worth = rubric.worth(report.findings)
     findings = [each for each in report.findings if each.criterion in worth]
     _print_table(console, ('criterion', 'points', 'finding'), _rows(findings, rubric))
-    if report.comparison:
+    if report.drive:
         _plain(console, "the lab's road, stretch by stretch")
         header = ('from', 'grade', 'RMS', 'at most', 'the speed')
-        _print_table(console, header, map(_cells, report.comparison.stretches))
+        _print_table(console, header, map(_cells, report.drive.stretches))
     if report.gains:
         _plain(console, f'gains: {report.gains}')
     if report.tolerated:
@@ -166,15 +166,16 @@ def _rows(findings: Sequence[Finding], rubric: Rubric) -> Iterable[tuple[Text, .
         yield Text(each.criterion), Text(points, style=colour), Text(message)
 
 
-def _cells(stretch: Stretch) -> tuple[Text, ...]:
+def _cells(stretch: tuple[SegmentErrors, str]) -> tuple[Text, ...]:
     from rich.text import Text  # noqa: PLC0415
 
+    errors, remark = stretch
     return (
-        Text(f'{stretch.start:.0f} m'),
-        Text(f'{stretch.theta_deg:g}°'),
-        Text(f'{stretch.rms_error:.3f} m/s'),
-        Text(f'{stretch.max_error:.3f} m/s'),
-        Text(stretch.remark),
+        Text(f'{errors.start:.0f} m'),
+        Text(f'{errors.theta_deg:g}°'),
+        Text(f'{errors.rms_error:.3f} m/s'),
+        Text(f'{errors.max_error:.3f} m/s'),
+        Text(remark),
     )
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
-from user_files import LocalCode, replaced
+from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, LocalCode, replaced
 
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.rubric import load
@@ -24,53 +24,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.lab.check.code import Finding
-
-MODEL = """\
-from math import atan, cos, sin, tan
-
-l_f = 1.5
-l_r = 1.5
-g = 9.8
-
-
-def sign(v):
-    return (v > 0) - (v < 0)
-
-
-def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
-    beta = atan(l_r / (l_f + l_r) * tan(d_f))
-    F_ext = -m * g * sin(theta) - (a0 * v**2 + Ff) * sign(v)
-    x_next = x + ts * v * cos(psi + beta)
-    y_next = y + ts * v * sin(psi + beta)
-    psi_next = psi + ts * v / l_r * sin(beta)
-    v_next = v + ts * (a + F_ext / m)
-    return [x_next, y_next, psi_next, v_next]
-"""
-
-CONTROLLER = """\
-class PID:
-    def __init__(self, kp, ki, kd):
-        self.kp = kp
-        self.ki = ki
-        self.kd = kd
-        self.total = 0.0
-        self.e_before = None
-
-    def acc_calculate(self, speed_reference, speed_current):
-        dt = 0.02
-        e = speed_reference - speed_current
-        self.total += e * dt
-        change = 0.0 if self.e_before is None else e - self.e_before
-        self.e_before = e
-        P = self.kp * e
-        I = self.ki * self.total
-        D = self.kd * change / dt
-        output = P + I + D
-        return output
-
-
-pid = PID(kp=30, ki=60, kd=0.1)
-"""
 
 
 class Program(NamedTuple):
@@ -271,7 +224,7 @@ HELPED = {'it swings': True, 'a weak kp': True, 'a limit of 2': False, 'all gain
 
 def write(folder: Path, program: Program) -> None:
     """Write the files of a program."""
-    texts = [MODEL, CONTROLLER]
+    texts = [PLAIN_MODEL, PLAIN_CONTROLLER]
     for old, new in program.changes:
         part = 0 if old in texts[0] else 1
         texts[part] = replaced(texts[part], (old, new))
@@ -316,10 +269,13 @@ def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        (CONTROLLER.replace('dt = 0.02', 'dt = 0.02  # \xe9'), 'controller.py, line 10: the byte'),
-        (CONTROLLER.replace('dt = 0.02', 'while True: pass'), 'is there an endless loop?'),
+        (
+            PLAIN_CONTROLLER.replace('dt = 0.02', 'dt = 0.02  # \xe9'),
+            'controller.py, line 10: the byte',
+        ),
+        (PLAIN_CONTROLLER.replace('dt = 0.02', 'while True: pass'), 'is there an endless loop?'),
         ('while True: pass', 'is there an endless loop outside its functions?'),
-        (CONTROLLER.replace('dt = 0.02', 'import os; os._exit(1)'), 'has ended itself'),
+        (PLAIN_CONTROLLER.replace('dt = 0.02', 'import os; os._exit(1)'), 'has ended itself'),
     ],
     ids=['encoding', 'endless loop', 'endless loop at the top', 'exit'],
 )

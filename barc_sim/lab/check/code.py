@@ -28,22 +28,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 
-class Row(NamedTuple):
-    """The positional arguments of `bikeFE`, in its units."""
-
-    x: float
-    y: float
-    psi: float
-    v: float
-    a: float
-    d_f: float
-    a0: float
-    m: float
-    Ff: float
-    theta: float
-    ts: float
-
-
 Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
 _STATE = 4  # numbers
 _MAX_PHRASES = 20
@@ -87,14 +71,14 @@ class JudgedCode:
         return part in files_in(self._folder)
 
     def bike_fe(
-        self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R, assigned: bool = False
+        self, rows: Sequence[Sequence[float]], l_f: float = L_F, l_r: float = L_R
     ) -> list[Next]:
-        """Return the result of `bikeFE` for each row.
+        """Return the result of `bikeFE` for each row of its arguments.
 
-        The lengths [m] are passed if it takes them, or `assigned` to its file's own variables.
+        Lengths [m] that are not the lab's are passed if it takes them, and replace the file's own.
         """
-        found = self.call('model_at' if assigned else 'model', rows, l_f, l_r)
-        return _rows('bikeFE', found, len(rows), _STATE)
+        do = 'model' if (l_f, l_r) == (L_F, L_R) else 'model_at'
+        return _rows('bikeFE', self.call(do, rows, l_f, l_r), len(rows), _STATE)
 
     def new_pid(
         self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True
@@ -272,7 +256,6 @@ class Finding:
     evidence: Any = field(default=None, compare=False, repr=False)  #: what a figure shows
     skipped: bool = False  #: there is no such file: the score is 0
     open: bool = False  #: it cannot be judged here: the points are open
-    factor: float | None = None  #: of a term of the PID: 1 with the lab's formula, dt included
 
     @property
     def passed(self) -> bool:

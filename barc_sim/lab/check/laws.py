@@ -1,4 +1,4 @@
-"""A law as formulas, and the mistakes in it: wrong formulas, each with its sentence.
+"""A law as formulas, the mistakes in it, and how user code is judged by both.
 
 A lab has its laws in text files such as `hills/bike.txt`. After a description come texts in
 capitals, then the right formulas, indented. Each section has a topic, and mistakes: a line for the
@@ -8,14 +8,19 @@ of NumPy.
 
 A mistake is thus a wrong program of a few lines. It is named if it gives the same numbers as the
 user's code, for the same inputs.
+
+The section `Inputs` has a number for each input, or a range. Each entry of a section `Situations`
+has a name, the results that it tests, and the inputs that are others there.
 """
 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import combinations, product
+from math import inf, pi
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,19 +28,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
     from types import CodeType
 
     Formulas = Mapping[str, str]
-    Inputs = Mapping[str, Any]  # arrays by name, or numbers
+    Inputs = Mapping[str, 'Floats']
+    Case = tuple[Inputs, 'Floats']  # what a function got, and one of its results
+    Index = tuple[int, ...]
     Agree = Callable[['Floats', 'Floats'], bool]
 
 Floats = NDArray[np.float64]
 Range = tuple[float, float]  #: uniform between the two
 
 _NUMPY = ('abs', 'arctan2', 'clip', 'cos', 'degrees', 'maximum', 'radians', 'sign', 'sin', 'tan')
-_FUNCTIONS = {'atan': np.arctan, **{name: getattr(np, name) for name in _NUMPY}}
+_FUNCTIONS = {'atan': np.arctan, 'pi': pi, **{name: getattr(np, name) for name in _NUMPY}}
 _SAMPLE = 100  #: inputs with which pairs of mistakes are tried first
 
 
@@ -50,22 +57,25 @@ class Mistake(NamedTuple):
     @property
     def is_general(self) -> bool:
         """Whether it is any mistake in a quantity, whose value follows from what was returned."""
-        return any('_got' in formula for formula in self.formulas.values())
+        return any('got_' in formula for formula in self.formulas.values())
 
 
 class Situation(NamedTuple):
-    """Inputs of a law, drawn from ranges, and the results that they test."""
+    """Inputs of a law, and the results that they test."""
 
     name: str
-    concerns: str  #: as in `'x y v'`
-    ranges: Mapping[str, Range]  #: of each input
-    fixed: Mapping[str, float]  #: further inputs
+    tests: Collection[str]
+    values: Mapping[str, float | Range]  #: of each input
 
-    def rows(self, seed: int, count: int) -> list[list[float]]:
-        """Return `count` rows of inputs, the same for the same seed."""
+    def inputs(self, seed: int, count: int) -> dict[str, Floats]:
+        """Return `count` values of each input, the same for the same seed."""
         # A string seeds the generator alike in every version of Python.
         uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
-        return [[uniform(*each) for each in self.ranges.values()] for _ in range(count)]
+        rows = [
+            [uniform(*each) if isinstance(each, tuple) else each for each in self.values.values()]
+            for _ in range(count)
+        ]
+        return dict(zip(self.values, np.array(rows).T, strict=True))
 
 
 @dataclass(frozen=True)
@@ -74,6 +84,7 @@ class Law:
 
     formulas: Formulas
     mistakes: tuple[Mistake, ...]  #: the likelier ones first
+    situations: Mapping[str, tuple[Situation, ...]] = field(default_factory=dict)
     #: By result, changes to the formulas that are right, too.
     alternatives: Mapping[str, tuple[Formulas, ...]] = field(default_factory=dict)
     functions: Mapping[str, Callable[..., Any]] = field(default_factory=dict)  #: of the formulas
@@ -103,33 +114,30 @@ class Law:
                 break  # the other forms give the same
         return values
 
-    @np.errstate(all='ignore')
     def explain(
-        self, inputs: Inputs, results: Mapping[str, Floats], wrong: Iterable[str], agree: Agree
+        self, cases: Mapping[str, Case], wrong: Iterable[str], agree: Agree
     ) -> dict[str, Mistake]:
         """Return the mistake in each wrong result that one of them, or two, explain.
 
         Parameters
         ----------
-        inputs
-            What the user's function got.
-        results
-            What it returned, by quantity; right ones, too.
+        cases
+            What the user's function got, and what it returned, by result; right ones, too.
         wrong
             The names of the wrong ones.
         agree
-            Whether two arrays are the same numbers.
+            Whether two arrays are the same results.
         """
 
         def explains(name: str, mistakes: Formulas, part: slice = slice(None)) -> bool:
-            got = results[name][part]
+            inputs, got = _sliced(cases[name], part)
             return any(
                 agree(got, np.broadcast_to(values, got.shape))
-                for values in self.right(_sliced(inputs, part), name, mistakes)
+                for values in self.right(inputs, name, mistakes)
             )
 
         explained = [
-            (mistake, {name for name in results if explains(name, mistake.formulas)})
+            (mistake, {name for name in cases if explains(name, mistake.formulas)})
             for mistake in self.mistakes
         ]
         found: dict[str, Mistake] = {}
@@ -139,8 +147,9 @@ class Law:
             if new[1:] or not mistake.is_general:
                 found |= dict.fromkeys(new, mistake)
         for name in (name for name in wrong if name not in found):
-            few = slice(None, None, max(len(results[name]) // _SAMPLE, 1))
-            for first, second in self._pairs(_sliced(inputs, few), name, agree):
+            few = slice(None, None, max(len(cases[name][1]) // _SAMPLE, 1))
+            inputs, _ = _sliced(cases[name], few)
+            for first, second in self._pairs(inputs, name, agree):
                 both = {**first.formulas, **second.formulas}
                 if explains(name, both, few) and explains(name, both):
                     text = f'two mistakes: {first.sentence}; and {second.sentence}'
@@ -162,15 +171,181 @@ class Law:
                 yield first, second
 
 
-def _sliced(inputs: Inputs, part: slice) -> Inputs:
-    return {name: values[part] if np.ndim(values) else values for name, values in inputs.items()}
+def _sliced(case: Case, part: slice) -> Case:
+    inputs, got = case
+    return {name: values[part] for name, values in inputs.items()}, got[part]
 
 
-def read(file: Path, **values: object) -> tuple[Formulas, tuple[Mistake, ...]]:
-    """Return the right formulas and the mistakes of a law's file, with `values` put in."""
+class Trial(NamedTuple):
+    """What user code returned for the inputs of a law."""
+
+    name: str  #: of the situation
+    tests: Collection[str]  #: the results that it tests
+    inputs: Inputs
+    got: Mapping[str, Floats]  #: by result; NaN where the code failed
+    failure: str = ''
+    remark: str = ''  #: a mistake that no formula has
+
+    @property
+    def known(self) -> Inputs:
+        """The inputs, and what the code returned."""
+        return {**self.inputs, **{f'got_{name}': got for name, got in self.got.items()}}
+
+
+class Verdict(NamedTuple):
+    """How right a result is, from 0 to 1, and the mistake in it."""
+
+    score: float
+    message: str = ''
+    is_named: bool = False  #: as a common mistake, or two
+
+
+_PROPORTIONAL = 1e-6  #: relative error of a result that is the right one but for a factor
+_FACTOR, _SIGN = 0.4, 0.6  #: of a result's points; see `Judge.loss`
+_ABSENT = 'Absent'  #: the topic of results that are not there, each of which counts
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Judges what user code returned by a law."""
+
+    law: Law
+    agree: Agree  #: whether two arrays are the same results
+    #: Returns a call as text, of a trial and an index.
+    call: Callable[[Trial, Index], str]
+    #: Returns the line in which a call gives one of these values to a name; empty if none does.
+    line: Callable[[Trial, str, Index, list[float]], str]
+    min_loss: float  #: of a result that is wrong
+
+    def is_right(self, trial: Trial, name: str) -> bool:
+        """Return whether a result is right, by any form of the law."""
+        forms = self.law.right(trial.inputs, name)
+        return not trial.remark and any(self.agree(trial.got[name], form) for form in forms)
+
+    def loss(self, trials: Iterable[Trial], name: str) -> float:
+        """Return how wrong a result is, from 0 to 1.
+
+        It is the mean of the trials that test it, and that of all others. A factor that is off by
+        little costs little, another one more, a sign most; what is absent, or has nothing to do
+        with the right result, costs all. A state is judged by its change.
+        """
+        tested, others = [0.0], [0.0]
+        for trial in trials:
+            old = trial.inputs.get(name.removesuffix('_next'), 0.0)
+            forms = [form - old for form in self.law.right(trial.inputs, name)]
+            loss = min(_loss(trial.got[name] - old, form) for form in forms)
+            (tested if name in trial.tests else others).append(
+                0.0 if self.is_right(trial, name) else loss
+            )
+        shares = (sum(each) / max(len(each) - 1, 1) for each in (tested, others))
+        loss = 1.0 - (1.0 - next(shares)) * (1.0 - next(shares))
+        return float(max(loss, self.min_loss)) if loss else 0.0
+
+    def judge(self, trials: Sequence[Trial], names: Iterable[str]) -> dict[str, Verdict]:
+        """Return how right each result is.
+
+        It loses as much as it is wrong; for one known mistake no more than for a sign. A mistake in
+        several results counts once: each of them loses its share.
+        """
+        own = {name: [trial for trial in trials if name in trial.got] for name in names}
+        losses = {name: loss for name in own if (loss := self.loss(own[name], name))}
+        causes = self.causes(trials, [*losses])
+        times = Counter(cause.kind for cause in causes.values())
+        verdicts = dict.fromkeys(own, Verdict(1.0))
+        placed: dict[str, str] = {}  # one mistake has one line
+        for name, cause in causes.items():
+            share = losses[name] / (1 if cause.topic == _ABSENT else times[cause.kind])
+            most = _SIGN if cause.topic not in ('', _ABSENT) else 1.0
+            text = placed.setdefault(cause.sentence, self.placed(own[name], name, cause))
+            verdicts[name] = Verdict(1.0 - min(share, most), text, bool(cause.formulas))
+        return verdicts
+
+    def causes(
+        self, trials: Sequence[Trial], wrong: Sequence[str], others: Sequence[Trial] = ()
+    ) -> dict[str, Mistake]:
+        """Return for each wrong result the failure, the mistake, or its largest error."""
+        causes: dict[str, Mistake] = {}
+        cases: dict[str, Case] = {}
+        for name in {name: 0 for trial in trials for name in trial.got}:
+            own = [trial for trial in (*others, *trials) if name in trial.got]
+            failed = [trial for trial in own if trial.failure]
+            if remarks := [trial.remark for trial in own if trial.remark]:
+                causes[name] = Mistake('Remarks', remarks[0], {}, remarks[0])
+            elif len(failed) == len(own):
+                causes[name] = Mistake(_ABSENT, failed[0].failure, {}, '')
+            elif failed:
+                text = f'{failed[0].failure} ({failed[0].name})'
+                causes[name] = Mistake('', text, {}, text)
+            else:
+                cases[name] = joined(own, name)
+        named = self.law.explain(cases, [name for name in wrong if name in cases], self.agree)
+        return {
+            name: causes.get(name) or named.get(name) or self._largest_error(trials, name)
+            for name in wrong
+        }
+
+    def placed(self, trials: Sequence[Trial], name: str, cause: Mistake) -> str:
+        """Return the sentence of a mistake after the file and line of it, if these are known.
+
+        It is the first line that gives a value of the wrong law to a name, and where there is none
+        the one that returns.
+        """
+        # The last one is the most general.
+        trial = next((each for each in reversed(trials) if not self.is_right(each, name)), None)
+        if trial is None or trial.failure:
+            return cause.sentence
+        index = self._largest(trial, name)
+        wrong = [*self.law.changed(trial.known, cause, index), float(trial.got[name][index])]
+        line = self.line(trial, name, index, wrong)
+        return f'{line}: {cause.sentence}' if line else cause.sentence
+
+    def _largest(self, trial: Trial, name: str) -> Index:
+        """Return the index of the largest error."""
+        error = np.abs(trial.got[name] - self.law.right(trial.inputs, name)[0])
+        return tuple(map(int, np.unravel_index(error.argmax(), error.shape)))
+
+    def _largest_error(self, trials: Sequence[Trial], name: str) -> Mistake:
+        """Return a mistake that says where a result is wrong, and its largest error."""
+        own = [trial for trial in trials if name in trial.got]
+        bad = [trial for trial in own if not self.is_right(trial, name)]
+        where = f' in: {", ".join(trial.name for trial in bad)}' if len(bad) < len(own) else ''
+        errors = []
+        for trial in bad:
+            index = self._largest(trial, name)
+            got, right = trial.got[name][index], self.law.right(trial.inputs, name)[0][index]
+            errors.append((abs(float(got - right)), trial, index, float(got), float(right)))
+        _, trial, index, got, right = max(errors, key=lambda each: each[0])
+        text = (
+            f'{name} is wrong{where}. The largest error: {self.call(trial, index)} gave '
+            f'{got:.9g}, expected {right:.9g}'
+        )
+        return Mistake('', text, {}, text)
+
+
+def _loss(got: Floats, right: Floats) -> float:
+    size = float(np.vdot(right, right))
+    factor = float(np.vdot(got, right)) / size if size else 0.0
+    if factor and np.abs(got - factor * right).max() <= _PROPORTIONAL * np.abs(got).max():
+        return min(abs(factor - 1.0), _FACTOR) if factor > 0.0 else _SIGN
+    error = float(np.sqrt(np.vdot(got - right, got - right) / size)) if size else inf
+    return min(error, 1.0) if error >= 0.0 else 1.0
+
+
+def joined(trials: Sequence[Trial], name: str) -> Case:
+    """Return what the code knew and what it returned in several trials, one after the other."""
+    inputs = {
+        key: np.concatenate([trial.known[key] for trial in trials]) for key in trials[0].known
+    }
+    return inputs, np.concatenate([trial.got[name] for trial in trials])
+
+
+def read(file: Path, **values: object) -> Law:
+    """Return the law in a file, with `values` put in."""
     head, *sections = file.read_text(encoding='utf-8').split('\n# ')
     right: dict[str, str] = {}
     mistakes: list[Mistake] = []
+    inputs: dict[str, float | Range] = {}
+    situations: dict[str, tuple[Situation, ...]] = {}
     for line in head.splitlines():
         name, equals, text = line.strip().partition(' = ')
         if equals:
@@ -179,10 +354,16 @@ def read(file: Path, **values: object) -> tuple[Formulas, tuple[Mistake, ...]]:
     for section in sections:
         title, _, text = section.partition('\n')
         topic, *loops = title.split('; ')
-        for chosen in product(*map(_choices, loops)):
-            if len({value for _, value in chosen}) == len(loops):
-                mistakes += _mistakes(topic, text, {**values, **dict(chosen)})
-    return right, tuple(mistakes)
+        if topic == 'Inputs':
+            inputs = _ranges(next(_entries(text, values)).formulas)
+        elif topic == 'Situations':
+            situations[loops[0]] = tuple(_situations(_entries(text, values), inputs))
+        else:
+            for chosen in product(*map(_choices, loops)):
+                if len({value for _, value in chosen}) == len(loops):
+                    entries = _entries(text, {**values, **dict(chosen)})
+                    mistakes += (each._replace(topic=topic) for each in entries)
+    return Law(right, tuple(mistakes), situations)
 
 
 def _choices(loop: str) -> list[tuple[str, str]]:
@@ -193,13 +374,25 @@ def _choices(loop: str) -> list[tuple[str, str]]:
     return [(name, value) for value in values]
 
 
-def _mistakes(topic: str, text: str, values: Mapping[str, object]) -> Iterator[Mistake]:
-    """Yield the mistakes of a section, with `values` put in."""
+def _entries(text: str, values: Mapping[str, object]) -> Iterator[Mistake]:
+    """Yield the entries of a section, with `values` put in."""
     for entry in re.split(r'\n(?! )', text.strip()):
         kind, *lines = entry.splitlines()
         formulas = (line.strip().format_map(values).partition(' = ') for line in lines)
         wrong = {name: formula for name, _, formula in formulas}
-        yield Mistake(topic, kind.format_map(values), wrong, kind)
+        yield Mistake('', kind.format_map(values), wrong, kind)
+
+
+def _ranges(formulas: Formulas) -> dict[str, float | Range]:
+    return {name: eval(each, dict(_FUNCTIONS)) for name, each in formulas.items()}  # noqa: S307 (ours)
+
+
+def _situations(
+    entries: Iterable[Mistake], inputs: Mapping[str, float | Range]
+) -> Iterator[Situation]:
+    for entry in entries:
+        name, _, tests = entry.sentence.partition('; ')
+        yield Situation(name, tests.split(), {**inputs, **_ranges(entry.formulas)})
 
 
 class Quantities(dict[str, Any]):

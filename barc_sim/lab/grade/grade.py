@@ -24,7 +24,7 @@ from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.grade.submissions import graded, read
 from barc_sim.lab.handout import BY_HAND, FILES
 from barc_sim.lab.hills.lab import LABELS, judge_folder
-from barc_sim.lab.hills.loop import Comparison
+from barc_sim.lab.hills.loop import Drive
 from barc_sim.lab.html import data_url, render
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Item(NamedTuple):
     max_points: float
     message: str
     open: bool = False  #: it is judged by eye: its points are 0 until they are given by hand
-    evidence: Comparison | None = None  #: what the report's figure shows
+    evidence: Drive | None = None  #: what the report's figure shows
 
 
 class Grade(NamedTuple):
@@ -206,7 +206,7 @@ def _empty(grade: Grade) -> str:
 def _figure(grade: Grade) -> bytes:
     """Return the runs that were judged as a PNG; empty if there are none."""
     data = io.BytesIO()
-    for runs in (item.evidence for item in grade.items if isinstance(item.evidence, Comparison)):
+    for runs in (item.evidence for item in grade.items if isinstance(item.evidence, Drive)):
         runs.figure().savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
     return data.getvalue()
 

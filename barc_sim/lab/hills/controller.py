@@ -1,36 +1,46 @@
-"""Judges a `PID`: each term alone, and its time step.
+"""Judges a `PID`: each term alone, its time step, and what it keeps between calls.
 
 Every common form of a term is right. The integral can add an error, or the mean of two, with or
 without the first, before or after it is used. The derivative can use the error or the measurement,
-with or without a low-pass filter of first order; its first output is not judged. A positive
+with or without a low-pass filter of first order. The first output is not judged. A positive
 constant factor, such as a missing dt, is right and remarked upon: the gains absorb it. `pid.dt`
 judges it.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from math import inf
 from pathlib import Path
+from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding, judges
-from barc_sim.lab.check.laws import Law, Mistake, read
+from barc_sim.lab.check.laws import Judge, Trial, read
 from barc_sim.lab.hills.loop import NOT_A_CAR
-from barc_sim.lab.hills.memory import RANDOM, TOLERANCE, judge_reset, judge_windup, wandering
 from barc_sim.lab.hills.model import TS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from barc_sim.lab.check.code import Judged, JudgedCode, Sample
-    from barc_sim.lab.check.laws import Floats
+    from barc_sim.lab.check.laws import Floats, Index
 
     Gains = tuple[float, float, float]  # kp, ki, kd
+
+LABELS = {
+    'pid.proportional': 'PID: proportional term',
+    'pid.integral': 'PID: integral term',
+    'pid.derivative': 'PID: derivative term',
+    'pid.dt': 'PID: the time step',
+    'pid.windup': 'PID: integral at the limit',
+    'pid.reset': 'PID: fresh start of a new run',
+}
 
 
 def _total(values: Floats) -> Floats:
@@ -72,8 +82,8 @@ _AREAS = (
     '(total(e) - 0.5 * e - 0.5 * e[:, :1]) * dt',
     '(total(e) - 0.5 * e + 0.5 * e[:, :1]) * dt',
 )
-PID_LAW = Law(
-    *read(Path(__file__).with_name('pid.txt')),
+PID_LAW = replace(
+    read(Path(__file__).with_name('pid.txt')),
     alternatives={
         # The sum is used after, or before the error of this call is added.
         'I': tuple({'area': form} for area in _AREAS for form in (area, f'delayed({area})')),
@@ -89,34 +99,16 @@ PID_LAW = Law(
 )
 
 
-def _mistakes(*topics: str) -> tuple[Mistake, ...]:
-    return tuple(each for topic in topics for each in PID_LAW.mistakes if each.topic[0] == topic)
-
-
-#: By term, the law with the mistakes in that term, then those in the error.
-TERM_LAWS = {name: replace(PID_LAW, mistakes=_mistakes(name, 'E')) for name in 'PID'}
-LABELS = {
-    'pid.proportional': 'PID: proportional term',
-    'pid.integral': 'PID: integral term',
-    'pid.derivative': 'PID: derivative term',
-    'pid.dt': 'PID: the time step',
-    'pid.first_call': 'PID: the first call',
-    'pid.windup': 'PID: integral at the limit',
-    'pid.reset': 'PID: fresh start of a new run',
-}
-
-
 def judge_controller(code: JudgedCode, seed: int) -> Iterator[Finding]:
     """Yield a finding for each criterion `pid.…`."""
     reset = judge_reset(code, seed)
-    terms = _judge_terms(code, seed)
-    others = (_judge_dt(terms), _judge_first_call(code, terms[-1], seed), judge_windup(code))
-    if terms[1].factor is None and not others[-1].passed:
+    terms, windup = _judge_terms(code, seed), judge_windup(code)
+    if not terms[1].passed and not windup.passed:
         # What follows from a mistake in the integral is not taken off again.
-        others = (*others[:-1], replace(others[-1], score=max(others[-1].score, terms[1].score)))
-    for finding in (*terms, *others):
+        windup = replace(windup, score=max(windup.score, terms[1].score))
+    for finding in (*terms, windup):
         # Randomness comes first in the message: it changes every other result.
-        random = not finding.passed and reset.message.startswith(RANDOM)
+        random = not finding.passed and reset.message.startswith(_RANDOM)
         message = f'{reset.message}. So: {finding.message}' if random else finding.message
         yield replace(finding, message=message)
     yield reset
@@ -127,123 +119,145 @@ class Term(NamedTuple):
 
     criterion: str
     name: str  #: P, I or D
-    formula: str
     gains: tuple[float, float]
     reach: float  #: amplitude of its output for an error of amplitude 1 and a gain of 1
     max_sum: float = inf  #: [m/s] of the errors
-    first: int = 0  #: the first output that is judged
 
     def only(self, gain: float, kp: float = 0.0) -> Gains:
         """Return gains that are zero except for this term's, and `kp`."""
         own, ki, kd = (gain if name == self.name else 0.0 for name in 'PID')
         return own or kp, ki, kd
 
-    def sequence(self, gain: float, seed: int, output: float = 0.1) -> list[Sample]:
-        """Return calls that make outputs of the size `output` [m/s²].
-
-        The usual one is small: 50 times as much, with a missing dt, is still below 8.
-        """
-        amplitude = output / gain / self.reach
-        return wandering(seed, f'{self.criterion} {gain}', amplitude, self.max_sum * output / 0.1)
-
 
 TERMS = (
-    Term('pid.proportional', 'P', 'kp * e', (0.5, 30.0), 1.0),
+    Term('pid.proportional', 'P', (0.5, 30.0), 1.0),
     # The sum of errors is far below what a limited sum allows.
-    Term('pid.integral', 'I', 'ki * (sum of e * dt)', (0.5, 200.0), 0.6, max_sum=1.0),
-    Term('pid.derivative', 'D', 'kd * (e - e_before) / dt', (0.1, 3.0), 2.0 / TS, first=1),
+    Term('pid.integral', 'I', (0.5, 200.0), 0.6, max_sum=1.0),
+    Term('pid.derivative', 'D', (0.1, 3.0), 2.0 / TS),
+)
+_LENGTH = 120  #: calls of a sequence
+_TOLERANCE = 1e-9  #: [m/s²]
+_RELATIVE = 1e-7
+_HALF = 0.5
+_KEPT = 0.99  #: A low-pass filter keeps less of its last output.
+_KP = (
+    'kp multiplies a term that is not its own: the gains are those of '
+    'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
 )
 
 
-@dataclass(eq=False)
-class Trials:
-    """The outputs of a term: a row for each of its gains, a column for each call."""
+def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> list[Sample]:
+    """Return calls with random errors up to ±`amplitude` [m/s], and a reference that changes.
 
-    term: Term
-    outputs: Floats
-    inputs: dict[str, Floats]  #: of the law
-
-    @property
-    def expected(self) -> list[Floats]:
-        """The right outputs, by each form of the term."""
-        return TERM_LAWS[self.term.name].right(self.inputs, self.term.name)
-
-    def by(self, mistake: Mistake) -> list[Floats]:
-        """Return the outputs with a mistake, by each form of the term."""
-        return TERM_LAWS[self.term.name].right(self.inputs, self.term.name, mistake.formulas)
-
-    def ratio(self, got: Floats, expected: Floats) -> float:
-        """Return the constant factor between outputs; 0 if there is none."""
-        got, expected = (values[:, self.term.first :] for values in (got, expected))
-        ratio = float(np.vdot(got, expected) / np.vdot(expected, expected))
-        fits = np.abs(got - ratio * expected).max() <= _RELATIVE * np.abs(got).max()
-        return ratio if fits else 0.0
-
-    def proportional(self, got: Floats, expected: Floats) -> bool:
-        """Return whether outputs are others, up to a positive factor."""
-        if np.any(got[:, self.term.first :]):
-            return self.ratio(got, expected) > 0.0
-        return not np.any(expected)
-
-    def factor(self) -> float:
-        """Return the factor of a right term, which is positive; 0 if the term is wrong."""
-        factor = max(self.ratio(self.outputs, form) for form in self.expected)
-        if factor <= 0.0 and self.term.first:
-            usual = (value for value in _FACTORS if self.share(value) == 1.0)
-            factor = next(usual, 0.0)
-        return 1.0 if abs(factor - 1.0) <= _RELATIVE else max(factor, 0.0)
-
-    def share(self, factor: float) -> float:
-        """Return the share of outputs that are right but for `factor`, by the best form."""
-        shares = []
-        for form in self.expected:
-            raw = (factor * form)[:, self.term.first :]
-            got = self.outputs[:, self.term.first :]
-            tried = [raw, _low_passed(got, raw)] if self.term.first else [raw]
-            shares += [np.mean(np.abs(got - values) <= TOLERANCE, axis=1) for values in tried]
-        return float(np.mean(np.max(shares, axis=0)))
+    The errors are smaller where their sum would reach more than `max_sum` [m/s].
+    """
+    uniform = Random(f'{seed} {name}').uniform  # noqa: S311 (a simulation, not a secret)
+    error = amplitude * np.array([uniform(-1.0, 1.0) for _ in range(_LENGTH)])
+    error[40:60] = amplitude * uniform(0.5, 1.0)  # a constant error for a while
+    steps = [uniform(-0.5, 0.5) for _ in range(4)]
+    reference = 8.0 + amplitude * np.repeat(steps, _LENGTH // 4)
+    largest_sum = float(np.abs(np.cumsum(error)).max())
+    measured = reference - error * min(1.0, max_sum / largest_sum)
+    return [(r, v, TS) for r, v in zip(reference.tolist(), measured.tolist(), strict=True)]
 
 
-_RELATIVE = 1e-7
-#: Factors to a whole term that are usual: with or without dt.
-_FACTORS = (1.0, TS, 1.0 / TS, TS * TS)
-_HALF = 0.5
+def _tried(code: JudgedCode, term: Term, seed: int, output: float = 0.1, kp: float = 0.0) -> Trial:
+    """Return the outputs of a term alone, or what it adds to P with the gain `kp`.
 
-
-def _low_passed(outputs: Floats, raw: Floats) -> Floats:
-    """Return `raw` after the low-pass filter that the first two outputs show; NaN without one."""
-    pole = (outputs[:, 1] - raw[:, 1]) / (outputs[:, 0] - raw[:, 1])
-    pole[~((pole > 0.0) & (pole < 1.0))] = np.nan
-    values: Floats = outputs.copy()
-    for k in range(1, values.shape[1]):
-        values[:, k] = pole * values[:, k - 1] + (1.0 - pole) * raw[:, k]
-    return values
-
-
-def _trials(
-    code: JudgedCode, term: Term, seed: int, output: float = 0.1, kp: float = 0.0
-) -> Trials:
-    """Return the outputs of a term alone, or what it adds to P with the gain `kp`."""
-    sequences = [term.sequence(gain, seed, output) for gain in term.gains]
+    There is a row for each of its gains, and a column for each call. Outputs are of the size
+    `output` [m/s²]: the usual one is small, as 50 times as much, with a missing dt, is below 8.
+    """
+    sequences = [
+        wandering(
+            seed,
+            f'{term.criterion} {gain}',
+            output / gain / term.reach,
+            term.max_sum * output / 0.1,
+        )
+        for gain in term.gains
+    ]
     gains = [term.only(gain, kp) for gain in term.gains]
-    outputs = _outputs(code, gains, sequences)
-    if kp:
-        outputs -= _outputs(code, [term.only(0.0, kp)] * len(gains), sequences)
-    reference, measured, _ = np.array(sequences).transpose(2, 0, 1)
-    inputs = {
-        'reference': reference,
-        'measured': measured,
-        'dt': np.array(TS),
-        'low': outputs.min(axis=1, keepdims=True),
-        'high': outputs.max(axis=1, keepdims=True),
-        **dict(zip(('kp', 'ki', 'kd'), np.array(gains).T[..., np.newaxis], strict=True)),
-    }
-    return Trials(term, outputs, inputs)
+    reference, measured, dt = np.array(sequences).transpose(2, 0, 1)
+    inputs = {'reference': reference, 'measured': measured, 'dt': dt}
+    inputs |= dict(zip(('kp', 'ki', 'kd'), np.array(gains).T[..., np.newaxis], strict=True))
+    outputs, failure = np.full_like(reference, np.nan), ''
+    try:
+        outputs = _outputs(code, gains, sequences)
+        if kp:
+            outputs -= _outputs(code, [term.only(0.0, kp)] * len(gains), sequences)
+    except UserError as error:
+        failure = str(error)
+    inputs |= {'low': outputs.min(1, keepdims=True), 'high': outputs.max(1, keepdims=True)}
+    return Trial(term.criterion, term.name, inputs, {term.name: outputs}, failure)
 
 
 def _outputs(code: JudgedCode, gains: Sequence[Gains], sequences: Sequence[list[Sample]]) -> Floats:
     pairs = zip(gains, sequences, strict=True)
     return np.array([code.new_pid(*each).acc_sequence(sequence) for each, sequence in pairs])
+
+
+def _trial(code: JudgedCode, term: Term, seed: int) -> Trial:
+    """Return the outputs of a term; where they are 0, those which show why."""
+    trial = large = _tried(code, term, seed)
+    if not np.any(trial.got[term.name]):
+        # Only large outputs are rounded to other numbers than 0; kp can multiply the term.
+        large = _tried(code, term, seed, output=100.0)
+        other = _tried(code, term, seed, kp=3.0)
+        if term.name != 'P' and not other.failure and np.any(other.got[term.name]):
+            return other._replace(remark=_KP)
+    return trial._replace(remark='' if large.failure else _rounding(large.got[term.name]))
+
+
+def _factor(got: Floats, form: Floats) -> float:
+    """Return the positive factor between outputs, filtered or not; 0 if there is none."""
+    got, before, form = got[:, 1:].ravel(), got[:, :-1].ravel(), form[:, 1:].ravel()
+    if not _TOLERANCE < np.abs(got).max() < NOT_A_CAR or not np.isfinite(form).all():
+        return 0.0
+    columns = np.stack([form, before], axis=1)
+    filtered = np.linalg.lstsq(columns.T @ columns, columns.T @ got)[0].tolist()
+    for scale, kept in ((float(got @ form) / (float(form @ form) or inf), 0.0), filtered):
+        rest = got - columns @ (scale, kept)
+        if scale > 0.0 <= kept < _KEPT and np.abs(rest).max() <= _RELATIVE * np.abs(got).max():
+            factor = scale / (1.0 - kept)  # after a low-pass filter
+            return 1.0 if abs(factor - 1.0) <= _RELATIVE else factor
+    return 0.0
+
+
+def _agree(got: Floats, form: Floats) -> bool:
+    """Return whether outputs are the same, up to a positive factor."""
+    return _factor(got, form) > 0.0 if np.any(got[:, 1:]) else not np.any(form[:, 1:])
+
+
+@np.errstate(all='ignore')
+def _judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
+    """Return the finding for each term, and that on their factors."""
+    if ignored := ignores_gains(code, seed):
+        findings = [Finding(term.criterion, *ignored[term.name]) for term in TERMS]
+        score = float(np.mean([each.score for each in findings]))
+        return [*findings, Finding('pid.dt', score, findings[0].message)]
+    trials = {term.name: _trial(code, term, seed) for term in TERMS}
+    judge = Judge(PID_LAW, _agree, _call, partial(_line, code), _HALF)
+    verdicts = judge.judge([*trials.values()], 'PID')
+    findings, remarks, scores = [], [], []
+    for term in TERMS:
+        score, message, _ = verdicts[term.name]
+        scores.append(score)
+        if score == 1.0:
+            trial = trials[term.name]
+            got, forms = trial.got[term.name], PID_LAW.right(trial.inputs, term.name)
+            factor = next(filter(None, (_factor(got, form) for form in forms)))
+            gains = ' and '.join(f'{gain:g}' for gain in term.gains)
+            message = f'right in all {got.size} outputs, for gains of {gains}'
+            if factor != 1.0:
+                remarks.append(_remark(term.name, factor))
+                message += f'; {remarks[-1]}, or choose gains that absorb it'
+                scores[-1] = 0.0
+        else:
+            remarks.append(f'{term.name} is not right')
+        findings.append(Finding(term.criterion, score, message))
+    # What follows from a mistake in a term is not taken off again.
+    right = 'each term has the factor of the formula, dt included'
+    return [*findings, Finding('pid.dt', float(np.mean(scores)), '; '.join(remarks) or right)]
 
 
 def wrong_terms(findings: Sequence[Finding]) -> str:
@@ -252,106 +266,27 @@ def wrong_terms(findings: Sequence[Finding]) -> str:
     return ''.join(term.name for term in TERMS if 0.0 < scores[term.criterion] < 1.0)
 
 
-@np.errstate(all='ignore')
-def _judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
-    """Return the finding for each term.
-
-    A term that is there, with a known mistake, loses a half; the same mistake in several terms
-    counts once. Another one has the share of right outputs, above one half.
-    """
-    if ignored := ignores_gains(code, seed):
-        return [Finding(term.criterion, *ignored[term.name]) for term in TERMS]
-    tried: dict[str, Trials] = {}
-    findings: dict[str, Finding] = {}
-    for term in TERMS:
-        try:
-            tried[term.name] = trials = _trials(code, term, seed)
-        except UserError as error:
-            findings[term.name] = Finding(term.criterion, 0.0, str(error))
-            continue
-        if factor := trials.factor():
-            gains = ' and '.join(f'{gain:g}' for gain in term.gains)
-            message = f'right in all {trials.outputs.size} outputs, for gains of {gains}'
-            if factor != 1.0:
-                message += f'; {_remark(term.name, factor)}, or choose gains that absorb it'
-            findings[term.name] = Finding(term.criterion, 1.0, message, factor=factor)
-    common = _in_the_error(tried)
-    wrong = {name: trials for name, trials in tried.items() if name not in findings}
-    placed: dict[str, str] = {}  # one mistake has one line
-    causes = {name: _cause(code, each, seed, common, placed) for name, each in wrong.items()}
-    times = Counter(kind for _, kind in causes.values())
-    for name, (message, kind) in causes.items():
-        score = max(map(tried[name].share, _FACTORS))
-        # A smaller share is chance: outputs of a wrong term that happen to be right.
-        score = score if score > _HALF else 0.0
-        if kind:
-            score = 1.0 - _HALF / times[kind]
-        findings[name] = Finding(tried[name].term.criterion, score, message)
-    return [findings[term.name] for term in TERMS]
+def _call(trial: Trial, index: Index) -> str:
+    row, k = index
+    error = (trial.inputs['reference'] - trial.inputs['measured'])[row]
+    gain = max(float(trial.inputs[name][row, 0]) for name in ('kp', 'ki', 'kd'))
+    before = f' after {error[k - 1]:.6g}' if k else ''
+    return f'call {k + 1}, with a gain of {gain:g} and e = {error[k]:.6g} m/s{before},'
 
 
-def _in_the_error(tried: Mapping[str, Trials]) -> Mistake | None:
-    """Return the mistake in the error that explains all wrong terms, but those that are absent."""
-    outputs = {name: trials.outputs for name, trials in tried.items() if trials.outputs.any()}
-    for mistake in _mistakes('E') if len(outputs) > 1 else ():
-        explained = (
-            any(tried[name].proportional(got, values) for values in tried[name].by(mistake))
-            for name, got in outputs.items()
-        )
-        if all(explained) and not all(tried[name].factor() for name in outputs):
-            return mistake
-    return None
-
-
-def _cause(
-    code: JudgedCode, trials: Trials, seed: int, common: Mistake | None, placed: dict[str, str]
-) -> tuple[str, str]:
-    """Return why a term is wrong, and the kind of mistake; empty where the term is not there.
-
-    That is rounding, the mistake in it, or its largest error.
-    """
-    term, large = trials.term, trials
-    if not trials.outputs.any():
-        try:
-            # Only large outputs are rounded to other numbers than 0; kp can multiply the term.
-            large = _trials(code, term, seed, output=100.0)
-            trials = trials if term.name == 'P' else _trials(code, term, seed, kp=3.0)
-        except UserError:
-            pass
-    cause, hint = common if trials.outputs.any() else None, _rounding(large.outputs)
-    if not cause and not hint:
-        cause = (
-            TERM_LAWS[term.name]
-            .explain(trials.inputs, {term.name: trials.outputs}, [term.name], trials.proportional)
-            .get(term.name)
-        )
-    message = hint or (cause.sentence if cause else _largest_error(trials))
-    kind = hint or (cause.kind if cause and trials.outputs.any() else '')
-    placed[message] = placed.get(message) or _placed(code, trials, cause)
-    return placed[message] + message, kind
-
-
-def _placed(code: JudgedCode, trials: Trials, cause: Mistake | None) -> str:
-    """Return the file and line that compute a wrong term, with a colon; empty if not known."""
-    inputs, got, expected = trials.inputs, trials.outputs, trials.expected[0]
-    k = (
-        int(np.argmax(np.abs(got - expected)[0, trials.term.first :] > TOLERANCE))
-        + trials.term.first
-    )
-    reference, measured = (inputs[name][0, : k + 1].tolist() for name in ('reference', 'measured'))
-    rows = [(r, v, TS) for r, v in zip(reference, measured, strict=True)]
-    gains = [float(inputs[name].ravel()[0]) for name in ('kp', 'ki', 'kd')]
-
+def _line(code: JudgedCode, trial: Trial, name: str, index: Index, wrong: list[float]) -> str:
+    row, k = index
+    columns = (trial.inputs[key][row, : k + 1].tolist() for key in ('reference', 'measured', 'dt'))
+    calls = [*zip(*columns, strict=True)]
+    gains = [float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')]
     try:
-        (*_, output) = code.new_pid(*gains).acc_sequence(rows)
+        (*_, output) = code.new_pid(*gains).acc_sequence(calls)
         pid = code.new_pid(*gains)
-        pid.acc_sequence(rows[:-1])
+        pid.acc_sequence(calls[:-1])
     except UserError:
         return ''
-    wrong = [got[0, k], output, *(PID_LAW.changed(inputs, cause, (0, k)) if cause else ())]
-    others = [*rows[-1], output - got[0, k]]  # P, where that is added
-    place = code.line_of('steps', (pid.number, rows[-1:]), wrong, others)
-    return f'{place}: ' if place else ''
+    others = [*calls[-1], output - float(trial.got[name][index])]  # P, where that is added
+    return code.line_of('steps', (pid.number, calls[-1:]), [*wrong, output], others)
 
 
 def _rounding(outputs: Floats) -> str:
@@ -367,37 +302,22 @@ def _rounding(outputs: Floats) -> str:
     return ''
 
 
-def _largest_error(trials: Trials) -> str:
-    """Return a sentence on the call with the largest error."""
-    term, got, expected = trials.term, trials.outputs[0], trials.expected[0][0]
-    error = (trials.inputs['reference'] - trials.inputs['measured'])[0]
-    k = term.first + int(np.argmax(np.abs(got - expected)[term.first :]))
-    before = f', after {error[k - 1]:.6g}' if k else ''
-    return (
-        f'{term.name} is not {term.formula}: with a gain of {term.gains[0]:g}, call {k + 1}, '
-        f'e = {error[k]:.6g} m/s{before}, gave {got[k]:.6g}, expected about {expected[k]:.6g} m/s²'
-    )
-
-
 def _remark(term: str, factor: float) -> str:
     """Return the remark on a term that is right up to a `factor`, which the gains absorb."""
-    usual: Mapping[str, Mapping[float, str]] = {
-        'P': {TS: 'P is multiplied by dt: it is kp * e'},
-        'I': {1.0 / TS: 'I has no dt: add up ki * e * dt, with dt = 0.02 s'},
-        'D': {
-            TS: f'D has no dt: divide the change of e by dt = {TS:g} s',
-            TS * TS: f'D is multiplied by dt: divide the change of e by dt = {TS:g} s',
-        },
+    usual: Mapping[tuple[str, float], str] = {
+        ('P', TS): 'P is multiplied by dt: it is kp * e',
+        ('I', 1.0 / TS): 'I has no dt: add up ki * e * dt, with dt = 0.02 s',
+        ('D', TS): f'D has no dt: divide the change of e by dt = {TS:g} s',
+        ('D', TS * TS): f'D is multiplied by dt: divide the change of e by dt = {TS:g} s',
     }
-    for value, sentence in usual[term].items():
-        if abs(factor - value) <= _RELATIVE * value:
+    for (name, value), sentence in usual.items():
+        if name == term and abs(factor - value) <= _RELATIVE * value:
             return sentence
     return {
         'P': f'P is multiplied by {factor:g}: it is kp * e',
         'I': f'I uses dt = {factor * TS:g} s: PID is called every {TS:g} s, ki * (sum of e * dt)',
-        'D': (
-            f'D uses dt = {TS / factor:g} s: PID is called every {TS:g} s, kd * (e - e_before) / dt'
-        ),
+        'D': f'D uses dt = {TS / factor:g} s: PID is called every {TS:g} s, '
+        'kd * (e - e_before) / dt',
     }[term]
 
 
@@ -429,33 +349,95 @@ def ignores_gains(code: JudgedCode, seed: int) -> dict[str, tuple[float, str]]:
     return {name: (_HALF * bool(each), message) for name, each in zip('PID', there, strict=True)}
 
 
-@judges('pid.dt')
-def _judge_dt(findings: Sequence[Finding]) -> Judged:
-    """Return the finding on the factors of the terms, from their findings."""
-    names = {term.criterion: term.name for term in TERMS}
-    wrong = {names[each.criterion]: each.factor for each in findings if each.factor != 1.0}
-    # What follows from a mistake in a term is not taken off again.
-    scores = [each.factor == 1.0 if each.factor else each.score for each in findings]
-    hints = [
-        _remark(name, factor) if factor else f'{name} is not right'
-        for name, factor in wrong.items()
+_GAINS: Gains = (1.0, 2.0, 0.01)
+_AMPLITUDE = 0.3  #: [m/s]
+_RANDOM = 'the same speeds give different outputs'
+
+
+@judges('pid.reset')
+def judge_reset(code: JudgedCode, seed: int) -> Judged:
+    """Return whether each `PID` starts fresh: a second one, one of two, and one after `reset()`.
+
+    The score is the share of these checks that pass; without a `reset()` the last one is left out.
+    """
+    own, other = (wandering(seed, f'pid.reset {k}', _AMPLITUDE) for k in range(2))
+    new = partial(code.new_pid, fresh=False)
+    if _differ(*(new(1.0, 0.0, 0.0).acc_sequence(own) for _ in range(2))):
+        return 0.0, (
+            f"{_RANDOM}: does PID use random numbers, or the computer's clock? It is called every "
+            f'{TS:g} s of simulated time'
+        )
+    used = new(*_GAINS)
+    used.acc_sequence(other)
+    first = new(*_GAINS).acc_sequence(own)
+    if not _differ(first, used.acc_sequence(own)):
+        return 0.0, 'PID keeps no errors between calls: I and D need them'
+    faults, checks = [], 2
+    if shared := _differ(first, new(*_GAINS).acc_sequence(own)):
+        faults.append(
+            'one run changes the next: is the sum or the last error in a global or class variable, '
+            'or does PID use the clock? Set both to 0 in __init__, as self.…'
+        )
+    one, another = new(*_GAINS), new(*_GAINS)
+    in_turn = [
+        (one.acc_calculate(*a), another.acc_calculate(*b)) for a, b in zip(own, other, strict=True)
     ]
-    right = 'each term has the factor of the formula, dt included'
-    return float(np.mean(scores)), '; '.join(hints) or right
+    if _differ(first, [mine for mine, _ in in_turn]):
+        faults.append('two PIDs at the same time share their values: store them in self')
+    if used.reset():
+        checks += 1
+        if not shared and _differ(first, used.acc_sequence(own)):
+            faults.append('reset() does not clear the sum or the last error')
+    return 1.0 - len(faults) / checks, '; '.join(faults) or 'each run starts fresh'
 
 
-@judges('pid.first_call')
-def _judge_first_call(code: JudgedCode, derivative: Finding, seed: int) -> Judged:
-    """Return whether D is 0 at the first call, which has no error before it."""
-    if derivative.factor is None:
-        return derivative.score, 'D is not right: see pid.derivative'
-    term = TERMS[-1]
-    gain = term.gains[0]
-    pid = code.new_pid(*term.only(gain))
-    output = pid.acc_calculate(*term.sequence(gain, seed)[0])
-    if abs(output) <= TOLERANCE:
-        return 1.0, 'D is 0 at the first call'
-    return 0.0, (
-        f'D is {output:.3g} m/s² at the first call, which has no error before it: start with '
-        'e_before = None, and let D be 0 then'
+def _differ(one: list[float], other: list[float]) -> bool:
+    return not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE)
+
+
+_WINDING: Gains = (1.0, 2.0, 0.0)
+_PUSHED, _PULLED = 3.0, -0.5  #: [m/s] errors: into the limit, and out of it
+_PUSHES, _PULLS = 300, 600  #: calls
+_GROWN = 0.5  #: [m/s²] The minimum growth that shows an integral.
+_ALLOWED = 25  #: calls until the output leaves the limit
+
+
+@judges('pid.windup')
+def judge_windup(code: JudgedCode) -> Judged:
+    """Return whether the output leaves its limit when the error changes its sign.
+
+    The car's motor gives ±8 m/s² at most, also if the class has no such limit. Half a second or
+    less is full marks; beyond that the score falls with the time.
+    """
+    calls = [_recovery(code, sign) for sign in (1.0, -1.0)]
+    scores = [min(1.0, _ALLOWED / max(n, 1)) if n < _PULLS else 0.0 for n in calls]
+    if min(scores) == 1.0:
+        return 1.0, 'the output leaves its limit when the error changes its sign'
+    longest = max(calls)
+    time = f'{longest * TS:.1f} s' if longest < _PULLS else f'more than {_PULLS * TS:g} s'
+    return float(np.mean(scores)), (
+        f'the integral winds up: after {_PUSHES * TS:g} s with the output at its limit of '
+        f'{ACCELERATION_LIMIT:g} m/s² the error changed its sign, and the output stayed there for '
+        f'{time}. Do not add to the integral while the output is at its limit'
     )
+
+
+def _recovery(code: JudgedCode, sign: float) -> int:
+    """Return the number of calls until the output leaves its limit."""
+    pid = code.new_pid(*_WINDING, limit=ACCELERATION_LIMIT)
+    pushed, pulled = (
+        sign * np.array(pid.acc_sequence([(8.0, 8.0 - sign * error, TS)] * count))
+        for error, count in ((_PUSHED, _PUSHES), (_PULLED, _PULLS))
+    )
+    if (maximum := pushed.max()) <= _WINDING[0] * _PUSHED + _GROWN:
+        raise UserError(
+            f'with an error of {_PUSHED:g} m/s for {_PUSHES * TS:g} s the output is at most '
+            f'{maximum + 0.0:.3g} m/s²: is each error added to the sum, and is no limit too small?'
+        )
+    largest = float(np.abs([*pushed, *pulled]).max())
+    if not largest < NOT_A_CAR:
+        raise UserError(
+            f'the output reaches {largest:.3g} m/s² while the error is {_PUSHED:g} m/s at most'
+        )
+    inside = np.flatnonzero(pulled < min(float(maximum), ACCELERATION_LIMIT) - _TOLERANCE)
+    return int(inside[0]) if inside.size else _PULLS

@@ -26,16 +26,6 @@ if TYPE_CHECKING:
 _CHECKED = Limits(call=2.0, wait=10.0, total=45.0)
 
 
-def _judge_model(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
-    wanted, seed = settings.criteria, settings.seed
-    equations = model.judge_equations(code, seed)
-    yield from equations
-    if 'model.reverse' in wanted:
-        yield model.judge_reverse(code, seed, equations)
-    if 'model.general' in wanted:
-        yield model.judge_general(code, seed, equations)
-
-
 def _judge_controller(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     with suppress(UserError):
         code.new_pid(KP, KI, KD)
@@ -57,7 +47,7 @@ def _judge_controller(code: JudgedCode, settings: Settings) -> Iterator[Finding]
 
 
 PARTS = {
-    'model': Part(model.LABELS, _judge_model),
+    'model': Part(model.LABELS, lambda code, its: model.judge_model(code, its.seed, its.criteria)),
     'controller': Part({**controller.LABELS, **loop.LABELS}, _judge_controller),
     'relay': Part(relay.LABELS, lambda code, _: relay.judge_relay(code)),
 }
@@ -111,10 +101,10 @@ class Report:
         return [each for each in self.findings if not (each.skipped or each.open)]
 
     @property
-    def comparison(self) -> loop.Comparison | None:
-        """The runs over the lab's road, if there are any."""
+    def drive(self) -> loop.Drive | None:
+        """The drive over the lab's road, if there is one."""
         evidence = (each.evidence for each in self.findings)
-        return next((each for each in evidence if isinstance(each, loop.Comparison)), None)
+        return next((each for each in evidence if isinstance(each, loop.Drive)), None)
 
 
 def judge_folder(

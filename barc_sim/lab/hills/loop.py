@@ -7,7 +7,7 @@ from functools import cache
 from itertools import pairwise
 from math import inf, isfinite
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from barc_sim.lab.check.code import judges
 from barc_sim.lab.hills.model import TS
 from barc_sim.lab.user_code.calls import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import DISTANCE, MAX_DURATION, closed_loop
-from barc_sim.simulation.metrics import summary
+from barc_sim.simulation.metrics import SegmentErrors, summary
 from barc_sim.simulation.progress import Progress
 from barc_sim.vehicle.bike_model import GRAVITY
 from barc_sim.vehicle.plant import Plant
@@ -40,6 +40,7 @@ NOT_A_CAR = 1e6  #: [m/s²]
 _RANDOM_ROADS = 4
 _GRADES = 5
 _MIN_LENGTH, _MAX_LENGTH = 15.0, 30.0  #: [m] of a grade
+_MAX_SPEED = 40.0  #: [m/s] A figure ends there.
 
 
 def random_road(seed: int, number: int) -> tuple[Road, float]:
@@ -77,45 +78,12 @@ class Conditions:
     gains: ChosenGains | None  #: None: it chooses none
     limit: float = inf  #: [m/s²] of its output
     thresholds: Thresholds = field(default_factory=Thresholds)
-    mended: str = ''  #: letters of terms, whose mistakes have cost points, as in `PI`
+    mended: str = ''  #: letters of terms that barc_sim's replace, as in `PI`
 
     def __str__(self) -> str:
         """Return them as text."""
         limit = f', limited to {self.limit:g} m/s²' if isfinite(self.limit) else ''
         return f'with {self.gains}{limit}'
-
-
-class Stretch(NamedTuple):
-    """A stretch of one grade, with the speed error on it."""
-
-    start: float  #: [m]
-    theta_deg: float
-    rms_error: float  #: [m/s]
-    max_error: float  #: [m/s] maximum absolute error
-    remark: str  #: what the speed does
-
-
-_MAX_SPEED = 40.0  #: [m/s] A figure ends there.
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """The closed loop over one road, with the user's controller and with barc_sim's."""
-
-    user: Log
-    usual: Log
-    stretches: tuple[Stretch, ...] = ()  #: of the user's
-
-    def figure(self, title: str = '') -> Figure:
-        """Draw both runs."""
-        from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
-
-        figure = cast('Figure', plot(self.user, self.usual, labels=('your PID', "barc_sim's PID")))
-        speed = figure.axes[0]
-        low, high = speed.get_ylim()
-        speed.set_ylim(max(low, -_MAX_SPEED), min(high, _MAX_SPEED))
-        speed.set_title(title, loc='left', pad=26.0)
-        return figure
 
 
 @judges('loop.lab_road')
@@ -131,8 +99,7 @@ def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Judged:
             raise
         raise UserError(f'{error} ({conditions})') from error
     message = f'{drive.describe()}, {conditions}{drive.worst_stretch()}{_advice(code, drive)}'
-    usual = _usual(conditions.limit)
-    return drive.score, message, Comparison(drive.log, usual, tuple(drive.stretches))
+    return drive.score, message, drive
 
 
 _TRIED = (1.5, 3.0)  #: times a gain
@@ -142,17 +109,15 @@ _BETTER = 0.9  #: times the RMS error
 def _advice(code: JudgedCode, drive: Drive) -> str:
     """Return the larger gain with which the same code holds the speed best; empty if none does."""
     conditions = drive.conditions
-    if drive.score == 1.0 or drive.mended or not conditions.gains:
+    if drive.score == 1.0 or conditions.mended or not conditions.gains:
         return ''
     duration, best, advice = 2.0 * float(drive.log.t[-1]), drive, ''
     for name, gain in zip(PID.gains, conditions.gains[:3], strict=True):
         for factor in _TRIED if gain else ():
             changed: Any = {name: factor * gain}
-            gains = conditions.gains._replace(**changed)
+            tried = replace(conditions, gains=conditions.gains._replace(**changed))
             try:
-                other = _driven(
-                    code, replace(conditions, gains=gains), Road.lab(), DISTANCE, duration
-                )
+                other = _driven(code, tried, Road.lab(), DISTANCE, duration)
             except UserError:
                 continue
             (rms, _), (best_rms, _) = other.errors, best.errors
@@ -168,15 +133,15 @@ def _advice(code: JudgedCode, drive: Drive) -> str:
 
 @cache
 def _usual(limit: float) -> Log:
+    """Return the run with barc_sim's controller."""
     return closed_loop(controller=speed_controller(limit=limit), distance=DISTANCE)
 
 
 @judges('loop.random_roads')
 def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> Judged:
     """Return the finding for random roads: the mean of their scores."""
-    drives = [
-        _drive(code, conditions, *random_road(seed, number)) for number in range(_RANDOM_ROADS)
-    ]
+    roads = (random_road(seed, number) for number in range(_RANDOM_ROADS))
+    drives = [_drive(code, conditions, *road) for road in roads]
     worst = min(drives, key=lambda drive: drive.score)
     message = f'the worst of {len(drives)} roads: {worst.describe()}{worst.worst_stretch()}'
     return float(np.mean([drive.score for drive in drives])), message
@@ -185,12 +150,14 @@ def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> J
 class _Limited(PID):
     """A user's controller, its output limited; terms of barc_sim's PID take the place of some."""
 
-    def __init__(self, code: JudgedCode, conditions: Conditions, mended: str) -> None:
+    def __init__(self, code: JudgedCode, conditions: Conditions) -> None:
         assert conditions.gains  # noqa: S101 (there are some)
         gains = dict(zip('PID', conditions.gains[:3], strict=True))
-        own = [0.0 if name in mended else gain for name, gain in gains.items()]
+        own = [0.0 if name in conditions.mended else gain for name, gain in gains.items()]
         super().__init__()  # a user's gains have no limits
-        self.kp, self.ki, self.kd = (gains[name] if name in mended else 0.0 for name in gains)
+        self.kp, self.ki, self.kd = (
+            gain - mine for gain, mine in zip(gains.values(), own, strict=True)
+        )
         self.limit = conditions.limit
         self._controller = code.new_pid(*own, limit=self.limit)
         self.calls = 0
@@ -224,14 +191,15 @@ def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float
             'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with the tuned '
             'ones as its last line'
         )
-    if not conditions.mended:
-        return _driven(code, conditions, road, distance)
+    drives = []
     try:
-        own = _driven(code, conditions, road, distance)
+        drives.append(_driven(code, replace(conditions, mended=''), road, distance))
     except UserError:
-        return _driven(code, conditions, road, distance, mended=conditions.mended)
-    mended = _driven(code, conditions, road, distance, mended=conditions.mended)
-    return own if own.score >= mended.score else mended
+        if not conditions.mended:
+            raise
+    if conditions.mended:
+        drives.append(_driven(code, conditions, road, distance))
+    return max(drives, key=lambda drive: drive.score)
 
 
 def _driven(
@@ -240,11 +208,10 @@ def _driven(
     road: Road,
     distance: float,
     duration: float = MAX_DURATION,
-    mended: str = '',
 ) -> Drive:
     """Drive over a road once; an error of the code on the way names the call."""
     plant = Plant(road=road)
-    pid = _Limited(code, conditions, mended)
+    pid = _Limited(code, conditions)
     progress = Progress(distance)
     try:
         log = closed_loop(plant, pid, distance=distance, max_duration=duration, progress=progress)
@@ -253,17 +220,16 @@ def _driven(
             raise
         time = (pid.calls - 1) * plant.ts
         raise UserError(f'call {pid.calls}, after {time:.2f} s on the road: {error}') from error
-    return Drive(log, progress.failure, conditions, mended)
+    return Drive(log, progress.failure, conditions)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive over one road."""
+    """A drive over one road with the user's controller."""
 
     log: Log
     failure: str  #: what the car does that never arrives
     conditions: Conditions
-    mended: str = ''  #: letters of the terms that were put right
 
     @property
     def errors(self) -> tuple[float, float]:
@@ -299,39 +265,40 @@ class Drive:
             limit = f'; its output is {self.limit:g} m/s² at most' if isfinite(self.limit) else ''
             return f'{self.failure}{limit}'
         (rms, maximum), by = self.errors, self.conditions.thresholds
-        mended = f'with {" and ".join(self.mended)} put right: ' if self.mended else ''
+        mended = self.conditions.mended
         return (
-            f'{mended}RMS error {rms:.3f} m/s after the first 10 m, at most {maximum:.3f} m/s '
+            (f'with {" and ".join(mended)} put right: ' if mended else '')
+            + f'RMS error {rms:.3f} m/s after the first 10 m, at most {maximum:.3f} m/s '
             f'({by.full_rms:g} and {by.full_max:g} m/s are full marks)'
         )
 
     @property
-    def stretches(self) -> list[Stretch]:
-        """Each stretch of one grade."""
-        log, limit = self.log, self.limit
-        changes = np.flatnonzero(np.diff(log.theta_deg)) + 1
-        stretches: list[Stretch] = []
-        for first, last in pairwise([0, *changes.tolist(), len(log)]):
-            part, error = slice(first, last), log.speed_error[first:last]
-            remark = _of_stretch(log, part, limit) if first else _of_start(log, part, limit)
-            stretches.append(
-                Stretch(
-                    start=float(log.distance[first]),
-                    theta_deg=float(log.theta_deg[first]),
-                    rms_error=float(np.sqrt(np.mean(error**2))),
-                    max_error=float(np.abs(error).max()),
-                    remark=remark,
-                )
-            )
-        return stretches
+    def stretches(self) -> list[tuple[SegmentErrors, str]]:
+        """The errors on each stretch of one grade, and what the speed does there."""
+        changes = np.flatnonzero(np.diff(self.log.theta_deg)) + 1
+        parts = [slice(*each) for each in pairwise([0, *changes.tolist(), len(self.log)])]
+        remarks = (_remark(self.log, part, self.limit) for part in parts)
+        return [*zip(summary(self.log).stretches, remarks, strict=True)]
 
     def worst_stretch(self) -> str:
         """Return a sentence on the stretch with the largest RMS error; empty at full marks."""
         if self.score == 1.0:
             return ''
-        _, *later = stretches = self.stretches
-        worst = max(later or stretches, key=lambda stretch: stretch.rms_error)
-        return f'. From {worst.start:.0f} m on, at {worst.theta_deg:g}°: {worst.remark}'
+        first, *later = self.stretches
+        worst, remark = max(later or [first], key=lambda stretch: stretch[0].rms_error)
+        return f'. From {worst.start:.0f} m on, at {worst.theta_deg:g}°: {remark}'
+
+    def figure(self, title: str = '') -> Figure:
+        """Draw the run beside that with barc_sim's controller."""
+        from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
+
+        runs = {'your PID': self.log, "barc_sim's PID": _usual(self.conditions.limit)}
+        figure = cast('Figure', plot(*runs.values(), labels=[*runs]))
+        speed = figure.axes[0]
+        low, high = speed.get_ylim()
+        speed.set_ylim(max(low, -_MAX_SPEED), min(high, _MAX_SPEED))
+        speed.set_title(title, loc='left', pad=26.0)
+        return figure
 
 
 _BACKWARDS = 'the car drives backwards: is the error speed_reference - speed_current?'
@@ -345,9 +312,41 @@ _SWINGS, _SWING = 4, 0.3  #: that a swing reaches, and how many count
 _STEADY = 0.5  #: that is left at the end, or on the other side
 
 
-def _of_start(log: Log, part: slice, limit: float) -> str:
-    """Return what the speed does on the first stretch."""
-    error, speed, reference = log.speed_error[part], log.speed[part], float(log.reference[0])
+def _remark(log: Log, part: slice, limit: float) -> str:
+    """Return what the speed does on a stretch: what was measured, and no advice."""
+    error = log.speed_error[part]
+    if part.start == 0:
+        return _of_start(log.speed[part], error, limit)
+    slopes = np.sin(np.radians(log.theta_deg[[part.start - 1, part.start]]))
+    change = GRAVITY * float(np.diff(slopes)[0])
+    at_limit = float(np.count_nonzero(np.abs(log.motor[part]) >= limit)) * TS
+    what = _of_error(error, np.sign(change))
+    if np.abs(error).max() > _HELD and at_limit > _LONG_LIMIT:
+        what = f'the output was at its limit of {limit:g} m/s² for {at_limit:.1f} s'
+    return f'needs {abs(change):.1f} m/s² {"more" if change > 0.0 else "less"} at once: {what}'
+
+
+def _of_error(error: Floats, sign: float) -> str:
+    """Return how the error goes on, which a change of grade begins with `sign`."""
+    peak = float(np.abs(error).max())
+    rest = float(np.mean(error[-max(len(error) // 5, 1) :]))
+    over = float(np.max(-sign * error))
+    swings = np.count_nonzero(np.diff(np.sign(error[np.abs(error) > _SWING * peak])))
+    sentences = {
+        f'held within {_HELD:g} m/s': peak <= _HELD,
+        f'the speed swings {swings} times, by up to {peak:.2f} m/s': swings >= _SWINGS,
+        f'{abs(error[0]):.2f} m/s off from the stretch before, {_end(error)}': abs(error[0])
+        >= _CARRIED * peak,
+        f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"} at its end': abs(rest)
+        > _STEADY * peak,
+        f'overshoots by {over:.2f} m/s': over > max(_STEADY * peak, _HELD),
+        f'{peak:.2f} m/s off, {_end(error)}': True,
+    }
+    return next(sentence for sentence, applies in sentences.items() if applies)
+
+
+def _of_start(speed: Floats, error: Floats, limit: float) -> str:
+    reference = float(speed[0] + error[0])
     near = np.flatnonzero(np.abs(error) <= _NEAR * abs(reference))
     if not near.size:
         if speed.min() < -_HELD:
@@ -358,64 +357,6 @@ def _of_start(log: Log, part: slice, limit: float) -> str:
         text += f', where {limit:g} m/s² allow {reference / limit:.2f} s'
     over = -float(error.min())
     return f'{text}; then {over:.2f} m/s too fast' if over > _NEAR * reference else text
-
-
-def _of_stretch(log: Log, part: slice, limit: float) -> str:
-    """Return what the speed does after a change of grade: what was measured, and no advice."""
-    error = log.speed_error[part]
-    peak = float(np.abs(error).max())
-    slopes = np.sin(np.radians(log.theta_deg[[part.start - 1, part.start]]))
-    change = GRAVITY * float(np.diff(slopes)[0])
-    needs = f'needs {abs(change):.1f} m/s² {"more" if change > 0.0 else "less"} at once'
-    if peak <= _HELD:
-        return f'{needs}: held within {_HELD:g} m/s'
-    if limited := _of_output(log, part, limit):
-        return f'{needs}: {limited}'
-    if swings := _swings(error):
-        return f'{needs}: {swings}'
-    if abs(float(error[0])) >= _CARRIED * peak:
-        return f'starts {abs(error[0]):.2f} m/s off, from the stretch before: {_end(error)}'
-    return f'{needs}: {_of_error(error, np.sign(change))}'
-
-
-def _of_output(log: Log, part: slice, limit: float) -> str:
-    """Return how long the output was at its limit; empty if that was too short to matter."""
-    saturated = np.abs(log.motor[part]) >= limit
-    limited = log.motor[part][saturated]
-    if _sign_changes(limited) >= _SWINGS:
-        return f'the output jumps between its limits of {limit:g} m/s²'
-    time, against = (
-        float(np.count_nonzero(each)) * TS
-        for each in (saturated, limited * log.speed_error[part][saturated] < 0.0)
-    )
-    if time <= _LONG_LIMIT:
-        return ''
-    counter = f', {against:.1f} s of it against the error' if against else ''
-    return f'the output was at its limit of {limit:g} m/s² for {time:.1f} s{counter}'
-
-
-def _swings(error: Floats) -> str:
-    """Return how often and how far the speed swings; empty if it does not."""
-    swings = _sign_changes(error[np.abs(error) > _SWING * np.abs(error).max()])
-    if swings < _SWINGS:
-        return ''
-    return f'the speed swings {swings} times, by up to {np.abs(error).max():.2f} m/s'
-
-
-def _of_error(error: Floats, sign: float) -> str:
-    """Return how the error goes on; it begins with `sign`."""
-    peak = float(np.abs(error).max())
-    rest = float(np.mean(error[-max(len(error) // 5, 1) :]))
-    if abs(rest) > _STEADY * peak:
-        return f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"} at its end'
-    over = float(np.max(-sign * error))
-    if over > max(_STEADY * peak, _HELD):
-        return f'overshoots by {over:.2f} m/s'
-    return f'{peak:.2f} m/s off, {_end(error)}'
-
-
-def _sign_changes(values: Floats) -> int:
-    return int(np.count_nonzero(np.diff(np.sign(values))))
 
 
 def _end(error: Floats) -> str:

@@ -7,7 +7,6 @@ from functools import partial
 from math import degrees, radians
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.control.driver import Limits
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding
 from barc_sim.lab.user_code.calls import BY_EYE, NOT_WRITTEN, Command, TimedTwist
@@ -24,7 +23,6 @@ LABELS = {
     'relay.units': 'Relay: m/s² and radians',
     'relay.release': 'Relay: a released key',
     'relay.rate': 'Relay: commands a second',
-    'relay.limits': "Relay: the car's limits",
     'relay.silence': 'Relay: no driver',
 }
 _PRESSED, _RELEASED, _END = 1.0, 3.0, 5.0  #: [s]
@@ -36,7 +34,6 @@ _NEGLIGIBLE = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad]
 _TOLERANCE = 1e-6
 _PRESSES = 4  #: of a key that a program reads itself, from 1 to 3 s
 _SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these is full marks.
-_LIMITS = Limits()
 _PARAMETERS = {each.name: float(each.default) for each in PARAMETERS if 'refuse' in each.name}
 
 
@@ -81,10 +78,9 @@ def judge_relay(code: JudgedCode) -> list[Finding]:
     judges: Mapping[str, Callable[[], tuple[float, str]]] = {
         'relay.forward': partial(_direction, 'motor', (_UP, _DOWN), _FORWARD, held),
         'relay.steering': partial(_direction, 'servo', (_LEFT, _RIGHT), _STEERING, held),
-        'relay.units': partial(_bounded, _REFUSED, _UP_TO, drives),
+        'relay.units': partial(_bounded, drives),
         'relay.release': partial(_release, drives),
         'relay.rate': partial(_rate, drives[_UP], has_keys),
-        'relay.limits': partial(_bounded, _POSSIBLE, _WITHIN, drives),
         'relay.silence': partial(_silence, silent),
     }
     findings = [Finding(name, *judges[name]()) for name in LABELS]
@@ -156,42 +152,25 @@ def _direction(
     return score, '; '.join(faults) or sentences[3].format(*values)
 
 
-_MAX_MOTOR = max(_LIMITS.acceleration, _LIMITS.deceleration)
-_Bounds = dict[str, tuple[float, str]]
-_MAX_SERVO = 0.8  # [rad] 46°
-#: The maximum motor [m/s²] and servo [rad], with the sentence beyond: what is in other units,
-_REFUSED: _Bounds = {
-    'servo': (
-        _MAX_SERVO,
-        (
-            'servo reaches {0:.3g} rad, which is {2:.0f}°: the wheels of a car turn by about 0.5 '
-            'rad. Is it in degrees ({0:.3g}° are {3:.3g} rad), or does it grow without a limit?'
-        ),
-    ),
-    'motor': (
-        _PARAMETERS['refuse_motor_above'],
-        'motor reaches {0:.3g} m/s²: the simulator refuses more than {1:g}',
-    ),
+#: The maximum motor [m/s²] and servo [rad]; beyond is what is in other units.
+_BOUNDS = {'servo': 0.8, 'motor': _PARAMETERS['refuse_motor_above']}
+_BEYOND = {
+    'servo': 'servo reaches {0:.3g} rad, which is {2:.0f}°: the wheels of a car turn by about 0.5 '
+    'rad. Is it in degrees ({0:.3g}° are {3:.3g} rad), or does it grow without a limit?',
+    'motor': 'motor reaches {0:.3g} m/s²: the simulator refuses more than {1:g}',
 }
-#: and what the car can do.
-_POSSIBLE: _Bounds = {
-    'motor': (_MAX_MOTOR, 'motor reaches {0:.3g} m/s²: the car gives {1:g} at most'),
-    'servo': (_LIMITS.steering, 'servo reaches {0:.3g} rad: the wheels turn by {1:g}'),
-}
-_UP_TO = 'motor up to {motor:.3g} m/s², servo up to {servo:.3g} rad'
-_WITHIN = f'within {_MAX_MOTOR:g} m/s² and {_LIMITS.steering:g} rad'
 
 
-def _bounded(bounds: _Bounds, right: str, drives: Drives) -> tuple[float, str]:
+def _bounded(drives: Drives) -> tuple[float, str]:
     """Judge the maximum values of the commands, either way."""
     faults, reached = [], {}
-    for field, (bound, sentence) in bounds.items():
+    for field, bound in _BOUNDS.items():
         values = [abs(getattr(each, field)) for drive in drives.values() for each in drive]
         value = reached[field] = max(values, default=0.0)
         if value > bound + _TOLERANCE:
-            faults.append(sentence.format(value, bound, degrees(value), radians(value)))
-    score = 0.0 if bounds is _REFUSED and faults else 1.0 - len(faults) / len(bounds)
-    return score, '; '.join(faults) or right.format(**reached)
+            faults.append(_BEYOND[field].format(value, bound, degrees(value), radians(value)))
+    right = 'motor up to {motor:.3g} m/s², servo up to {servo:.3g} rad'
+    return 1.0 - bool(faults), '; '.join(faults) or right.format(**reached)
 
 
 def _release(drives: Drives) -> tuple[float, str]:

@@ -5,61 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from user_files import LocalCode, load_folder
+from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, LocalCode, load_folder, replaced
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-MODEL = """\
-from math import *
-
-L_F = L_R = 1.5
-
-
-def sign(v):
-    return (v > 0) - (v < 0)
-
-
-def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts, l_f=L_F, l_r=L_R):
-    beta = atan(l_r / (l_f + l_r) * tan(d_f))
-    drag = -a0 * v**2 * sign(v)
-    friction = -Ff * sign(v)
-    gravity = -m * 9.8 * sin(theta)
-    F_ext = drag + friction + gravity
-    x_next = x + ts * v * cos(psi + beta)
-    y_next = y + ts * v * sin(psi + beta)
-    psi_next = psi + ts * v / l_r * sin(beta)
-    v_next = v + ts * (a + F_ext / m)
-    return [x_next, y_next, psi_next, v_next]
-"""
-
-CONTROLLER = """\
-class PID:
-    def __init__(self, kp, ki, kd):
-        self.kp = kp
-        self.ki = ki
-        self.kd = kd
-        self.area = 0.0
-        self.before = None
-
+LIMITED = """\
+if abs(output) < 8.0:
+            self.total = total
+        return max(-8.0, min(8.0, output))"""
+RESET = """\
     def reset(self):
-        self.area = 0.0
-        self.before = None
+        self.total = 0.0
+        self.e_before = None
 
-    def acc_calculate(self, speed_reference, speed_current):
-        dt = 0.02
-        e = speed_reference - speed_current
-        change = 0.0 if self.before is None else e - self.before
-        area = self.area + e * dt
-        out = self.kp * e + self.ki * area + self.kd * change / dt
-        if abs(out) < 8.0:
-            self.area = area
-        self.before = e
-        return max(-8.0, min(8.0, out))
-
-
-pid = PID(30, 200, 0.1)
 """
 
 
@@ -78,11 +38,21 @@ def lab(tmp_path: Path) -> Callable[..., LocalCode]:
 
 @pytest.fixture
 def model() -> str:
-    """Return a right `bike_model.py`, as a user may write it."""
-    return MODEL
+    """Return a right `bike_model.py` that takes the lengths."""
+    return replaced(PLAIN_MODEL, (', ts):', ', ts, l_f=l_f, l_r=l_r):'))
 
 
 @pytest.fixture
 def controller() -> str:
-    """Return a right `controller.py`, as a user may write it."""
-    return CONTROLLER
+    """Return a right `controller.py` with a limit and a reset."""
+    return replaced(
+        PLAIN_CONTROLLER,
+        ('    def acc_calculate', f'{RESET}    def acc_calculate'),
+        ('self.total += e * dt', 'total = self.total + e * dt'),
+        ('self.ki * self.total', 'self.ki * total'),
+        (
+            'return output',
+            LIMITED,
+        ),
+        ('kp=30, ki=60, kd=0.1', '30, 200, 0.1'),
+    )

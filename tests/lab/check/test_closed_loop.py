@@ -10,8 +10,8 @@ from user_files import replaced
 
 from barc_sim.lab.hills.loop import (
     STEEPEST_DEG,
-    Comparison,
     Conditions,
+    Drive,
     judge_lab_road,
     judge_random_roads,
     random_road,
@@ -39,8 +39,8 @@ def conditions(gains: Gains) -> Conditions:
 
 
 def remarks(finding: Finding) -> list[str]:
-    assert isinstance(finding.evidence, Comparison)
-    return [stretch.remark for stretch in finding.evidence.stretches]
+    assert isinstance(finding.evidence, Drive)
+    return [remark for _, remark in finding.evidence.stretches]
 
 
 @pytest.mark.parametrize(
@@ -50,11 +50,11 @@ def remarks(finding: Finding) -> list[str]:
         (RUN, 0, '1.00 s to 8 m/s, where 8 m/s² allow 1.00 s'),
         ((10.0, 20.0, 0.0), STEEP, 'm/s off, gone after 1.2 s'),
         ((2.0, 0.0, 0.0), STEEP, 'at once: 2.44 m/s too slow at its end'),
-        ((2.0, 0.0, 0.0), 2, 'starts 0.85 m/s off, from the stretch before: gone after 1.1 s'),
+        ((2.0, 0.0, 0.0), 2, '0.85 m/s off from the stretch before, gone after 1.1 s'),
         ((2.0, 2.0, 0.0), 0, 'm/s too fast'),
         ((5.0, 400.0, 0.0), STEEP, 'overshoots by'),
         ((1.0, 100.0, 0.0), STEEP, 'the speed swings 4 times'),
-        ((30.0, 200.0, 5.0), STEEP, 'the output jumps between its limits of 8 m/s²'),
+        ((30.0, 200.0, 5.0), STEEP, 'the output was at its limit of 8 m/s² for 1.4 s'),
         ((0.0, 0.0, 0.0), 0, '8 m/s is not reached'),
         ((-5.0, 0.0, 0.0), 0, 'the car drives backwards'),
     ],
@@ -64,13 +64,6 @@ def test_each_stretch_has_what_the_speed_does(
 ) -> None:
     finding = judge_lab_road(lab(controller=controller), conditions(gains))
     assert words in remarks(finding)[stretch]
-
-
-def test_an_output_against_the_error_is_named(lab: Lab, controller: str) -> None:
-    code = lab(controller=controller.replace('if abs(out) < 8.0', 'if True'))
-    finding = judge_lab_road(code, conditions((2.0, 50.0, 0.0)))
-    assert finding.score < 0.5
-    assert any('s of it against the error' in remark for remark in remarks(finding))
 
 
 def test_the_message_names_the_worst_stretch(lab: Lab, controller: str) -> None:
@@ -97,17 +90,8 @@ def test_a_failure_on_the_way_gets_zero(lab: Lab, controller: str, judge: Judge)
     assert 'TypeError' in finding.message
 
 
-def test_the_own_run_is_kept_beside_the_references(lab: Lab, controller: str) -> None:
-    evidence = judge_lab_road(lab(controller=controller), conditions(RUN)).evidence
-    assert isinstance(evidence, Comparison)
-    assert evidence.usual.motor.max() == 8.0  # under the same limit
-    assert abs(evidence.user.speed_error[evidence.user.distance > 10.0]).max() == pytest.approx(
-        abs(evidence.usual.speed_error[evidence.usual.distance > 10.0]).max(), rel=0.05
-    )
-
-
 def test_a_car_that_drives_backwards_has_a_hint(lab: Lab, controller: str) -> None:
-    text = replaced(controller, ('max(-8.0, min(8.0, out))', 'out'))
+    text = replaced(controller, ('max(-8.0, min(8.0, output))', 'output'))
     free = Conditions(ChosenGains(-50.0, 0.0, 0.0, 'the test'))
     finding = judge_lab_road(lab(controller=text), free)
     assert finding.score == 0.0

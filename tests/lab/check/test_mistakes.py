@@ -8,58 +8,41 @@ import numpy as np
 import pytest
 
 from barc_sim.lab.check.laws import Mistake
-from barc_sim.lab.hills.controller import TERM_LAWS, judge_controller
-from barc_sim.lab.hills.model import (
-    BIKE,
-    EQUATIONS,
-    GENERAL,
-    REVERSE,
-    SITUATIONS,
-    Trial,
-    close,
-    joined,
-    with_lengths,
-)
+from barc_sim.lab.hills.controller import PID_LAW, judge_controller
+from barc_sim.lab.hills.model import BIKE, EQUATIONS, ROAD, close
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-NAMES = tuple(f'{name}_next' for name in EQUATIONS)
-TRIALS = [
-    Trial(situation, 7, 40)
-    for situation in (*SITUATIONS, *REVERSE, *GENERAL, with_lengths(1.2, 1.9))
-]
-INPUTS = joined([trial.inputs for trial in TRIALS])
+DRAWN = [each.inputs(7, 40) for section in BIKE.situations.values() for each in section]
+INPUTS = {name: np.concatenate([each[name] for each in DRAWN]) for name in DRAWN[0]}
 STATES = [dict(zip(INPUTS, row, strict=True)) for row in np.array([*INPUTS.values()]).T.tolist()]
-EXPECTED = dict(zip(NAMES, np.array([bikeFE(**state) for state in STATES]).T, strict=True))
+EXPECTED = dict(zip(EQUATIONS, np.array([bikeFE(**state) for state in STATES]).T, strict=True))
 
 
-def same(one: Any, other: Any) -> bool:  # noqa: ANN401 (arrays)
-    return bool(close(one, other).all())
-
-
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name', EQUATIONS)
 def test_without_a_mistake_each_equation_is_the_references(name: str) -> None:
-    assert same(BIKE.compute(INPUTS)[name], EXPECTED[name])
+    assert close(BIKE.compute(INPUTS)[name], EXPECTED[name])
 
 
 def sentences(got: dict[str, Any], wrong: Sequence[str]) -> dict[str, str]:
-    returned = {name.replace('next', 'got'): values for name, values in got.items()}
-    causes = BIKE.explain(INPUTS | returned, got, wrong, same)
+    known = INPUTS | {f'got_{name}': values for name, values in got.items()}
+    with np.errstate(all='ignore'):
+        causes = BIKE.explain({name: (known, values) for name, values in got.items()}, wrong, close)
     return {name: cause.sentence for name, cause in causes.items()}
 
 
 #: Without those that are named by what was returned: the table of wrong programs has them.
-NAMED = [each for each in BIKE.mistakes if '_got' not in ''.join(each.formulas.values())]
+NAMED = [each for each in BIKE.mistakes if 'got_' not in ''.join(each.formulas.values())]
 
 
 @pytest.mark.parametrize('mistake', NAMED, ids=lambda mistake: mistake.sentence[:40])
 def test_a_mistake_is_named_where_it_changes_an_equation(mistake: Mistake) -> None:
     with np.errstate(all='ignore'):
         made = BIKE.compute(INPUTS, mistake.formulas)
-        got = {name: np.broadcast_to(made[name], len(STATES)) for name in NAMES}
-    wrong = [name for name in NAMES if not same(got[name], EXPECTED[name])]
+        got = {name: np.broadcast_to(made[name], len(STATES)) for name in EQUATIONS}
+    wrong = [name for name in EQUATIONS if not close(got[name], EXPECTED[name])]
     assert wrong
     assert sentences(got, wrong) == dict.fromkeys(wrong, mistake.sentence)
 
@@ -67,8 +50,11 @@ def test_a_mistake_is_named_where_it_changes_an_equation(mistake: Mistake) -> No
 #: Of the windows of 2 to 59 calls, three.
 TERM_MISTAKES = [
     (term, each)
-    for term, law in TERM_LAWS.items()
-    for each in law.mistakes
+    for each in PID_LAW.mistakes
+    for term in (
+        each.formulas.keys() & {*'PID'}
+        or {'area': 'I', 'change': 'D'}.get(next(iter(each.formulas)), 'PID')
+    )
     if not any(f' {width} ' in each.sentence for width in {*range(3, 59)} - {20})
 ]
 
@@ -114,7 +100,7 @@ def test_a_mistake_in_a_term_is_named(term: str, mistake: Mistake) -> None:
             return ''
 
         def new_pid(self, kp: float, ki: float, kd: float, **_: object) -> Pid:
-            return Pid(TERM_LAWS[term], mistake.formulas, {'kp': kp, 'ki': ki, 'kd': kd})
+            return Pid(PID_LAW, mistake.formulas, {'kp': kp, 'ki': ki, 'kd': kd})
 
     findings: Any = judge_controller(Code(), 0)  # type: ignore[arg-type]
     finding = next(each for each in findings if each.criterion[4].upper() == term)
@@ -126,7 +112,7 @@ def test_of_two_mistakes_both_are_named_and_of_three_none() -> None:
     found = []
     for names in (('drag', 'gravity'), ('drag', 'gravity', 'v_old')):
         made = BIKE.compute(INPUTS, dict.fromkeys(names, '0'))
-        got = {name: made[name] for name in NAMES}
+        got = {name: made[name] for name in EQUATIONS}
         found.append(sentences(got, ['v_next']).get('v_next', ''))
     both, none = found
     assert both.startswith('two mistakes: air drag is missing')
@@ -142,8 +128,7 @@ def test_no_situation_passes_through_zero_speed() -> None:
 @pytest.mark.parametrize('name', EQUATIONS)
 def test_each_equation_has_situations_in_which_it_moves(name: str) -> None:
     moved = [
-        np.abs(trial.expected[name] - trial.inputs[name])
-        for trial in (Trial(situation, 3, 40) for situation in SITUATIONS)
-        if name in trial.situation.concerns.split()
+        np.abs(BIKE.compute(inputs)[name] - inputs[name.removesuffix('_next')])
+        for inputs in (each.inputs(3, 40) for each in ROAD if name in each.tests)
     ]
     assert np.min(moved) > 1e-8  # ten times the tolerance

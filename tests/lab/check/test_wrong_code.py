@@ -12,7 +12,7 @@ from user_files import replaced
 
 from barc_sim.lab.hills.controller import judge_controller
 from barc_sim.lab.hills.lab import Settings, judge
-from barc_sim.lab.hills.model import judge_equations, judge_reverse
+from barc_sim.lab.hills.model import judge_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,23 +38,27 @@ CONTROLLERS = {
         'the error has no sign: use no abs',
     ),
     'a window': (
-        'area = self.area + e * dt',
-        'self.all = [*getattr(self, "all", []), e][-7:]; area = dt * sum(self.all)',
+        'total = self.total + e * dt',
+        'self.all = [*getattr(self, "all", []), e][-7:]; total = dt * sum(self.all)',
         'integral reset',
         'I adds up the last 7 errors only',
     ),
     'another dt': ('e * dt', 'e * 0.05', 'dt', 'I uses dt = 0.05 s'),
     'P times dt': ('self.kp * e', 'self.kp * e * dt', 'dt', 'P is multiplied by dt'),
     'D times dt': ('change / dt', 'change * dt', 'dt', 'D is multiplied by dt'),
-    'rounded': ('min(8.0, out))', 'round(min(8.0, out), 2))', '', 'rounded to 2 digits'),
-    'windup': ('if abs(out) < 8.0', 'if True', 'windup', 'the integral winds up'),
+    'rounded': ('min(8.0, output))', 'round(min(8.0, output), 2))', '', 'rounded to 2 digits'),
+    'windup': ('if abs(output) < 8.0', 'if True', 'windup', 'the integral winds up'),
     'no bounds at all': (
-        'return max(-8.0, min(8.0, out))',
+        'return max(-8.0, min(8.0, output))',
         'self.n = -getattr(self, "n", 1e308); return self.n',
         'proportional integral derivative windup reset',
         'the gains that PID gets have no effect',
     ),
 }
+
+
+def of_model(code: LocalCode) -> list[Finding]:
+    return [*judge_model(code, seed=0)]
 
 
 def of_pid(code: LocalCode) -> dict[str, Finding]:
@@ -84,8 +88,7 @@ def test_the_mistake_in_a_pid_is_named(lab: Lab, controller: str, name: str) -> 
     findings = of_pid(lab(controller=replaced(controller, (old, new))))
     names = [f'pid.{criterion}' for criterion in criteria.split()]
     if names:
-        others = {'pid.first_call'} | ({'pid.dt'} - {*names})
-        assert failed(findings) - others == set(names)
+        assert failed(findings) - ({'pid.dt'} - {*names}) == set(names)
     assert words in findings[names[0] if names else 'pid.proportional'].message
 
 
@@ -100,7 +103,12 @@ def test_the_mistake_in_a_pid_is_named(lab: Lab, controller: str, name: str) -> 
 def test_l_f_for_l_r_is_named_where_a_file_has_its_own_lengths(
     lab: Lab, model: str, start: str, body: str, turn: str
 ) -> None:
-    text = start + replaced(model, (', l_f=L_F, l_r=L_R', ''), ('/ l_r *', f'/ {turn} *'))
+    text = replaced(
+        model,
+        ('l_f = 1.5\nl_r = 1.5\n', start),
+        (', l_f=l_f, l_r=l_r', ''),
+        ('/ l_r *', f'/ {turn} *'),
+    )
     text = text.replace('    beta =', f'{body}    beta =')
     settings = Settings(criteria=('model.x', 'model.general'))
     assert all(finding.passed for finding in judge(lab(text), settings))
@@ -112,13 +120,6 @@ def test_l_f_for_l_r_is_named_where_a_file_has_its_own_lengths(
     assert general.message.endswith(words)
 
 
-def test_what_nothing_explains_is_shown_with_its_largest_error(lab: Lab, model: str) -> None:
-    *_, speed = judge_equations(lab(model.replace('sin(theta)', 'sin(theta)**3')), seed=0)
-    assert ': v_next is wrong in: uphill, downhill, ' in speed.message
-    assert 'The largest error: bikeFE(x=' in speed.message
-    assert 'expected' in speed.message
-
-
 @pytest.mark.parametrize(
     ('head', 'extra'),
     [('import random', '1e-3 * random.random()'), ('calls = []', 'calls.append(0) or len(calls)')],
@@ -128,7 +129,7 @@ def test_states_that_change_from_call_to_call_are_named(
     lab: Lab, model: str, head: str, extra: str
 ) -> None:
     text = f'{head}\n{model}'.replace('[x_next', f'[x_next + ({extra})')
-    findings = judge_equations(lab(text), seed=0)
+    findings = of_model(lab(text))
     assert all(finding.score == 0.0 for finding in findings)
     assert 'the same arguments give different results' in findings[0].message
 
@@ -147,24 +148,24 @@ def test_states_that_change_from_call_to_call_are_named(
 )
 def test_an_empty_model_gets_zero(lab: Lab, model: str, body: str, words: str) -> None:
     code = lab(f'{model[: model.index("    beta")]}{body}\n')
-    findings = judge_equations(code, seed=0)
-    assert [finding.score for finding in findings] == [0.0] * 4
-    assert all(words in finding.message for finding in findings)
+    findings = of_model(code)
+    assert [finding.score for finding in findings] == [0.0] * 6
+    assert all(words in finding.message for finding in findings[:4])
 
 
 @pytest.mark.parametrize('body', ['raise NotImplementedError', 'pass', 'return 0.0', 'return 3.0'])
 def test_an_empty_pid_gets_zero(lab: Lab, controller: str, body: str) -> None:
     head, acc, _ = controller.partition('    def acc_calculate')
     text = f'{head}{acc}(self, speed_reference, speed_current):\n        {body}\n'
-    assert [finding.score for finding in of_pid(lab(controller=text)).values()] == [0.0] * 7
+    assert [finding.score for finding in of_pid(lab(controller=text)).values()] == [0.0] * 6
 
 
 def test_a_failure_in_reverse_costs_only_that(lab: Lab, model: str) -> None:
     code = lab(model.replace('    beta =', '    assert v >= 0, "no reverse"\n    beta ='))
-    assert all(finding.passed for finding in judge_equations(code, seed=0))
-    finding = judge_reverse(code, seed=0)
-    assert finding.score == 0.0
-    assert 'no reverse' in finding.message
+    *others, reverse, general = of_model(code)
+    assert all(finding.passed for finding in (*others, general))
+    assert reverse.score == 0.0
+    assert 'no reverse' in reverse.message
 
 
 def test_random_outputs_are_named(lab: Lab, controller: str) -> None:
@@ -176,44 +177,25 @@ def test_random_outputs_are_named(lab: Lab, controller: str) -> None:
         assert 'the same speeds give different outputs' in findings[name].message
 
 
-@pytest.mark.parametrize(
-    ('names', 'words'),
-    [
-        (['area'], 'the integral'),
-        (['before'], 'the last error'),
-        (['area', 'before'], 'the integral and the last error'),
-    ],
-)
-def test_what_is_kept_across_runs_is_named(
-    lab: Lab, controller: str, names: list[str], words: str
-) -> None:
-    head, reset, tail = controller.partition('    def reset(self):\n')
-    body, acc, rest = tail.partition('    def acc_calculate')
-    kept = controller
-    for name in names:
-        body = ''.join(line for line in body.splitlines(keepends=True) if name not in line)
-        kept = kept.replace(f'        self.{name} = 0.0\n', '').replace(
-            f'        self.{name} = None\n', ''
-        )
-        kept = kept.replace(f'self.{name}', f'kept.{name}')
-    if len(names) == 2:
-        kept = kept.replace('    def reset(self):\n', '')
-    kept = f'class kept:\n    area = 0.0\n    before = None\n\n\n{kept}'
-    findings = of_pid(lab(controller=kept))
-    assert f'one run changes the next ({words})' in findings['pid.reset'].message
-    assert failed(findings) == {'pid.reset'}
-    findings = of_pid(lab(controller=f'{head}{reset}        "Start anew."\n{body}\n{acc}{rest}'))
-    assert failed(findings) == {'pid.reset'}
-    assert findings['pid.reset'].message == f'reset() does not clear {words}'
+@pytest.mark.parametrize('names', [['total'], ['e_before'], ['total', 'e_before']])
+def test_what_is_kept_across_runs_is_named(lab: Lab, controller: str, names: list[str]) -> None:
+    kept = 'class kept:\n    total = 0.0\n    e_before = None\n\n\n' + controller
+    cleared = controller
+    for name, start in {'total': '0.0', 'e_before': 'None'}.items():
+        if name in names:
+            kept = kept.replace(f'        self.{name} = {start}\n', '        pass\n')
+            kept = kept.replace(f'self.{name}', f'kept.{name}')
+            head, reset, tail = cleared.partition('    def reset')
+            tail = tail.replace(f'        self.{name} = {start}\n', '        pass\n', 1)
+            cleared = head + reset + tail
+    for text, words in {
+        kept: 'one run changes the next',
+        cleared: 'reset() does not clear',
+    }.items():
+        findings = of_pid(lab(controller=text))
+        assert failed(findings) == {'pid.reset'}
+        assert words in findings['pid.reset'].message
     assert findings['pid.reset'].score == pytest.approx(2 / 3)
-
-
-def test_a_clock_is_told_from_what_is_kept_across_runs(lab: Lab, controller: str) -> None:
-    text = controller.replace('dt = 0.02', 'dt = next(clock)')
-    text = f'from itertools import count\n\nclock = (1e-5 * k for k in count(1))\n\n\n{text}'
-    findings = of_pid(lab(controller=text))
-    assert findings['pid.reset'].score == 0.0
-    assert 'It is called every 0.02 s' in findings['pid.reset'].message
 
 
 #: A PID that answers by the number of the call, and the error.

@@ -11,7 +11,7 @@ from user_files import CONTROLLER, MODEL
 
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import JudgedCode, Row
+from barc_sim.lab.check.code import JudgedCode
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.rubric import load
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.usefixtures('confinement')
 
-ROW = Row(1.0, 2.0, 0.3, 7.0, 0.5, 0.2, 0.1, 1900.0, 3.0, 0.1, 0.03)
+ROW = (1.0, 2.0, 0.3, 7.0, 0.5, 0.2, 0.1, 1900.0, 3.0, 0.1, 0.03)
 ANSWER = [float(value) for value in bikeFE(*ROW)]
 _PID = PID(2.0, 3.0, 0.01)
 OUTPUTS = [_PID.acc_calculate(8.0, 7.0, 0.02), _PID.acc_calculate(8.0, 7.5, 0.02)]

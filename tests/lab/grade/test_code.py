@@ -10,7 +10,7 @@ from user_files import CONTROLLER, MODEL
 
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import JudgedCode, Row
+from barc_sim.lab.check.code import JudgedCode
 from barc_sim.lab.confined.process import Limits
 from barc_sim.vehicle.bike_model import bikeFE
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.usefixtures('confinement')
 
 _RANDOM = Random(6)  # noqa: S311 (a simulation)
-ROWS = [Row(*(_RANDOM.uniform(0.1, 1.0) for _ in range(11))) for _ in range(3_000)]
+ROWS = [[_RANDOM.uniform(0.1, 1.0) for _ in range(11)] for _ in range(3_000)]
 SAMPLES = [(8.0, _RANDOM.uniform(0.0, 9.0), 0.02) for _ in range(500)]
 QUICK = Limits(call=0.3)
 PID_LOOPING_AT_5 = """

@@ -16,7 +16,7 @@ from barc_sim.lab.grade import classroom
 from barc_sim.lab.grade import grade as report
 from barc_sim.lab.grade.grade import Failure, Grade, Item
 from barc_sim.lab.grade.rubric import ByHand, Rubric
-from barc_sim.lab.hills.loop import Comparison
+from barc_sim.lab.hills.loop import Conditions, Drive
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ RUBRIC = Rubric(
 
 
 def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Grade:
-    runs = Comparison(LOG, LOG)
+    runs = Drive(LOG, '', Conditions(None))
     return Grade(
         name=text,
         title='The lab',

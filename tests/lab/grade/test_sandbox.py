@@ -13,7 +13,7 @@ import pytest
 
 import barc_sim
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import JudgedCode, Row
+from barc_sim.lab.check.code import JudgedCode
 from barc_sim.lab.confined import kernel
 from barc_sim.lab.confined.process import Limits, check
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.usefixtures('confinement')
 
-ROW = Row(*[0.0] * 11)
+ROW = [0.0] * 11
 QUICK = Limits(call=0.3, wait=8.0)
 BIKE_FE = """
 def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
