@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import saving, target
-from barc_sim.cli.parser import number
-from barc_sim.control.cruise_control import LIMIT
-from barc_sim.control.pid import PID
 from barc_sim.errors import UserError, one_line
 
 if TYPE_CHECKING:
@@ -22,7 +18,7 @@ if TYPE_CHECKING:
     from barc_sim.cli.parser import Parser
     from barc_sim.lab.check.code import Finding
     from barc_sim.lab.grade.rubric import Rubric
-    from barc_sim.lab.hills.lab import Report, Settings
+    from barc_sim.lab.hills.lab import Report
     from barc_sim.simulation.metrics import SegmentErrors
 
 FORMATS = ('png', 'pdf', 'svg')
@@ -44,22 +40,6 @@ def add_arguments(parser: Parser) -> None:
         default='lab',
         metavar='RUBRIC',
         help='the points, as in grade: lab, strict, extended or a file (%(default)s)',
-    )
-    parser.add_argument(
-        '--seed', type=int, metavar='N', help="of the random states and roads (the rubric's)"
-    )
-    for name, gain in PID.gains.items():
-        parser.add_argument(
-            f'--{name}',
-            type=number(*gain.between),
-            metavar='GAIN',
-            help='for the drives over the roads (the one in controller.py)',
-        )
-    parser.add_argument(
-        '--acceleration-limit',
-        type=number(*LIMIT.between),
-        metavar='A',
-        help="of the controller on the roads [m/s²] (the rubric's: none)",
     )
     parser.add_argument(
         '--save', metavar='FILE', help='the figure: .png, .pdf or .svg (LAB/check.png)'
@@ -88,7 +68,7 @@ def run(options: Namespace) -> int:
     name = options.save or str(folder / 'check.png')
     path = None if options.no_plot else target(name, FORMATS)
     find_files(folder)  # or a UserError
-    report = judge_folder(folder, _settings(rubric.settings, options))
+    report = judge_folder(folder, rubric.settings)
     print_report(report, rubric)
     composed = _composition(folder)
     if path and report.drive:
@@ -111,16 +91,6 @@ def _composition(folder: Path) -> bool:
     right, sentence = judge_composition(file)
     print(f'{COMPOSE}: {sentence}')  # noqa: T201
     return right
-
-
-def _settings(settings: Settings, options: Namespace) -> Settings:
-    """Return the rubric's settings, changed by the options."""
-    changes = {
-        name: value
-        for name in ('seed', 'kp', 'ki', 'kd', 'acceleration_limit')
-        if (value := getattr(options, name)) is not None
-    }
-    return replace(settings, **changes)
 
 
 def print_report(report: Report, rubric: Rubric, console: Console | None = None) -> None:

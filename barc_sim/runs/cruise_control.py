@@ -8,7 +8,7 @@ from itertools import pairwise
 from math import inf
 from typing import TYPE_CHECKING
 
-from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
+from barc_sim.control.pid import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
@@ -197,10 +197,12 @@ def _print_result(run: Run, cars: list[Car]) -> None:
 
 def _driven_with(options: Namespace, user_code: UserCode, controller: CruiseController) -> str:
     """Return the gains and the limit of a user's controller."""
-    from barc_sim.lab.hills.lab import Settings, gains_used  # noqa: PLC0415 (slow)
+    from barc_sim.lab.user_code.source import ChosenGains  # noqa: PLC0415 (slow)
 
-    named = _gains(options)
-    settings = Settings(kp=named.get('kp'), ki=named.get('ki'), kd=named.get('kd'))
+    gains, named = user_code.gains or ChosenGains(KP, KI, KD, 'barc_sim'), _gains(options)
+    if named:
+        rest = '' if len(named) == len(PID.gains) else f', the others from {gains.origin}'
+        gains = gains._replace(**named, origin=f'the command line{rest}')
     limit = controller.values['acceleration_limit']
     limited = 'without a limit' if limit >= NO_LIMIT else f'limited to {limit:g} m/s²'
-    return f'{gains_used(user_code.gains, settings)}, {limited}'
+    return f'{gains}, {limited}'

@@ -47,7 +47,7 @@ def sentence(function: Callable[..., object], arguments: dict[str, Any]) -> str:
         (simulate, {'acceleration_limit': -8}, 'acc --acceleration-limit -8'),
         (sweep, {'acceleration_limit': nan}, 'acc --acceleration-limit nan'),
         (simulate, {'kp': nan}, 'acc --kp nan'),
-        (PID, {'kp': inf}, 'check --kp inf'),
+        (PID, {'kp': inf}, 'acc --kp inf'),
         (PID, {'kd': 1e7}, 'acc --gain kd=1e7'),
         (LQR, {'effort_weight': 0.0}, 'acc --gain effort_weight=0'),
         (simulate, {'speed_reference': 101}, 'acc --speed 101'),

@@ -76,7 +76,7 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
 
     # Task 1: the model.
     (lab / 'bike_model.py').write_text(MODEL)
-    assert re.search(r'model\.v +16 / 16', barc('check', 'my_lab').stdout)
+    assert re.search(r'model\.v +18 / 18', barc('check', 'my_lab').stdout)
     done('acc', '--model', 'my_lab/bike_model.py', *FAST)
 
     # Task 2: the controller, first without the call that chooses the gains.

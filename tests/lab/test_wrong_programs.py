@@ -8,7 +8,6 @@ replaced in it. Those of relays, and of nodes that read the keys themselves, are
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
@@ -232,10 +231,10 @@ def write(folder: Path, program: Program) -> None:
         (folder / name).write_text(text, encoding='utf-8')
 
 
-def judged(folder: Path, **changes: float) -> dict[str, Finding]:
+def judged(folder: Path) -> dict[str, Finding]:
     """Return the findings on a folder by the rubric `lab`, judged in this process."""
     code = LocalCode(UserCode(files_in(folder), budget=None, packages=False))
-    return {each.criterion: each for each in judge(code, replace(LAB.settings, **changes))}
+    return {each.criterion: each for each in judge(code, LAB.settings)}
 
 
 def points(findings: dict[str, Finding]) -> float:
@@ -261,7 +260,9 @@ def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
     advice = ADVICE.findall(remarks(findings))
     assert HELPED.get(name, bool(advice)) == bool(advice)
     for gain, value, error in advice:
-        better = judged(tmp_path, **{gain: float(value)})['loop.lab_road']
+        file = tmp_path / 'controller.py'
+        file.write_text(re.sub(rf'{gain}=[\d.]+', f'{gain}={value}', file.read_text()))
+        better = judged(tmp_path)['loop.lab_road']
         assert better.score > findings['loop.lab_road'].score
         assert f'RMS error {error} m/s' in better.message
 

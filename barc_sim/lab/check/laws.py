@@ -43,7 +43,7 @@ Range = tuple[float, float]  #: uniform between the two
 
 _NUMPY = ('abs', 'arctan2', 'clip', 'cos', 'degrees', 'maximum', 'radians', 'sign', 'sin', 'tan')
 _FUNCTIONS = {'atan': np.arctan, 'pi': pi, **{name: getattr(np, name) for name in _NUMPY}}
-_SAMPLE = 100  #: inputs with which pairs of mistakes are tried first
+_SAMPLE = 100  #: inputs with which mistakes are tried first
 
 
 class Mistake(NamedTuple):
@@ -128,12 +128,15 @@ class Law:
         agree
             Whether two arrays are the same results.
         """
+        few = {name: _few(case) for name, case in cases.items()}
 
-        def explains(name: str, mistakes: Formulas, part: slice = slice(None)) -> bool:
-            inputs, got = _sliced(cases[name], part)
-            return any(
-                agree(got, np.broadcast_to(values, got.shape))
-                for values in self.right(inputs, name, mistakes)
+        def explains(name: str, mistakes: Formulas) -> bool:
+            return all(
+                any(
+                    agree(got, np.broadcast_to(values, got.shape))
+                    for values in self.right(inputs, name, mistakes)
+                )
+                for inputs, got in (few[name], cases[name])[few[name] is cases[name] :]
             )
 
         explained = [
@@ -147,11 +150,9 @@ class Law:
             if new[1:] or not mistake.is_general:
                 found |= dict.fromkeys(new, mistake)
         for name in (name for name in wrong if name not in found):
-            few = slice(None, None, max(len(cases[name][1]) // _SAMPLE, 1))
-            inputs, _ = _sliced(cases[name], few)
-            for first, second in self._pairs(inputs, name, agree):
+            for first, second in self._pairs(few[name][0], name, agree):
                 both = {**first.formulas, **second.formulas}
-                if explains(name, both, few) and explains(name, both):
+                if explains(name, both):
                     text = f'two mistakes: {first.sentence}; and {second.sentence}'
                     found[name] = Mistake('', text, both, f'{first.kind}; {second.kind}')
                     break
@@ -171,9 +172,11 @@ class Law:
                 yield first, second
 
 
-def _sliced(case: Case, part: slice) -> Case:
+def _few(case: Case) -> Case:
+    """Return some of many inputs and results."""
     inputs, got = case
-    return {name: values[part] for name, values in inputs.items()}, got[part]
+    step = len(got) // _SAMPLE
+    return ({k: each[::step] for k, each in inputs.items()}, got[::step]) if step > 1 else case
 
 
 class Trial(NamedTuple):
@@ -202,7 +205,7 @@ class Verdict(NamedTuple):
 
 _PROPORTIONAL = 1e-6  #: relative error of a result that is the right one but for a factor
 _FACTOR, _SIGN = 0.4, 0.6  #: of a result's points; see `Judge.loss`
-_ABSENT = 'Absent'  #: the topic of results that are not there, each of which counts
+_ABSENT = 'Absent'  #: A topic that begins so is of results that are not there: each counts.
 
 
 @dataclass(frozen=True)
@@ -254,8 +257,9 @@ class Judge:
         verdicts = dict.fromkeys(own, Verdict(1.0))
         placed: dict[str, str] = {}  # one mistake has one line
         for name, cause in causes.items():
-            share = losses[name] / (1 if cause.topic == _ABSENT else times[cause.kind])
-            most = _SIGN if cause.topic not in ('', _ABSENT) else 1.0
+            absent = cause.topic.startswith(_ABSENT)
+            share = losses[name] / (1 if absent else times[cause.kind])
+            most = _SIGN if cause.topic and not absent else 1.0
             text = placed.setdefault(cause.sentence, self.placed(own[name], name, cause))
             verdicts[name] = Verdict(1.0 - min(share, most), text, bool(cause.formulas))
         return verdicts

@@ -26,7 +26,7 @@ from barc_sim.lab.hills.loop import NOT_A_CAR
 from barc_sim.lab.hills.model import TS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from barc_sim.lab.check.code import Judged, JudgedCode, Sample
     from barc_sim.lab.check.laws import Floats, Index
@@ -99,14 +99,18 @@ PID_LAW = replace(
 )
 
 
-def judge_controller(code: JudgedCode, seed: int) -> Iterator[Finding]:
+def judge_controller(
+    code: JudgedCode, seed: int, criteria: Collection[str] = tuple(LABELS)
+) -> Iterator[Finding]:
     """Yield a finding for each criterion `pid.…`."""
     reset = judge_reset(code, seed)
-    terms, windup = _judge_terms(code, seed), judge_windup(code)
-    if not terms[1].passed and not windup.passed:
+    findings = _judge_terms(code, seed)
+    if 'pid.windup' in criteria:
+        windup, integral = judge_windup(code), findings[1]
         # What follows from a mistake in the integral is not taken off again.
-        windup = replace(windup, score=max(windup.score, terms[1].score))
-    for finding in (*terms, windup):
+        score = windup.score if integral.passed else max(windup.score, integral.score)
+        findings.append(replace(windup, score=score))
+    for finding in findings:
         # Randomness comes first in the message: it changes every other result.
         random = not finding.passed and reset.message.startswith(_RANDOM)
         message = f'{reset.message}. So: {finding.message}' if random else finding.message

@@ -29,8 +29,8 @@ _CHECKED = Limits(call=2.0, wait=10.0, total=45.0)
 def _judge_controller(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     with suppress(UserError):
         code.new_pid(KP, KI, KD)
-    gains = gains_used(code.chosen_gains(), settings)
-    findings = [*controller.judge_controller(code, settings.seed)]
+    gains = code.chosen_gains()
+    findings = [*controller.judge_controller(code, settings.seed, settings.criteria)]
     yield from findings
     if gains is None and controller.ignores_gains(code, settings.seed):
         gains = ChosenGains(KP, KI, KD, 'which have no effect')
@@ -61,9 +61,6 @@ class Settings:
     """How user code is judged."""
 
     seed: int = 0  #: of the states, the sequences of speeds and the random roads
-    kp: float | None = None  #: on the roads; None: the file's own
-    ki: float | None = None
-    kd: float | None = None
     acceleration_limit: float = inf  #: [m/s²] on the roads; the lab's car has none
     thresholds: loop.Thresholds = field(default_factory=loop.Thresholds)
     criteria: Collection[str] = CRITERIA
@@ -73,17 +70,6 @@ def judge(code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
     """Return a finding for each criterion of `settings`, in the order of `CRITERIA`."""
     settings = settings or Settings()
     return judge_parts(code, PARTS, settings.criteria, settings)
-
-
-def gains_used(chosen: ChosenGains | None, settings: Settings) -> ChosenGains | None:
-    """Return the gains with which the code drives: the command line's, or those of its file."""
-    options = (settings.kp, settings.ki, settings.kd)
-    if options == (None, None, None):
-        return chosen
-    chosen = chosen or ChosenGains(KP, KI, KD, 'barc_sim')
-    kp, ki, kd = (c if g is None else g for g, c in zip(options, chosen[:3], strict=True))
-    rest = '' if None not in options else f', the others from {chosen.origin}'
-    return ChosenGains(kp, ki, kd, f'the command line{rest}')
 
 
 @dataclass(frozen=True)
@@ -116,6 +102,6 @@ def judge_folder(
     """
     with JudgedCode(folder, limits, sandbox=sandbox) as code:
         found = judge(code, settings)
-        gains = gains_used(code.chosen_gains(), settings) if code.has('controller') else None
+        gains = code.chosen_gains() if code.has('controller') else None
         tolerated = code.tolerated()
     return Report(found, code.printed, gains, tolerated)
