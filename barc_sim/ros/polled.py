@@ -16,8 +16,8 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.qos import QoSProfile
 
-from barc_sim.ros.executor.descriptors import counter, retire
 from barc_sim.ros.executor.rclpy_private import set_listener
+from barc_sim.ros.executor.waiting import counter, retire
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

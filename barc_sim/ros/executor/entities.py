@@ -61,6 +61,7 @@ class Entry:
     descriptor: int = -1  #: the eventfd in which arrivals are counted
     idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
     on_taken: Callable[[Entry], None] | None = None
+    watch: Any = None  #: a timer's on jumps of its clock; what stands for it in the wait set
 
     def warns_of(self, error: BaseException) -> bool:
         """Warn where rclpy itself cannot handle what has arrived; return False for other errors.
@@ -86,7 +87,7 @@ def entry_of(entity: Entity, kind: str, node: Node) -> Entry:
     known = type(group) in (MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup)
     begin = claim if known else lambda: group.can_execute(entity) and claim()
     end = partial(group.ending_execution, entity)
-    take = next((take for each, take in _TAKES.items() if isinstance(entity, each)), take_waitable)
+    take = next((take for each, take in _TAKES.items() if isinstance(entity, each)), _take_waitable)
     return Entry(entity, kind, node, handle_of(entity), take, begin, end)
 
 
@@ -140,17 +141,11 @@ def _take_client(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
 
 def _take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take a timer, unless it was cancelled or reset meanwhile; faster than rclpy's way."""
-    timer, handle = entry.entity, entry.handle
-    try:
-        with handle:
-            if not handle.is_timer_ready():
-                return None
-            handle.call_timer()
-    except _rclpy.RCLError:
-        if not timer.is_canceled():
-            raise
-        return None
-    return timer.callback, ()
+    with suppress(_rclpy.RCLError), entry.handle:  # cancelled meanwhile
+        if entry.handle.is_timer_ready():
+            entry.handle.call_timer()
+            return entry.entity.callback, ()
+    return None
 
 
 def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
@@ -163,7 +158,7 @@ def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     return entry.entity.execute, (taken,)
 
 
-def take_waitable(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
+def _take_waitable(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
     """Take a waitable's data."""
     return executor._take_waitable(entry.entity), ()
 

@@ -19,7 +19,6 @@ from rclpy.executors import ExternalShutdownException, ShutdownException, Single
 from rclpy.guard_condition import GuardCondition
 from rclpy.timer import Timer
 
-from barc_sim.ros.executor.descriptors import Descriptors, counter, retire
 from barc_sim.ros.executor.entities import KINDS, Entity, Entry, entry_of
 from barc_sim.ros.executor.rclpy_private import (
     StandIn,
@@ -27,11 +26,11 @@ from barc_sim.ros.executor.rclpy_private import (
     set_listener,
     was_triggered,
 )
+from barc_sim.ros.executor.waiting import Descriptors, counter, retire
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from rclpy.clock import JumpHandle
     from rclpy.context import Context
     from rclpy.node import Node
 
@@ -69,7 +68,6 @@ class Events:
         self._signalled: deque[Entry] = deque()  # by other threads
         self._due: dict[Entry, float] = {}  # [s] by timer; inf: not by itself
         self._next_due = inf
-        self._jumps: dict[Entry, JumpHandle] = {}
         self._next_check = 0.0
         self._wakeup = counter()  # which timers count their resets in, too
         self._waiter = WaitSetThread(context, self._signal, on_failure)
@@ -173,7 +171,7 @@ class Events:
             if left is not None and left <= 0:
                 if not entry.pending:  # else it waits for its group already
                     self.queue(entry)
-            elif left and not (entry in self._jumps and entry.entity.clock.ros_time_is_active):
+            elif left and not (entry.watch and entry.entity.clock.ros_time_is_active):
                 self._due[entry] = time.monotonic() + left * 1e-9
         self._next_due = min(self._due.values(), default=inf)
 
@@ -198,12 +196,11 @@ class Events:
         """Listen to an entity."""
         entity = entry.entity
         if isinstance(entity, Timer):
+            entry.descriptor = self._wakeup
             set_listener(entity, self._wakeup)
             entry.on_taken = lambda entry: self._schedule([entry])
             if isinstance(entity.clock, ROSClock):
-                self._jumps[entry] = entity.clock.create_jump_callback(
-                    _ANY_JUMP, post_callback=self.wake
-                )
+                entry.watch = entity.clock.create_jump_callback(_ANY_JUMP, post_callback=self.wake)
             self._schedule([entry])
         elif isinstance(entity, GuardCondition):
             notify_of_triggers(entity, partial(self._signal, entry))
@@ -249,15 +246,16 @@ class Events:
             with suppress(InvalidHandle):
                 if entry.pending or entry in self._signalled:
                     entity.trigger()  # for its next executor
-        elif entry in self._waiter:
+        elif entry.descriptor < 0:
             self._waiter.remove(entry)
         else:
             with suppress(InvalidHandle):  # destroyed
                 set_listener(entity, None)
-            self._due.pop(entry, None)
-            if entry in self._jumps:
-                self._jumps.pop(entry).unregister()
-            if entry.descriptor >= 0:
+            if isinstance(entity, Timer):
+                del self._due[entry]
+                if entry.watch:
+                    entry.watch.unregister()
+            else:
                 self._leave(entry)
                 entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
         self.recent.pop(entry, None)
@@ -289,35 +287,29 @@ class WaitSetThread(SingleThreadedExecutor):
         on_failure: Callable[[BaseException], None],
     ) -> None:
         super().__init__(context=context)
-        self._is_ready = is_ready
-        self._on_failure = on_failure
-        self._waited: dict[Entry, StandIn] = {}
-        self._thread = Thread(target=self._run, name='wait set', daemon=True)
+        self._thread = Thread(target=self._run, args=(is_ready, on_failure), daemon=True)
         for kind in KINDS:  # it is waited for as if they were a node's
             setattr(self, kind, [])
 
     def add(self, entry: Entry) -> None:
         """Wait for an entry, too, also while its callback group is claimed."""
         group = ReentrantCallbackGroup()
-        waited = StandIn(entry.entity, entry=entry, callback_group=group, _executor_event=False)
-        self._waited[entry] = waited
-        getattr(self, entry.kind).append(waited)
+        entry.watch = StandIn(
+            entry.entity, entry=entry, callback_group=group, _executor_event=False
+        )
+        getattr(self, entry.kind).append(entry.watch)
         self.wake()
         if not self._thread.ident:
             self._thread.start()
 
-    def __contains__(self, entry: Entry) -> bool:
-        """Whether an entry is waited for."""
-        return entry in self._waited
-
     def resume(self, entry: Entry) -> None:
         """Wait for an entry again, as what was ready is taken."""
-        vars(self._waited[entry])['_executor_event'] = False  # rclpy's: True from ready to taken
+        entry.watch._executor_event = False  # noqa: SLF001 - True from ready to taken
         self.wake()
 
     def remove(self, entry: Entry) -> None:
         """Wait for an entry no longer."""
-        getattr(self, entry.kind).remove(self._waited.pop(entry))
+        getattr(self, entry.kind).remove(entry.watch)
         self.wake()
 
     def close(self) -> None:
@@ -330,13 +322,15 @@ class WaitSetThread(SingleThreadedExecutor):
             self.shutdown()
         self._sigint_gc = None
 
-    def _run(self) -> None:
+    def _run(
+        self, is_ready: Callable[[Entry], None], on_failure: Callable[[BaseException], None]
+    ) -> None:
         try:
             while True:
                 for task, waited, _ in self._wait_for_ready_callbacks(None, [self]):
                     task.cancel()
-                    self._is_ready(waited.entry)
+                    is_ready(waited.entry)
         except (ShutdownException, ExternalShutdownException):
             pass
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
-            self._on_failure(error)
+            on_failure(error)

@@ -22,8 +22,8 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.task import Task
 
 from barc_sim.ros.executor.events import Events
-from barc_sim.ros.executor.leadership import LASTING, Leadership
 from barc_sim.ros.executor.rclpy_private import notify_of_triggers
+from barc_sim.ros.executor.waiting import LASTING, Leadership
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 
     from barc_sim.ros.executor.entities import Call, Entry
 
-#: [s] So often a thread that waits for its spin's end looks whether all others are in callbacks; so
-#: often within a callback, as it may lead then.
+#: [s] So often a waiting spin looks whether all threads are in callbacks; one in a callback, too.
 _CHECK_PERIOD, _CHECK_PERIOD_INSIDE = 0.5, 0.01
 #: [s] A thread that has stood by while nothing spun ends after this time.
 _LINGER = 0.05
@@ -51,6 +50,10 @@ class Spin:
     once: bool
     begun: bool = False  #: whether the one callback has
     over: Event = field(default_factory=Event)
+
+
+class _Lost(Exception):  # noqa: N818 - no error
+    """Another thread leads now."""
 
 
 class QuickExecutor(MultiThreadedExecutor):
@@ -245,16 +248,13 @@ class QuickExecutor(MultiThreadedExecutor):
         self._leadership.wake_stand_by()  # for another thread to end
 
     def _lead(self, within: Spin | None = None) -> None:
-        """Poll and execute until all spins, or the one `within` a callback, are over.
-
-        Returns earlier where another thread leads.
-        """
+        """Poll and execute until all spins, or the one `within` a callback, are over."""
         events = self._events
         ready = events.ready
         events.woken = True
         events.poll_due = 0.0
         deadline = inf
-        executed: bool | None = True
+        executed = True
         try:
             while True:
                 if events.woken:
@@ -267,30 +267,23 @@ class QuickExecutor(MultiThreadedExecutor):
                     deadline = min(spin.deadline for spin in spins)
                     if events.stale:
                         events.refresh(self.get_nodes())
-                    if not self._step_tasks():
-                        return
+                    self._step_tasks()
                     if events.woken:
                         continue
                     executed = True
                 now = events.poll(0 if executed and ready else deadline)
                 executed = self._execute_ready()
-                if executed is None:
-                    return
                 if now >= deadline:
                     self._end_spins(expired=now)
                     events.woken = True
+        except _Lost:
+            return
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
             self._fail(error)
-            self._end_spins()
         self._leadership.release(0.0 if self._spins or self._is_shutdown else _LINGER)
 
-    def _step_tasks(self) -> bool:
-        """Step each task that is new or may go on, the newest first, as in rclpy.
-
-        Returns whether this thread still leads.
-        """
-        if not self._tasks:
-            return True
+    def _step_tasks(self) -> None:
+        """Step each task that is new or may go on, the newest first, as in rclpy."""
         nodes = (None, *self.get_nodes())
         with self._tasks_lock:
             self._tasks[:] = [
@@ -299,11 +292,9 @@ class QuickExecutor(MultiThreadedExecutor):
             tasks = [task for task, _, node in reversed(self._tasks) if node in nodes]
         for task in tasks:
             if not task.executing() and getattr(task, 'seen', None) is not self._change:
-                if not self._run(None, (self._step, (task,))):
-                    return False
+                self._run(None, (self._step, (task,)))
                 if self._once:
                     break
-        return True
 
     def _step(self, task: Task, entry: Entry | None = None) -> None:
         """Run a task, or a callback's coroutine for the first time, until it has to wait."""
@@ -317,11 +308,8 @@ class QuickExecutor(MultiThreadedExecutor):
                 self._tasks.append((task, entry.entity, entry.node))
             self._events.wake()
 
-    def _execute_ready(self) -> bool | None:
-        """Execute each entry that is ready once.
-
-        Returns whether any was executed, or None where another thread leads now.
-        """
+    def _execute_ready(self) -> bool:
+        """Execute each entry that is ready once; return whether any was executed."""
         events = self._events
         ready = events.ready
         executed = False
@@ -333,8 +321,7 @@ class QuickExecutor(MultiThreadedExecutor):
                 ready.append(entry)
             elif call := self._take(entry):
                 executed = True
-                if not self._run(entry, call):
-                    return None
+                self._run(entry, call)
                 if events.woken:  # it may be over
                     break
         return executed
@@ -368,10 +355,10 @@ class QuickExecutor(MultiThreadedExecutor):
                     self._events.recent[entry] = _TRIES
         return call
 
-    def _run(self, entry: Entry | None, call: Call) -> bool:
-        """Call a callback whose group is claimed, or step a task; return whether this still leads.
+    def _run(self, entry: Entry | None, call: Call) -> None:
+        """Call a callback whose group is claimed, or step a task.
 
-        While the callback runs, another thread may take over.
+        Raises _Lost where another thread has taken over meanwhile.
         """
         callback, args = call
         claimed = entry
@@ -401,7 +388,7 @@ class QuickExecutor(MultiThreadedExecutor):
             self._events.woken = True
         if not leads:
             self._events.wake()  # its group is free
-        return leads
+            raise _Lost
 
 
 async def _finish(entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:

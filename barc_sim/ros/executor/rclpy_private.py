@@ -14,6 +14,7 @@ import select
 from ctypes import c_void_p
 from functools import cache
 from importlib import import_module
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 from rclpy.client import Client
@@ -86,11 +87,8 @@ def missing() -> list[str]:
 
 def _lacks(path: str, name: str) -> bool:
     """Return whether a module or class lacks a name, and its methods do not use it either."""
-    module, _, qualified = path.partition(':')
     try:
-        owner: Any = import_module(module)
-        for part in filter(None, qualified.split('.')):
-            owner = getattr(owner, part)
+        owner = resolve_name(path)
     except (ImportError, AttributeError):
         return True
     methods = [getattr(each, 'fset', each) for each in vars(owner).values()]

@@ -86,7 +86,7 @@ def test_what_is_missing_is_named_once_and_rclpys_own_executor_does_the_work(
 LOSE_EACH = """if True:
     import os
     import warnings
-    from importlib import import_module
+    from pkgutil import resolve_name
     from barc_sim.ros.executor.rclpy_private import PRIVATE_NAMES
     import sys
     for name in [name for name in sys.modules if name.startswith('barc_sim.ros')]:
@@ -106,10 +106,7 @@ LOSE_EACH = """if True:
         if os.fork():
             os.wait()
             continue
-        module, _, qualified = path.partition(':')
-        owner = import_module(module)
-        for part in filter(None, qualified.split('.')):
-            owner = getattr(owner, part)
+        owner = resolve_name(path)
         lose(next((c for c in getattr(owner, '__mro__', ()) if name in vars(c)), owner), name)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter('always')

@@ -1,4 +1,4 @@
-"""Linux's descriptors that an executor waits for: epoll, eventfd, timerfd.
+"""How threads wait: for Linux's descriptors, and for the right to poll them.
 
 `select.epoll` gives up the interpreter's lock at each call. A busy executor then takes the lock
 back before another thread wakes up, every 20 us, and the other thread starves: Python makes the
@@ -12,6 +12,7 @@ import ctypes
 import os
 import platform
 import select
+import time
 from contextlib import suppress
 from functools import partial
 from struct import pack
@@ -20,11 +21,15 @@ _MOST = 64  # descriptors in one poll
 #: The length of a struct epoll_event, and the place of the descriptor in it, both in integers of
 #: four bytes. Only x86-64 packs it without gaps.
 _LENGTH, _PLACE = (3, 1) if platform.machine() == 'x86_64' else (4, 2)
-_COUNT_SIZE = 8  # of an eventfd
 _MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
+
+#: [s] A callback that takes longer lasts: another thread polls meanwhile.
+LASTING = 1e-3
+_PUT_OFF = 0.5e-3  # s; the timer is set so often at most
 
 _LIBC = ctypes.PyDLL(None)  # keeps the interpreter's lock
 _spare: list[int] = []  # eventfds that nothing uses
+_spare_timers: list[int] = []
 _epoll_wait, _read = _LIBC.epoll_wait, _LIBC.read  # without `argtypes`, which cost 0.3 us
 _wait = ctypes.CDLL(None).ppoll  # gives the lock up; `select`'s functions round to milliseconds
 
@@ -57,8 +62,7 @@ class Descriptors:
 
     def take_count(self, descriptor: int) -> int:
         """Return what was counted in an eventfd, and count from 0 again."""
-        read = _read(descriptor, self._at_count, _COUNT_SIZE)
-        return self._count.value if read == _COUNT_SIZE else 0
+        return self._count.value if _read(descriptor, self._at_count, 8) > 0 else 0
 
     def close(self) -> None:
         """Close the epoll descriptor; those that were added stay open."""
@@ -92,10 +96,86 @@ def timerfd() -> int:
     return timer
 
 
-def set_time(descriptor: int, due: float) -> None:
-    """Set a timerfd's time [s] of the monotonic clock."""
-    _LIBC.timerfd_settime(descriptor, _ABSOLUTE, bytes(16) + _timespec(due), None)
-
-
 def _timespec(seconds: float) -> bytes:
     return pack('ll', int(seconds), int(seconds % 1.0 * 1e9))
+
+
+class Leadership:
+    """The right to poll, to take what has arrived and to begin callbacks; one thread has it.
+
+    The leader lends it for as long as it calls a callback, and takes it back after. When the call
+    lasts, the thread that stands by takes it first. `list.pop` decides who gets it, so that the
+    leader needs no lock, no system call and no other thread for a short callback. A timer wakes
+    the thread that stands by; the leader puts it off while its callbacks are short, and nothing
+    wakes while it waits.
+    """
+
+    def __init__(self) -> None:
+        self._free = [0.0]  # when it was lent [s], unless a thread has it
+        self._lent = 0.0  # [s] when it was lent
+        self._timer = _spare_timers.pop() if _spare_timers else timerfd()
+        self._put_off = 0.0  # [s] when the timer may be set again
+
+    def take(self) -> bool:
+        """Lead from now on; return False where another thread polls."""
+        try:
+            self._free.pop()
+        except IndexError:
+            return False
+        return True
+
+    def lend(self, lasting: bool) -> float:
+        """Let others take it while this thread calls a callback; return the time [s].
+
+        If the callback is expected to be `lasting`, the thread that stands by takes it at once.
+        """
+        now = time.monotonic()
+        self._lent = now - LASTING if lasting else now
+        self._free.append(now)
+        if lasting or now >= self._put_off:
+            self.wake_stand_by(0.0 if lasting else LASTING + _PUT_OFF)
+        return now
+
+    def take_back(self, lent: float) -> bool:
+        """Take back what `lend` has lent; return False where another thread has led since."""
+        try:
+            free = self._free.pop()
+        except IndexError:
+            return False
+        if free is not lent:
+            self._free.append(free)
+        return free is lent
+
+    def release(self, seconds: float = 0.0) -> None:
+        """Have the thread that stands by wake up, so many seconds from now, and take it."""
+        self._lent = 0.0
+        self._free.append(0.0)
+        self.wake_stand_by(seconds)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether no thread polls."""
+        return bool(self._free)
+
+    def take_over(self, *, wanted: bool) -> bool:
+        """Take it from a callback that lasts, or else wait until this is worth another try."""
+        if wanted and self._free:
+            left = self._lent + LASTING - time.monotonic()
+            if left <= 0:
+                return self.take()
+            self.wake_stand_by(left)
+        os.read(self._timer, 8)
+        return False
+
+    def wake_stand_by(self, seconds: float = 0.0) -> None:
+        """End the wait of the thread that stands by, so many seconds from now."""
+        now = time.monotonic()
+        # A `lend` before `_put_off` need not set the timer, as it expires soon after that.
+        self._put_off = now + min(seconds, _PUT_OFF) if seconds < 2 * LASTING else now
+        due = bytes(16) + _timespec(now + seconds)
+        _LIBC.timerfd_settime(self._timer, _ABSOLUTE, due, None)
+
+    def close(self) -> None:
+        """Give it back for good, once no thread stands by."""
+        self.release()
+        _spare_timers.append(self._timer)  # not closed, as a thread may still set it
