@@ -268,7 +268,6 @@ class Events:
         self.refresh([])
         self._waiter.close()
         for descriptor in (self._wakeup, self._shared):
-            self._descriptors.remove(descriptor)
             retire(descriptor)
         self._descriptors.close()
 

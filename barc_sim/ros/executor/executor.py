@@ -79,8 +79,6 @@ class QuickExecutor(MultiThreadedExecutor):
     True
     """
 
-    _closed = True
-
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
         super().__init__(num_threads, context=context)
         self._spins: set[Spin] = set()  # those that are not over
@@ -101,7 +99,7 @@ class QuickExecutor(MultiThreadedExecutor):
         super().__del__()
 
     def _close(self) -> None:
-        closed, self._closed = self._closed, True
+        closed, self._closed = getattr(self, '_closed', True), True
         if not closed:
             while not self._leadership.take():
                 time.sleep(1e-4)
@@ -333,10 +331,10 @@ class QuickExecutor(MultiThreadedExecutor):
         entry.pending -= 1
         try:
             call = entry.take(entry, self)
-        except InvalidHandle:  # destroyed without its node
-            entry.pending = 0
         except Exception as error:
-            if not entry.warns_of(error):
+            if isinstance(error, InvalidHandle) or not getattr(entry.handle, 'pointer', True):
+                entry.pending = 0  # destroyed without its node
+            elif not entry.warns_of(error):
                 raise
         finally:
             if call is None:
@@ -355,6 +353,13 @@ class QuickExecutor(MultiThreadedExecutor):
                     self._events.recent[entry] = _TRIES
         return call
 
+    def _begin_once(self) -> list[Spin]:
+        """Return the spins whose one callback begins now."""
+        spins = [spin for spin in list(self._spins) if spin.once and not spin.begun]
+        for spin in spins:
+            spin.begun = True
+        return spins
+
     def _run(self, entry: Entry | None, call: Call) -> None:
         """Call a callback whose group is claimed, or step a task.
 
@@ -362,10 +367,7 @@ class QuickExecutor(MultiThreadedExecutor):
         """
         callback, args = call
         claimed = entry
-        spins = list(self._spins) if self._once else ()
-        once = [spin for spin in spins if spin.once and not spin.begun]
-        for spin in once:
-            spin.begun = True
+        once = self._begin_once() if self._once else ()
         lent = self._leadership.lend(entry is not None and entry.lasting)
         try:
             result = callback(*args)

@@ -38,7 +38,6 @@ class Descriptors:
     """Waits for descriptors to become readable; for one thread at a time."""
 
     def __init__(self) -> None:
-        """Wait for none yet."""
         self._epoll = select.epoll()
         self._number = self._epoll.fileno()
         self._events, self._count = (ctypes.c_int32 * (_LENGTH * _MOST))(), ctypes.c_uint64()

@@ -323,6 +323,26 @@ def test_a_signal_ends_the_spin(ros_domain: int, number: signal.Signals) -> None
     assert process.returncode == 0
 
 
+def test_a_spin_in_a_daemon_does_not_keep_a_program_from_ending(ros_domain: int) -> None:
+    del ros_domain  # by the environment
+    program = """if True:
+        import threading
+        import rclpy
+        from rclpy.node import Node
+        from barc_sim.ros.executor import QuickExecutor
+        rclpy.init()
+        node, ticked, executor = Node('tested'), threading.Event(), QuickExecutor(2)
+        node.create_timer(0.001, ticked.set)
+        executor.add_node(node)
+        threading.Thread(target=executor.spin, daemon=True).start()
+        print(ticked.wait(20))
+    """
+    ended = subprocess.run(
+        [sys.executable, '-c', program], stdout=subprocess.PIPE, text=True, timeout=50, check=False
+    )
+    assert ended.stdout == 'True\n'
+
+
 @pytest.mark.slow
 def test_an_hour_of_lock_step_takes_no_memory(node: Node, executor: QuickExecutor) -> None:
     steps = 0
