@@ -22,6 +22,7 @@ from barc_sim.cli.process import has_ros
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from browser import Browser
     from rclpy.context import Context
     from rclpy.executors import Executor
 
@@ -119,6 +120,15 @@ def ros(ros_domain: int) -> Iterator[Context]:
     set_logger_level('', LoggingSeverity.INFO)  # of the process: another test may have set it
     yield context
     context.try_shutdown()
+
+
+@pytest.fixture(scope='session')
+def browser() -> Iterator[Browser]:
+    """Return the one browser of all tests, with a profile of its own."""
+    from browser import Browser  # noqa: PLC0415 (most tests need none)
+
+    with Browser() as browser:
+        yield browser
 
 
 @pytest.fixture

@@ -332,7 +332,7 @@ def log_of(
     on_track: Any = None,  # noqa: ANN401
     **controller: Any,  # noqa: ANN401
 ) -> Log:
-    """Return a log of steps of `period_ns`: `Observation`s, commands, and the controller's columns.
+    """Return a log of steps of `period_ns`: observations, commands, and the controller's columns.
 
     The records have arrays of shape `(n,)` as fields.
     """

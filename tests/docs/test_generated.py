@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -59,3 +60,15 @@ def test_the_generated_parts_of_the_pages_are_fresh(
     for path in found:
         text = path.read_text(encoding='utf-8')
         assert write_pages.filled(text) == text, f'{path}: run python docs/_ext/write_pages.py'
+
+
+def test_the_search_for_names_leaves_out_what_is_for_developers() -> None:
+    pytest.importorskip('sphinx')
+    import reference  # noqa: PLC0415
+
+    def directives(room: str) -> str:
+        return '\n'.join(reference.Room.lines(SimpleNamespace(arguments=[room])))
+
+    assert ':no-index:' not in directives('nodes')
+    for room in ('page', 'runs', 'simulation'):
+        assert directives(room).count(':no-index:') == directives(room).count('automodule') > 1

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU, Environment, ZDynBkMdl
-from browser import AXE, CHROMIUM, OVERFLOW, SIZES, Browser, wait_until
+from browser import AXE, CHROMIUM, OVERFLOW, SIZES, wait_until
 from geometry_msgs.msg import Twist
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from browser import Tab
+    from browser import Browser, Tab
     from rclpy.context import Context
 
     Open = Callable[..., Tab]
@@ -113,12 +113,6 @@ class Car(Node):
         self.paused = request.data
         response.success = True
         return response
-
-
-@pytest.fixture(scope='module')
-def browser() -> Iterator[Browser]:
-    with Browser() as browser:
-        yield browser
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser, wait_until
+from browser import CHROMIUM, wait_until
 
 from barc_sim import read_bag
 from barc_sim.control.pid import PID
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import subprocess
     from collections.abc import Callable
     from pathlib import Path
+
+    from browser import Browser
 
     from barc_sim.simulation.log import Log
 
@@ -62,30 +64,29 @@ WATCH = """import('./chart.js').then(({ Chart }) => {
 @pytest.mark.slow
 @pytest.mark.skipif(not CHROMIUM, reason='there is no Chromium')
 def test_ghosts_drawn_are_those_of_the_bag(
-    start: Callable[..., subprocess.Popen[str]], tmp_path: Path
+    browser: Browser, start: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:
     lap = ('--laps', '0', '--distance', '30', '--realtime-factor', '6')
     process = start('-m', 'barc_sim', 'acc', *lap, '--engine', 'local', '--view', 'web')
     assert process.stdout
     _, url = (process.stdout.readline().split()[-1] for _ in range(2))
     last = "document.querySelector('[data-figure=rms] td:nth-of-type(2)').innerText"
-    with Browser() as browser:
-        tab = browser.open(url, width=1440, height=900)
-        tab.media(prefers_reduced_motion='reduce')  # the charts' limits are the values' at once
-        tab.select('#axis', 'x')
-        tab.run(WATCH)
-        tab.until(f'Number({last}) > 0')
-        first = tab.run(last)
-        for gain in ('kp', 'ki'):
-            tab.select(f'#{gain}', 2)
-        tab.until(f'{last} !== {first!r}')
-        wait_until(lambda: 6.0 < tab.number('#position') < 20.0)
-        tab.click('#finish')
-        wait_until(lambda: tab.text('#state') == 'Ended')
-        tab.until('performance.now() - scene.at > 200')  # the last state is drawn
-        now = tab.run("Number(document.querySelector('#seek').max)")
-        lines, scene = tab.run('[lines, scene]')
-        tab.close()
+    tab = browser.open(url, width=1440, height=900)
+    tab.media(prefers_reduced_motion='reduce')  # the charts' limits are the values' at once
+    tab.select('#axis', 'x')
+    tab.run(WATCH)
+    tab.until(f'Number({last}) > 0')
+    first = tab.run(last)
+    for gain in ('kp', 'ki'):
+        tab.select(f'#{gain}', 2)
+    tab.until(f'{last} !== {first!r}')
+    wait_until(lambda: 6.0 < tab.number('#position') < 20.0)
+    tab.click('#finish')
+    wait_until(lambda: tab.text('#state') == 'Ended')
+    tab.until('performance.now() - scene.at > 200')  # the last state is drawn
+    now = tab.run("Number(document.querySelector('#seek').max)")
+    lines, scene = tab.run('[lines, scene]')
+    tab.close()
     process.communicate(timeout=PATIENCE)
     log = read_bag(next((tmp_path / 'bags').iterdir()))
     laps, number = laps_of(log)

@@ -1,6 +1,6 @@
 // What the charts show: axis, zoom, the cursor, ghosts of other laps; and their legends.
 
-import { colours, make, reading, save, show } from './look.js';
+import { make, reading, save, show } from './look.js';
 
 const WINDOW = 20; // [s]
 const MINIMUM = 0.2; // [s] or [m] that can be seen at once
@@ -25,7 +25,6 @@ export class Explorer {
     on('zoom-in', () => this.#zoom(1 / ZOOM ** 2));
     on('zoom-out', () => this.#zoom(ZOOM ** 2));
     on('save-csv', () => this.saveTable());
-    on('save-png', () => this.savePicture());
     document.getElementById('axis').addEventListener('change', (event) => {
       this.use(event.target.value);
       changed();
@@ -206,38 +205,29 @@ export class Explorer {
 
   #listen(chart) {
     const { canvas } = chart.surface;
-    const fingers = new Map();
-    const place = (event) => (event.clientX - canvas.getBoundingClientRect().left) / chart.surface.zoom;
+    const place = (event) => event.clientX - canvas.getBoundingClientRect().left;
     const value = (x) => chart.value(x, this.seen.range);
+    let dragged = null; // [px] where it was
     canvas.addEventListener('wheel', (event) => {
       if (!this.seen) return;
       event.preventDefault();
       this.#zoom(event.deltaY > 0 ? ZOOM : 1 / ZOOM, value(place(event)));
     }, { passive: false });
     canvas.addEventListener('pointerdown', (event) => {
-      fingers.set(event.pointerId, place(event));
+      dragged = place(event);
       canvas.setPointerCapture(event.pointerId);
     });
     canvas.addEventListener('pointermove', (event) => {
       if (!this.seen) return;
       const x = place(event);
-      const before = fingers.get(event.pointerId);
-      if (before === undefined || event.pointerType !== 'mouse') this.hover = value(x);
-      if (before !== undefined) {
-        const others = [...fingers].filter(([id]) => id !== event.pointerId).map(([, at]) => at);
-        fingers.set(event.pointerId, x);
-        if (others.length) {
-          const [old, now] = [Math.abs(before - others[0]), Math.abs(x - others[0])];
-          if (old > 8 && now > 8) this.#zoom(old / now, value((x + others[0]) / 2));
-        } else if (x !== before) {
-          this.#pan(value(x) - value(before));
-        }
+      if (dragged === null || event.pointerType !== 'mouse') this.hover = value(x);
+      if (dragged !== null && x !== dragged) {
+        this.#pan(value(x) - value(dragged));
+        dragged = x;
       }
       this.changed();
     });
-    const lift = (event) => fingers.delete(event.pointerId);
-    canvas.addEventListener('pointerup', lift);
-    canvas.addEventListener('pointercancel', lift);
+    canvas.addEventListener('lostpointercapture', () => { dragged = null; });
     canvas.addEventListener('pointerleave', () => {
       this.hover = null;
       this.changed();
@@ -258,23 +248,5 @@ export class Explorer {
       lines.push(Array.from(values, (v) => (Number.isNaN(v) ? '' : v)).join(','));
     }
     save('run.csv', new Blob([lines.join('\n'), '\n'], { type: 'text/csv' }));
-  }
-
-  /** Save the charts as one picture. */
-  savePicture() {
-    const canvases = this.charts.map(({ chart }) => chart.surface.canvas);
-    const picture = make('canvas', {
-      width: Math.max(...canvases.map((c) => c.width)),
-      height: canvases.reduce((sum, c) => sum + c.height, 0),
-    });
-    const context = picture.getContext('2d');
-    context.fillStyle = colours.panel;
-    context.fillRect(0, 0, picture.width, picture.height);
-    let top = 0;
-    for (const canvas of canvases) {
-      context.drawImage(canvas, 0, top);
-      top += canvas.height;
-    }
-    picture.toBlob((blob) => save('charts.png', blob));
   }
 }

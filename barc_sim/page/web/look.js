@@ -48,18 +48,16 @@ export class Surface {
     this.canvas = canvas;
     this.context = canvas.getContext('2d');
     this.width = this.height = 0;
-    this.zoom = 1;
     new ResizeObserver(() => {
       const box = canvas.getBoundingClientRect();
-      this.zoom = canvas.currentCSSZoom ?? 1; // more in full screen
-      this.width = box.width / this.zoom;
-      this.height = box.height / this.zoom;
+      this.width = box.width;
+      this.height = box.height;
       changed();
     }).observe(canvas);
   }
 
   begin() {
-    const ratio = devicePixelRatio * this.zoom;
+    const ratio = devicePixelRatio;
     const [width, height] = [Math.round(this.width * ratio), Math.round(this.height * ratio)];
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;

@@ -234,13 +234,6 @@ addEventListener('beforeprint', () => {
   drawNow(performance.now());
 });
 addEventListener('afterprint', () => setTheme(''));
-element('full-screen').addEventListener('click', () => {
-  if (document.fullscreenElement) document.exitFullscreen();
-  else document.documentElement.requestFullscreen();
-});
-document.addEventListener('fullscreenchange', () => {
-  element('full-screen').setAttribute('aria-pressed', document.fullscreenElement !== null);
-});
 element('reset').addEventListener('click', reset);
 element('pause').addEventListener('click', pause);
 element('finish').addEventListener('click', () => connection.send('finish'));
