@@ -107,6 +107,12 @@ class PurePursuit(LaneLaw):
         δ = atan(2 L sin η / d)
 
     All of it is the term `feedforward`.
+
+    Examples
+    --------
+    >>> from barc_sim import PurePursuit, lap
+    >>> print(f'{abs(lap(PurePursuit(), "oval", laps=1).e_y).max():.2f} m off the line')
+    0.11 m off the line
     """
 
     gains: Mapping[str, Gain] = {
@@ -140,6 +146,12 @@ class Stanley(LaneLaw):
     With the errors of the front axle, which on an arc are not those of the centre of mass::
 
         δ = -e_psi_front - atan(k e_y_front / (v_soft + v))
+
+    Examples
+    --------
+    >>> from barc_sim import Stanley, lap
+    >>> print(f'{abs(lap(Stanley(), "oval", laps=1).e_y).max():.2f} m off the line')
+    0.15 m off the line
     """
 
     gains: Mapping[str, Gain] = {
@@ -174,6 +186,12 @@ class LaneLQR(LaneLaw):
         u = -k1 e_y - k2 e        k1 = √q1        k2 = √(q1 l_r² + q2 + 2 L √q1) - √q1 l_r
 
     The steering of the turn is that of `preview` seconds ahead: the delay of the steering.
+
+    Examples
+    --------
+    >>> from barc_sim import LaneLQR, lap
+    >>> print(f'{abs(lap(LaneLQR(), "oval", laps=1).e_y).max():.2f} m off the line')
+    0.02 m off the line
     """
 
     gains: Mapping[str, Gain] = {
