@@ -82,7 +82,7 @@ class Parameter:
 
 def parameter_value_to_python(parameter_value: Any) -> Any:
     value = getattr(parameter_value, f'{Type(parameter_value.type).name.lower()}_value', None)
-    return list(value) if isinstance(value, array.array) else value
+    return list(value) if isinstance(value, (list, array.array)) else value
 
 
 def _result(reason: str = '') -> Any:
