@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import mcap_doctor
 import pytest
+import zstandard
 from command_line import printed, refused
 from rosbags.convert.converter import convert
 from rosbags.highlevel import AnyReader
 
-from barc_sim.bags.contents import Contents
+from barc_sim.bags.contents import Contents, types_of
 from barc_sim.bags.messages import topic
-from barc_sim.bags.recording import COMPRESSIONS
+from barc_sim.bags.recording import COMPRESSIONS, Topic
 from barc_sim.bags.writer import BagWriter
 
 if TYPE_CHECKING:
@@ -99,6 +100,29 @@ def test_a_bag_of_each_compression_is_read_by_others(tmp_path: Path, compression
     with AnyReader([tmp_path]) as reader:
         assert sum(1 for _ in reader.messages()) == 100
     mcap_doctor.check(writer.file)
+
+
+def test_a_message_that_unpacks_to_too_much_is_left_as_it_is(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path)
+    bomb = zstandard.compress(bytes(40 << 20))
+    writer.write(topic('/a', 'std_msgs/msg/Header'), bomb, received=1, published=1, sequence=1)
+    writer.close()
+    assert [message.data for message in Contents(tmp_path).messages()] == [bomb]
+
+
+@pytest.mark.parametrize(
+    'fields',
+    [
+        'string[600] a\nstring[600] b',  # rosbags writes code for each element
+        'std_msgs/Header[2000] a\n' + '=' * 80 + '\nMSG: std_msgs/Header\nint8 a',
+        'int8 a\n' * 3000,
+    ],
+    ids=['texts', 'messages', 'fields'],
+)
+def test_a_definition_far_beyond_those_of_robots_is_refused(fields: str) -> None:
+    strange = Topic(name='/a', type='a/msg/B', definition=fields, type_hash='', offered_qos=[])
+    with pytest.raises(ValueError, match=r'its (arrays|definition) ha'):
+        types_of(strange)
 
 
 def test_info_of_what_is_no_bag_is_one_sentence(tmp_path: Path) -> None:

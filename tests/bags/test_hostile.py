@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-COMMANDS = ('plot', 'report', 'graph', 'recover')
+COMMANDS = ('plot', 'report', 'graph', 'info', 'recover')
 SECONDS = 10.0
 MEMORY = 300 << 20  # bytes
 LOG = closed_loop(distance=2.0)

@@ -35,23 +35,6 @@ def test_runs_in_one_second_get_directories_of_their_own(
     assert names == ['2026-01-01_00-00-00', '2026-01-01_00-00-00_2', '2026-01-01_00-00-00_3']
 
 
-def test_check_accepts_a_folder_that_is_still_to_be_made_and_does_not_make_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for root in (tmp_path / 'new' / 'bags', Path('new')):
-        check_root(root)
-    assert not (tmp_path / 'new').exists()
-
-
-def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
-    (tmp_path / 'file').touch()
-    with pytest.raises(
-        UserError, match=r"/file/bags', as '\S+/file' is not a folder: name another"
-    ):
-        check_root(tmp_path / 'file' / 'bags')
-
-
 def test_a_folder_without_write_permission_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -169,22 +169,6 @@ def test_refused_messages_are_written_once_the_disk_accepts_them(
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
 
 
-def test_bag_that_cannot_be_finished_stays_readable(
-    thread: WriterThread, source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_: object) -> int:
-        raise OSError(28, 'No space left on device')
-
-    source.put(1, 2)
-    wait_for(lambda: recorded(tmp_path) == [1, 2])
-    monkeypatch.setattr(bag_file, 'write_at', refuse)
-    source.put(3)
-    thread.close()
-    assert recorded(tmp_path) == [1, 2]
-    assert thread.failure
-    assert thread.failure.endswith('No space left on device')
-
-
 def test_removed_bag_is_written_anew(
     thread: WriterThread, source: Source, failures: list[str | None], tmp_path: Path
 ) -> None:
