@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
     from barc_sim.lab.grade.classroom import Student
-    from barc_sim.lab.grade.grade import Failure, Grade
+    from barc_sim.lab.grade.grade import Grade
     from barc_sim.lab.grade.rubric import ByHand, Rubric
 
-    _Outcome = tuple[Path, Grade | Failure]
+    _Outcome = tuple[Path, Grade | str]
 
 _CLASS, _SETTINGS, _RECORD = 'class.csv', 'class.json', 'record.json'
 _RESERVED = {_CLASS, _SETTINGS, 'class.html', 'canvas.csv', 'gradescope.csv'}
@@ -142,7 +142,7 @@ def run(options: Namespace) -> int:
     lines = [*classroom.summary(shown, points), str(out if alone else out / 'class.html')]
     print('\n'.join(lines))  # noqa: T201
     for name, failure in failures.items():
-        print(f'barc grade: {name} could not be graded: {failure.reason}', file=sys.stderr)  # noqa: T201
+        print(f'barc grade: {name} could not be graded: {failure}', file=sys.stderr)  # noqa: T201
     if interrupted:
         return INTERRUPTED
     return 1 if failures else 0
@@ -216,22 +216,20 @@ def _collect(
     folders: dict[Path, Path],
     entered: dict[Path, tuple[ByHand, Path]],
     before: dict[str, Grade],
-) -> tuple[dict[str, Grade], dict[str, Failure], bool]:
+) -> tuple[dict[str, Grade], dict[str, str], bool]:
     """Write the files of each submission as it finishes; also return whether Ctrl-C came."""
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
     from rich.progress import track  # noqa: PLC0415
 
-    from barc_sim.lab.grade.grade import Failure  # noqa: PLC0415
-
     stderr = Console(stderr=True)
     grades: dict[str, Grade] = {}
-    failures: dict[str, Failure] = {}
+    failures: dict[str, str] = {}
     try:
         for path, outcome in track(
             outcomes, 'Grading', len(folders), console=stderr, transient=True
         ):
             folder = folders[path]
-            if isinstance(outcome, Failure):
+            if isinstance(outcome, str):
                 failures[folder.name] = outcome
                 continue
             source = entered[path][1]

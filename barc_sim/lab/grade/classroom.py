@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from datetime import datetime
     from pathlib import Path
 
-    from barc_sim.lab.grade.grade import Failure, Grade
+    from barc_sim.lab.grade.grade import Grade
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.grade.similarity import Passages
 
@@ -173,7 +173,7 @@ def _has_no_points(grade: Grade) -> bool:
 
 def entries(
     grades: Mapping[str, Grade],
-    failures: Mapping[str, Failure],
+    failures: Mapping[str, str],
     students: Sequence[Student],
     due: datetime | None,
     handout: Passages,
@@ -188,7 +188,7 @@ def entries(
     found = [Entry(student=student) for student in students if student not in newest]
     for name, student in owners.items():
         grade, newer = grades.get(name), newest[student or name]
-        looks = [f'not graded: {failures[name].reason}'] if name in failures else []
+        looks = [f'not graded: {failures[name]}'] if name in failures else []
         if grade:
             eye = ', '.join(LABELS[criterion] for criterion in grade.open)
             looks += [*grade.notes, *([f'judge by eye: {eye}'] if eye else [])]

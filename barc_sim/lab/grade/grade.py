@@ -121,12 +121,6 @@ def from_record(data: bytes) -> Grade:
     )
 
 
-class Failure(NamedTuple):
-    """A submission that could not be graded, because of an error of the grader."""
-
-    reason: str
-
-
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
     """Judge a submission; its code runs in a separate process and folder.
 
@@ -276,7 +270,6 @@ def processes(jobs: int) -> Iterator[Executor]:
     """
     # New processes: a fork would copy the locks of other threads, but not the threads.
     context = multiprocessing.get_context('spawn')
-    others = set(multiprocessing.active_children())
     with tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder:
         pool = ProcessPoolExecutor(jobs, context, initializer=_begin_worker, initargs=(folder,))
         try:
@@ -285,7 +278,7 @@ def processes(jobs: int) -> Iterator[Executor]:
             # A second Ctrl-C would only delay the end.
             with suppress(KeyboardInterrupt), uninterrupted():
                 pool.shutdown(wait=False, cancel_futures=True)
-                workers = [each for each in multiprocessing.active_children() if each not in others]
+                workers = multiprocessing.active_children()
                 for worker in workers:
                     worker.kill()
                 for worker in workers:
@@ -314,11 +307,11 @@ def run(
     paths: Mapping[Path, ByHand],
     *how: Any,  # noqa: ANN401 (as `report` takes it)
     sandbox: bool,
-) -> Iterator[tuple[Path, Grade | Failure]]:
-    """Yield each submission with its grade, in the order of completion; each has its entries."""
+) -> Iterator[tuple[Path, Grade | str]]:
+    """Yield each submission with its grade, or the grader's error, in the order of completion."""
     work = partial(report, sandbox=sandbox)
     pending = {executor.submit(work, path, hand, *how): path for path, hand in paths.items()}
     for future in as_completed([*pending]):
         error = future.exception()
-        failure = Failure(f'{type(error).__name__}: {error}') if error else None
+        failure = f'{type(error).__name__}: {error}' if error else ''
         yield pending.pop(future), failure or future.result()

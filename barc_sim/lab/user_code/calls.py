@@ -153,7 +153,7 @@ class UserFunction:
     def __init__(
         self,
         folder: Folder,
-        function: Callable[..., Any],
+        function: Any,  # noqa: ANN401 (a user's)
         takes: Sequence[str],
         expected: str,
         *,
@@ -215,16 +215,6 @@ class UserFunction:
         What a user's value does when it is inspected is the user's code, too.
         """
         found: _T | None = guarded(self._call, function, *args, default=None)
-        return found
-
-    def method(self, instance: object, name: str) -> Any:  # noqa: ANN401 (a user's)
-        """Return a method of an object that the function has returned."""
-        found = self.attempt(getattr, instance, name)
-        if found is None:
-            raise UserCodeError(
-                f'{self.place()}: {self._name()}(…) returned {short_repr(instance)}, whose {name} '
-                'cannot be read; expected a method'
-            )
         return found
 
     def place(self) -> str:

@@ -176,7 +176,7 @@ class UserCode:
             raise UserCodeError(f'{path.name}: relay is {short_repr(relay)}; expected a function')
         return self._relay_function(folder, relay)
 
-    def _relay_function(self, folder: Folder, function: Callable[..., Any]) -> UserFunction:
+    def _relay_function(self, folder: Folder, function: Any) -> UserFunction:  # noqa: ANN401
         return UserFunction(folder, function, _TWIST, _COMMAND, numbers=2, timed=True)
 
     def _named(self, folder: Folder, path: Path, *names: str) -> Any:  # noqa: ANN401 (a user's)
@@ -226,7 +226,7 @@ class UserCode:
             instance = new(kp, ki, kd, **limits)
         else:
             instance = new(**dict(zip(names, (kp, ki, kd), strict=True)), **limits)
-        method = new.method(instance, 'acc_calculate')
+        method = new.attempt(getattr, instance, 'acc_calculate')
         step = UserFunction(new.folder, method, _SPEEDS, _ACCELERATION, numbers=1, timed=True)
         return UserPid(instance, step)
 
@@ -238,7 +238,7 @@ class UserCode:
             return relay.start()
         if not isinstance(relay.function, type):
             return relay
-        return self._relay_function(relay.folder, relay.method(relay(), 'relay'))
+        return self._relay_function(relay.folder, relay.attempt(getattr, relay(), 'relay'))
 
     def relay_commands(
         self,

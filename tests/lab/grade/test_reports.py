@@ -14,7 +14,7 @@ from markupsafe import escape
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import classroom
 from barc_sim.lab.grade import grade as report
-from barc_sim.lab.grade.grade import Failure, Grade, Item
+from barc_sim.lab.grade.grade import Grade, Item
 from barc_sim.lab.grade.rubric import ByHand, Rubric
 from barc_sim.lab.hills.loop import Conditions, Drive
 from barc_sim.simulation.closed_loop import closed_loop
@@ -102,14 +102,12 @@ def grade_of(name: str, points: float, message: str = 'wrong', third: float | No
     return Grade(name, '', 0, '', tuple(items))
 
 
-def listed(*grades: Grade, **failures: Failure) -> list[classroom.Entry]:
+def listed(*grades: Grade, **failures: str) -> list[classroom.Entry]:
     return classroom.entries({each.name: each for each in grades}, failures, [], None, frozenset())
 
 
 def test_the_class_is_listed_by_name() -> None:
-    found = listed(
-        grade_of('eve', 3.0), grade_of('ada', 1.5, 'x is wrong'), bob=Failure('no memory')
-    )
+    found = listed(grade_of('eve', 3.0), grade_of('ada', 1.5, 'x is wrong'), bob='no memory')
     rows = [*csv.reader(io.StringIO(classroom.as_csv(found, RUBRIC)))]
 
     criteria = ['model.x', 'loop.lab_road', 'relay.rate']
@@ -162,7 +160,7 @@ def test_the_page_has_mistakes_and_who_needs_a_look_and_does_nothing_hostile() -
         grade_of('hal', 3.0)._replace(notes=('a.csv has more than 1 MiB',)),
         grade_of(HOSTILE, 2.5, HOSTILE, -1.0)._replace(comment=HOSTILE),
     ]
-    found = listed(*grades, bob=Failure('no memory'))
+    found = listed(*grades, bob='no memory')
     text = classroom.page(found, RUBRIC)
 
     assert text.count(str(escape(HOSTILE))) == 3

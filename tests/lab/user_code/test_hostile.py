@@ -64,7 +64,7 @@ def test_a_controller_that_refuses_to_be_looked_at(tmp_path: Path, method: str, 
     file.write_text(f'{CONTROLLER}    def {method}(self, name):\n        {fault}\n')
     code = load(file, budget=0.2)
     if method == '__getattribute__':
-        with pytest.raises(UserCodeError, match='whose acc_calculate cannot be read'):
+        with pytest.raises(UserCodeError, match='expected a function, got None'):
             UserController(code)
     else:  # only what it does not have
         assert UserController(code).acc_calculate(8.0, 0.0, 0.02) == 1.0
