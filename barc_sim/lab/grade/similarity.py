@@ -39,7 +39,7 @@ _LAYOUT = (tokenize.COMMENT, tokenize.NL, tokenize.INDENT, tokenize.DEDENT, toke
 #: What anybody can copy: the file in this package, and its name in the list.
 _KNOWN = {
     'the published law': ('lab/grade/known/published_law.txt',),
-    'the reference': ('vehicle/bike_model.py', 'control/pid.py'),
+    "barc_sim's own code": ('vehicle/bike_model.py', 'control/pid.py'),
 }
 
 
@@ -53,7 +53,7 @@ def alike(
 ) -> dict[str, list[tuple[str, float]]]:
     """Return for each submission those that are alike, and the share, the greatest first.
 
-    Among them are the published law and the reference. Passages of `handout` do not count.
+    Among them are the published law and barc_sim's own code. Passages of `handout` do not count.
     """
     counts = Counter(passage for each in submissions.values() for passage in each)
     least, share = min(EVERYBODYS, max(len(submissions), 3)), EVERYBODYS_SHARE * len(submissions)

@@ -22,7 +22,7 @@ EXPECTED = dict(zip(EQUATIONS, np.array([bikeFE(**state) for state in STATES]).T
 
 
 @pytest.mark.parametrize('name', EQUATIONS)
-def test_without_a_mistake_each_equation_is_the_references(name: str) -> None:
+def test_without_a_mistake_each_equation_is_barc_sims(name: str) -> None:
     assert close(BIKE.compute(INPUTS)[name], EXPECTED[name])
 
 

@@ -94,7 +94,7 @@ def messages(findings: list[Finding]) -> dict[str, str]:
     return {finding.criterion: finding.message for finding in judged if finding.score != 1.0}
 
 
-def test_the_references_own_code_gets_full_marks(lab: Lab) -> None:
+def test_barc_sims_own_code_gets_full_marks(lab: Lab) -> None:
     findings = judge(lab(MODEL, CONTROLLER))
     assert messages(findings) == {}
     assert tuple(finding.criterion for finding in findings) == CRITERIA

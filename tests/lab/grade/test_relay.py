@@ -108,11 +108,11 @@ WORKS = {
         18.8, 16.8, 'after the release of up it goes on with +4 m/s²',
     ),
     'slow': Work(
-        replaced(ROS_1, 'dt=0.05', 'dt=0.2'), 18.5, 17.0,
+        replaced(ROS_1, 'dt=0.05', 'dt=0.2'), 18.5, 16.5,
         '5 commands a second while a key is held: the lab has dt = 0.05 s',
     ),
     'without a sleep': Work(
-        replaced(ROS_1, 'self.rate.sleep()', 'pass'), 18.5, 17.0,
+        replaced(ROS_1, 'self.rate.sleep()', 'pass'), 18.5, 16.5,
         '1000 commands a second while a key is held: is the sleep of its loop missing?',
     ),
     'another topic': Work(

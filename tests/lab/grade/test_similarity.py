@@ -65,8 +65,8 @@ def test_copies_of_the_reference_and_of_the_published_law_are_named() -> None:
         }
     )
 
-    assert found['model'] == [('the reference', 1.0)]
-    assert found['pid'] == [('the reference', 1.0)]
+    assert found['model'] == [("barc_sim's own code", 1.0)]
+    assert found['pid'] == [("barc_sim's own code", 1.0)]
     ((name, share),) = found['law']
     assert name == 'the published law'
     assert ALIKE <= share < 1.0
