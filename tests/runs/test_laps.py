@@ -1,4 +1,4 @@
-"""Laps: the road begins anew, in both engines, and each lap has its row in what reads the run."""
+"""Laps: the road begins anew, and each lap has its row in what reads the run."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import re
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 import yaml
-from command_line import barc, call
+from command_line import barc
 
 from barc_sim.bags import reader
 from barc_sim.figures.run_figures import speed_figure
@@ -19,14 +18,13 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import Log
 
-pytestmark = pytest.mark.usefixtures('ros_domain')
 ROW = re.compile(r' +(\d+)  +0\.0 to +(\d+\.\d) m +0\.\d+ +0\.\d+ +0\.3% +1\.00 +0')
 
 
-def drive(folder: Path, engine: str, *options: str) -> tuple[str, Path]:
+def drive(folder: Path, *options: str) -> tuple[str, Path]:
     """Drive in lock-step; return what the run prints, and its bag."""
-    words = ('--engine', engine, '--realtime-factor', 'max', '--bag-dir', str(folder))
-    done = (barc if engine == 'local' else call)('acc', *words, *options)
+    words = ('--engine', 'local', '--realtime-factor', 'max', '--distance', '30')
+    done = barc('acc', *words, '--bag-dir', str(folder), *options)
     assert done.returncode == 0, done.stderr
     return done.stdout, next(folder.iterdir())
 
@@ -38,13 +36,12 @@ def lap_of(log: Log, number: int) -> dict[str, np.ndarray]:  # type: ignore[type
     return {name: values for name, values in columns.items() if name != 't'}
 
 
-@pytest.mark.parametrize('engine', ['local', pytest.param('ros', marks=pytest.mark.slow)])
-def test_each_lap_is_the_run_of_one_lap_to_the_last_bit(tmp_path: Path, engine: str) -> None:
-    _, single = drive(tmp_path / 'single', engine)
-    out, several = drive(tmp_path / 'several', engine, '--laps', '2')
+def test_each_lap_is_the_run_of_one_lap_to_the_last_bit(tmp_path: Path) -> None:
+    _, single = drive(tmp_path / 'single')
+    out, several = drive(tmp_path / 'several', '--laps', '2')
     assert [ROW.match(line).groups() for line in out.splitlines() if ROW.match(line)] == [  # type: ignore[union-attr]
-        ('1', '180.1'),
-        ('2', '180.1'),
+        ('1', '30.2'),
+        ('2', '30.2'),
     ]
     expected = lap_of(reader.read(single), 0)
     log = reader.read(several)
@@ -54,11 +51,9 @@ def test_each_lap_is_the_run_of_one_lap_to_the_last_bit(tmp_path: Path, engine: 
             assert lap[name].tobytes() == values.tobytes(), name
     parameters = yaml.safe_load(reader.info(several)['parameters'])
     assert parameters['/vehicle_simulator']['ros__parameters']['laps'] == 2
-    assert 'lap 1 0.021 m/s, lap 2 0.021 m/s' in speed_figure(log).get_supxlabel()
+    assert 'lap 1 0.010 m/s, lap 2 0.010 m/s' in speed_figure(log).get_supxlabel()
     barc('report', str(several), '-o', str(tmp_path / 'report.html'))
-    report = (tmp_path / 'report.html').read_text()
-    assert 'lap 1, 0.0 to 180.1 m' in report
-    assert 'lap 2, 0.0 to 180.1 m' in report
+    assert 'lap 2, 0.0 to 30.2 m' in (tmp_path / 'report.html').read_text()
 
 
 def test_laps_without_a_distance_are_refused() -> None:

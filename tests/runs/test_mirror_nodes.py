@@ -26,7 +26,8 @@ pytestmark = pytest.mark.usefixtures('ros_domain')
 
 @pytest.mark.parametrize('engine', ['ros', 'local'])
 def test_every_state_is_mirrored_and_the_run_is_the_same(engine: str, tmp_path: Path) -> None:
-    path = bag_of(tmp_path, '--realtime-factor', 'max', '--mirrors', 'all', '--engine', engine)
+    options = ('--realtime-factor', 'max', '--distance', '30', '--mirrors', 'all')
+    path = bag_of(tmp_path, *options, '--engine', engine)
     found = messages(path)
     assert set(found) > EACH_STATE | (NOW_AND_THEN - {'/diagnostics'})
     stamps = [state.header.stamp for state in found['/z_vhcl']]
@@ -37,7 +38,7 @@ def test_every_state_is_mirrored_and_the_run_is_the_same(engine: str, tmp_path: 
             (each.header.frame_id, each.child_frame_id) for each in found['/tf'][0].transforms
         ]
         assert frames == [('map', 'odom'), ('odom', 'base_link')]
-    assert np.array_equal(bag.read(path).v_x, closed_loop().v_x)
+    assert np.array_equal(bag.read(path).v_x, closed_loop(distance=30.0).v_x)
     assert bag.info(path)['lost_messages'] == '0'
 
 
