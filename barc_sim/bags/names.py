@@ -23,7 +23,7 @@ INITIAL_POSE = 'initialpose'  #: puts the car there, at rest, as the tool of RVi
 # Published by the node `mirror`, for ROS's own tools.
 ODOM = 'odom'  #: the measured pose from odom to base_link; x on the map, z the elevation
 PATH = 'path'  #: the way since the start, in at most 200 poses, once a second
-MARKERS = 'markers'  #: the car to scale with its wheels turned, 25 times a second
+MARKERS = 'markers'  #: the car, 25 times a second
 ROAD_MARKERS = 'road_markers'  #: the road, once, latched (transient local)
 
 # ROS's own tools expect these outside of every namespace.
