@@ -52,7 +52,10 @@ def _subscribe(
 def _take(subscription: Subscription) -> Iterator[tuple[Any, dict[str, int]]]:
     """Yield the messages that have arrived, each with the middleware's information on it."""
     with subscription.handle:
-        while taken := subscription.handle.take_message(subscription.msg_type, False):
+        for _ in range(_DEPTH):  # what arrives meanwhile could go on for ever
+            taken = subscription.handle.take_message(subscription.msg_type, False)
+            if taken is None:
+                return
             yield taken
 
 
