@@ -55,12 +55,16 @@ class Budget:
 
     def __init__(self, files: Sequence[Path], *, timed: bool = True) -> None:
         """Begin the reading of a bag's files, which takes time from now on if it is `timed`."""
-        size = sum(file.lstat().st_size for file in files)
         self.file = files[0]
-        self._bytes = 4 * MAX_RECORD + 1000 * size
-        self._records = 10_000 + size // 8
-        self._seconds = max(8.0, size / (3 << 20))
+        self._size = sum(file.lstat().st_size for file in files)
+        self._seconds = max(8.0, self._size / (3 << 20))
         self._end = thread_time() + self._seconds if timed else inf
+        self.renew()
+
+    def renew(self) -> None:
+        """Begin another reading of the same files."""
+        self._bytes = 4 * MAX_RECORD + 1000 * self._size
+        self._records = 10_000 + self._size // 8
 
     def charge(self, size: int = 0) -> None:
         """Charge a record that unpacks to `size` bytes before the work; UserError: all is spent."""

@@ -109,6 +109,7 @@ class Contents:
     def messages(self) -> Iterator[Message]:
         """Yield the messages in the order of the bag, up to its damage."""
         self.counts, self.span = Counter(), Span()
+        self._budget.renew()
         for source in self._others:
             yield from self._counted(self._of_other(source))
         for file in self.files:

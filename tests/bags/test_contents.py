@@ -70,6 +70,11 @@ def test_the_messages_of_any_recorder_are_read_in_order(path: Path) -> None:
     )
 
 
+def test_a_bag_is_read_as_often_as_one_likes(ours: Path) -> None:
+    contents = Contents(ours)  # `barc play --loop` does it for hours
+    assert {sum(1 for _ in contents.messages()) for _ in range(60)} == {440}
+
+
 def test_info_prints_what_is_in_it(path: Path) -> None:
     found = json.loads(printed('info', str(path), '--json'))
     assert (found['messages'], found['duration'], found['damages']) == (440, 3.99, {})
