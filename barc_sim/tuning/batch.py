@@ -107,6 +107,8 @@ class Course:
     @cached_property
     def errors(self) -> list[float]:
         """The measurement error [m/s] of each state's speed: the same for all loops."""
+        if not self.noise:
+            return [-0.0] * (self.steps + 1)
         errors = Sensor(NoiseLevels(v_x=self.noise), self.seed).draw(self.steps + 1)
         return list(errors[3].tolist())
 
@@ -178,11 +180,19 @@ class _Block:
         settings = self._settings
         measured = self._v + measurement_error
         error = settings.reference - measured
-        increment = self._ki * error * interval
-        derivative = self._minus_kd * (measured - self._previous) / settings.dt
-        wanted = self._kp * error + self._integral + increment + derivative
-        command: Floats = np.maximum(np.minimum(wanted, settings.high), settings.low)
-        into_limit = (wanted - command) * increment > 0.0
+        increment = self._ki * error
+        increment *= interval
+        derivative = measured - self._previous
+        derivative *= self._minus_kd
+        derivative /= settings.dt
+        wanted = self._kp * error
+        for term in (self._integral, increment, derivative):
+            wanted += term
+        command: Floats = np.minimum(wanted, settings.high)
+        np.maximum(command, settings.low, out=command)
+        wanted -= command
+        wanted *= increment
+        into_limit = wanted > 0.0
         if into_limit.any():
             increment[into_limit] = 0.0
         self._integral += increment
