@@ -1,4 +1,4 @@
-"""What decides: the speed controllers, and the driver whose keys become commands.
+"""What decides: speed controllers, steering laws, and the driver whose keys become commands.
 
 Nothing here moves a car or imports ROS.
 """

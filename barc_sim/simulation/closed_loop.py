@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import inspect
+from copy import deepcopy
 from math import inf, nan
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -242,7 +243,7 @@ def simulate(
         reference=None if reference is None else reference_of(reference),
         distance=distance or inf,
         max_duration=max_duration,
-        lane=lane,
+        lane=deepcopy(lane),
     )
 
 
@@ -263,7 +264,7 @@ def lap(
     lane
         What steers, an object with `steer_calculate(e_y, e_psi, speed, curvature)`: `LaneLQR()`,
         `Stanley()`, `PurePursuit()`, or one of your own. `curvature(d)` is that of the centre line
-        `d` metres ahead [1/m].
+        `d` metres ahead [1/m]. A copy of it drives.
     track
         A `Track`, the name of one, or the path of a CSV file with the columns `length_m,radius_m`.
     speed
@@ -293,6 +294,7 @@ def lap(
     LAPS._replace(between=(1, 10**6)).check(laps)
     if laps > 1 and not road.is_closed:
         raise UserError(f'track {road.name!r} is not closed: expected laps 1, not {laps}')
+    defaults: dict[str, Any] = {'road': 'flat', 'max_duration': min(laps * MAX_DURATION, 1e5)}
     return simulate(  # type: ignore[return-value]  # on a track
         track=road,
         lane=lane or LaneLQR(),
@@ -300,7 +302,7 @@ def lap(
         e_y=e_y,
         reference=reference_of(speed),
         distance=laps * road.length,
-        **{'road': 'flat'} | options,
+        **defaults | options,
     )
 
 

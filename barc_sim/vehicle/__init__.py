@@ -1,4 +1,4 @@
-"""What moves: bicycles, tyres, integrators, actuators, the sensor, the road, and their parameters.
+"""What moves: bicycles, tyres, integrators, actuators, sensor, road, track, and their parameters.
 
 Nothing here decides, and nothing here imports ROS.
 """

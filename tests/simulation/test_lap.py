@@ -23,6 +23,8 @@ from barc_sim.vehicle.track import Track
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from barc_sim.control.lane import Curvature
+
 
 @pytest.fixture(scope='module')
 def three() -> TrackLog:
@@ -88,6 +90,22 @@ def test_any_controller_of_the_speed_drives() -> None:
     log = lap(track='oval', laps=1, controller=LQR(), speed=lambda _, s: 5.0 if s < 80.0 else 7.0)
     assert set(log.own_terms) == set(LQR.terms)
     assert (log.reference == np.where(log.s < 80.0, 5.0, 7.0)).all()
+
+
+def test_a_law_of_ones_own_begins_anew_in_each_run() -> None:
+    class Integral:
+        def __init__(self) -> None:
+            self.sum = 0.0
+
+        def steer_calculate(
+            self, e_y: float, e_psi: float, _: float, curvature: Curvature
+        ) -> float:
+            self.sum += 0.001 * e_y
+            return 3.0 * curvature(0.0) - 0.2 * e_y - 0.6 * e_psi - self.sum
+
+    law: Any = Integral()
+    assert lap(law, 'oval', laps=1) == lap(law, 'oval', laps=1)
+    assert law.sum == 0.0
 
 
 def test_a_car_beyond_the_edge_ends_the_run() -> None:

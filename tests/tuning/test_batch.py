@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.control.pid import speed_controller
@@ -85,37 +84,6 @@ def test_a_batch_is_its_closed_loops_to_the_last_bit(name: str, block: int) -> N
 
 
 grades = st.floats(-50.0, 50.0)
-
-
-@settings(max_examples=25, deadline=None)
-@given(
-    road=st.lists(st.tuples(st.floats(0.5, 20.0), grades), min_size=1, max_size=5),
-    speed=st.floats(1.0, 15.0),
-    noise=st.sampled_from([0.0, 0.0, 0.2]),
-    delay=st.integers(0, 5),
-    gains=st.lists(
-        st.tuples(st.floats(0.0, 80.0), st.floats(0.0, 3000.0), st.floats(0.0, 3.0)),
-        min_size=1,
-        max_size=6,
-    ),
-)
-def test_any_batch_is_its_closed_loops(
-    road: list[tuple[float, float]],
-    speed: float,
-    noise: float,
-    delay: int,
-    gains: list[tuple[float, float, float]],
-) -> None:
-    starts = np.cumsum([0.0, *(length for length, _ in road[:-1])])
-    course = Course(
-        road=Road(tuple(starts.tolist()), tuple(grade for _, grade in road)),
-        speed_reference=speed,
-        distance=25.0,
-        noise=noise,
-        delay=0.02 * delay,
-    )
-    found = batch.run_batch(course, np.array(gains))
-    assert_same(found, one_by_one(course, np.array(gains)), noise=noise)
 
 
 def test_some_loops_of_the_courses_arrive_and_some_do_not() -> None:

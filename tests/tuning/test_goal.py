@@ -79,27 +79,6 @@ def test_the_runs_own_pid_in_a_file_scores_as_it_does_in_batches(
     assert capsys.readouterr().out == ''
 
 
-def test_an_output_beyond_the_limit_is_limited(tmp_path: Path) -> None:
-    path = tmp_path / 'controller.py'
-    path.write_text(
-        'class PID:\n'
-        '    def __init__(self, kp, ki, kd): self.kp = kp\n'
-        '    def acc_calculate(self, r, v): return self.kp * (r - v)\n'
-    )
-    course = Course(acceleration_limit=3.0)
-    log = goal_of(path, course).log(course, np.array([100.0, 0.0, 0.0]))
-    assert np.abs(log.motor).max() == 3.0
-    assert log.saturated[0]
-    assert not log.saturated.all()
-
-
-def test_an_edited_file_counts_at_once(controller: Path) -> None:
-    goal = goal_of(controller)
-    before = goal(GAINS)
-    controller.write_text(CONTROLLER.replace('return ', 'return 0.5 * '), encoding='utf-8')
-    assert goal(GAINS)[0] > before[0]
-
-
 @pytest.mark.parametrize(
     'options',
     [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from math import hypot, inf, nan, nextafter, radians, sin
 from typing import TYPE_CHECKING
 
@@ -119,14 +118,6 @@ def test_road_is_read_from_a_file(tmp_path: Path, text: bytes) -> None:
     assert Road.named(str(path)) == Road((0.0, 15.5), (0.0, -4.0), name=str(path))
 
 
-def test_file_named_like_a_built_in_road_does_not_hide_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / 'lab').write_text(f'{HEADER}0,5\n')
-    assert Road.named('lab') == Road.lab()
-
-
 @pytest.mark.parametrize(
     ('text', 'reason'),
     [
@@ -181,9 +172,3 @@ def test_map_begins_where_the_distance_is_zero() -> None:
     assert road.horizontal(0.0) == 0.0
     assert road.horizontal(-30.0) == pytest.approx(-15.0)
     assert road.horizontal(20.0) == pytest.approx(15.0)
-
-
-def test_a_pipe_is_no_road(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / 'road.csv')
-    with pytest.raises(UserError, match='nor a CSV file that can be read'):
-        Road.named(str(tmp_path / 'road.csv'))
