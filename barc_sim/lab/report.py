@@ -23,7 +23,6 @@ from barc_sim.bags.records import files
 from barc_sim.cli.files import open_regular
 from barc_sim.figures.graph_figure import GraphDrawing
 from barc_sim.figures.run_figures import (
-    draw_path,
     drive_figure,
     is_by_hand,
     speed_figure,
@@ -184,33 +183,23 @@ def _highlighted(text: str) -> str:
 
 
 def _figures(log: Log) -> Iterator[_Figure]:
-    low, high = _range(log.speed)
     steered = np.isnan(log.reference).all() and np.any(np.abs(log.across) > _VISIBLE)
     if steered or is_by_hand(log):
         yield _drawn(
             drive_figure(log),
             'Path, heading, speed and steering',
-            f"The car's path from above; below it heading, speed (between {low} and {high} m/s) "
-            'and steering angle over time.',
+            "The car's path from above; below it heading, speed and steering angle over time.",
         )
         return
     yield _drawn(
         speed_figure(log),
         'Speed, grade and command',
-        f'The speed over the position along the road, between {low} and {high} m/s; below it '
-        "the road's grade and the commanded acceleration.",
+        "The speed over the position along the road; below it the road's grade and the commanded "
+        'acceleration.',
     )
     if (terms := terms_figure(log)) is not None:
         alt = f'The terms {", ".join(log.terms)} over the position along the road.'
         yield _drawn(terms, "The controller's terms", alt)
-    if np.any(np.abs(log.across) > _VISIBLE):
-        yield _drawn(_path_figure(log), "The car's path", "The car's path from above, y over x.")
-
-
-def _path_figure(log: Log) -> Figure:
-    figure = Figure(figsize=(9.6, 5.4), layout='constrained')
-    draw_path(figure.subplots(), log.distance, log.across)
-    return figure
 
 
 @contextmanager
@@ -226,11 +215,6 @@ def _drawn(figure: Figure, caption: str, alt: str) -> _Figure:
     text = io.StringIO()
     figure.savefig(text, format='svg', metadata={'Date': None})
     return _Figure(data_url('image/svg+xml', text.getvalue().encode()), caption, alt)
-
-
-def _range(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[str, str]:
-    known = values[~np.isnan(values)]
-    return (f'{known.min():.3g}', f'{known.max():.3g}') if known.size else (_DASH, _DASH)
 
 
 def _number(value: float, form: str) -> str:

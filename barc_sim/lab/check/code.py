@@ -1,4 +1,4 @@
-"""The user code that is judged, called in a process of its own, and what is found of it."""
+"""The user code that is judged, called in a process of its own, and the findings on it."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class JudgedCode:
             kp, ki, kd, origin = self._notes()['gains']
             gains = ChosenGains(float(kp), float(ki), float(kd), one_line(str(origin), 100))
             if all(map(isfinite, gains[:3])):
-                self._gains = gains  # a process that has ended tells no more of them
+                self._gains = gains  # they stay known when the process has ended
         return self._gains
 
     def tolerated(self) -> tuple[str, ...]:

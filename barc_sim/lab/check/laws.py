@@ -56,7 +56,7 @@ class Mistake(NamedTuple):
 
     @property
     def is_general(self) -> bool:
-        """Whether it is any mistake in a quantity, whose value follows from what was returned."""
+        """Whether it is any mistake in a quantity: its formula uses what the code returned."""
         return any('got_' in formula for formula in self.formulas.values())
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from pathlib import Path
 
-#: Of `check`, whose user waits and has written the code.
+#: For `check`: its user waits, and has written the code.
 _CHECKED = Limits(call=2.0, wait=10.0, total=45.0)
 
 
@@ -96,7 +96,7 @@ class Report:
 def judge_folder(
     folder: Path, settings: Settings, limits: Limits = _CHECKED, *, sandbox: bool = False
 ) -> Report:
-    """Return the findings on the files in `folder`, whose functions a process with limits calls.
+    """Return the findings on the files in `folder`; a process with limits calls their functions.
 
     There may be no files. Without `sandbox` their code is not confined: it is the user's own.
     """

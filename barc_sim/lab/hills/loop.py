@@ -335,8 +335,7 @@ def _of_error(error: Floats, sign: float) -> str:
     sentences = {
         f'held within {_HELD:g} m/s': peak <= _HELD,
         f'the speed swings {swings} times, by up to {peak:.2f} m/s': swings >= _SWINGS,
-        f'{abs(error[0]):.2f} m/s off from the stretch before, {_end(error)}': abs(error[0])
-        >= _CARRIED * peak,
+        f'starts {abs(error[0]):.2f} m/s off, {_end(error)}': abs(error[0]) >= _CARRIED * peak,
         f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"} at its end': abs(rest)
         > _STEADY * peak,
         f'overshoots by {over:.2f} m/s': over > max(_STEADY * peak, _HELD),

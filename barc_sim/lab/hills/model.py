@@ -119,8 +119,8 @@ def _hidden(
 
     Other differences there are no mistake: a file may have 0.5 in place of l_r / (l_f + l_r).
     """
-    wrong = [name for name in EQUATIONS if not judge.is_right(trial, name)]
-    if trial.failure or any(judge.loss(road, name) for name in wrong):
+    wrong = [name for name in trial.tests if not judge.is_right(trial, name)]
+    if trial.failure or any(judge.loss(road, name) for name in trial.tests):
         return [], {}
     causes = judge.causes([trial], wrong, road)
     named = {n: cause for n, cause in causes.items() if cause.formulas and not cause.is_general}

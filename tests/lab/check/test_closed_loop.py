@@ -50,7 +50,7 @@ def remarks(finding: Finding) -> list[str]:
         (RUN, 0, '1.00 s to 8 m/s, where 8 m/s² allow 1.00 s'),
         ((10.0, 20.0, 0.0), STEEP, 'm/s off, gone after 1.2 s'),
         ((2.0, 0.0, 0.0), STEEP, 'at once: 2.44 m/s too slow at its end'),
-        ((2.0, 0.0, 0.0), 2, '0.85 m/s off from the stretch before, gone after 1.1 s'),
+        ((2.0, 0.0, 0.0), 2, 'starts 0.85 m/s off, gone after 1.1 s'),
         ((2.0, 2.0, 0.0), 0, 'm/s too fast'),
         ((5.0, 400.0, 0.0), STEEP, 'overshoots by'),
         ((1.0, 100.0, 0.0), STEEP, 'the speed swings 4 times'),

@@ -112,7 +112,9 @@ def test_l_f_for_l_r_is_named_where_a_file_has_its_own_lengths(
     text = text.replace('    beta =', f'{body}    beta =')
     settings = Settings(criteria=('model.x', 'model.general'))
     assert all(finding.passed for finding in judge(lab(text), settings))
-    x, general = judge(lab(replaced(text, ('atan(l_r /', 'atan(l_f /'))), settings)
+    x, general = judge(
+        lab(replaced(text, ('atan(l_r /', 'atan(l_f /'), ('-m * g', 'm * g'))), settings
+    )
     words = 'l_f is used in place of l_r in beta = atan(l_r / (l_f + l_r) * tan(d_f))'
     assert x.passed  # its numbers are right for the lab's car
     assert x.message.endswith(words)
