@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+import time
+from typing import TYPE_CHECKING, Any
 
 from websockets.sync.client import connect
 
 from barc_sim.page.protocol import COLUMNS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from websockets.sync.client import ClientConnection
+
+PATIENCE = 30.0  #: [s]
 
 
 def connect_page(url: str) -> ClientConnection:
@@ -27,3 +33,15 @@ def rows(received: str | bytes) -> list[dict[str, float]]:
     return [
         dict(zip(COLUMNS, values[k : k + width], strict=True)) for k in range(0, len(values), width)
     ]
+
+
+def wait(connection: ClientConnection, what: str | Callable[[dict[str, Any]], bool]) -> Any:  # noqa: ANN401
+    """Return the next message of a type, or message or row of a state for which `what` is true."""
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        message = connection.recv(timeout=PATIENCE)
+        found = [json.loads(message)] if isinstance(message, str) else [*rows(message)]
+        for each in found:
+            if each.get('type') == what if isinstance(what, str) else what(each):
+                return each
+    raise AssertionError('it did not come')

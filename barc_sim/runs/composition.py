@@ -116,13 +116,6 @@ class Run:
 
     A UserError before the first state deletes the bag and goes on. Later, and where user code
     raises, it is the run's `failure`, which the bag holds, too.
-
-    Attributes
-    ----------
-    nodes
-        Those that `spin` adds to the executor; the recorder is the first.
-    finished
-        Done when every simulator has finished; `finish` ends the run at once.
     """
 
     def __init__(self, options: Namespace, inputs: Inputs, stop: StopSignals) -> None:
@@ -131,9 +124,9 @@ class Run:
         UserError: the bag cannot be made.
         """
         self.options, self.inputs, self._stop = options, inputs, stop
-        self.nodes: list[Any] = []
+        self.nodes: list[Any] = []  #: those that `spin` adds; the recorder is the first
         self.simulators: list[VehicleSimulator] = []
-        self.finished = Future()
+        self.finished = Future()  #: done when every simulator has finished
         self.failure: str | None = None
         self.recorder: BagRecorder | None = None
         self._display: Display | None = None

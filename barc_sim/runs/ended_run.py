@@ -60,17 +60,11 @@ def serve_ended_run(page: RunPage, options: Namespace, bag: Path | None, stop: S
 
 
 class EndedRun:
-    """What the page of an ended run offers.
-
-    Attributes
-    ----------
-    next_command
-        The command line of the next run, once it is asked for.
-    """
+    """What the page of an ended run offers."""
 
     def __init__(self, url: str, argv: list[str], bag: Path | None) -> None:
         """Offer for the run of the command line `argv`, whose page is at `url`."""
-        self.next_command: list[str] | None = None
+        self.next_command: list[str] | None = None  #: of the next run, once it is asked for
         self._url, self._argv, self._bag = urlsplit(url), argv, bag
         self._before = _bag_before(bag) if bag else None
         self._files = [_REPORT, _BAG] if bag else []

@@ -7,7 +7,6 @@ import re
 import struct
 import time
 from contextlib import contextmanager, suppress
-from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,7 +14,7 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('foxglove')
 
-from rclpy.executors import SingleThreadedExecutor
+from node_bench import spinning
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
@@ -112,14 +111,8 @@ def source(ros: Context) -> Iterator[Node]:
 def server(ros: Context) -> Iterator[FoxgloveServer]:
     """Return a server at a free port, spun in a thread."""
     node = FoxgloveServer(0, context=ros)
-    executor = SingleThreadedExecutor(context=ros)
-    executor.add_node(node)
-    thread = Thread(target=executor.spin)
-    thread.start()
-    yield node
-    executor.shutdown()
-    thread.join()
-    node.destroy_node()
+    with spinning(ros, node):
+        yield node
 
 
 @contextmanager

@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import time
 from contextlib import contextmanager
-from threading import Thread
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
 import pytest
 
@@ -15,11 +13,12 @@ pytest.importorskip('rclpy')
 
 import numpy as np
 from barc_interfaces.msg import ECU, Environment, PidState, ZDynBkMdl
+from node_bench import spinning
+from page_client import connect_page
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent, ParameterType, ParameterValue
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from websockets.sync.client import connect
 
 from barc_sim.bags import names
 from barc_sim.control.lqr import LQR
@@ -27,7 +26,6 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
 from barc_sim.page.protocol import CAR, COLUMNS, OTHERS, Status, encode
-from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.node_helpers import to_header
 
 if TYPE_CHECKING:
@@ -95,30 +93,8 @@ class Client:
 
 @contextmanager
 def page(view: ViewNode) -> Iterator[Client]:
-    address = urlsplit(view.url)
-    with connect(
-        f'ws://{address.netloc}{address.path}socket',
-        origin=f'http://{address.netloc}',
-        proxy=None,
-        max_size=None,
-    ) as socket:
+    with connect_page(view.url) as socket:
         yield Client(socket)
-
-
-@contextmanager
-def spinning(context: Context, *nodes: Node) -> Iterator[None]:
-    executor = QuickExecutor(2, context=context)
-    for node in nodes:
-        executor.add_node(node)
-    thread = Thread(target=executor.spin)
-    thread.start()
-    try:
-        yield
-    finally:
-        executor.shutdown()
-        thread.join(DEADLINE)
-        for node in nodes:
-            node.destroy_node()
 
 
 def until(condition: Any) -> None:  # noqa: ANN401 (a callable)

@@ -6,7 +6,6 @@ import math
 import socket
 import time
 from contextlib import contextmanager
-from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -16,6 +15,7 @@ pytest.importorskip('rclpy')
 from barc_interfaces.msg import ECU, Environment, ZDynBkMdl
 from browser import AXE, CHROMIUM, OVERFLOW, SIZES, wait_until
 from geometry_msgs.msg import Twist
+from node_bench import spinning
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
@@ -24,7 +24,6 @@ from barc_sim.control.pid import PID
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.view import ViewNode
 from barc_sim.page.protocol import CAR, Status, lap_facts, stretch_facts
-from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.node_helpers import to_header
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step
 from barc_sim.vehicle.road import Road
@@ -124,19 +123,8 @@ def run(
         mode, port=port, context=context, status=lambda: Status(missed=2, paused=car.paused)
     )
     controller = CruiseController(context=context) if mode == 'acc' else None
-    nodes = [node for node in (view, car, controller) if node]
-    executor = QuickExecutor(2, context=context)
-    for node in nodes:
-        executor.add_node(node)
-    thread = Thread(target=executor.spin)
-    thread.start()
-    try:
+    with spinning(context, *(node for node in (view, car, controller) if node)):
         yield view, car, controller
-    finally:
-        executor.shutdown()
-        thread.join(20.0)
-        for node in nodes:
-            node.destroy_node()
 
 
 @pytest.fixture

@@ -8,20 +8,16 @@ import os
 import time
 import zipfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 from urllib.request import urlopen
 
 import pytest
 from command_line import ENVIRONMENT, barc, started
-from page_client import connect_page
+from page_client import connect_page, wait
 
 from barc_sim import read_bag
 from barc_sim.__main__ import parse
 from barc_sim.bags import reader
 from barc_sim.runs.ended_run import EndedRun, next_command
-
-if TYPE_CHECKING:
-    from websockets.sync.client import ClientConnection
 
 PATIENCE = 30.0  #: [s]
 VALUES = {'kp': 4.0, 'ki': 8.0, 'kd': 0.0, 'speed_reference': 6.0, 'acceleration_limit': 5.0}
@@ -74,16 +70,6 @@ def test_report_and_bag_can_be_downloaded_and_the_run_before_is_compared(tmp_pat
     assert EndedRun(URL, ['acc'], None).file('bag.zip') is None
 
 
-def receive(socket: ClientConnection, kind: str) -> dict[str, Any]:
-    """Return the next message of a type."""
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        data = socket.recv(timeout=PATIENCE)
-        if isinstance(data, str) and (message := json.loads(data))['type'] == kind:
-            return dict(message)
-    raise AssertionError(f'no {kind} came')
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('engine', ['local', 'ros'])
 @pytest.mark.usefixtures('ros_domain')
@@ -95,28 +81,28 @@ def test_page_ends_the_run_and_drives_again_with_other_gains(tmp_path: Path, eng
         process.stdout.readline()
         url = process.stdout.readline().split()[-1]
         with connect_page(url) as socket:
-            known = receive(socket, 'hello')
+            known = wait(socket, 'hello')
             while 'kp' not in known['tuning']:
-                known = receive(socket, 'facts')
-            receive(socket, 'status')
+                known = wait(socket, 'facts')
+            wait(socket, 'status')
             socket.send(json.dumps({'type': 'finish'}))
-            assert receive(socket, 'end')['bag']
-            assert receive(socket, 'kept')['again']
+            assert wait(socket, 'end')['bag']
+            assert wait(socket, 'kept')['again']
             with urlopen(f'{url}bag.zip', timeout=PATIENCE) as answer:  # noqa: S310 (our own)
                 assert zipfile.ZipFile(io.BytesIO(answer.read())).namelist()
             socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 4.5}))
-            assert receive(socket, 'facts')['tuning']['kp'] == 4.5
+            assert wait(socket, 'facts')['tuning']['kp'] == 4.5
             socket.send(json.dumps({'type': 'again'}))
-            address = receive(socket, 'again')['address']
+            address = wait(socket, 'again')['address']
         while not (line := process.stdout.readline()).startswith('live page'):
             assert line
         assert line.split()[-1] == address
         with connect_page(address) as socket:
-            known = receive(socket, 'hello')
+            known = wait(socket, 'hello')
             while known['tuning'].get('kp') != 4.5:
-                known = receive(socket, 'facts')
+                known = wait(socket, 'facts')
             socket.send(json.dumps({'type': 'finish'}))
-            assert receive(socket, 'kept')['before']
+            assert wait(socket, 'kept')['before']
         assert process.wait(PATIENCE) == 0  # the page is closed
     newest = max((tmp_path / 'bags').iterdir())
     assert '--gain kp=4.5' in reader.info(newest)['command']

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 from elsewhere import ELSEWHERE
-from page_client import connect_page, rows
+from page_client import connect_page, wait
 
 import barc_sim
 from barc_sim import read_bag
@@ -22,7 +22,6 @@ from barc_sim import read_bag
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from websockets.sync.client import ClientConnection
 
 ROOT = Path(barc_sim.__file__).parents[1]
 PATIENCE = 30.0  #: [s]
@@ -168,22 +167,10 @@ def begin(
     return begin
 
 
-def wait(connection: ClientConnection, what: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """Return the first message, or row of a state, for which `what` is true."""
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        message = connection.recv(timeout=PATIENCE)
-        found = [json.loads(message)] if isinstance(message, str) else [*rows(message)]
-        for each in found:
-            if what(each):
-                return each
-    raise AssertionError('it did not come')
-
-
 def test_page_drives_by_hand(begin: Callable[..., Any], tmp_path: Path) -> None:
     process, url = begin('teleop')
     with connect_page(url) as socket:
-        wait(socket, lambda m: m.get('type') == 'hello')
+        wait(socket, 'hello')
         until = time.monotonic() + 1.0
         while time.monotonic() < until:
             socket.send(json.dumps({'type': 'drive', 'linear': 1.0, 'angular': 0.0}))
