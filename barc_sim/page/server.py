@@ -52,8 +52,7 @@ _HEADERS = {
     'X-Content-Type-Options': 'nosniff',
 }
 _MAX_PAGES = 16
-_MAX_GUESTS = 128  #: connections that have shown no token yet; a new one replaces the oldest
-_MAX_GUESTS_OF_ADDRESS = 64  #: so that one address leaves room for others
+_MAX_GUESTS = 64  #: connections that have shown no token yet; a new one replaces the oldest
 _ACCEPTED_AT_ONCE = 8  #: so few connections that each can show its token before it is replaced
 _HANDSHAKE = 2.0  #: [s] for a connection to show its token
 _MAX_MESSAGE = 256  #: [byte] from a page
@@ -124,18 +123,16 @@ class _Connection(ServerConnection):
     even from the same address, as behind a router: a page shows its token at once.
     """
 
-    def __init__(self, guests: dict[_Connection, str], *arguments: Any, **options: Any) -> None:  # noqa: ANN401
-        self._guests = guests  # with their addresses, oldest first
+    def __init__(self, guests: dict[_Connection, None], *arguments: Any, **options: Any) -> None:  # noqa: ANN401
+        self._guests = guests  # oldest first
         super().__init__(*arguments, **options)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        address = str((transport.get_extra_info('peername') or ('',))[0])
-        neighbours = [guest for guest, other in self._guests.items() if other == address]
-        if len(neighbours) >= _MAX_GUESTS_OF_ADDRESS:
-            neighbours[0].drop()
-        elif len(self._guests) >= _MAX_GUESTS:
-            next(iter(self._guests)).drop()
-        self._guests[self] = address
+        if len(self._guests) >= _MAX_GUESTS:
+            oldest = next(iter(self._guests))
+            oldest.admit()
+            oldest.transport.abort()
+        self._guests[self] = None
         super().connection_made(transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -145,11 +142,6 @@ class _Connection(ServerConnection):
     def admit(self) -> None:
         """Stop counting it as a guest."""
         self._guests.pop(self, None)
-
-    def drop(self) -> None:
-        """Close it at once."""
-        self.admit()
-        self.transport.abort()
 
 
 class ViewServer:
