@@ -223,21 +223,6 @@ def test_idle_endpoints_share_descriptors_and_used_ones_do_not(
     assert sorted(received) == [3] * 20 + [70] * 20
 
 
-def test_hundreds_of_subscriptions(node: Node, until: Until) -> None:
-    received: list[int] = []
-    group = MutuallyExclusiveCallbackGroup()
-    for number in range(300):
-        node.create_subscription(
-            Time, 'a', lambda _, number=number: received.append(number), 10, callback_group=group
-        )
-    publisher = node.create_publisher(Time, 'a', 10)
-    publisher.publish(Time())
-
-    until(lambda: len(received) == 300)
-
-    assert sorted(received) == list(range(300))
-
-
 def test_a_clock_before_1970_is_warned_of_and_dropped(
     make_node: Callable[..., Node], until: Until, capfd: pytest.CaptureFixture[str]
 ) -> None:

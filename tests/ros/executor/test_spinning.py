@@ -47,20 +47,6 @@ def test_spin_once_executes_one_callback(node: Node, executor: QuickExecutor) ->
     assert sorted(calls) == ['a', 'b']
 
 
-def test_what_was_ready_survives_another_timeout(node: Node, executor: QuickExecutor) -> None:
-    calls = []
-    group = MutuallyExclusiveCallbackGroup()
-    node.create_subscription(Time, 'a', calls.append, 10, callback_group=group)
-    guard = node.create_guard_condition(lambda: calls.append(1), callback_group=group)
-    node.create_publisher(Time, 'a', 10).publish(Time())
-    guard.trigger()
-
-    for seconds in (10.0, 11.0):
-        executor.spin_once(timeout_sec=seconds)
-
-    assert len(calls) == 2
-
-
 @pytest.mark.parametrize('seconds', [0, 0.05])
 def test_spin_once_returns_after_its_time(executor: QuickExecutor, seconds: float) -> None:
     begun = time.monotonic()
@@ -102,40 +88,17 @@ def test_spin_until_future_complete_ends_with_a_future_of_another_thread(
     assert future.result() == 1
 
 
-def test_spin_until_future_complete_ends_after_its_time(
-    node: Node, executor: QuickExecutor
-) -> None:
-    node.create_timer(0.001, lambda: None)
-    begun = time.monotonic()
-    executor.spin_until_future_complete(Future(), 0.1)
-    assert time.monotonic() - begun >= 0.1
-
-
-class CountingFuture(Future):
-    """Counts the callbacks that wait for it."""
-
-    waiting = 0
-
-    def add_done_callback(self, callback: Callable[[Future], None]) -> None:
-        """Count it."""
-        self.waiting += 1
-        super().add_done_callback(callback)
-
-    def remove_done_callback(self, callback: Callable[[Future], None]) -> bool:
-        """Count it no longer."""
-        self.waiting -= 1
-        return super().remove_done_callback(callback)
-
-
 def test_a_future_is_not_burdened_by_being_waited_for(node: Node, executor: QuickExecutor) -> None:
-    future = CountingFuture()
+    future = Future()
     calls = []
     node.create_timer(
         0.0001, lambda: calls.append(1), callback_group=MutuallyExclusiveCallbackGroup()
     )
+    begun = time.monotonic()
     executor.spin_until_future_complete(future, 0.1)
+    assert time.monotonic() - begun >= 0.1
     assert len(calls) > 10
-    assert future.waiting <= 1
+    assert not future._callbacks  # noqa: SLF001
 
 
 def test_a_callback_shuts_the_executor_down(node: Node, executor: QuickExecutor) -> None:
@@ -198,31 +161,6 @@ def test_an_exception_that_no_spin_is_left_to_raise_is_printed(
     executor.shutdown()
 
     assert capsys.readouterr().err.endswith('ValueError: too late\n')
-
-
-def test_what_waits_for_a_thread_is_dropped_by_a_shutdown_and_its_group_is_free(
-    node: Node, executor: QuickExecutor, ros: Context
-) -> None:
-    release = threading.Event()
-    for _ in range(4):
-        executor.create_task(release.wait, DEADLINE)
-    group = MutuallyExclusiveCallbackGroup()
-    calls = []
-    guard = node.create_guard_condition(lambda: calls.append(1), callback_group=group)
-    guard.trigger()
-    for _ in range(5):
-        executor.spin_once(timeout_sec=0)
-    assert not executor.shutdown(timeout_sec=0)
-    release.set()
-    assert executor.shutdown()
-    assert calls == []
-
-    with QuickExecutor(2, context=ros) as another:
-        another.add_node(node)
-        guard.trigger()
-        another.spin_once(timeout_sec=DEADLINE)
-        assert another.shutdown()
-    assert calls == [1]
 
 
 def test_a_coroutine_that_still_waits_gives_its_group_back_at_shutdown(
