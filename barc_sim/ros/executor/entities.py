@@ -61,16 +61,17 @@ class Entry:
     descriptor: int = -1  #: the eventfd in which arrivals are counted
     idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
     on_taken: Callable[[Entry], None] | None = None
-    watch: Any = None  #: a timer's on jumps of its clock; what stands for it in the wait set
+    kept: Any = None  #: a timer's watch on jumps; what stands in the wait set; an event's counts
 
-    def warns_of(self, error: BaseException) -> bool:
+    def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
         """Warn where rclpy itself cannot handle what has arrived; return False for other errors.
 
-        Those come from, or through, Python code that is not rclpy's.
+        That is what a take raises, or rclpy's own callback; and no other code has called it.
         """
+        module = str(getattr(getattr(self.entity, 'callback', None), '__module__', None))
         frames = [frame.f_globals for frame, _ in walk_tb(error.__traceback__)]
         ours = all(str(each.get('__name__')).startswith(_OURS) for each in frames)
-        if not (ours and isinstance(error, Exception)):
+        if not (ours and (taking or module.startswith(_OURS)) and isinstance(error, Exception)):
             return False
         name = getattr(self.entity, 'topic', type(self.entity).__name__)
         self.node.get_logger().warning(
@@ -152,8 +153,10 @@ def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     entry.pending = 0  # one status covers all
     with entry.handle:
         taken = entry.handle.take_event()
-    if not any(getattr(taken, name) for name in dir(taken) if name.endswith('_change')):
+    counts = {name: getattr(taken, name) for name in dir(taken) if name.endswith('_count')}
+    if counts == (entry.kept or dict.fromkeys(counts, 0)):
         return None
+    entry.kept = counts
     return entry.entity.execute, (taken,)
 
 

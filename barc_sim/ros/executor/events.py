@@ -171,7 +171,7 @@ class Events:
             if left is not None and left <= 0:
                 if not entry.pending:  # else it waits for its group already
                     self.queue(entry)
-            elif left and not (entry.watch and entry.entity.clock.ros_time_is_active):
+            elif left and not (entry.kept and entry.entity.clock.ros_time_is_active):
                 self._due[entry] = time.monotonic() + left * 1e-9
         self._next_due = min(self._due.values(), default=inf)
 
@@ -200,7 +200,7 @@ class Events:
             set_listener(entity, self._wakeup)
             entry.on_taken = lambda entry: self._schedule([entry])
             if isinstance(entity.clock, ROSClock):
-                entry.watch = entity.clock.create_jump_callback(_ANY_JUMP, post_callback=self.wake)
+                entry.kept = entity.clock.create_jump_callback(_ANY_JUMP, post_callback=self.wake)
             self._schedule([entry])
         elif isinstance(entity, GuardCondition):
             notify_of_triggers(entity, partial(self._signal, entry))
@@ -253,8 +253,8 @@ class Events:
                 set_listener(entity, None)
             if isinstance(entity, Timer):
                 del self._due[entry]
-                if entry.watch:
-                    entry.watch.unregister()
+                if entry.kept:
+                    entry.kept.unregister()
             else:
                 self._leave(entry)
                 entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
@@ -293,22 +293,20 @@ class WaitSetThread(SingleThreadedExecutor):
     def add(self, entry: Entry) -> None:
         """Wait for an entry, too, also while its callback group is claimed."""
         group = ReentrantCallbackGroup()
-        entry.watch = StandIn(
-            entry.entity, entry=entry, callback_group=group, _executor_event=False
-        )
-        getattr(self, entry.kind).append(entry.watch)
+        entry.kept = StandIn(entry.entity, entry=entry, callback_group=group, _executor_event=False)
+        getattr(self, entry.kind).append(entry.kept)
         self.wake()
         if not self._thread.ident:
             self._thread.start()
 
     def resume(self, entry: Entry) -> None:
         """Wait for an entry again, as what was ready is taken."""
-        entry.watch._executor_event = False  # noqa: SLF001 - True from ready to taken
+        entry.kept._executor_event = False  # noqa: SLF001 - True from ready to taken
         self.wake()
 
     def remove(self, entry: Entry) -> None:
         """Wait for an entry no longer."""
-        getattr(self, entry.kind).remove(entry.watch)
+        getattr(self, entry.kind).remove(entry.kept)
         self.wake()
 
     def close(self) -> None:

@@ -231,9 +231,9 @@ class QuickExecutor(MultiThreadedExecutor):
                     self._standing_by -= 1
                     self._threads.discard(current_thread())
                     break
-            waited = not self._spins
-            if waited:
-                self._leadership.wake_stand_by(_LINGER)  # another spin may follow
+                waited = not self._spins
+                if waited:
+                    self._leadership.wake_stand_by(_LINGER)  # another spin may follow
             if self._leadership.take_over(wanted=not waited):
                 with self._lock:
                     self._standing_by -= 1
@@ -334,7 +334,7 @@ class QuickExecutor(MultiThreadedExecutor):
         except Exception as error:
             if isinstance(error, InvalidHandle) or not getattr(entry.handle, 'pointer', True):
                 entry.pending = 0  # destroyed without its node
-            elif not entry.warns_of(error):
+            elif not entry.warns_of(error, taking=True):
                 raise
         finally:
             if call is None:
