@@ -95,11 +95,6 @@ NANOSECONDS = 1_000_000_000
 FORCE_COLUMN = 'force_n'  #: of a file with a disturbance
 
 
-def period_ns(values: Mapping[str, Any]) -> int:
-    """Return the time between two states [ns]."""
-    return round(NANOSECONDS / float(values['rate']))
-
-
 def disturbance_of(values: Mapping[str, Any]) -> Signal | None:
     """Return the disturbance [N] in the file that `values` name, if they name one."""
     name = values['disturbance_file']
@@ -119,7 +114,7 @@ def plant(
     return Plant(
         road=road or Road.named(values['road']),
         vehicle=Vehicle(*(values[name] for name in Vehicle._fields)),
-        ts=period_ns(values) / NANOSECONDS,
+        ts=round(NANOSECONDS / float(values['rate'])) / NANOSECONDS,
         noise=_noise(values),
         seed=values['seed'],
         sensor_delay=values['sensor_delay'],
@@ -135,9 +130,10 @@ def plant(
 
 
 def retune(values: Mapping[str, Any], plant: Plant) -> None:
-    """Give the plant the `LIVE` parameters of `values`; all else stays as it is."""
-    actuators = _actuator(values, 'motor'), _actuator(values, 'servo')
-    plant.retune(_noise(values), *actuators, values['sensor_delay'], values['disturbance'])
+    """Give the plant the `LIVE` parameters of `values`; commands on their way stay on it."""
+    plant.sensor.noise, plant.sensor.delay = _noise(values), values['sensor_delay']
+    plant.force = values['disturbance']
+    plant.actuators.replace(_actuator(values, 'motor'), _actuator(values, 'servo'))
 
 
 def _noise(values: Mapping[str, Any]) -> NoiseLevels:

@@ -137,19 +137,6 @@ class Plant:
             self._held = command
         self._step(self.actuators.advance(self._held))
 
-    def retune(
-        self,
-        noise: NoiseLevels,
-        motor: Actuator,
-        servo: Actuator,
-        sensor_delay: float = 0.0,
-        force: float = 0.0,
-    ) -> None:
-        """Replace what can change while the car drives; commands on their way stay on it."""
-        self.sensor.noise, self.sensor.delay = noise, sensor_delay
-        self.force = force
-        self.actuators.replace(motor, servo)
-
     def place(self, state: State) -> None:
         """Put the car there, with no command held or on its way."""
         self.state = state

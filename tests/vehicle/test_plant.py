@@ -181,7 +181,7 @@ def test_what_does_not_go_together_is_refused(options: dict[str, Any], sentence:
 def test_noise_can_be_turned_on_between_two_steps() -> None:
     plant = Plant(seed=3)
     assert plant.observe().error == MeasurementError()
-    plant.retune(NoiseLevels(v_x=0.5), Actuator(), Actuator())
+    plant.sensor.noise = NoiseLevels(v_x=0.5)
     noisy = plant.observe()
     assert noisy.error == Plant(seed=3, noise=NoiseLevels(v_x=0.5)).observe().error
     assert noisy.measured.v_x == noisy.true.v_x + noisy.error.v_x != noisy.true.v_x
