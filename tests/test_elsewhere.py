@@ -73,9 +73,9 @@ def home(tmp_path: Path) -> Path:
 def test_three_tasks_from_the_templates_to_the_report(home: Path) -> None:
     done(home, 'new', 'my lab')
     write_lab(home / 'my lab')
-    assert '9 of 9 criteria are met in full' in done(home, 'check', 'my lab')
+    assert '8 of 8 criteria are met in full' in done(home, 'check', 'my lab')
     (home / 'my lab' / 'relay.py').write_text(RELAY, encoding='utf-8')
-    assert '14 of 14 criteria are met in full' in done(home, 'check', 'my lab')
+    assert '13 of 13 criteria are met in full' in done(home, 'check', 'my lab')
     drive_by_hand(home, '--lab', 'my lab')
     submitted = done(home, 'submit', 'my lab')
     assert 'course        180.' in submitted
