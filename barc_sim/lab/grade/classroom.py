@@ -382,7 +382,9 @@ def _mistakes(grades: Iterable[Grade]) -> list[tuple[str, str, int]]:
     counts: Counter[str] = Counter()
     criteria: dict[str, str] = {}
     for grade in grades:
-        found = {_in_general(item.message): LABELS[item.criterion] for item in grade.mistakes}
+        # A message of several criteria counts for the one that lost most.
+        lost = reversed(grade.mistakes)
+        found = {_in_general(item.message): LABELS[item.criterion] for item in lost}
         counts.update([*found])
         criteria |= found
     return [(criteria[text], text, n) for text, n in counts.most_common(_MISTAKES)]
