@@ -22,7 +22,6 @@ from barc_sim.ros.local.node import Node
 if TYPE_CHECKING:
     from barc_sim.ros.local.executor import World
 
-_FOREVER = 10**6 * SECOND
 #: The messages that the lab's files import, of any package.
 _LABS = (
     *('barc_interfaces/msg/ECU', 'barc_interfaces/msg/ZDynBkMdl', 'std_msgs/msg/Header'),
@@ -106,11 +105,8 @@ def modules(world: World) -> dict[str, Any]:
     def now() -> _Seconds:
         return _Seconds(world.now_ns / SECOND)
 
-    def subscribe(
-        name: str, data_class: Any, callback: Any = None, *_: object, **__: object
-    ) -> Any:
-        kind = message_type(data_class.__msgtype__)
-        return node.create_subscription(kind, name, callback or (lambda _: None), 1000)
+    def subscribe(name: str, data_class: Any, callback: Any, *_: object, **__: object) -> Any:
+        return node.create_subscription(message_type(data_class.__msgtype__), name, callback, 1000)
 
     def publisher(name: str, data_class: Any, *_: object, **__: object) -> SimpleNamespace:
         kind = message_type(data_class.__msgtype__)
@@ -124,8 +120,7 @@ def modules(world: World) -> dict[str, Any]:
         return SimpleNamespace(publish=publish, get_num_connections=made.get_subscription_count)
 
     def timer(period: float, callback: Any, **_: object) -> object:
-        made = node.create_timer(period, partial(callback, SimpleNamespace()))
-        return SimpleNamespace(shutdown=made.cancel)
+        return node.create_timer(period, partial(callback, SimpleNamespace()))
 
     rospy = Absent('rospy', 'it is not part of what a relay needs')
     vars(rospy).update(
@@ -139,7 +134,7 @@ def modules(world: World) -> dict[str, Any]:
         get_rostime=now,
         get_param=lambda _, default=None: default,
         sleep=lambda seconds: world.sleep(max(round(seconds * SECOND), 0)),
-        spin=lambda: world.sleep(_FOREVER),
+        spin=lambda: world.sleep(10**6 * SECOND),
         is_shutdown=lambda: not ok(),
         ROSInterruptException=ExternalShutdownException,
         **dict.fromkeys(_LOGS, lambda *_: None),
