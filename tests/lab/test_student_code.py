@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SEED = load().seed
-#: Judged by `check` and `grade` in every run of the tests; all of them in the slow ones.
+#: Judged by `check` and `grade`, which share a judge.
 SOME = ('the published law', 'an error at a low speed')
 
 
@@ -52,9 +52,7 @@ def test_points_by_each_rubric_and_the_sentence(tmp_path: Path, name: str) -> No
 
 
 @pytest.mark.usefixtures('confinement')
-@pytest.mark.parametrize(
-    'name', [name if name in SOME else pytest.param(name, marks=pytest.mark.slow) for name in WORKS]
-)
+@pytest.mark.parametrize('name', SOME)
 def test_check_and_grade_agree_to_the_point(tmp_path: Path, name: str) -> None:
     work, rubric = WORKS[name], load('extended')
     checked = judge_folder(write(tmp_path, work), rubric.settings)

@@ -102,7 +102,7 @@ def test_a_mistake_in_a_term_is_named(term: str, mistake: Mistake) -> None:
         def new_pid(self, kp: float, ki: float, kd: float, **_: object) -> Pid:
             return Pid(PID_LAW, mistake.formulas, {'kp': kp, 'ki': ki, 'kd': kd})
 
-    findings: Any = judge_controller(Code(), 0)  # type: ignore[arg-type]
+    findings: Any = judge_controller(Code(), 0, ())  # type: ignore[arg-type]
     finding = next(each for each in findings if each.criterion[4].upper() == term)
     assert finding.score < 1.0
     assert finding.message == mistake.sentence
