@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import asin, atan2, hypot, pi, sin, sqrt
+from math import asin, atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 import pytest
@@ -89,9 +89,12 @@ def test_terms_sum_to_the_angle_up_to_the_limit() -> None:
 
 def test_pursuit_steers_the_circle_through_its_point() -> None:
     law = PurePursuit(look_ahead=4.0, look_ahead_time=0.5)
-    steer = law.steer_calculate(1.0, 0.0, 2.0, lambda _: 0.0)
-    x, y = 5.0 + L_R, -1.0  # of the point, from the rear axle
-    assert steer == pytest.approx(atan2(2.0 * L * y / hypot(x, y), hypot(x, y)))
+    for e_psi in (0.0, 0.3):
+        steer = law.steer_calculate(1.0, e_psi, 2.0, lambda _: 0.0)
+        # The point from the rear axle, and its direction from the car's axis.
+        x, y = 5.0 + L_R * cos(e_psi), -1.0 + L_R * sin(e_psi)
+        direction = atan2(y, x) - e_psi
+        assert steer == pytest.approx(max(atan2(2.0 * L * sin(direction), hypot(x, y)), -0.5))
 
 
 def test_stanley_aims_at_the_front_axles_point() -> None:
@@ -156,6 +159,9 @@ def test_a_profile_brakes_over_several_segments_and_an_open_track_has_free_ends(
     for s in (0.0, 9.0, 15.0, 30.0):
         assert profile(0.0, s) == pytest.approx(sqrt(corner**2 + 4.0 * (30.0 - s)))
     assert profile(0.0, track.length) == pytest.approx(corner)
+    reverse = speed_profile(Track(track.lengths[::-1], track.curvatures[::-1]), 30.0, 6.0, 2.0)
+    for s in (0.0, 9.0, 15.0, 30.0):
+        assert reverse(0.0, track.length - s) == pytest.approx(profile(0.0, s))
 
 
 @pytest.mark.parametrize('kind', LANE_TYPES.values())

@@ -15,9 +15,10 @@ from barc_sim.simulation.closed_loop import lap, simulate
 from barc_sim.simulation.log import Log, TrackLog
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.bike_model import State
+from barc_sim.vehicle.bike_model import Command, State
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import NoiseLevels
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
@@ -84,6 +85,8 @@ def test_noise_reaches_the_law_and_the_log_has_the_true_place() -> None:
     assert log == again != other
     true = Track.named('oval').frenet(log.x, log.y, log.psi, log.s)
     assert np.abs(true.e_y - log.e_y).max() < 1e-9  # of the speed alone
+    across = lap(track='oval', laps=1, noise=NoiseLevels(ey=0.1))
+    assert np.corrcoef(np.diff(across.servo), np.diff(across.e_ey))[0, 1] < -0.9
 
 
 def test_any_controller_of_the_speed_drives() -> None:
@@ -136,6 +139,17 @@ def test_a_placed_car_begins_a_lap_where_it_is_nearest() -> None:
     assert plant.distance == pytest.approx(31.4159, abs=1e-3)
     assert (plant.on_track.lap, plant.on_track.lap_time) == (0, 0.0)
     assert not plant.has_fast_path
+
+
+def test_a_car_that_rolls_back_over_the_line_stays_in_its_lap() -> None:
+    plant = Plant(track=Track.named('oval'))
+    plant.place(State(*Track.named('oval').place(225.6), v=8.0))
+    laps = []
+    for k in range(60):
+        plant.advance(Command(-20.0 if k > 4 else 0.0))
+        assert plant.on_track
+        laps.append((plant.on_track.lap, plant.distance > 225.67))
+    assert (laps[0], laps[-1]) == ((1, True), (1, False))
 
 
 @pytest.mark.parametrize(
