@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -75,6 +76,9 @@ def run(options: Namespace) -> int:
     from barc_sim.nodes.player import BagPlayer, Playback  # noqa: PLC0415
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
+    # Fast DDS sends in a thread of its own: a large message would delay those behind it.
+    os.environ.setdefault('RMW_FASTRTPS_PUBLICATION_MODE', 'ASYNCHRONOUS')
+    os.environ.setdefault('RMW_FASTRTPS_USE_QOS_FROM_XML', '0')  # which would hide it
     playback = Playback(**{name: getattr(options, name) for name in Playback._fields})
     made: list[BagPlayer] = []
     with ExitStack() as end:
