@@ -184,10 +184,19 @@ def _folder(out: Path, submission: Path) -> Path:
 
 def _records(out: Path) -> dict[str, Grade]:
     """Return what was graded before, by folder."""
+    return {file.parent.name: _record(file) for file in sorted(out.glob(f'*/{_RECORD}'))}
+
+
+def _record(file: Path) -> Grade:
     from barc_sim.lab.grade.grade import from_record  # noqa: PLC0415
 
-    files = sorted(out.glob(f'*/{_RECORD}'))
-    return {file.parent.name: from_record(read_regular(file, _MAX_BYTES)) for file in files}
+    try:
+        return from_record(read_regular(file, _MAX_BYTES))
+    except (TypeError, ValueError):
+        raise UserError(
+            f'{file} is not a record of this version of barc grade: remove '
+            f'{file.parents[1]}/*/{_RECORD}; what was entered by hand stays'
+        ) from None
 
 
 def _entered(

@@ -381,3 +381,15 @@ def test_the_honest_half_of_a_class_gets_what_it_gets_alone(tmp_path: Path) -> N
         assert barc(['grade', str(folder / name), '--out', str(alone), '--time-limit', '30']) == 0
         for file in ('results.json', 'report.html'):
             assert (alone / file).read_bytes() == (out / name / file).read_bytes()
+
+
+@pytest.mark.parametrize('record', ['{"name": "ada", "score": 9.5}', '[]', '{'])
+def test_a_record_of_another_version_is_named(tmp_path: Path, record: str) -> None:
+    made, out = tmp_path / 'class', tmp_path / 'grades'
+    for folder in (made / 'ada', out / 'ada'):
+        folder.mkdir(parents=True)
+    (made / 'ada' / 'bike_model.py').write_text(MODEL)
+    (out / 'ada' / 'record.json').write_text(record)
+    sentence = refused('grade', str(made), '--out', str(out))
+    assert f'{out / "ada" / "record.json"} is not a record of this version' in sentence
+    assert (out / 'ada' / 'record.json').read_text() == record
