@@ -221,14 +221,6 @@ class LaneLQR(LaneLaw):
         return self._limited(feedforward, -k1 * e_y, -k2 * (e_psi - steady))
 
 
-#: By the name that `--lane` takes.
-LANE_TYPES: Mapping[str, type[LaneLaw]] = {
-    'lqr': LaneLQR,
-    'stanley': Stanley,
-    'pursuit': PurePursuit,
-}
-
-
 def speed_profile(
     track: Track, maximum: float, across: float, along: float
 ) -> Callable[[float, float], float]:
