@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from barc_sim.bags import names
 from barc_sim.control.cruise_control import Answer, CruiseControl
 from barc_sim.control.pid import ACCELERATION_LIMIT
-from barc_sim.ros.node_helpers import Heard, RefusedInput, declare, frames, to_nanoseconds
+from barc_sim.ros.node_helpers import RefusedInput, Subscribed, declare, frames, to_nanoseconds
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
@@ -63,7 +63,7 @@ class CruiseController(Node):
             where a parameter is out of range, or `controller` cannot work with them.
         """
         super().__init__('controller', **options)
-        self._heard, self.refused = Heard(self), RefusedInput(self)
+        self._subscribed, self.refused = Subscribed(self), RefusedInput(self)
         refuse, warn = self.refused.add, self.refused.warn
         self._control = CruiseControl(
             controller, partial(declare, self), acceleration_limit, refuse, warn
@@ -114,7 +114,7 @@ class CruiseController(Node):
             return
         self._header.stamp, self._ecu.motor = stamp, answer.acceleration
         self._ecu_pub.publish(self._ecu)
-        if self._computed_pub in self._heard.at(answer.stamp):
+        if self._computed_pub in self._subscribed.at(answer.stamp):
             for name, value in self._control.computed(answer).items():
                 setattr(self._computed, name, value)
             self._computed_pub.publish(self._computed)

@@ -18,9 +18,9 @@ from barc_sim.bags import names
 from barc_sim.bags.messages import split_time
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros.node_helpers import (
-    Heard,
     RateLimitedWarning,
     RefusedInput,
+    Subscribed,
     declare,
     fill,
     frames,
@@ -106,7 +106,7 @@ class VehicleSimulator(Node):
         self.refused, self._on_step = RefusedInput(self), on_step
 
         # One stamp for all messages of a state; to make new messages would cost more.
-        self._heard, self._stamp = Heard(self), Time()
+        self._subscribed, self._stamp = Subscribed(self), Time()
         place, car = (Header(stamp=self._stamp, frame_id=name) for name in frames(self))
         self._time, self._environment = ClockMessage(clock=self._stamp), Environment(header=place)
         self._state, self._error = ZDynBkMdl(header=place), EZDynBkMdl(header=car)
@@ -139,13 +139,13 @@ class VehicleSimulator(Node):
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish what was observed at `t` [s], stamped `stamp_ns` [ns]; `z_vhcl` comes last."""
-        self._seen, heard = seen, self._heard.at(stamp_ns)
+        self._seen, subscribed = seen, self._subscribed.at(stamp_ns)
         self._stamp.sec, self._stamp.nanosec = split_time(stamp_ns)
-        if self.clock_pub in heard:
+        if self.clock_pub in subscribed:
             self._publish_clock()
-        if self._environment_pub in heard:
+        if self._environment_pub in subscribed:
             self._environment_pub.publish(fill(self._environment, seen.surroundings))
-        self._publish_state(with_error=self._error_pub in heard)
+        self._publish_state(with_error=self._error_pub in subscribed)
         if self._on_step:
             self._on_step(t, seen)
 

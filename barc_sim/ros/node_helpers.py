@@ -122,7 +122,7 @@ def to_twist(request: DriverInput) -> Twist:
     )
 
 
-class Heard:
+class Subscribed:
     """Which publishers of a node have subscriptions: a message without one need not be made.
 
     To ask a publisher at each state would be a twentieth of a step in lock-step.
