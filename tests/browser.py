@@ -133,7 +133,7 @@ _CUT_LABELS = """new Promise((done) => {
   setTimeout(() => {
     CanvasRenderingContext2D.prototype.fillText = fillText;
     done([...cut]);
-  }, 200);
+  }, 80);
 })"""
 
 
@@ -316,7 +316,7 @@ class Tab:
         return list(self.run('unused()'))
 
     def cut_labels(self) -> list[str]:
-        """Return the texts that are drawn across the border of a canvas in a fifth of a second."""
+        """Return the texts that are drawn across the border of a canvas in a moment."""
         return list(self.run(_CUT_LABELS))
 
     def remember(self, canvas: str) -> None:
