@@ -107,6 +107,8 @@ def encoded(log: Log, k: int, topic: str) -> bytes:
     values: dict[str, Any] = {
         field: getattr(log, column)[k].item() for field, column in columns_of(source).items()
     }
+    if 'lap' in values:
+        values['lap'] = int(values['lap'])
     if source == PID_STATE:
         values |= {'measurement': 0.0, 'error': 0.0, 'output': 0.0}
     if topic == CONTROLLER_STATE:
@@ -130,7 +132,7 @@ def fill(writer: BagWriter, log: Log, namespace: str = '') -> None:
             offered_qos=[],
         )
         for name, kind in MESSAGE_TYPES.items()
-        if name != unused
+        if name != unused and {*columns_of(name).values()} <= log.declared.keys()
     }
     for k in range(len(log)):
         now = 10**18 + k * PERIOD

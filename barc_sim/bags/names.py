@@ -10,10 +10,20 @@ from barc_sim.simulation.log import (
     PID_STATE,
     STATE,
     STATE_ERROR,
+    TRACK_STATE,
 )
 from barc_sim.simulation.log import COMMAND as ECU
 
-__all__ = ['CLOCK', 'CONTROLLER_STATE', 'ECU', 'ENVIRONMENT', 'PID_STATE', 'STATE', 'STATE_ERROR']
+__all__ = [
+    'CLOCK',
+    'CONTROLLER_STATE',
+    'ECU',
+    'ENVIRONMENT',
+    'PID_STATE',
+    'STATE',
+    'STATE_ERROR',
+    'TRACK_STATE',
+]
 
 #: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
 CMD_VEL = 'cmd_vel'

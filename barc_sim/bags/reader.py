@@ -22,9 +22,11 @@ from barc_sim.simulation.log import (
     MESSAGE_TYPES,
     PID_STATE,
     STATE,
+    TRACK_STATE,
     Flags,
     Floats,
     Log,
+    TrackLog,
     columns_of,
     recordable,
 )
@@ -321,9 +323,11 @@ def join(samples: Mapping[str, Samples]) -> Log:
             else np.full((len(fields), len(stamps)), np.nan)
         )
         columns |= zip(fields.values(), rows, strict=True)
-    saturated = columns.pop('saturated') == 1.0
+    columns |= {name: columns[name] == 1.0 for name in columns if name.endswith('saturated')}
+    columns['missed'] = missed
     terms = samples[PID_STATE].terms(places[PID_STATE]) if PID_STATE in samples else {}
-    return Log(**columns, saturated=saturated, missed=missed, own_terms=terms)
+    kind = TrackLog if TRACK_STATE in samples else Log
+    return kind(**{name: columns[name] for name in kind.declared}, own_terms=terms)
 
 
 def _missed(commands: Samples, answers: NDArray[np.intp], published: NDArray[np.uint64]) -> Flags:

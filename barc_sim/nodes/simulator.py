@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
+from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
@@ -22,6 +22,7 @@ from barc_sim.ros.node_helpers import (
     RefusedInput,
     Subscribed,
     declare,
+    declare_track,
     fill,
     frames,
     to_nanoseconds,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
     from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.plant import Observation
+    from barc_sim.vehicle.track import Track
 
 
 class VehicleSimulator(Node):
@@ -78,6 +80,7 @@ class VehicleSimulator(Node):
         self,
         *,
         road: Road | None = None,
+        track: Track | None = None,
         distance: float = 0.0,
         keeps_clock: bool = True,
         on_step: Callable[[float, Observation], None] | None = None,
@@ -87,9 +90,10 @@ class VehicleSimulator(Node):
     ) -> None:
         """Claim the topic, and wait for a controller.
 
-        `road` replaces that of the parameter; `distance` [m] is the default of the parameter. Of
-        several cars in a domain only one `keeps_clock`. `on_step` gets the simulated time [s] and
-        what is published; it must be quick. `model` steps the car. `check_period` is in seconds.
+        `road` and `track` replace those of the parameters; `distance` [m] is the default of the
+        parameter. Of several cars in a domain only one `keeps_clock`. `on_step` gets the simulated
+        time [s] and what is published; it must be quick. `model` steps the car. `check_period` is
+        in seconds.
 
         Raises
         ------
@@ -97,9 +101,10 @@ class VehicleSimulator(Node):
             if a parameter is out of range, or the topic has a simulator already.
         """
         super().__init__('vehicle_simulator', **options)
-        self.values = values = declare(self, parameters(distance))
+        self.track = declare_track(self, track)
+        self.values = values = declare(self, parameters(distance, on_track=bool(self.track)))
         self.road = road or Road.named(values['road'])
-        self.stepper = Stepper(values, self, model, self.road)
+        self.stepper = Stepper(values, self, model, self.road, self.track)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
         self.finished, self._warning = Future(), RateLimitedWarning(self, 10.0)
@@ -113,6 +118,9 @@ class VehicleSimulator(Node):
         self._may_keep_clock, self.clock_pub = keeps_clock, None
         if values['clock'] or values['realtime_factor'] != 1.0:
             self.begin_clock()
+        self._place, self._track_pub = TrackState(header=place), None
+        if self.track:
+            self._track_pub = self.create_publisher(TrackState, names.TRACK_STATE, names.QOS)
         self._error_pub = self.create_publisher(EZDynBkMdl, names.STATE_ERROR, names.QOS)
         self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
         self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
@@ -184,6 +192,8 @@ class VehicleSimulator(Node):
     def _publish_state(self, *, with_error: bool = True) -> None:
         if with_error:
             self._error_pub.publish(fill(self._error, self._seen.error))
+        if self._track_pub:
+            self._track_pub.publish(fill(self._place, self._seen.on_track))
         self._state_pub.publish(fill(self._state, self._seen.measured))
 
     def _on_command(self, command: ECU) -> None:

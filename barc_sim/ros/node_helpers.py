@@ -18,6 +18,8 @@ from barc_sim.control.driver import DriverInput
 from barc_sim.errors import UserError, not_between
 from barc_sim.vehicle.bike_model import State
 from barc_sim.vehicle.limits import ANY
+from barc_sim.vehicle.parameters import TRACK
+from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -74,6 +76,13 @@ def _declare(node: Node, parameter: Parameter) -> Any:  # noqa: ANN401 (as rclpy
             raise UserError(f'{owner}: {error}') from None
         why = not_between(type(parameter.default)(value[1]), *between)
         raise UserError(f'{owner}: {why}') from None
+
+
+def declare_track(node: Node, track: Track | None = None) -> Track | None:
+    """Declare the parameter `track`; return `track`, or the one that the parameter names."""
+    default = TRACK._replace(default=track.name if track else '')
+    name = declare(node, [default])[TRACK.name]
+    return track or (Track.named(name) if name else None)
 
 
 def frames(node: Node) -> tuple[str, str]:

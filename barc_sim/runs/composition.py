@@ -388,6 +388,8 @@ def _description(argv: list[str], nodes: list[Node]) -> dict[str, str]:
             own = {name: node.values[name] for name in GAINS if name in node.values} | own
         elif isinstance(node, VehicleSimulator):
             own.setdefault('road', node.values['road'])
+            if node.track:
+                own.setdefault('track', node.track.name)
     return {
         'command': shlex.join(['barc', *argv]),
         'barc_sim': __version__,

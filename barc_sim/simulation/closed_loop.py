@@ -33,7 +33,7 @@ from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, bikeFE
 from barc_sim.vehicle.limits import Parameter
-from barc_sim.vehicle.parameters import FORCE_COLUMN, NANOSECONDS, ROWS
+from barc_sim.vehicle.parameters import FORCE_COLUMN, NANOSECONDS, ROWS, SERVO
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.profile import signal
 from barc_sim.vehicle.road import Road
@@ -57,9 +57,6 @@ if TYPE_CHECKING:
 
 DISTANCE = 180.0  #: [m] of a run
 MAX_DURATION = 600.0  #: [s]
-SERVO = Actuator(
-    lag=0.1, rate=1.0
-)  #: the steering on a track: an ideal one jumps at each arc's end
 #: The limits of the arguments of `simulate`: those of the nodes' parameters.
 LIMITS = {
     'speed_reference': SPEED,
@@ -292,8 +289,7 @@ def lap(
     """
     road = Track.of(track)
     LAPS._replace(between=(1, 10**6)).check(laps)
-    if laps > 1 and not road.is_closed:
-        raise UserError(f'track {road.name!r} is not closed: expected laps 1, not {laps}')
+    road.check_laps(laps)
     defaults: dict[str, Any] = {'road': 'flat', 'max_duration': min(laps * MAX_DURATION, 1e5)}
     return simulate(  # type: ignore[return-value]  # on a track
         track=road,

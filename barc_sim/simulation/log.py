@@ -37,7 +37,8 @@ PID_STATE = 'pid_state'
 CONTROLLER_STATE = 'controller_state'
 #: the stamp of each state, where the real-time factor is not 1, and with --clock
 CLOCK = '/clock'
-TRACK = 'track_vhcl'
+#: the true place on the track, where there is one
+TRACK_STATE = 'track_vhcl'
 #: The message type of each topic that a log is made of, by the topic's name without namespace.
 MESSAGE_TYPES = {
     STATE: 'barc_interfaces/msg/ZDynBkMdl',
@@ -47,6 +48,7 @@ MESSAGE_TYPES = {
     PID_STATE: 'barc_interfaces/msg/PidState',
     # In place of `pid_state` where the controller is no PID; its terms are named in the message.
     CONTROLLER_STATE: 'barc_interfaces/msg/ControllerState',
+    TRACK_STATE: 'barc_interfaces/msg/TrackState',
 }
 
 
@@ -245,12 +247,12 @@ class TrackLog(Log):
     28.18 s, at most 0.02 m off the centre line
     """
 
-    s: Annotated[Floats, Column('m', 'distance along the track, over all laps', TRACK)]
-    e_y: Annotated[Floats, Column('m', 'distance to the left of the centre line', TRACK)]
-    e_psi: Annotated[Floats, Column('rad', 'heading less that of the centre line', TRACK)]
-    curvature: Annotated[Floats, Column('1/m', 'curvature of the centre line', TRACK)]
-    lap: Annotated[Floats, Column('', 'number of the lap, from 0', TRACK)]
-    lap_time: Annotated[Floats, Column('s', 'time since the lap began', TRACK)]
+    s: Annotated[Floats, Column('m', 'distance along the track, over all laps', TRACK_STATE)]
+    e_y: Annotated[Floats, Column('m', 'distance to the left of the centre line', TRACK_STATE)]
+    e_psi: Annotated[Floats, Column('rad', 'heading less that of the centre line', TRACK_STATE)]
+    curvature: Annotated[Floats, Column('1/m', 'curvature of the centre line', TRACK_STATE)]
+    lap: Annotated[Floats, Column('', 'number of the lap, from 0', TRACK_STATE)]
+    lap_time: Annotated[Floats, Column('s', 'time since the lap began', TRACK_STATE)]
 
     @property
     def distance(self) -> Floats:
@@ -337,7 +339,7 @@ def log_of(
     The records have arrays of shape `(n,)` as fields.
     """
     n = len(around.theta)
-    kind, place = (TrackLog, columns_from(TRACK, on_track)) if on_track else (Log, {})
+    kind, place = (TrackLog, columns_from(TRACK_STATE, on_track)) if on_track else (Log, {})
     return kind(
         t=np.arange(n) * period_ns / 1e9,
         **columns_from(STATE, measured),

@@ -18,6 +18,7 @@ from barc_sim.vehicle.bike_model import Command, bikeFE
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.parameters import (
     LIVE,
+    ON_TRACK,
     PARAMETERS,
     REALTIME_FACTORS,
     disturbance_of,
@@ -31,19 +32,24 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.bike_model import Model, State
     from barc_sim.vehicle.plant import Observation
     from barc_sim.vehicle.road import Road
+    from barc_sim.vehicle.track import Track
 
 RESET = 'reset: the car is back at the start'
 DISTANCE = Parameter(
-    'distance', 0.0, 'a lap ends here [m]; 0: it does not end', (0.0, 1e6), read_only=True
+    'distance', 0.0, 'a lap ends here [m]; on a track, the run; 0: not', (0.0, 1e6), read_only=True
 )
-LAPS = Parameter('laps', 1, 'number of laps; 0: no end', (0, 10**6), read_only=True)
+LAPS = Parameter('laps', 1, 'laps, flying ones on a track; 0: no end', (0, 10**6), read_only=True)
 _NANOSECONDS = 1_000_000_000
 
 
-def parameters(distance: float = 0.0) -> list[Parameter]:
+def parameters(distance: float = 0.0, *, on_track: bool = False) -> list[Parameter]:
     """Return a simulator's parameters; `distance` [m] is the default of the parameter."""
+    defaults: dict[str, Any] = {'distance': distance} | (ON_TRACK if on_track else {})
     table = [parameter._replace(read_only=parameter.name not in LIVE) for parameter in PARAMETERS]
-    return [*table, DISTANCE._replace(default=distance), LAPS]
+    return [
+        each._replace(default=defaults.get(each.name, each.default))
+        for each in (*table, DISTANCE, LAPS)
+    ]
 
 
 class Outputs(Protocol):
@@ -137,13 +143,15 @@ class Stepper:
         outputs: Outputs,
         model: Model = bikeFE,
         road: Road | None = None,
+        track: Track | None = None,
         *,
         clock: Callable[[], float] = time.monotonic,
         wall_clock: Callable[[], int] = time.time_ns,
     ) -> None:
         """Begin in STARTING, with the `values` of `parameters`.
 
-        `model` steps the car, on `road` or that of the parameter. `clock` [s] paces the steps, and
+        `model` steps the car, on `road` or that of the parameter, along `track`, on which laps
+        follow one another without a stop. `clock` [s] paces the steps, and
         `wall_clock` [ns] gives the first stamp.
 
         Raises
@@ -157,16 +165,19 @@ class Stepper:
                 f'realtime_factor {factor:g} is so small that time hardly passes: expected 0, or '
                 f'{low:g} to {high:g}'
             )
-        if values['laps'] != 1 and not values['distance']:
+        if values['laps'] != 1 and not (values['distance'] or track):
             raise UserError(
                 f'laps {values["laps"]} with distance 0, at which no lap ends: expected a distance '
                 'above 0, or one lap'
             )
-        self._distance = values['distance'] or inf
+        self._distance, self._laps = values['distance'] or inf, values['laps']
+        if track:
+            track.check_laps(self._laps)
+            self._distance = min(self._distance, self._laps * track.length or inf)
         self._max_command = Command(values['refuse_motor_above'], values['refuse_servo_above'])
         self._timeout, self._braking = values['command_timeout'], values['timeout_braking']
-        self._laps, self._in_real_time = values['laps'], factor == 1.0
-        self._new_plant = partial(plant, values, model, road, disturbance_of(values))
+        self._in_real_time = factor == 1.0
+        self._new_plant = partial(plant, values, model, road, disturbance_of(values), track)
         self._plant = self._new_plant()
         self._outputs = outputs
         self._clock, self._wall_clock = clock, wall_clock
@@ -352,7 +363,9 @@ class Stepper:
         """Begin the next lap, or end the run after the last."""
         if not self._ends:
             self.laps += 1
-            if self.laps != self._laps:
+            if self._plant.on_track:
+                self.laps = self._plant.on_track.lap
+            elif self.laps != self._laps:
                 self._restart(f'lap {self.laps} is driven: the road begins anew')
                 return
         self.phase = Phase.FINISHED

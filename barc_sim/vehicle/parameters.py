@@ -17,14 +17,27 @@ from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.profile import signal
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels
+from barc_sim.vehicle.track import TRACKS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.profile import Signal
+    from barc_sim.vehicle.track import Track
 
 
+#: The steering on a track unless given: an ideal one jumps at each arc's end.
+SERVO = Actuator(lag=0.1, rate=1.0)
+TRACK = Parameter(
+    'track',
+    '',
+    f'{", ".join(map(repr, TRACKS))} or a CSV file with the columns length_m,radius_m: the track, '
+    "along which the road's hills count; empty: none",
+    read_only=True,
+)
+#: Defaults on a track.
+ON_TRACK = {'road': 'flat', 'servo_lag': SERVO.lag, 'servo_rate_limit': SERVO.rate}
 #: Simulated seconds per second; besides, 0 is as fast as commands arrive.
 REALTIME_FACTORS = (0.001, 1000.0)
 
@@ -106,6 +119,7 @@ def plant(
     model: Model = bikeFE,
     road: Road | None = None,
     disturbance: Signal | None = None,
+    track: Track | None = None,
 ) -> Plant:
     """Return the plant at the start, stepped by `model`, on `road` or the one that `values` name.
 
@@ -126,6 +140,7 @@ def plant(
         integrator=values['integrator'],
         dynamics=values['dynamics'],
         lateral=LateralParameters(*(values[name] for name in LateralParameters._fields)),
+        track=track,
     )
 
 

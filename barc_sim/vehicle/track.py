@@ -163,6 +163,11 @@ class Track:
         """Return `track` itself, or the one of that name."""
         return track if isinstance(track, Track) else cls.named(str(track))
 
+    def check_laps(self, laps: int) -> None:
+        """Raise UserError where a track that is not closed has not one lap; 0: without an end."""
+        if laps != 1 and not self.is_closed:
+            raise UserError(f'track {self.name!r} is not closed: expected laps 1, not {laps}')
+
     @property
     def length(self) -> float:
         """The length of the centre line [m]: of a lap, where it is closed."""

@@ -25,7 +25,7 @@ from barc_sim.simulation import log
 _COMMON = {'/parameter_events', '/rosout', 'use_sim_time', 'start_type_description_service'}
 #: So that all that a node can publish is seen.
 _OVERRIDES = {
-    'vehicle_simulator': [Parameter('clock', value=True)],
+    'vehicle_simulator': [Parameter('clock', value=True), Parameter('track', value='L')],
     'controller': [Parameter('subtract_error', value=True)],
 }
 
@@ -59,13 +59,15 @@ def _nodes() -> dict[str, dict[str, Any]]:
         os.environ.setdefault('ROS_LOG_DIR', folder)
         context.init(['--ros-args', '--log-level', 'error'], domain_id=random.randrange(1, 102))  # noqa: S311
         for name, (module, _) in NODES.items():
-            node = _node_class(module)(
-                **_arguments(name, folder),
-                context=context,
-                parameter_overrides=_OVERRIDES.get(name, []),
-            )
-            seen[name] = _noted(node)
-            node.destroy_node()
+            for overrides in filter(None, (_OVERRIDES.get(name), [None])):
+                node = _node_class(module)(
+                    **_arguments(name, folder),
+                    context=context,
+                    parameter_overrides=[each for each in overrides if each],
+                )
+                noted = _noted(node)
+                node.destroy_node()
+                seen.setdefault(name, noted)['parameters'] |= noted['parameters']
         context.shutdown()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = before
     return seen
@@ -92,7 +94,7 @@ def _noted(node: Node) -> dict[str, Any]:
             for each in node.services
             if not re.search('_parameter|_type_desc', each.srv_name)
         },
-        'parameters': [_parameter(node, name) for name in sorted(node._parameters)],  # noqa: SLF001
+        'parameters': {name: _parameter(node, name) for name in node._parameters},  # noqa: SLF001
     }
 
 
@@ -101,8 +103,6 @@ def _parameter(node: Node, name: str) -> tuple[str, str, str, str, str]:
     ranges = [*told.floating_point_range, *told.integer_range]
     between = f'{ranges[0].from_value:g} to {ranges[0].to_value:g}; ' if ranges else ''
     default: Any = node.get_parameter(name).value
-    if name == 'clock':
-        default = False
     if isinstance(default, bool):
         default = str(default).lower()
     fixed = 'fixed for a run' if told.read_only else 'can be set while it runs'
@@ -129,9 +129,9 @@ def services() -> dict[str, str]:
 def parameters() -> dict[str, list[tuple[str, str, str, str, str]]]:
     """Return name, default, range, whether it is fixed, and meaning of each node's parameters."""
     return {
-        node: [row for row in noted['parameters'] if row[0] not in _COMMON]
+        node: [row for name, row in sorted(noted['parameters'].items()) if name not in _COMMON]
         for node, noted in _nodes().items()
-        if any(row[0] not in _COMMON for row in noted['parameters'])
+        if noted['parameters'].keys() - _COMMON
     }
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import time
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 pytest.importorskip('rclpy')
 
-from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
+from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -148,6 +149,58 @@ def test_reset_of_a_relay_is_listed_only_where_there_is_a_relay(world: World) ->
     client = relay.create_client(Trigger, 'vehicle_simulator/reset')
     answer = client.call_async(Trigger.Request())
     world.until(lambda: answer.done() and bool(resets))
+
+
+def test_the_place_on_the_track_waits_at_its_reader_when_the_state_comes(world: World) -> None:
+    places: list[TrackState] = []
+    seen: list[tuple[int, int]] = []  # stamps of the state, and of the newest place
+
+    def on_state(state: ZDynBkMdl) -> None:
+        seen.append((stamps([state])[0], stamps(places)[-1]))
+        commands.publish(command(1.0, state))
+
+    node = world.add(Node('driver', context=world.context))
+    commands = node.create_publisher(ECU, 'ecu', names.QOS)
+    node.create_subscription(TrackState, 'track_vhcl', places.append, names.QOS)
+    node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, names.QOS)
+    simulator = world.simulator(realtime_factor=LOCK_STEP, track='oval', laps=2, noise_ey=0.5)
+    world.until(lambda: len(seen) >= 150)
+    assert [state for state, _ in seen] == [place for _, place in seen]
+    true = simulator.stepper._plant.on_track  # noqa: SLF001 (what is published)
+    assert true
+    last = places[-1]
+    found = last.s, last.e_y, last.e_psi, last.curvature, last.lap, last.lap_time
+    assert found == tuple(true)
+    assert last.s > 3.0
+    assert (last.e_y, last.header.frame_id) == (0.0, 'map')
+    assert simulator.values['servo_lag'] == 0.1
+    assert simulator.road.grades_deg == (0.0,)
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'complaint'),
+    [
+        ({'track': 'M'}, "track 'M' is neither 'L', 'oval', .* nor a CSV file"),
+        ({'track': 'road.csv', 'laps': 2}, "track 'road.csv' is not closed: expected laps 1"),
+    ],
+)
+def test_a_track_that_cannot_be_driven_is_refused(
+    world: World,
+    parameters: dict[str, Any],
+    complaint: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path('road.csv').write_text('length_m,radius_m\n10,0\n', 'utf-8')
+    with pytest.raises(UserError, match=complaint):
+        world.simulator(**parameters)
+
+
+def test_without_a_track_there_is_no_topic_of_it(world: World) -> None:
+    topics = dict(world.simulator().get_topic_names_and_types())
+    assert '/track_vhcl' not in topics
+    assert '/z_vhcl' in topics
 
 
 # Who drives
