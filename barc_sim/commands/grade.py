@@ -46,7 +46,7 @@ def add_arguments(parser: Parser) -> None:
         'submissions',
         type=Path,
         metavar='SUBMISSIONS',
-        help='a submission: a folder, .zip or .tar.gz; or a folder of those',
+        help='a submission: a folder or .zip; or a folder of those',
     )
     rubrics = Path(__file__).parents[1] / 'lab' / 'grade' / 'rubrics'
     parser.add_argument(

@@ -6,20 +6,16 @@ of archives are taken by pipes, links, sockets and folders of those.
 
 from __future__ import annotations
 
-import bz2
-import gzip
 import io
-import lzma
 import os
 import socket
 import stat
 import struct
-import tarfile
 import warnings
 import zipfile
 import zlib
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from _bytes import TEXTS, damage, number
 
@@ -39,18 +35,6 @@ _RECORDS = {
     b'PK\1\2': ('an entry', 'HHHHHHIIIHHHHHII'),
     b'PK\5\6': ('the end', 'HHHHIIH'),
 }
-_PACKERS: dict[str, Callable[[bytes], bytes]] = {
-    '': bytes,
-    '.gz': gzip.compress,
-    '.bz2': bz2.compress,
-    '.xz': lzma.compress,
-}
-_TAR_TYPES = [bytes([each]) for each in b'\00001234567LKSVDMNxgXA']
-_PAX = (
-    *('size', 'path', 'linkpath', 'mtime', 'uid', 'uname', 'charset', 'hdrcharset', 'comment'),
-    *('GNU.sparse.map', 'GNU.sparse.size', 'GNU.sparse.realsize', 'GNU.sparse.name'),
-    *('GNU.sparse.major', 'GNU.sparse.minor', 'GNU.sparse.numblocks', 'SCHILY.xattr.x', ''),
-)
 _NUMBERS = (0, 1, -1, -512, -1536, 511, 512, 1 << 20, 1 << 31, 1 << 33, 1 << 63, 10**19, 10**400)
 
 
@@ -65,22 +49,12 @@ def clock() -> float:
 
 def damaged(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a file, what is damaged in it, and its content."""
-    match chance.randrange(10):
+    match chance.randrange(6):
         case 0:
             return '.zip', 'any bytes of a .zip', damage(_zipped(chance.choice(_METHODS)), chance)
         case 1:
-            suffix = chance.choice(('', '.gz', '.bz2', '.xz'))
-            content = damage(_tarred(suffix[1:]), chance)
-            return f'.tar{suffix}', 'any bytes of a .tar', content
-        case 2:
             return '.zip', 'names and kinds', _misnamed(chance)
-        case 3 | 4 | 5:
-            suffix = chance.choice([*_PACKERS])
-            packed = _PACKERS[suffix](_tar(chance))
-            if chance.random() < 0.1:  # noqa: PLR2004 (some)
-                packed = chance.choice((packed * 2, packed[: len(packed) // 2], packed + b'x'))
-            return f'.tar{suffix}', 'headers of a .tar', packed
-        case 6 | 7 | 8:
+        case 2 | 3 | 4:
             return '.zip', 'headers of a .zip', _zip(chance)
     changed = bytearray(_zipped(chance.choice(_METHODS)))
     mark = chance.choice(sorted(_RECORDS))
@@ -103,72 +77,12 @@ def _name(chance: Random) -> str:
     return '/'.join(chance.sample(parts, len(parts)))
 
 
-def _tar(chance: Random) -> bytes:
-    """Return a .tar of generated headers, of any type, size, name and extended fields."""
-    blocks = [_tarred('')[:-1024]] if chance.random() < 0.5 else []  # noqa: PLR2004 (half)
-    for _ in range(chance.choice((1, 2, 3, 8, 40))):
-        kind = chance.choice(_TAR_TYPES)
-        data = b''
-        if kind in b'xgX':
-            data = b''.join(_pax_record(chance) for _ in range(chance.choice((1, 2, 5))))
-        elif kind in b'LK':
-            data = chance.choice(_NAMES).encode()
-        elif chance.random() < 0.5:  # noqa: PLR2004 (half)
-            data = chance.choice((b'kp = 1\n', bytes(3_000), _zipped(zipfile.ZIP_STORED)))
-        size = len(data) if chance.random() < 0.7 else chance.choice(_NUMBERS)  # noqa: PLR2004
-        blocks += [_tar_header(chance, kind, size), data, bytes(-len(data) % 512)]
-    whole = b''.join(blocks)
-    repeated = min(chance.choice((1, 1, 1, 1, 50, 5_000)), max(1, (4 << 20) // len(whole)))
-    return whole * repeated + bytes(chance.choice((0, 512, 1024, 10_240)))
-
-
-def _tar_header(chance: Random, kind: bytes, size: int) -> bytes:
-    info = tarfile.TarInfo('x')
-    header = bytearray(info.tobuf(tarfile.GNU_FORMAT))
-    name = chance.choice((_name(chance), 'lab/controller.py')).encode('utf-8', 'surrogatepass')
-    link = _name(chance).encode('utf-8', 'surrogatepass')
-    header[0:100] = name[:100].ljust(100, b'\0')
-    header[124:136] = _tar_number(chance, size)
-    header[156:157] = kind
-    header[157:257] = link[:100].ljust(100, b'\0')
-    for _ in range(chance.choice((0, 0, 0, 1, 4))):
-        header[chance.randrange(512)] = chance.randrange(256)
-    header[148:156] = b' ' * 8
-    checksum = sum(header)
-    header[148:156] = f'{checksum:06o}\0 '.encode()
-    return bytes(header)
-
-
-def _tar_number(chance: Random, value: int) -> bytes:
-    """Return a number in octal digits, in base 256, or in neither."""
-    match chance.randrange(8):
-        case 0:
-            return chance.randbytes(12)
-        case 1 | 2:
-            return b'\x80' + (value % (1 << 88)).to_bytes(11, 'big')
-        case 3:
-            return b'\xff' + (value % (1 << 88)).to_bytes(11, 'big')
-    return f'{value % (1 << 33):011o}\0'.encode()
-
-
-def _pax_record(chance: Random) -> bytes:
-    """Return a field of an extended header; some lie about their length."""
-    text = chance.choice((str(chance.choice(_NUMBERS)), chance.choice(_NAMES), '1.5', '9' * 9_000))
-    record = f' {chance.choice(_PAX)}={text}\n'.encode('utf-8', 'surrogatepass')
-    length = len(record)
-    while length != len(record) + len(str(length)):
-        length = len(record) + len(str(length))
-    if chance.random() < 0.1:  # noqa: PLR2004 (some)
-        length = chance.choice((0, 1, -1, length - 1, length + 9, 10**12))
-    return str(length).encode() + record
-
-
 def _zip(chance: Random) -> bytes:
     """Return a .zip of generated records, of any method, flag, size, name and extra field."""
     files, directory = b'', b''
     entries = [*_FILES.items()] if chance.random() < 0.5 else []  # noqa: PLR2004 (half)
     entries += [
-        (_name(chance), chance.choice((b'', b'kp = 1\n', bytes(5_000), _tarred(''))))
+        (_name(chance), chance.choice((b'', b'kp = 1\n', bytes(5_000))))
         for _ in range(chance.choice((1, 2, 8, 100)))
     ]
     for name, data in entries:
@@ -221,17 +135,6 @@ def _zipped(method: int) -> bytes:
     with zipfile.ZipFile(stream := io.BytesIO(), 'w', method) as archive:
         for name, data in _FILES.items():
             archive.writestr(name, data)
-    return stream.getvalue()
-
-
-@cache
-def _tarred(packing: str) -> bytes:
-    mode: Any = f'w:{packing}'
-    with tarfile.open(fileobj=(stream := io.BytesIO()), mode=mode) as archive:
-        for name, data in _FILES.items():
-            info = tarfile.TarInfo(name)
-            info.size = len(data)
-            archive.addfile(info, io.BytesIO(data))
     return stream.getvalue()
 
 

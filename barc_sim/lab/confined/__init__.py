@@ -1,1 +1,1 @@
-"""Processes for what strangers hand in: their code, and the archives that it comes in."""
+"""A process for the code that strangers hand in."""

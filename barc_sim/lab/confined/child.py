@@ -1,4 +1,4 @@
-"""The process for a submission: it calls its functions, or reads its archive, as requests ask.
+"""The process for a submission: it calls its functions as requests ask.
 
 A script that `process.py` starts without site-packages and with an empty environment. Requests and
 replies are lines of JSON: `{"serial": 1, "do": NAME, "arguments": […]}` gets
@@ -14,11 +14,7 @@ import json
 import os
 import re
 import signal
-import stat
 import sys
-import tarfile
-import zipfile
-from base64 import b64encode
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
@@ -27,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
     from types import FrameType, ModuleType
 
     from barc_sim.lab.user_code.calls import Command
@@ -39,9 +35,7 @@ _SET_PDEATHSIG, _SET_DUMPABLE, _SET_SECCOMP, _SET_NO_NEW_PRIVS = 1, 4, 22, 38
 _MODE_FILTER, _RESTRICT_SELF = 2, 446
 _INSTRUCTION = 8  # bytes of a seccomp program
 _MAX_RELAY = 1 << 20  # bytes of a relay's file
-MAX_ENTRIES = 2_000
-_MAX_NAME = 1_200  # characters of a name that are sent; no file can have as many
-ENDINGS = ('.zip', '.tar', '.tar.gz', '.tgz', '.tar.bz2', '.tar.xz')
+_MARGIN = 0.5  # [s] of processor time, for the sentence with the line that ran out of it
 _MAX_VALUES = 5000  # of the names in a function
 
 
@@ -165,69 +159,12 @@ class CodeServer:
         return self._controllers[number]
 
 
-class Archive:
-    """The files of an archive; a damaged one can raise any exception."""
+def _handler(seconds: float) -> Callable[..., Any]:
+    """Return what answers the requests on the files of the current folder.
 
-    def __init__(self, path: str) -> None:
-        """Open the archive at `path`, whose ending is one of `ENDINGS`."""
-        self._archive: Any = None  # it is read once the process is confined
-        self._file = Path(path).open('rb')  # noqa: SIM115
-        self._list = self._zipped if path.lower().endswith('.zip') else self._tarred
-        self._infos: list[Any] = []
-
-    def call(self, do: str, *arguments: int) -> list[tuple[str, str]] | str:
-        """Answer a request: for the `members`, or to `read` one."""
-        return self._read(*arguments) if do == 'read' else self._members()
-
-    def _members(self) -> list[tuple[str, str]]:
-        """Return name and kind of all but folders, in their order: empty, `link` or `other`."""
-        found: list[tuple[str, str]] = []
-        for name, kind, info in self._list():
-            if len(found) >= MAX_ENTRIES:
-                raise OverflowError(f'it holds more than {MAX_ENTRIES} files')
-            found.append((name[:_MAX_NAME], kind))
-            self._infos.append(info)
-        return found
-
-    def _read(self, number: int, size: int) -> str:
-        """Return at most `size` bytes of a file, in base 64."""
-        info = self._infos[number]
-        tarred = isinstance(info, tarfile.TarInfo)
-        with self._archive.extractfile(info) if tarred else self._archive.open(info) as file:
-            return b64encode(file.read(size)).decode()
-
-    def _zipped(self) -> Iterator[tuple[str, str, Any]]:
-        self._archive = zipfile.ZipFile(self._file)
-        for info in self._archive.infolist():
-            if not info.is_dir():
-                kind = stat.S_IFMT(info.external_attr >> 16)
-                word = {0: '', stat.S_IFREG: '', stat.S_IFLNK: 'link'}.get(kind, 'other')
-                # Some of Windows write backslashes.
-                yield info.filename.replace('\\', '/'), word, info
-
-    def _tarred(self) -> Iterator[tuple[str, str, Any]]:
-        self._archive = tarfile.open(fileobj=self._file)  # noqa: SIM115
-        for number, info in enumerate(self._archive):
-            # A negative size leads back to the headers before it, for ever.
-            if info.size < 0 or number > MAX_ENTRIES:
-                raise OverflowError(
-                    f'it holds more than {MAX_ENTRIES} entries'
-                    if number > MAX_ENTRIES
-                    else f'an entry has the size {info.size}'
-                )
-            if not info.isdir():
-                link = info.issym() or info.islnk()
-                word = 'link' if link else '' if info.isfile() else 'other'
-                yield info.name.removeprefix('./'), word, info
-
-
-def _handler(archive: str | None, seconds: float) -> Callable[..., Any]:
-    """Return what answers the requests: on an archive, or on the files of the current folder.
-
-    A request of the second kind may use so many `seconds` of processor time.
+    Each may use so many `seconds` of processor time: then it raises OutOfTime, which names the
+    line. Code that catches this, or does not return to Python, is ended by the second alarm.
     """
-    if archive is not None:
-        return Archive(archive).call
     from barc_sim.lab.handout import files_in  # noqa: PLC0415
     from barc_sim.lab.user_code.calls import OutOfTime  # noqa: PLC0415
     from barc_sim.lab.user_code.code import UserCode  # noqa: PLC0415
@@ -244,12 +181,16 @@ def _handler(archive: str | None, seconds: float) -> Callable[..., Any]:
     def out_of_time(_: int, __: FrameType | None) -> None:
         raise OutOfTime
 
+    def set_alarms(first: float, second: float) -> None:
+        signal.setitimer(signal.ITIMER_PROF, first)
+        signal.setitimer(signal.ITIMER_VIRTUAL, second)
+
     def limited(*arguments: Any) -> Any:  # noqa: ANN401 (JSON)
-        signal.setitimer(signal.ITIMER_PROF, seconds)
+        set_alarms(seconds, seconds + _MARGIN)
         try:
             return call(*arguments)
         finally:
-            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            set_alarms(0.0, 0.0)
             sys.settrace(None)
 
     OutOfTime.seconds = seconds
@@ -360,7 +301,7 @@ def _main() -> None:
     try:
         sys.path.append(start['packages'])
         sys.meta_path.insert(0, _Installed(start['installed']))
-        handler = _handler(start['archive'], start['call'])
+        handler = _handler(start['call'])
         _forget_packages(start['packages'])
         if sys.platform == 'linux':
             _limit(start['memory'], start['cpu'], start['parent'])

@@ -1,11 +1,14 @@
-"""Finds and reads submissions; no name, link or size in them is trusted."""
+"""Finds and reads submissions; no name, link or size in them is trusted.
+
+Archives are read in this process, by Python's own zipfile, within bounds on what it reads at once.
+"""
 
 from __future__ import annotations
 
+import io
 import os
 import stat
-import tempfile
-from base64 import b64decode
+import zipfile
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
@@ -13,9 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.cli.files import open_regular
-from barc_sim.errors import UserError, escaped
-from barc_sim.lab.confined.child import ENDINGS, MAX_ENTRIES
-from barc_sim.lab.confined.process import ON_LINUX, Ended, Failed, Limits, Process
+from barc_sim.errors import UserError, escaped, one_line
 from barc_sim.lab.handout import FILES, find_name
 
 if TYPE_CHECKING:
@@ -34,10 +35,10 @@ _MAX_DEPTH = 20  # folders within folders
 _MAX_PATH = 1000  # bytes of a file's path in the submission
 _MAX_NOTES = 10
 MAX_ARCHIVE = 256 << 20  #: bytes
-_SECONDS, _MEMORY = 8, 300 << 20  # of processor time, and bytes, to unpack an archive
-_UNPACKING = Limits(memory=_MEMORY, cpu=_SECONDS, call=_SECONDS, wait=6.0 * _SECONDS)
-#: Why a member of a kind is not read, as the rest of a sentence.
-_FAULTS = {'': '', 'link': 'is a link, which is not followed', 'other': 'is no regular file'}
+MAX_ENTRIES = 2000  #: files of an archive
+_MAX_READ = (
+    2 << 20
+)  # bytes of it at once: more than a file, and than a directory of so many entries
 
 
 class Member(NamedTuple):
@@ -135,35 +136,50 @@ def _read(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
 
 def is_archive(path: Path) -> bool:
     """Return whether the name of `path` is one of an archive that can be opened."""
-    return path.name.lower().endswith(ENDINGS)
+    return path.name.lower().endswith('.zip')
+
+
+class _Bounded(io.FileIO):
+    """A file of which no reader gets much at once, such as a directory of a million entries."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return at most `size` bytes."""
+        more = _MAX_READ + 1
+        data = super().read(more if size is None or size < 0 else min(size, more))
+        if len(data) == more:
+            raise OverflowError(f'it holds more than {MAX_ENTRIES} files')
+        return data
 
 
 def _unpack(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
-    """Add the files of an archive, which a process of its own reads."""
-    too_much = f'it takes more than {_SECONDS} s or {_MEMORY >> 20} MB to unpack: hand in a smaller'
-    try:
-        with (
-            tempfile.TemporaryDirectory(prefix='barc_sim_unpack_') as empty,
-            Process(Path(empty), _UNPACKING, sandbox=ON_LINUX, archive=path.absolute()) as process,
+    """Add the files of an archive; of a damaged one, reading it can raise any exception."""
+    with (
+        open_regular(path, follow=False) as file,
+        _Bounded(file.fileno(), closefd=False) as bounded,
+        zipfile.ZipFile(bounded) as archive,
+    ):
+        infos = [info for info in archive.infolist() if not info.is_dir()]
+        if len(infos) > MAX_ENTRIES:
+            raise OverflowError(f'it holds more than {MAX_ENTRIES} files')
+        if not take(
+            _from_the_graded([_zipped(archive, info) for info in infos], notes), files, notes
         ):
+            notes.append('it is empty')
 
-            def content(number: int, size: int) -> bytes:
-                return b64decode(process.request('read', number, size, wait=_UNPACKING.wait))[:size]
 
-            found = [
-                Member(str(name), partial(content, number), _FAULTS[kind])
-                for number, (name, kind) in enumerate(
-                    process.request('members', wait=_UNPACKING.wait)
-                )
-            ]
-            if not take(_from_the_graded(found[:MAX_ENTRIES], notes), files, notes):
-                notes.append('it is empty')
-    except Ended:
-        files.clear()
-        notes[:] = [f'{too_much} one']
-    except Failed as error:
-        memory = str(error).startswith('MemoryError')
-        notes.append(f'{too_much} one' if memory else f'it cannot be read: {error}')
+def _zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
+    """Return a member of an archive; those of uncommon methods could take any memory."""
+
+    def content(size: int) -> bytes:
+        with archive.open(info) as file:
+            return file.read(size)
+
+    kind = stat.S_IFMT(info.external_attr >> 16) or stat.S_IFREG
+    fault = _fault_of(kind)
+    if not fault and info.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+        fault = 'is packed in an uncommon way: hand in an ordinary .zip'
+    # Some of Windows write backslashes.
+    return Member(info.filename.replace('\\', '/'), content, fault)
 
 
 def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -> int:
@@ -179,15 +195,13 @@ def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -
         if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
             notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
             break
-        name = escaped(member.path)
+        name = one_line(member.path, _MAX_NAME)
         parents = [str(parent) for parent in PurePosixPath(member.path).parents]
         if fault := _fault(member, files, folders, parents):
             notes.append(f'{name} {fault}')
             continue
         try:
             data = member.read(MAX_FILE + 1)
-        except Ended:  # of an archive: nothing more of it can be read
-            raise
         except Exception as error:  # noqa: BLE001 (a damaged file can raise any)
             notes.append(f'{name} cannot be read: {_reason(error)}')
             continue
@@ -197,6 +211,13 @@ def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -
         files[member.path] = data
         folders.update(parents)
     return seen
+
+
+def _fault_of(mode: int) -> str:
+    """Return why a file of this mode is not read, as the rest of a sentence; empty if it is."""
+    if stat.S_ISLNK(mode):
+        return 'is a link, which is not followed'
+    return '' if stat.S_ISREG(mode) else 'is no regular file'
 
 
 def is_evidence(path: str) -> bool:
@@ -235,10 +256,8 @@ def listed(folder: Path) -> Iterator[Member]:
         for name in sorted([*names, *links]):
             path = Path(directory, name)
             if not name.startswith('.'):
-                mode = path.lstat().st_mode
-                kind = 'link' if stat.S_ISLNK(mode) else '' if stat.S_ISREG(mode) else 'other'
-                relative = path.relative_to(folder).as_posix()
-                yield Member(relative, partial(_data, path), _FAULTS[kind])
+                fault = _fault_of(path.lstat().st_mode)
+                yield Member(path.relative_to(folder).as_posix(), partial(_data, path), fault)
 
 
 def _of_tools(name: str) -> bool:
