@@ -183,13 +183,71 @@ def simulate(
         acceleration_limit=acceleration_limit,
         distance=distance,
         max_duration=max_duration,
-        seed=seed,
+    )
+    if isinstance(lane, type) or (lane and not callable(getattr(lane, 'steer_calculate', None))):
+        raise UserError(
+            f'lane={lane!r} must be an object with a method steer_calculate(e_y, e_psi, speed, '
+            'curvature), such as LaneLQR()'
+        )
+    if reference is None:
+        check_ahead(speed_reference, distance)
+    plant = plant_of(
+        road=road,
+        vehicle=vehicle,
         noise=noise,
         delay=delay,
         sensor_delay=sensor_delay,
+        disturbance=disturbance,
+        model=model,
+        seed=seed,
+        integrator=integrator,
+        dynamics=dynamics,
+        lateral=lateral,
         ts=ts,
+        track=track,
+        servo=servo,
         e_y=e_y,
     )
+    driving: Controller = PID(**gains)
+    if controller is not None:
+        driving = as_controller(controller)
+        check_gains(driving)
+    driving.output_min, driving.output_max = -acceleration_limit, acceleration_limit
+    driving.reset()
+    return closed_loop(
+        plant,
+        driving,
+        speed_reference=speed_reference,
+        reference=None if reference is None else reference_of(reference),
+        distance=distance or inf,
+        max_duration=max_duration,
+        lane=deepcopy(lane),
+    )
+
+
+def plant_of(
+    *,
+    road: Road | str | PathLike[str] = 'lab',
+    vehicle: Vehicle | None = None,
+    noise: float | NoiseLevels = 0.0,
+    delay: float = 0.0,
+    sensor_delay: float = 0.0,
+    disturbance: float | str | PathLike[str] | Signal = 0.0,
+    model: Model = bikeFE,
+    seed: int = 0,
+    integrator: str = 'euler',
+    dynamics: str = 'kinematic',
+    lateral: LateralParameters | None = None,
+    ts: float = 0.02,
+    track: Track | str | PathLike[str] | None = None,
+    servo: Actuator | None = None,
+    e_y: float = 0.0,
+) -> Plant:
+    """Return the plant at the start of a run, of those arguments of `simulate` that make it.
+
+    UserError: one of them is out of its limits, or they contradict one another.
+    """
+    check_arguments(seed=seed, noise=noise, delay=delay, sensor_delay=sensor_delay, ts=ts, e_y=e_y)
     for name, value, kind in (
         ('vehicle', vehicle, Vehicle),
         ('lateral', lateral, LateralParameters),
@@ -199,13 +257,6 @@ def simulate(
             field = kind._fields[0]
             example = f'{kind.__name__}({field}={getattr(kind(), field)})'
             raise UserError(f'{name} {value!r} must be of type {kind.__name__}, such as {example}')
-    if isinstance(lane, type) or (lane and not callable(getattr(lane, 'steer_calculate', None))):
-        raise UserError(
-            f'lane={lane!r} must be an object with a method steer_calculate(e_y, e_psi, speed, '
-            'curvature), such as LaneLQR()'
-        )
-    if reference is None:
-        check_ahead(speed_reference, distance)
     force = signal(disturbance, ROWS['disturbance'], FORCE_COLUMN)
     is_constant = isinstance(disturbance, (float, int))
     plant = Plant(
@@ -227,21 +278,7 @@ def simulate(
     )
     if plant.track and e_y:
         plant.place(State(*plant.track.place(0.0, e_y)))
-    driving: Controller = PID(**gains)
-    if controller is not None:
-        driving = as_controller(controller)
-        check_gains(driving)
-    driving.output_min, driving.output_max = -acceleration_limit, acceleration_limit
-    driving.reset()
-    return closed_loop(
-        plant,
-        driving,
-        speed_reference=speed_reference,
-        reference=None if reference is None else reference_of(reference),
-        distance=distance or inf,
-        max_duration=max_duration,
-        lane=deepcopy(lane),
-    )
+    return plant
 
 
 def lap(

@@ -1,8 +1,6 @@
-"""Many closed loops at once: the arithmetic of `pid_loop` on NumPy arrays, all loops in step.
+"""Many closed loops at once: what `pid_loop` drives one by one, all loops in step.
 
-The laws, `pid_step` and `next_speed`, stand here once more: in place on arrays that stay in a
-core's cache. Rare events (a limit reached, a change of grade, a car that stands or rolls back) are
-detected with one reduction and handled apart. Tests compare both to the last bit.
+Tests compare both to the last bit.
 """
 
 from __future__ import annotations
@@ -16,11 +14,12 @@ import numpy as np
 
 from barc_sim import tuning
 from barc_sim.control.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
+from barc_sim.simulation.batch import PIDs, next_speeds
 from barc_sim.simulation.closed_loop import DISTANCE, LIMITS, check_arguments, simulate
 from barc_sim.simulation.metrics import RUN_UP
 from barc_sim.simulation.pid_loop import LoopSettings, RoadSegments
 from barc_sim.vehicle.actuators import in_steps
-from barc_sim.vehicle.bike_model import Vehicle, resistance
+from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.parameters import NANOSECONDS
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels, Sensor
@@ -143,17 +142,15 @@ class _Block:
         self._number = np.arange(len(gains))
         self._on_first = np.ones(len(gains), np.bool_)
         self._name_rows(np.zeros((_ROWS, len(gains))))
-        self._kp[:], self._ki[:], kd = gains.T
-        np.negative(kd, out=self._minus_kd)
-        self._previous[:] = course.errors[0]
-        self._slowest = 0.0
+        self._rows[:3] = (gains * (1.0, 1.0, -1.0)).T
+        self._pids.previous[:] = course.errors[0]
         self._locate(np.ones(len(gains), np.bool_))
 
     def drive(self) -> Sums:
         """Drive all of them; return their sums."""
         interval = 0.0  # none before the first sample: nothing is added to the integral
         for k, error in enumerate(self._course.errors):
-            command = self._control(error, interval)
+            command = self._pids.control(self._v + error, self._settings.reference, interval)
             interval = self._settings.dt
             self._account(command)
             if self._arriving:
@@ -170,34 +167,11 @@ class _Block:
     def _name_rows(self, rows: Floats) -> None:
         """Name the rows of `rows`, shape (_ROWS, loops): the state of the loops, and their sums."""
         self._rows = rows
-        self._kp, self._ki, self._minus_kd = rows[:3]
-        self._x, self._v, self._integral, self._previous = rows[3:7]
+        settings = self._settings
+        self._pids = PIDs(settings.low, settings.high, settings.dt, *rows[:5])
+        self._x, self._v = rows[5:7]
         self._begin, self._end, self._gravity_force = rows[7:10]
         self._squares, self._before, self._maximum, self._peak, self._effort = rows[10:]
-
-    def _control(self, measurement_error: float, interval: float) -> Floats:
-        """Return the commands of the PIDs."""
-        settings = self._settings
-        measured = self._v + measurement_error
-        error = settings.reference - measured
-        increment = self._ki * error
-        increment *= interval
-        derivative = measured - self._previous
-        derivative *= self._minus_kd
-        derivative /= settings.dt
-        wanted = self._kp * error
-        for term in (self._integral, increment, derivative):
-            wanted += term
-        command: Floats = np.minimum(wanted, settings.high)
-        np.maximum(command, settings.low, out=command)
-        wanted -= command
-        wanted *= increment
-        into_limit = wanted > 0.0
-        if into_limit.any():
-            increment[into_limit] = 0.0
-        self._integral += increment
-        self._previous[:] = measured
-        return command
 
     def _account(self, command: Floats) -> None:
         """Add the present states and their commands to the sums."""
@@ -235,23 +209,11 @@ class _Block:
     def _advance(self, command: Floats) -> None:
         """Go one step."""
         ts, vehicle, v = self._settings.ts, self._settings.vehicle, self._v
-        gravity = self._gravity_force
         self._x += ts * v
-        opposing: Floats = resistance(v, vehicle)  # type: ignore[assignment]  # arrays
-        rolls_forwards = self._slowest > 0.0
-        if not rolls_forwards:
-            opposing *= np.sign(v)
-        after = v + ts * (command + (gravity - opposing) / vehicle.mass)
-        self._slowest = after.min()
-        if not rolls_forwards or self._slowest < 0.0:
-            # Resistance slows the car to a standstill and never pulls it backwards.
-            free = v + ts * (command + gravity / vehicle.mass)
-            np.maximum(after, np.minimum(free, 0.0), out=after, where=v > 0.0)
-            np.minimum(after, np.maximum(free, 0.0), out=after, where=v < 0.0)
-            self._slowest = after.min()
-        v[:] = after
+        forwards = v.min() > 0.0
+        v[:] = next_speeds(v, command, self._gravity_force, vehicle, ts)
         moved = self._x >= self._end
-        if not rolls_forwards:
+        if not forwards:
             moved |= self._x < self._begin
         if moved.any():
             self._locate(moved)

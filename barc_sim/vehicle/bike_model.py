@@ -6,7 +6,7 @@ integrated with forward Euler. Positions run along the road's surface.
 
 The law of resistance, air drag and rolling friction, is `resistance`; `surroundings` gives its two
 parts for the log. `next_speed` is one step of the longitudinal motion. `simulation/pid_loop.py` has
-both once more, without calls, and `tuning/batch.py` for arrays.
+both once more, without calls, and `simulation/batch.py` for arrays.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
 def resistance(v: float, vehicle: Vehicle) -> float:
     """Return how much air drag and rolling friction brake [N] at speed `v` [m/s].
 
-    `surroundings` has its two parts. `tuning/batch.py` passes arrays of speeds.
+    `surroundings` has its two parts. `simulation/batch.py` passes arrays of speeds.
     """
     return vehicle.air_drag_coeff * v * v + vehicle.friction
 

@@ -137,15 +137,16 @@ class Plant:
             self._held = command
         self._step(self.actuators.advance(self._held))
 
-    def place(self, state: State) -> None:
-        """Put the car there, with no command held or on its way."""
+    def place(self, state: State, near: float | None = None) -> None:
+        """Put the car there, on a track `near` that s [m], with no command held or on its way."""
         self.state = state
         self._held = Command()
         self.actuators.stop()
         self.sensor.forget()
         self._bicycle.reset()
         if self.track:
-            self._locate()
+            self.on_track = None
+            self._locate(near)
 
     def brake(self, deceleration: float) -> None:
         """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
@@ -168,13 +169,13 @@ class Plant:
         """Return the incline [rad] at `x`."""
         return radians(self.road.grades_deg[self.road.stretch(self._on_road(x))])
 
-    def _locate(self, near: float | None = None) -> None:
-        """Find the car on the track; without `near` [m], where it was, another lap begins."""
+    def _locate(self, near: float | None) -> None:
+        """Find the car on the track, `near` that s [m]; where it was nowhere, a lap begins."""
         track, state, t, before = self.track, self.state, self._steps * self.ts, self.on_track
         assert track  # noqa: S101 (a caller has checked)
         found = track.frenet(state.x, state.y, state.psi, near)
         lap = max(floor(found.s / track.length), 0) if track.is_closed else 0
-        if near is None or before is None:
+        if before is None:
             self._lap_began = t
         elif lap > before.lap:
             over = (found.s - lap * track.length) / (found.s - before.s)
