@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.lab.check.code import JudgedCode
 from barc_sim.lab.confined.child import CodeServer
 from barc_sim.lab.handout import FILES
+from barc_sim.lab.hills.code import HillsCode
 from barc_sim.lab.user_code.calls import BUDGET
 from barc_sim.lab.user_code.code import UserCode, find_files
 
@@ -117,7 +117,7 @@ pid = PID(kp=30, ki=60, kd=0.1)
 """
 
 
-class LocalCode(JudgedCode):
+class LocalCode(HillsCode):
     """User code that is called in this process: nothing stops an endless loop."""
 
     def __init__(self, code: Any) -> None:  # noqa: ANN401 (a UserCode, or what has its names)

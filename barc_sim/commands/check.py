@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import saving, target
 from barc_sim.errors import UserError, one_line
+from barc_sim.lab.handout import RUBRICS, handout_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -17,9 +18,8 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
     from barc_sim.lab.check.code import Finding
+    from barc_sim.lab.check.lab import Report
     from barc_sim.lab.grade.rubric import Rubric
-    from barc_sim.lab.hills.lab import Report
-    from barc_sim.simulation.metrics import SegmentErrors
 
 FORMATS = ('png', 'pdf', 'svg')
 DPI = 150
@@ -31,15 +31,16 @@ _LINES, _WIDTH = 5, 100  #: of the text that user code printed
 def add_arguments(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Compare bike_model.py, controller.py and relay.py with right ones, and run compose.py.'
+        'Compare what you have written for a lab with what is right: the functions in their files, '
+        'and drives with them. Of the hills lab it also runs compose.py.'
     )
     parser.epilog = 'Exit code 0: everything is right; 1: something is not.'
     parser.add_argument('folder', type=Path, metavar='LAB', help='the folder of these files')
     parser.add_argument(
         '--rubric',
-        default='lab',
         metavar='RUBRIC',
-        help='the points, as in grade: lab, strict, extended or a file (%(default)s)',
+        help=f'the points, as in grade: {", ".join(RUBRICS)} or a file (the usual one of the '
+        "folder's lab)",
     )
     parser.add_argument(
         '--save', metavar='FILE', help='the figure: .png, .pdf or .svg (LAB/check.png)'
@@ -56,7 +57,6 @@ def run(options: Namespace) -> int:
         where there is nothing to check, or the figure cannot be saved.
     """
     from barc_sim.lab.grade.rubric import load  # noqa: PLC0415
-    from barc_sim.lab.hills.lab import judge_folder  # noqa: PLC0415
     from barc_sim.lab.user_code.code import find_files  # noqa: PLC0415
 
     if options.save is not None and options.no_plot:
@@ -64,16 +64,16 @@ def run(options: Namespace) -> int:
     folder = options.folder
     if folder.is_file() and folder.suffix == '.py':
         folder = folder.parent
-    rubric = load(options.rubric)
     name = options.save or str(folder / 'check.png')
     path = None if options.no_plot else target(name, FORMATS)
-    find_files(folder)  # or a UserError
-    report = judge_folder(folder, rubric.settings)
+    parts = find_files(folder)  # or a UserError
+    rubric = load(options.rubric or handout_of(parts).rubrics[0])
+    report = rubric.lab.judge_folder(folder, rubric.settings)
     print_report(report, rubric)
     composed = _composition(folder)
     if path and report.drive:
         with saving(path) as part:
-            title = f'{folder.resolve().name}: {report.gains}'
+            title = f'{folder.resolve().name}: {report.gains or rubric.title}'
             report.drive.figure(title).savefig(part, dpi=DPI)
         print(path)  # noqa: T201
     return 0 if composed and all(finding.passed for finding in report.judged) else NOT_PASSED
@@ -96,6 +96,7 @@ def _composition(folder: Path) -> bool:
 def print_report(report: Report, rubric: Rubric, console: Console | None = None) -> None:
     """Print the findings in a terminal, or a line for each in a pipe."""
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
+    from rich.text import Text  # noqa: PLC0415
 
     console = console or Console(highlight=False)
     if not console.is_terminal:
@@ -104,9 +105,9 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     findings = [each for each in report.findings if each.criterion in worth]
     _print_table(console, ('criterion', 'points', 'finding'), _rows(findings, rubric))
     if report.drive:
-        _plain(console, "the lab's road, stretch by stretch")
-        header = ('from', 'grade', 'RMS', 'at most', 'the speed')
-        _print_table(console, header, map(_cells, report.drive.stretches))
+        title, header, rows = report.drive.table
+        _plain(console, title)
+        _print_table(console, header, (map(Text, cells) for cells in rows))
     if report.gains:
         _plain(console, f'gains: {report.gains}')
     if report.tolerated:
@@ -136,20 +137,7 @@ def _rows(findings: Sequence[Finding], rubric: Rubric) -> Iterable[tuple[Text, .
         yield Text(each.criterion), Text(points, style=colour), Text(message)
 
 
-def _cells(stretch: tuple[SegmentErrors, str]) -> tuple[Text, ...]:
-    from rich.text import Text  # noqa: PLC0415
-
-    errors, remark = stretch
-    return (
-        Text(f'{errors.start:.0f} m'),
-        Text(f'{errors.theta_deg:g}°'),
-        Text(f'{errors.rms_error:.3f} m/s'),
-        Text(f'{errors.max_error:.3f} m/s'),
-        Text(remark),
-    )
-
-
-def _print_table(console: Console, header: Sequence[str], rows: Iterable[tuple[Text, ...]]) -> None:
+def _print_table(console: Console, header: Sequence[str], rows: Iterable[Iterable[Text]]) -> None:
     """Print a table; the first and the last column are text, the others numbers."""
     from rich.table import Table  # noqa: PLC0415
 

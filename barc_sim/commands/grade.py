@@ -15,7 +15,7 @@ from barc_sim.cli.parser import number, whole
 from barc_sim.cli.process import INTERRUPTED
 from barc_sim.cli.signals import uninterrupted
 from barc_sim.errors import UserError
-from barc_sim.lab.handout import BY_HAND, RUBRICS
+from barc_sim.lab.handout import BY_HAND, RUBRICS, handout_of, names_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -51,9 +51,9 @@ def add_arguments(parser: Parser) -> None:
     rubrics = Path(__file__).parents[1] / 'lab' / 'grade' / 'rubrics'
     parser.add_argument(
         '--rubric',
-        default=RUBRICS[0],
         metavar='RUBRIC',
-        help=f'the points: {", ".join(RUBRICS)} or a file like those in {rubrics} (%(default)s)',
+        help=f'the points: {", ".join(RUBRICS)} or a file like those in {rubrics} (the usual one '
+        'of the lab of the first submission with code)',
     )
     parser.add_argument(
         '--out', type=Path, default=Path('grades'), metavar='DIR', help='(%(default)s)'
@@ -108,9 +108,9 @@ def run(options: Namespace) -> int:
     from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
     from barc_sim.lab.grade import classroom, grade, rubric, similarity, submissions  # noqa: PLC0415
 
-    points = rubric.load(options.rubric)
     out = options.out.absolute()
     paths = [path for path in submissions.find(options.submissions) if path.absolute() != out]
+    points = rubric.load(options.rubric or _rubric_of(paths))
     # Gradescope looks for the files of a single submission in the folder itself.
     alone = paths == [options.submissions.resolve()] and not (out / _SETTINGS).exists()
     kept = _keep(options, out)
@@ -146,6 +146,14 @@ def run(options: Namespace) -> int:
     if interrupted:
         return INTERRUPTED
     return 1 if failures else 0
+
+
+def _rubric_of(paths: Iterable[Path]) -> str:
+    """Return the usual rubric of the lab of the first submission that has a file of one."""
+    from barc_sim.lab.grade.submissions import read  # noqa: PLC0415
+
+    found = (names_of(read(path).files) for path in paths)
+    return handout_of(next(filter(None, found), ())).rubrics[0]
 
 
 def moment(text: str) -> datetime:

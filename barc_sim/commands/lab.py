@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments, barc_path
 from barc_sim.errors import UserError, escaped
-from barc_sim.lab.handout import COMPOSE, FILES, templates
+from barc_sim.lab.handout import HANDOUTS, HILLS, Handout, files_in, handout_of
 from barc_sim.runs.options import add_engine_option, choose_engine
 
 if TYPE_CHECKING:
@@ -28,14 +28,21 @@ _PATIENCE = 600.0  #: [s] for the drive over the course
 def add_arguments_new(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        f'Make a folder with templates of {", ".join(FILES.values())} and {COMPOSE}.'
+        f'Make a folder with the templates of a lab: {HILLS.written}, unless --lab names another.'
     )
     parser.epilog = 'An existing file is never overwritten.'
     parser.add_argument('folder', type=Path, metavar='DIR', help='the folder to make')
+    parser.add_argument(
+        '--lab',
+        choices=HANDOUTS,
+        default='hills',
+        help='; '.join(f'{name}: {each.written}' for name, each in HANDOUTS.items())
+        + ' (%(default)s)',
+    )
 
 
-def write_templates(folder: Path) -> None:
-    """Write the templates into `folder`; make it if it does not exist.
+def write_templates(folder: Path, handout: Handout = HILLS) -> None:
+    """Write the templates of a lab into `folder`; make it if it does not exist.
 
     Examples
     --------
@@ -44,7 +51,7 @@ def write_templates(folder: Path) -> None:
     >>> sorted(path.name for path in Path('lab').iterdir())
     ['README.md', 'bike_model.py', 'compose.py', 'controller.py', 'relay.py']
     """
-    files = templates()
+    files = handout.templates()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         there = [name for name in files if os.path.lexists(folder / name)]
@@ -64,11 +71,12 @@ def write_templates(folder: Path) -> None:
 
 def run_new(options: Namespace) -> None:
     """Make the folder and print what to do next."""
-    write_templates(options.folder)
+    handout = HANDOUTS[options.lab]
+    write_templates(options.folder, handout)
     barc, folder = barc_path(), shlex.quote(str(options.folder))
-    print(f'{folder}: write {", ".join(FILES.values())}, {COMPOSE}, as README.md explains')  # noqa: T201
+    print(f'{folder}: write {handout.written}, as README.md explains')  # noqa: T201
     print(f'check   {barc} check {folder}')  # noqa: T201
-    print(f'run     {barc} acc --lab {folder}')  # noqa: T201
+    print(f'run     {barc} {handout.drive} {folder}')  # noqa: T201
 
 
 def add_arguments_report(parser: Parser) -> None:
@@ -155,11 +163,12 @@ def run_submit(options: Namespace) -> None:
 
 def _drive(folder: Path, bags: Path, engine: str) -> tuple[Path | None, str]:
     """Drive over the course with a folder's files; return the bag, and why it ended badly."""
-    options = ['--lab', str(folder), '--realtime-factor', 'max', '--engine', engine]
+    words = handout_of(files_in(folder)).drive.split()
+    options = [str(folder), '--realtime-factor', 'max', '--engine', engine]
     try:
         # In a process of its own, which the files can end.
         done = subprocess.run(  # noqa: S603 (our own command)
-            [sys.executable, '-m', 'barc_sim', 'acc', '-q', '--bag-dir', str(bags), *options],
+            [sys.executable, '-m', 'barc_sim', *words, *options, '-q', '--bag-dir', str(bags)],
             env=os.environ | {'PYTHONIOENCODING': 'utf-8'},
             capture_output=True,
             encoding='utf-8',

@@ -1,38 +1,76 @@
-"""The lab as data: what a student writes, and what is handed out for it.
+"""The labs as data: what a student writes in each, and what is handed out for it.
 
-The criteria of its points stand in `hills/lab.py`, and the points in `grade/rubrics/`.
+How the parts are judged stands in `labs.py`, and the points in `grade/rubrics/`.
 """
 
 from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping
 
-#: The file of each part that is loaded and judged.
-FILES = {'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'}
-#: The script of Task 3, which is run as it is.
+#: The script of Task 3 of the hills lab, which is run as it is.
 COMPOSE = 'compose.py'
 #: The file of a person's points and comments, beside a report.
 BY_HAND = 'by_hand.yaml'
+
+
+class Handout(NamedTuple):
+    """What a lab hands out, and what it wants back."""
+
+    folder: str  #: of its templates
+    files: Mapping[str, str]  #: that are loaded and judged, by part
+    rubrics: tuple[str, ...]  #: their names; the first one is the usual
+    drive: str  #: the command that drives with a folder, less that folder
+    others: tuple[str, ...] = ()  #: more files to write
+
+    @property
+    def written(self) -> str:
+        """The names of the files to write."""
+        return ', '.join((*self.files.values(), *self.others))
+
+    def templates(self) -> dict[str, bytes]:
+        """Return the files that a student starts with, by name."""
+        folder = resources.files('barc_sim.lab') / 'templates' / self.folder
+        names = ('README.md', *self.files.values(), *self.others)
+        return {name: (folder / name).read_bytes() for name in names}
+
+
+HILLS = Handout(
+    folder='hills',
+    files={'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'},
+    rubrics=('lab', 'strict', 'extended'),
+    drive='acc --lab',
+    others=(COMPOSE,),
+)
+#: By the word of `barc new --lab`.
+HANDOUTS = {'hills': HILLS}
+#: The file of each part of any lab.
+FILES = {part: name for each in HANDOUTS.values() for part, name in each.files.items()}
 #: The names of the rubrics.
-RUBRICS = ('lab', 'strict', 'extended')
-_TEMPLATES = resources.files('barc_sim.lab') / 'templates'
+RUBRICS = tuple(name for each in HANDOUTS.values() for name in each.rubrics)
 
 
-def templates() -> dict[str, bytes]:
-    """Return the files that a student starts with, by name."""
-    names = ('README.md', *FILES.values(), COMPOSE)
-    return {name: (_TEMPLATES / name).read_bytes() for name in names}
+def handout_of(parts: Collection[str]) -> Handout:
+    """Return the lab of a folder with these parts: that of which the most is there."""
+    return max(
+        HANDOUTS.values(),
+        key=lambda each: len(each.files.keys() & set(parts)) / len(each.files),
+    )
+
+
+def names_of(names: Collection[str], parts: Collection[str] = tuple(FILES)) -> dict[str, str]:
+    """Return the names of the files of `parts` among `names`, by part, see `find_name`."""
+    return {part: name for part in parts if (name := find_name(names, part))}
 
 
 def files_in(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
     """Return the files of `parts` in `folder`, by part, see `find_name`."""
     names = [file.name for file in folder.glob('*.py') if file.exists()]
-    return {part: folder / name for part in parts if (name := find_name(names, part))}
+    return {part: folder / name for part, name in names_of(names, parts).items()}
 
 
 def find_name(names: Collection[str], part: str) -> str | None:

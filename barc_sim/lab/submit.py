@@ -12,7 +12,7 @@ from barc_sim.cli.files import open_regular
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.submissions import MAX_ARCHIVE, listed, take
-from barc_sim.lab.handout import COMPOSE, FILES, files_in, find_name, templates
+from barc_sim.lab.handout import files_in, handout_of, names_of
 from barc_sim.lab.report import Facts, page, read
 from barc_sim.lab.user_code.source import compiled, find_gains
 from barc_sim.lab.user_code.source import read as read_source
@@ -53,13 +53,16 @@ def collect(
     """
     facts, fault = _facts(course)
     yield from _code(folder)
-    yield _gains(folder, facts.info if facts else {})
+    parts = handout_of(files_in(folder)).files
+    if 'controller' in parts:
+        yield _gains(folder, facts.info if facts else {})
     if text := why or fault:
         yield Part('course', f'its end: {text}' if facts else text, missing=True)
     if course and facts:
         yield _course(course, facts, folder)
-    yield _teleop(teleop)
-    yield _video(video)
+    if 'relay' in parts:
+        yield _teleop(teleop)
+        yield _video(video)
     yield _description(folder)
 
 
@@ -142,11 +145,13 @@ def _code(folder: Path) -> Iterator[Part]:
     yield Part('code', text or 'no file', dict(files), missing=not files)
     for note in notes:
         yield Part('code', f'{note}: it is left out')
-    for part, name in (*((part, name) for part, name in FILES.items()), ('', COMPOSE)):
-        found = find_name([*files], part) if part else name if name in files else None
-        if found is None:
+    there = names_of(files)
+    handout = handout_of(there)
+    wanted = {name: there.get(part, name) for part, name in handout.files.items()}
+    for name, found in (wanted | {name: name for name in handout.others}).items():
+        if found not in files:
             yield Part('code', name, missing=True)
-        elif files[found] == templates()[name]:
+        elif files[found] == handout.templates()[name]:
             yield Part('code', f'{found} is the template: nothing is written in it', missing=True)
 
 
@@ -222,9 +227,10 @@ def _start(file: Path) -> bytes:
 
 def _description(folder: Path) -> Part:
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _TEXTS)
+    templates = handout_of(files_in(folder)).templates()
     for stem in _DESCRIPTIONS:
         for file in files:
             same = file.stem.lower() == stem and file.is_file()
-            if same and _start(file) not in (b'', templates().get(file.name)):
+            if same and _start(file) not in (b'', templates.get(file.name)):
                 return Part('description', file.name, {file.name: file})
     return Part('description', 'write what you did, and why, in description.md', missing=True)

@@ -14,7 +14,7 @@ from user_files import MODEL, replaced
 from barc_sim.__main__ import main as barc
 from barc_sim.commands.check import print_report
 from barc_sim.lab.grade.rubric import load
-from barc_sim.lab.hills.lab import judge_folder
+from barc_sim.lab.hills.lab import HILLS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -82,7 +82,7 @@ def test_a_cause_is_named_once(wrong: Path) -> None:
 def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
     out = StringIO()
     console = Console(file=out, force_terminal=True, color_system=None, width=100)
-    print_report(judge_folder(wrong, load().settings), load(), console)
+    print_report(HILLS.judge_folder(wrong, load().settings), load(), console)
     text = out.getvalue()
     assert text.splitlines()[0].split() == ['criterion', 'points', 'finding']
     assert "the lab's road, stretch by stretch" in text

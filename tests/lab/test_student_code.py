@@ -8,19 +8,20 @@ import pytest
 from student_code import WORKS, Work
 from user_files import LocalCode
 
+from barc_sim.lab.check.lab import Settings
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade, report
 from barc_sim.lab.grade.rubric import ByHand, load
 from barc_sim.lab.grade.submissions import Submission
 from barc_sim.lab.handout import RUBRICS, files_in
-from barc_sim.lab.hills.lab import CRITERIA, Settings, judge, judge_folder
+from barc_sim.lab.hills.lab import HILLS
 from barc_sim.lab.hills.relay import LABELS as RELAY
 from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-SEED = load().seed
+SEED = load().settings.seed
 #: Judged by `check` and `grade`, which share a judge.
 SOME = ('the published law', 'an error at a low speed')
 
@@ -40,7 +41,7 @@ def submission(work: Work) -> Submission:
 def test_points_by_each_rubric_and_the_sentence(tmp_path: Path, name: str) -> None:
     work = WORKS[name]
     code = LocalCode(UserCode(files_in(write(tmp_path, work)), budget=None, packages=False))
-    findings = judge(code, Settings(seed=SEED))
+    findings = HILLS.judge(code, Settings(seed=SEED))
     points = [
         sum(rubric.points_for(f) for f in findings if f.criterion in rubric.points)
         for rubric in map(load, RUBRICS)
@@ -55,14 +56,14 @@ def test_points_by_each_rubric_and_the_sentence(tmp_path: Path, name: str) -> No
 @pytest.mark.parametrize('name', SOME)
 def test_check_and_grade_agree_to_the_point(tmp_path: Path, name: str) -> None:
     work, rubric = WORKS[name], load('extended')
-    checked = judge_folder(write(tmp_path, work), rubric.settings)
+    checked = HILLS.judge_folder(write(tmp_path, work), rubric.settings)
     graded = grade(submission(work), rubric, Limits(), sandbox=True)
     assert [(item.criterion, item.points) for item in graded.items] == [
         (finding.criterion, rubric.points_for(finding))
         for finding in checked.findings
         if finding.criterion not in RELAY
     ]
-    assert [item.criterion for item in graded.items] == [*CRITERIA][: -len(RELAY)]
+    assert [item.criterion for item in graded.items] == [*HILLS.labels][: -len(RELAY)]
     assert graded.gains == str(checked.gains or '')
     assert graded.tolerated == checked.tolerated
 

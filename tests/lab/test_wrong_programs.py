@@ -16,7 +16,7 @@ from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, LocalCode, replaced
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import files_in
-from barc_sim.lab.hills.lab import judge, judge_folder
+from barc_sim.lab.hills.lab import HILLS
 from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
@@ -234,7 +234,7 @@ def write(folder: Path, program: Program) -> None:
 def judged(folder: Path) -> dict[str, Finding]:
     """Return the findings on a folder by the rubric `lab`, judged in this process."""
     code = LocalCode(UserCode(files_in(folder), budget=None, packages=False))
-    return {each.criterion: each for each in judge(code, LAB.settings)}
+    return {each.criterion: each for each in HILLS.judge(code, LAB.settings)}
 
 
 def points(findings: dict[str, Finding]) -> float:
@@ -285,7 +285,7 @@ def test_what_keeps_a_controller_from_running_is_the_remark(
 ) -> None:
     write(tmp_path, PROGRAMS['right'])
     (tmp_path / 'controller.py').write_text(text, encoding='latin-1')
-    report = judge_folder(tmp_path, LAB.settings, Limits(call=0.2))
+    report = HILLS.judge_folder(tmp_path, LAB.settings, Limits(call=0.2))
     findings = {each.criterion: each for each in report.findings if not each.skipped}
     assert points(findings) == 50.0
     for criterion in ('pid.proportional', 'pid.integral', 'pid.derivative', 'loop.lab_road'):

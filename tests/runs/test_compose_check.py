@@ -17,7 +17,7 @@ from barc_sim.runs.compose_check import Verdict, judge_composition
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-TEMPLATE = (Path(barc_sim.lab.__file__).parent / 'templates' / 'compose.py').read_text()
+TEMPLATE = (Path(barc_sim.lab.__file__).parent / 'templates' / 'hills' / 'compose.py').read_text()
 #: The template, finished.
 RIGHT = TEMPLATE.replace(
     '    raise NotImplementedError',

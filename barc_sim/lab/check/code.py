@@ -7,38 +7,29 @@ from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import wraps
-from itertools import count
-from math import inf, isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
+from math import isfinite
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 import numpy as np
 
-from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.errors import UserError, one_line, without_addresses
 from barc_sim.lab.confined.process import Ended, Failed, Limits, Process
-from barc_sim.lab.handout import FILES, files_in
-from barc_sim.lab.user_code.calls import MAX_COMMANDS, Command, TimedTwist
+from barc_sim.lab.handout import files_in
 from barc_sim.lab.user_code.source import ChosenGains, UserCodeError
-from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
     from typing_extensions import Self
 
 
-Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
-_STATE = 4  # numbers
 _MAX_PHRASES = 20
 _MAX_ENDS = 2  # a function that has ended its process, or looped, so often is not called again
-#: The user's name for what a request calls.
-_CALLED = {'model': 'bikeFE', 'model_at': 'bikeFE', 'relay': 'relay', 'notes': 'notes'}
-Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
 
 
 class JudgedCode:
-    """A user's model, controller and relay in `folder`, called in a process confined to it.
+    """A user's files in `folder`, called in a process confined to it; a lab adds what it calls.
 
     Each failure is a UserCodeError. If a call ends the process, the next one uses a new process.
     All calls together have `Limits.total` seconds; after that each one fails.
@@ -55,7 +46,6 @@ class JudgedCode:
         self._loops: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self._printed = b''
-        self._numbers = count()
         self._gains: ChosenGains | None = None
 
     def __enter__(self) -> Self:
@@ -70,33 +60,9 @@ class JudgedCode:
         """Return whether there is the file of this part."""
         return part in files_in(self._folder)
 
-    def bike_fe(
-        self, rows: Sequence[Sequence[float]], l_f: float = L_F, l_r: float = L_R
-    ) -> list[Next]:
-        """Return the result of `bikeFE` for each row of its arguments.
-
-        Lengths [m] that are not the lab's are passed if it takes them, and replace the file's own.
-        """
-        do = 'model' if (l_f, l_r) == (L_F, L_R) else 'model_at'
-        return _rows('bikeFE', self.call(do, rows, l_f, l_r), len(rows), _STATE)
-
-    def new_pid(
-        self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True
-    ) -> JudgedController:
-        """Return a new `PID` with these gains.
-
-        It gets the `limit` [m/s²] of its output if it takes one. With `fresh` its file is loaded
-        again, so that no global variable has a value of an earlier run.
-        """
-        number = next(self._numbers)
-        self.call('new_pid', number, kp, ki, kd, limit, fresh)
-        return JudgedController(self, number)
-
-    def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
-        """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
-        found = self.call('relay', twists, duration, _relay_calls(twists, duration))
-        rows = min(len(found), MAX_COMMANDS) if isinstance(found, list) else -1
-        return [Command(*row) for row in _rows('relay', found, rows, len(Command._fields))]
+    def called(self, do: str, *_: Any) -> str:  # noqa: ANN401 (JSON)
+        """Return the user's name for what a request calls."""
+        return do
 
     def chosen_gains(self) -> ChosenGains | None:
         """Return the gains that `controller.py`, once loaded, chooses; None if it has none."""
@@ -112,10 +78,6 @@ class JudgedCode:
         phrases = self._notes().get('tolerated')
         known = phrases[:_MAX_PHRASES] if isinstance(phrases, (list, tuple)) else ()
         return tuple(one_line(str(phrase)) for phrase in known)
-
-    def relay_keys(self) -> str:
-        """Return the keys that were pressed for a relay that reads them itself, or nothing."""
-        return one_line(str(self._notes().get('keys', '')), 20)
 
     def line_of(
         self, do: str, arguments: Sequence[Any], values: Iterable[float], others: Iterable[float]
@@ -155,7 +117,7 @@ class JudgedCode:
         UserCodeError
             if the function fails or ends its process.
         """
-        function = _CALLED.get(do, 'PID')
+        function = self.called(do, *arguments)
         if max(self._ends[function], self._loops[function]) >= _MAX_ENDS:
             raise UserCodeError(self._reasons[function])
         if self._left <= 0.0:
@@ -196,46 +158,15 @@ class JudgedCode:
             self._process = None
 
 
-class JudgedController:
-    """One instance of the user's `PID`."""
-
-    def __init__(self, code: JudgedCode, number: int) -> None:
-        """Refer to the controller `number` of `code`."""
-        self._code, self.number = code, number
-
-    def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
-        """Return the commanded acceleration [m/s²]."""
-        return self.acc_sequence([(reference, current, dt)])[0]
-
-    def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
-        """Return the results of `acc_calculate` for one sample after the other."""
-        found = self._code.call('steps', self.number, rows)
-        return _numbers('PID', found, len(rows))
-
-    def reset(self) -> bool:
-        """Call the user's `reset()`; return False if the class has none."""
-        return self._code.call('reset', self.number) is True
-
-
-def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwist]:
-    """Return the calls of a function `relay`, as its node makes them: zeros after stale Twists."""
-    calls, nothing = [], TimedTwist(-inf, 0.0, 0.0)
-    for k in range(round(duration * RATE)):
-        t = k * (1.0 / RATE)
-        latest = max((each for each in twists if each.t <= t + 1e-9), default=nothing)
-        used = latest if t - latest.t <= STALE_AFTER else nothing
-        calls.append(used._replace(t=t))
-    return calls
-
-
-def _rows(function: str, found: Any, rows: int, columns: int) -> list[Any]:  # noqa: ANN401
+def rows_of(function: str, found: Any, rows: int, columns: int) -> list[Any]:  # noqa: ANN401
     """Return rows of numbers: the process can send anything."""
     if not isinstance(found, list) or len(found) != rows:
         raise UserCodeError(f'{function} returned something else than {rows} rows of numbers')
-    return [tuple(_numbers(function, row, columns)) for row in found]
+    return [tuple(numbers_of(function, row, columns)) for row in found]
 
 
-def _numbers(function: str, found: Any, size: int) -> list[float]:  # noqa: ANN401
+def numbers_of(function: str, found: Any, size: int) -> list[float]:  # noqa: ANN401
+    """Return `size` finite numbers that a function returned."""
     if not isinstance(found, (list, tuple)) or len(found) != size:
         raise UserCodeError(f'{function} returned something else than {size} numbers')
     if not all(type(value) is float and isfinite(value) for value in found):
@@ -286,29 +217,3 @@ def judges(criterion: str) -> Callable[[Callable[_P, Judged]], Callable[_P, Find
         return judged
 
     return decorate
-
-
-class Part(NamedTuple):
-    """How a lab judges one part of user code."""
-
-    labels: Mapping[str, str]  #: its criteria, with their names for readers
-    judge: Callable[..., Iterable[Finding]]  #: gets the code and the lab's settings
-
-
-def judge_parts(
-    code: JudgedCode, parts: Mapping[str, Part], criteria: Collection[str], settings: object
-) -> list[Finding]:
-    """Return a finding for each of the `criteria`, in the order of the parts' labels.
-
-    Errors of the code become findings.
-    """
-    findings: list[Finding] = []
-    for name, part in parts.items():
-        found: Iterable[Finding] = ()
-        if not code.has(name):
-            message = f'there is no {FILES[name]}'
-            found = [Finding(each, 0.0, message, skipped=True) for each in part.labels]
-        elif not part.labels.keys().isdisjoint(criteria):
-            found = part.judge(code, settings)
-        findings += [finding for finding in found if finding.criterion in criteria]
-    return findings

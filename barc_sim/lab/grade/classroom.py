@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
 from barc_sim.lab.grade.similarity import alike, in_words
-from barc_sim.lab.hills.lab import LABELS
 from barc_sim.lab.html import render
+from barc_sim.lab.labs import LABELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -22,15 +22,15 @@ from barc_sim.cli.signals import uninterrupted
 from barc_sim.errors import escaped
 from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.grade.submissions import graded, read
-from barc_sim.lab.handout import BY_HAND, FILES
-from barc_sim.lab.hills.lab import LABELS, judge_folder
-from barc_sim.lab.hills.loop import Drive
+from barc_sim.lab.handout import BY_HAND
 from barc_sim.lab.html import data_url, render
+from barc_sim.lab.labs import LABELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from barc_sim.lab.check.code import Finding
+    from barc_sim.lab.check.lab import Evidence
     from barc_sim.lab.confined.process import Limits
     from barc_sim.lab.grade.rubric import ByHand, Rubric
     from barc_sim.lab.grade.submissions import Submission
@@ -51,7 +51,7 @@ class Item(NamedTuple):
     max_points: float
     message: str
     open: bool = False  #: it is judged by eye: its points are 0 until they are given by hand
-    evidence: Drive | None = None  #: what the report's figure shows
+    evidence: Evidence | None = None  #: what the report's figure shows
 
 
 class Grade(NamedTuple):
@@ -129,18 +129,18 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     notes = submission.notes
     files = graded(submission.files)
     if not files:
-        wanted = ' nor '.join(FILES.values())
+        wanted = ' nor '.join(rubric.lab.handout.files.values())
         notes = (f'it has neither {wanted} at its top', *notes)
     if not sandbox:
         notes = (*notes, 'its code was not confined, as --unconfined asks for')
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
         submission.write(Path(folder))
-        found = judge_folder(Path(folder), rubric.settings, limits, sandbox=sandbox)
+        found = rubric.lab.judge_folder(Path(folder), rubric.settings, limits, sandbox=sandbox)
     findings = {finding.criterion: finding for finding in found.findings}
     return Grade(
         name=submission.name,
         title=rubric.title,
-        seed=rubric.seed,
+        seed=rubric.settings.seed,
         visibility=rubric.visibility,
         items=tuple(
             _item(findings[name], worth, rubric)
@@ -200,7 +200,7 @@ def _empty(grade: Grade) -> str:
 def _figure(grade: Grade) -> bytes:
     """Return the runs that were judged as a PNG; empty if there are none."""
     data = io.BytesIO()
-    for runs in (item.evidence for item in grade.items if isinstance(item.evidence, Drive)):
+    for runs in filter(None, (item.evidence for item in grade.items)):
         runs.figure().savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
     return data.getvalue()
 

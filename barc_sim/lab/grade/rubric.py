@@ -16,9 +16,9 @@ import yaml
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
+from barc_sim.lab.check.lab import Settings, Thresholds
 from barc_sim.lab.handout import BY_HAND, RUBRICS
-from barc_sim.lab.hills.lab import CRITERIA, Settings
-from barc_sim.lab.hills.loop import Thresholds
+from barc_sim.lab.labs import LABELS, lab_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     _Read = Callable[[str, object], Any]
 
     from barc_sim.lab.check.code import Finding
+    from barc_sim.lab.check.lab import Lab
 
 _T = TypeVar('_T')
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')
@@ -37,13 +38,16 @@ _MAX_POINTS = 10_000  # for a criterion
 class Rubric:
     """The criteria of a grade, with their points."""
 
-    points: Mapping[str, float]  #: by criterion, positive, in `CRITERIA`'s order
+    points: Mapping[str, float]  #: by criterion, positive, in the order of `LABELS`
+    settings: Settings = field(default_factory=Settings)  #: how it has user code judged
     title: str = ''
-    seed: int = 0  #: of the states and roads
     visibility: str = VISIBILITIES[0]  #: who can read the messages on Gradescope
     optional: frozenset[str] = frozenset()  #: criteria left out where their file is not handed in
-    thresholds: Thresholds = field(default_factory=Thresholds)  #: of the criteria `loop.…`
-    acceleration_limit: float = inf  #: [m/s²] of a controller on the roads
+
+    @property
+    def lab(self) -> Lab:
+        """The lab of its criteria."""
+        return lab_of(self.points)
 
     @property
     def max_score(self) -> float:
@@ -54,16 +58,6 @@ class Rubric:
         """Return the greatest points by criterion, without the optional ones that are skipped."""
         out = {each.criterion for each in findings if each.skipped} & self.optional
         return {name: points for name, points in self.points.items() if name not in out}
-
-    @property
-    def settings(self) -> Settings:
-        """How it has user code judged."""
-        return Settings(
-            seed=self.seed,
-            acceleration_limit=self.acceleration_limit,
-            thresholds=self.thresholds,
-            criteria=tuple(self.points),
-        )
 
     def points_for(self, finding: Finding) -> float:
         """Return the points for a finding, rounded to hundredths."""
@@ -137,12 +131,11 @@ def _rubric(values: object) -> Rubric:
     required, optional = found.pop('criteria'), found.pop('task_3', {})
     for name in required.keys() & optional.keys():
         raise ValueError(f'{name!r} stands in criteria and in task_3: delete one of the two')
-    points = required | optional
-    return Rubric(
-        points={name: points[name] for name in CRITERIA if name in points},
-        optional=frozenset(optional),
-        **found,
-    )
+    points = {name: worth for name in LABELS if (worth := (required | optional).get(name))}
+    lab_of(points)
+    names = [each.name for each in fields(Settings) if each.name in found]
+    settings = Settings(criteria=tuple(points), **{name: found.pop(name) for name in names})
+    return Rubric(points, settings, optional=frozenset(optional), **found)
 
 
 def _mapping(what: str, values: object, read: Mapping[str, _Read]) -> dict[str, Any]:
@@ -166,7 +159,7 @@ def _thresholds(key: str, values: object) -> Thresholds:
 
 
 def _criteria(key: str, values: object) -> dict[str, float]:
-    points = _mapping(key, values, dict.fromkeys(CRITERIA, _points))
+    points = _mapping(key, values, dict.fromkeys(LABELS, _points))
     if not any(points.values()):
         raise ValueError('no criterion has points: expected at least one')
     return {name: float(worth) for name, worth in points.items() if worth}

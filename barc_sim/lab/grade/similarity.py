@@ -17,7 +17,7 @@ from importlib import resources
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from barc_sim.lab.handout import templates
+from barc_sim.lab.handout import HANDOUTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -39,7 +39,7 @@ _LAYOUT = (tokenize.COMMENT, tokenize.NL, tokenize.INDENT, tokenize.DEDENT, toke
 #: What anybody can copy: the file in this package, and its name in the list.
 _KNOWN = {
     'the published law': ('lab/grade/known/published_law.txt',),
-    "barc_sim's own code": ('vehicle/bike_model.py', 'control/pid.py'),
+    "barc_sim's own code": ('vehicle/bike_model.py', 'control/pid.py', 'control/lane.py'),
 }
 
 
@@ -144,7 +144,8 @@ def _tokens(text: str) -> Iterator[str]:
 def _of_handouts() -> Passages:
     file = resources.files('barc_sim.lab.grade').joinpath('known/handout.txt')
     hashes = file.read_text(encoding='utf-8').split()
-    return _passages(templates()) | {int(each, 16) for each in hashes}
+    own = (_passages(each.templates()) for each in HANDOUTS.values())
+    return frozenset().union(*own) | {int(each, 16) for each in hashes}
 
 
 @cache

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError, escaped, one_line
-from barc_sim.lab.handout import FILES, find_name
+from barc_sim.lab.handout import FILES, names_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator
@@ -68,7 +68,7 @@ class Submission:
 
 def graded(names: Collection[str]) -> list[str]:
     """Return the names of the graded files among those of a folder."""
-    return [name for part in FILES if (name := find_name(names, part))]
+    return [*names_of(names).values()]
 
 
 def find(path: Path) -> list[Path]:

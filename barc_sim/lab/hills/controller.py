@@ -28,8 +28,9 @@ from barc_sim.lab.hills.model import TS
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
-    from barc_sim.lab.check.code import Judged, JudgedCode, Sample
+    from barc_sim.lab.check.code import Judged
     from barc_sim.lab.check.laws import Floats, Index
+    from barc_sim.lab.hills.code import HillsCode, Sample
 
     Gains = tuple[float, float, float]  # kp, ki, kd
 
@@ -100,7 +101,7 @@ PID_LAW = replace(
 
 
 def judge_controller(
-    code: JudgedCode, seed: int, criteria: Collection[str] = tuple(LABELS)
+    code: HillsCode, seed: int, criteria: Collection[str] = tuple(LABELS)
 ) -> Iterator[Finding]:
     """Yield a finding for each criterion `pid.…`."""
     reset = judge_reset(code, seed)
@@ -165,7 +166,7 @@ def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> l
     return [(r, v, TS) for r, v in zip(reference.tolist(), measured.tolist(), strict=True)]
 
 
-def _tried(code: JudgedCode, term: Term, seed: int, output: float = 0.1, kp: float = 0.0) -> Trial:
+def _tried(code: HillsCode, term: Term, seed: int, output: float = 0.1, kp: float = 0.0) -> Trial:
     """Return the outputs of a term alone, or what it adds to P with the gain `kp`.
 
     There is a row for each of its gains, and a column for each call. Outputs are of the size
@@ -195,12 +196,12 @@ def _tried(code: JudgedCode, term: Term, seed: int, output: float = 0.1, kp: flo
     return Trial(term.criterion, term.name, inputs, {term.name: outputs}, failure)
 
 
-def _outputs(code: JudgedCode, gains: Sequence[Gains], sequences: Sequence[list[Sample]]) -> Floats:
+def _outputs(code: HillsCode, gains: Sequence[Gains], sequences: Sequence[list[Sample]]) -> Floats:
     pairs = zip(gains, sequences, strict=True)
     return np.array([code.new_pid(*each).acc_sequence(sequence) for each, sequence in pairs])
 
 
-def _trial(code: JudgedCode, term: Term, seed: int) -> Trial:
+def _trial(code: HillsCode, term: Term, seed: int) -> Trial:
     """Return the outputs of a term; where they are 0, those which show why."""
     trial = large = _tried(code, term, seed)
     if not np.any(trial.got[term.name]):
@@ -233,7 +234,7 @@ def _agree(got: Floats, form: Floats) -> bool:
 
 
 @np.errstate(all='ignore')
-def _judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
+def _judge_terms(code: HillsCode, seed: int) -> list[Finding]:
     """Return the finding for each term, and that on their factors."""
     if ignored := ignores_gains(code, seed):
         findings = [Finding(term.criterion, *ignored[term.name]) for term in TERMS]
@@ -278,7 +279,7 @@ def _call(trial: Trial, index: Index) -> str:
     return f'call {k + 1}, with a gain of {gain:g} and e = {error[k]:.6g} m/s{before},'
 
 
-def _line(code: JudgedCode, trial: Trial, name: str, index: Index, wrong: list[float]) -> str:
+def _line(code: HillsCode, trial: Trial, name: str, index: Index, wrong: list[float]) -> str:
     row, k = index
     columns = (trial.inputs[key][row, : k + 1].tolist() for key in ('reference', 'measured', 'dt'))
     calls = [*zip(*columns, strict=True)]
@@ -326,7 +327,7 @@ def _remark(term: str, factor: float) -> str:
 
 
 @np.errstate(all='ignore')
-def ignores_gains(code: JudgedCode, seed: int) -> dict[str, tuple[float, str]]:
+def ignores_gains(code: HillsCode, seed: int) -> dict[str, tuple[float, str]]:
     """Return score and message of each term if outputs are the same for all gains, else nothing.
 
     A term that is there, with a gain of its own, loses a half.
@@ -359,7 +360,7 @@ _RANDOM = 'the same speeds give different outputs'
 
 
 @judges('pid.reset')
-def judge_reset(code: JudgedCode, seed: int) -> Judged:
+def judge_reset(code: HillsCode, seed: int) -> Judged:
     """Return whether each `PID` starts fresh: a second one, one of two, and one after `reset()`.
 
     The score is the share of these checks that pass; without a `reset()` the last one is left out.
@@ -407,7 +408,7 @@ _ALLOWED = 25  #: calls until the output leaves the limit
 
 
 @judges('pid.windup')
-def judge_windup(code: JudgedCode) -> Judged:
+def judge_windup(code: HillsCode) -> Judged:
     """Return whether the output leaves its limit when the error changes its sign.
 
     The car's motor gives ±8 m/s² at most, also if the class has no such limit. Half a second or
@@ -426,7 +427,7 @@ def judge_windup(code: JudgedCode) -> Judged:
     )
 
 
-def _recovery(code: JudgedCode, sign: float) -> int:
+def _recovery(code: HillsCode, sign: float) -> int:
     """Return the number of calls until the output leaves its limit."""
     pid = code.new_pid(*_WINDING, limit=ACCELERATION_LIMIT)
     pushed, pulled = (

@@ -14,6 +14,7 @@ import numpy as np
 from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import judges
+from barc_sim.lab.check.lab import Table, Thresholds
 from barc_sim.lab.hills.model import TS
 from barc_sim.lab.user_code.calls import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import DISTANCE, MAX_DURATION, closed_loop
@@ -26,8 +27,9 @@ from barc_sim.vehicle.road import Road
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.check.code import Judged, JudgedCode
+    from barc_sim.lab.check.code import Judged
     from barc_sim.lab.check.laws import Floats
+    from barc_sim.lab.hills.code import HillsCode
     from barc_sim.lab.user_code.source import ChosenGains
     from barc_sim.simulation.log import Log
 
@@ -59,19 +61,6 @@ def random_road(seed: int, number: int) -> tuple[Road, float]:
 
 
 @dataclass(frozen=True)
-class Thresholds:
-    """Speed errors [m/s] after the run-up, for half of the marks each.
-
-    Full marks up to `full_…`, none from `zero_…` on, linear in between.
-    """
-
-    full_rms: float = 0.15
-    zero_rms: float = 1.5
-    full_max: float = 0.5
-    zero_max: float = 3.0
-
-
-@dataclass(frozen=True)
 class Conditions:
     """How a controller drives."""
 
@@ -87,7 +76,7 @@ class Conditions:
 
 
 @judges('loop.lab_road')
-def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Judged:
+def judge_lab_road(code: HillsCode, conditions: Conditions) -> Judged:
     """Return the finding for the lab's road, with what the speed does on each stretch of it.
 
     Where the score is not full, a gain is named with which the user's own code did better.
@@ -106,7 +95,7 @@ _TRIED = (1.5, 3.0)  #: times a gain
 _BETTER = 0.9  #: times the RMS error
 
 
-def _advice(code: JudgedCode, drive: Drive) -> str:
+def _advice(code: HillsCode, drive: Drive) -> str:
     """Return the larger gain with which the same code holds the speed best; empty if none does."""
     conditions = drive.conditions
     if drive.score == 1.0 or conditions.mended or not conditions.gains:
@@ -138,7 +127,7 @@ def _usual(limit: float) -> Log:
 
 
 @judges('loop.random_roads')
-def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> Judged:
+def judge_random_roads(code: HillsCode, conditions: Conditions, seed: int) -> Judged:
     """Return the finding for random roads: the mean of their scores."""
     roads = (random_road(seed, number) for number in range(_RANDOM_ROADS))
     drives = [_drive(code, conditions, *road) for road in roads]
@@ -150,7 +139,7 @@ def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> J
 class _Limited(PID):
     """A user's controller, its output limited; terms of barc_sim's PID take the place of some."""
 
-    def __init__(self, code: JudgedCode, conditions: Conditions) -> None:
+    def __init__(self, code: HillsCode, conditions: Conditions) -> None:
         assert conditions.gains  # noqa: S101 (there are some)
         gains = dict(zip('PID', conditions.gains[:3], strict=True))
         own = [0.0 if name in conditions.mended else gain for name, gain in gains.items()]
@@ -180,7 +169,7 @@ class _Limited(PID):
         return output
 
 
-def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float) -> Drive:
+def _drive(code: HillsCode, conditions: Conditions, road: Road, distance: float) -> Drive:
     """Drive over a road; what follows from a wrong term is not taken off again.
 
     So the code drives with its wrong terms put right, too, and the better drive counts.
@@ -203,7 +192,7 @@ def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float
 
 
 def _driven(
-    code: JudgedCode,
+    code: HillsCode,
     conditions: Conditions,
     road: Road,
     distance: float,
@@ -251,13 +240,7 @@ class Drive:
         """The score, from 0 to 1."""
         if self.failure:
             return 0.0
-        (rms, maximum), by = self.errors, self.conditions.thresholds
-        shares = (
-            (by.zero_rms - rms) / (by.zero_rms - by.full_rms),
-            (by.zero_max - maximum) / (by.zero_max - by.full_max),
-        )
-        # NaN is no error that is small.
-        return sum(min(1.0, share) if share > 0.0 else 0.0 for share in shares) / len(shares)
+        return self.conditions.thresholds.score(*self.errors)
 
     def describe(self) -> str:
         """Return a sentence on the errors."""
@@ -279,6 +262,22 @@ class Drive:
         parts = [slice(*each) for each in pairwise([0, *changes.tolist(), len(self.log)])]
         remarks = (_remark(self.log, part, self.limit) for part in parts)
         return [*zip(summary(self.log).stretches, remarks, strict=True)]
+
+    @property
+    def table(self) -> Table:
+        """The stretches, as text."""
+        header = ('from', 'grade', 'RMS', 'at most', 'the speed')
+        rows = [
+            (
+                f'{errors.start:.0f} m',
+                f'{errors.theta_deg:g}°',
+                f'{errors.rms_error:.3f} m/s',
+                f'{errors.max_error:.3f} m/s',
+                remark,
+            )
+            for errors, remark in self.stretches
+        ]
+        return Table("the lab's road, stretch by stretch", header, rows)
 
     def worst_stretch(self) -> str:
         """Return a sentence on the stretch with the largest RMS error; empty at full marks."""

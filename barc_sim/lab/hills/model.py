@@ -20,8 +20,8 @@ from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Vehicle
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from barc_sim.lab.check.code import JudgedCode
     from barc_sim.lab.check.laws import Floats, Index, Inputs, Situation, Verdict
+    from barc_sim.lab.hills.code import HillsCode
 
 TS = 0.02  #: [s]
 EQUATIONS = ('x_next', 'y_next', 'psi_next', 'v_next')  #: in the order of what bikeFE returns
@@ -63,7 +63,7 @@ def close(got: Floats, expected: Floats) -> bool:
 
 @np.errstate(all='ignore')
 def judge_model(
-    code: JudgedCode, seed: int, criteria: Collection[str] = tuple(LABELS)
+    code: HillsCode, seed: int, criteria: Collection[str] = tuple(LABELS)
 ) -> list[Finding]:
     """Return a finding for each of the four equations on the lab's road, and those beyond it."""
     road = _run(code, seed, ROAD)
@@ -86,7 +86,7 @@ def judge_model(
     return findings
 
 
-def _run(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> list[Trial]:
+def _run(code: HillsCode, seed: int, situations: Sequence[Situation]) -> list[Trial]:
     """Call `bikeFE` in all of the `situations`."""
     trials: list[Trial] = []
     failures: list[str] = []
@@ -156,7 +156,7 @@ def _right(trials: Sequence[Trial]) -> str:
     return f'right in all {len(trials) * _STATES:,} states'
 
 
-def _line(code: JudgedCode, trial: Trial, name: str, index: Index, wrong: list[float]) -> str:
+def _line(code: HillsCode, trial: Trial, name: str, index: Index, wrong: list[float]) -> str:
     (k,) = index
     values = {key: float(each[k]) for key, each in trial.known.items()}
     if name == 'v_next':  # the force that follows from it
@@ -171,7 +171,7 @@ def _call(trial: Trial, index: Index) -> str:
     return f'bikeFE({", ".join(values)})'
 
 
-def _randomness(code: JudgedCode, trials: Sequence[Trial]) -> str:
+def _randomness(code: HillsCode, trials: Sequence[Trial]) -> str:
     """Return a message if the same arguments give different results, else an empty string."""
     trial = next((trial for trial in trials if not trial.failure), None)
     if trial is None:

@@ -15,7 +15,7 @@ from barc_sim.vehicle.parameters import PARAMETERS
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from barc_sim.lab.check.code import JudgedCode
+    from barc_sim.lab.hills.code import HillsCode
 
 LABELS = {
     'relay.forward': 'Relay: up and down',
@@ -57,7 +57,7 @@ Drives = dict[_Key, list[Command]]
 _Held = dict[_Key, dict[str, Command]]  # the command of each key, by the field that is judged
 
 
-def judge_relay(code: JudgedCode) -> list[Finding]:
+def judge_relay(code: HillsCode) -> list[Finding]:
     """Return a finding for each criterion `relay.…`; all are skipped if it is not written yet.
 
     What cannot be judged here, of a program that reads the terminal, is open.

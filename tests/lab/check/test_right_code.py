@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import CONTROLLER, MODEL, replaced
 
-from barc_sim.lab.hills.lab import CRITERIA, Settings, judge
+from barc_sim.lab.check.lab import Settings
+from barc_sim.lab.hills.lab import HILLS
 from barc_sim.lab.hills.relay import LABELS as RELAY
 
 if TYPE_CHECKING:
@@ -95,20 +96,20 @@ def messages(findings: list[Finding]) -> dict[str, str]:
 
 
 def test_barc_sims_own_code_gets_full_marks(lab: Lab) -> None:
-    findings = judge(lab(MODEL, CONTROLLER))
+    findings = HILLS.judge(lab(MODEL, CONTROLLER))
     assert messages(findings) == {}
-    assert tuple(finding.criterion for finding in findings) == CRITERIA
+    assert tuple(finding.criterion for finding in findings) == tuple(HILLS.labels)
 
 
 @pytest.mark.parametrize('name', [*MODELS, 'arrays'])
 def test_a_right_model_gets_full_marks(lab: Lab, model: str, name: str) -> None:
     text = NUMPY_MODEL if name == 'arrays' else replaced(model, MODELS[name])
-    assert messages(judge(lab(text))[:6]) == {}
+    assert messages(HILLS.judge(lab(text))[:6]) == {}
 
 
 @pytest.mark.parametrize('seed', range(5))
 def test_no_seed_makes_right_code_wrong(lab: Lab, model: str, controller: str, seed: int) -> None:
-    assert messages(judge(lab(model, controller), Settings(seed=seed))) == {}
+    assert messages(HILLS.judge(lab(model, controller), Settings(seed=seed))) == {}
 
 
 @pytest.mark.parametrize('name', [*CONTROLLERS, 'on measurement'])
@@ -116,7 +117,7 @@ def test_a_right_controller_gets_full_marks(lab: Lab, controller: str, name: str
     changed = (
         ON_MEASUREMENT if name == 'on measurement' else replaced(controller, CONTROLLERS[name])
     )
-    assert messages(judge(lab(controller=changed))[6:]) == {}
+    assert messages(HILLS.judge(lab(controller=changed))[6:]) == {}
 
 
 def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> None:
@@ -125,17 +126,17 @@ def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> Non
         ('self.e_before = None', 'self.e_before = None; self.D = 0.0'),
         ('D = self.kd * change', 'D = self.D = 0.6 * self.D + 0.4 * self.kd * change'),
     )
-    assert messages(judge(lab(controller=text))[6:]) == {}
+    assert messages(HILLS.judge(lab(controller=text))[6:]) == {}
 
 
 def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller: str) -> None:
     code = lab(model.replace('sin(theta)', 'sin(theta)**3'), controller.replace('0.02', '0.03'))
-    findings = judge(code, Settings(seed=3))
-    assert findings == judge(code, Settings(seed=3)) != judge(code, Settings(seed=4))
+    findings = HILLS.judge(code, Settings(seed=3))
+    assert findings == HILLS.judge(code, Settings(seed=3)) != HILLS.judge(code, Settings(seed=4))
 
 
 def test_what_is_not_there_is_skipped_without_marks(lab: Lab, model: str) -> None:
-    findings = judge(lab(model))
+    findings = HILLS.judge(lab(model))
     assert [finding.skipped for finding in findings] == [False] * 6 + [True] * 14
     assert {finding.message for finding in findings[6:14]} == {'there is no controller.py'}
     assert {finding.message for finding in findings[14:]} == {'there is no relay.py'}

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
+from barc_sim.lab.check.lab import Settings
 from barc_sim.lab.hills.controller import judge_controller
-from barc_sim.lab.hills.lab import Settings, judge
+from barc_sim.lab.hills.lab import HILLS
 from barc_sim.lab.hills.model import judge_model
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def failed(findings: dict[str, Finding]) -> set[str]:
 @pytest.mark.parametrize('name', MODELS)
 def test_the_mistake_in_a_model_is_named(lab: Lab, model: str, name: str) -> None:
     old, new, equations, words = MODELS[name]
-    findings = judge(lab(replaced(model, (old, new))), Settings(seed=0))
+    findings = HILLS.judge(lab(replaced(model, (old, new))), Settings(seed=0))
     wrong = [f for f in findings[:6] if f.score < 1.0]
     # A mistake in an equation is not counted again beyond the lab's road.
     of_road = [f'model.{name}' for name in equations.split()]
@@ -111,8 +112,8 @@ def test_l_f_for_l_r_is_named_where_a_file_has_its_own_lengths(
     )
     text = text.replace('    beta =', f'{body}    beta =')
     settings = Settings(criteria=('model.x', 'model.general'))
-    assert all(finding.passed for finding in judge(lab(text), settings))
-    x, general = judge(
+    assert all(finding.passed for finding in HILLS.judge(lab(text), settings))
+    x, general = HILLS.judge(
         lab(replaced(text, ('atan(l_r /', 'atan(l_f /'), ('-m * g', 'm * g'))), settings
     )
     words = 'l_f is used in place of l_r in beta = atan(l_r / (l_f + l_r) * tan(d_f))'
@@ -224,7 +225,7 @@ class PID:
 )
 def test_no_state_scores_by_chance_or_warns(lab: Lab, model: str, state: str) -> None:
     text = replaced(model, ('[x_next, y_next, psi_next, v_next]', state))
-    assert all(0.0 <= finding.score < 0.4 for finding in judge(lab(text)))
+    assert all(0.0 <= finding.score < 0.4 for finding in HILLS.judge(lab(text)))
 
 
 @pytest.mark.parametrize(
@@ -232,6 +233,6 @@ def test_no_state_scores_by_chance_or_warns(lab: Lab, model: str, state: str) ->
     ['1.7e308', '1.7e308 * (-1) ** k', '1e-320', '1e200 * e', '1.7e308 if k == 1 else 0.0'],
 )
 def test_no_acceleration_scores_by_chance_or_warns(lab: Lab, answer: str) -> None:
-    findings = judge(lab(controller=BY_CALL.format(answer)))
+    findings = HILLS.judge(lab(controller=BY_CALL.format(answer)))
     assert all(0.0 <= finding.score <= 1.0 for finding in findings)
     assert [finding.score for finding in findings[6:9]] == [0.0] * 3

@@ -11,11 +11,11 @@ from user_files import CONTROLLER, MODEL
 
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import JudgedCode
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.grade.submissions import read
+from barc_sim.lab.hills.code import HillsCode
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ GRABS = {
 
 
 def test_no_object_in_reach_computes_the_answers(folder: Callable[..., Path]) -> None:
-    with JudgedCode(folder(bike_model=WALK, relay=ROS_2)) as code:
+    with HillsCode(folder(bike_model=WALK, relay=ROS_2)) as code:
         code.relay_commands([], 1.0)
 
         assert code.bike_fe([ROW]) == [(1.0, 2.0, 3.0, 4.0)]
@@ -165,7 +165,7 @@ def test_no_object_in_reach_computes_the_answers(folder: Callable[..., Path]) ->
 def test_the_walk_finds_what_is_there(folder: Callable[..., Path]) -> None:
     text = f'{MODEL}\n\n{CONTROLLER}'
     with (
-        JudgedCode(folder(bike_model=f'import hidden\n{WALK}', hidden=text)) as code,
+        HillsCode(folder(bike_model=f'import hidden\n{WALK}', hidden=text)) as code,
         pytest.raises(UserError, match=r'answers: <class .*computes the answers: <function bikeF'),
     ):
         code.bike_fe([ROW])

@@ -10,8 +10,8 @@ from user_files import CONTROLLER, MODEL
 
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import JudgedCode
 from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.hills.code import HillsCode
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class PID:
 
 
 def test_the_model_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
-    with JudgedCode(folder(bike_model=MODEL)) as code:
+    with HillsCode(folder(bike_model=MODEL)) as code:
         assert code.bike_fe(ROWS) == [tuple(bikeFE(*row)) for row in ROWS]
         assert code.bike_fe(ROWS[:1], l_f=1.2, l_r=1.9) == [
             tuple(bikeFE(*ROWS[0], l_f=1.2, l_r=1.9))
@@ -48,7 +48,7 @@ def test_the_model_gives_the_same_as_in_this_process(folder: Callable[..., Path]
 
 def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
     here = PID(3.0, 2.0, 0.1, output_min=-8.0, output_max=8.0)
-    with JudgedCode(folder(controller=CONTROLLER)) as code:
+    with HillsCode(folder(controller=CONTROLLER)) as code:
         there = code.new_pid(3.0, 2.0, 0.1, limit=8.0)
         expected = [here.acc_calculate(*sample) for sample in SAMPLES]
         assert there.acc_sequence(SAMPLES) == expected
@@ -57,7 +57,7 @@ def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Pa
 
 
 def test_controllers_do_not_share_what_they_remember(folder: Callable[..., Path]) -> None:
-    with JudgedCode(folder(controller=CONTROLLER)) as code:
+    with HillsCode(folder(controller=CONTROLLER)) as code:
         first, second = code.new_pid(0.0, 1.0, 0.0), code.new_pid(0.0, 1.0, 0.0)
         first.acc_sequence(SAMPLES)
 
@@ -78,14 +78,14 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
         pass
 """
     with (
-        JudgedCode(folder(bike_model=text), QUICK) as code,
+        HillsCode(folder(bike_model=text), QUICK) as code,
         pytest.raises(UserError, match='not finite'),
     ):
         code.bike_fe(ROWS[:1])
 
 
 def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..., Path]) -> None:
-    with JudgedCode(folder(controller=PID_LOOPING_AT_5), QUICK) as code:
+    with HillsCode(folder(controller=PID_LOOPING_AT_5), QUICK) as code:
         stuck = code.new_pid(1.0, 1.0, 1.0)
         with pytest.raises(UserError, match=r'line 6: acc_calculate.* not return within 0.3 s'):
             stuck.acc_calculate(8.0, 5.0, 0.02)
@@ -101,7 +101,7 @@ def test_a_function_that_keeps_ending_its_process_is_not_called_again(
     folder: Callable[..., Path],
 ) -> None:
     text = 'import os\nprint("called")\nos._exit(3)\n'
-    with JudgedCode(folder(bike_model=text, controller=CONTROLLER)) as code:
+    with HillsCode(folder(bike_model=text, controller=CONTROLLER)) as code:
         for _ in range(5):
             with pytest.raises(UserError, match='ended itself with exit code 3'):
                 code.bike_fe(ROWS[:1])
@@ -112,7 +112,7 @@ def test_a_function_that_keeps_ending_its_process_is_not_called_again(
 
 def test_the_beginning_of_what_is_printed_is_kept(folder: Callable[..., Path]) -> None:
     text = 'print("first")\nprint("x" * 10_000)\nraise ValueError\n'
-    with JudgedCode(folder(bike_model=text), Limits(output=100)) as code:
+    with HillsCode(folder(bike_model=text), Limits(output=100)) as code:
         with pytest.raises(UserError, match='ValueError'):
             code.bike_fe(ROWS[:1])
         code.close()
@@ -135,7 +135,7 @@ def test_forged_answers_of_any_shape_and_size_are_sentences(
 ) -> None:
     patch = f"import sys\nsys.modules['__main__'].CodeServer.{forged}\n"
     text = f'{patch}def relay(x, z): return [x, z]\n'
-    with JudgedCode(folder(relay=text, bike_model=patch + MODEL)) as code:
+    with HillsCode(folder(relay=text, bike_model=patch + MODEL)) as code:
         code.bike_fe(ROWS[:1])
         if 'relay' in forged:
             with pytest.raises(UserError, match='relay'):

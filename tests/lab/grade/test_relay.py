@@ -21,12 +21,13 @@ from user_files import CONTROLLER, MODEL, LocalCode, load_folder
 
 import barc_sim.lab
 from barc_sim.lab.check.code import Finding
+from barc_sim.lab.check.lab import Settings
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import RUBRICS
-from barc_sim.lab.hills.lab import CRITERIA, Settings, judge, judge_folder
+from barc_sim.lab.hills.lab import HILLS
 from barc_sim.lab.hills.relay import LABELS as RELAY
 
-TEMPLATE = (Path(barc_sim.lab.__file__).parent / 'templates' / 'relay.py').read_text()
+TEMPLATE = (Path(barc_sim.lab.__file__).parent / 'templates' / 'hills' / 'relay.py').read_text()
 
 
 class Work(NamedTuple):
@@ -140,7 +141,7 @@ WORKS = {
 def test_points_and_sentence(tmp_path: Path, kind: str) -> None:
     expected = WORKS[kind]
     (tmp_path / 'relay.py').write_text(expected.text, encoding='utf-8')
-    findings = judge_folder(tmp_path, Settings(criteria=RELAY), sandbox=True).findings
+    findings = HILLS.judge_folder(tmp_path, Settings(criteria=RELAY), sandbox=True).findings
     found = {each.criterion: each for each in findings}
     faults = [each.message for each in found.values() if not each.passed]
     assert expected.sentence in (faults or [''])[0]
@@ -164,7 +165,7 @@ def test_without_task_3_the_points_are_of_100_and_with_it_of_120(
     points = load(rubric)
 
     def total() -> tuple[float, float]:
-        findings = judge(LocalCode(load_folder(tmp_path, budget=None)), points.settings)
+        findings = HILLS.judge(LocalCode(load_folder(tmp_path, budget=None)), points.settings)
         worth = points.worth(findings)
         return (
             sum(points.points_for(each) for each in findings if each.criterion in worth),
@@ -182,5 +183,5 @@ def test_rubric_can_require_task_3(tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text('criteria:\n  model.x: 10\n  relay.forward: 5\n', encoding='utf-8')
     rubric = load(file)
-    missing = [Finding(name, 0.0, 'there is none', skipped=True) for name in CRITERIA]
+    missing = [Finding(name, 0.0, 'there is none', skipped=True) for name in HILLS.labels]
     assert (rubric.max_score, sum(rubric.worth(missing).values())) == (15.0, 15.0)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from markupsafe import escape
 
+from barc_sim.lab.check.lab import Settings
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import classroom
 from barc_sim.lab.grade import grade as report
@@ -26,8 +27,8 @@ HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
 LOG = closed_loop(distance=20.0)
 RUBRIC = Rubric(
     {'model.x': 3.0, 'loop.lab_road': 7.0, 'relay.rate': 5.0},
+    Settings(seed=1),
     'The lab',
-    1,
     optional=frozenset({'relay.rate'}),
 )
 

@@ -9,7 +9,7 @@ import pytest
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import RUBRICS
-from barc_sim.lab.hills.lab import CRITERIA
+from barc_sim.lab.hills.lab import HILLS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,7 +27,7 @@ def test_a_rubric_that_ships_gives_100_points(name: str) -> None:
 
 
 def test_the_extended_one_gives_points_for_every_criterion() -> None:
-    assert tuple(load('extended').points) == CRITERIA
+    assert tuple(load('extended').points) == tuple(HILLS.labels)
 
 
 def test_criteria_that_are_left_out_or_worth_nothing_do_not_count(tmp_path: Path) -> None:
@@ -36,7 +36,7 @@ def test_criteria_that_are_left_out_or_worth_nothing_do_not_count(tmp_path: Path
 
     rubric = load(file)
 
-    assert (rubric.seed, rubric.max_score) == (7, 3.5)
+    assert (rubric.settings.seed, rubric.max_score) == (7, 3.5)
     assert [*rubric.points] == ['model.x', 'pid.reset']
 
 

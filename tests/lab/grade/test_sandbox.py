@@ -13,9 +13,9 @@ import pytest
 
 import barc_sim
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import JudgedCode
 from barc_sim.lab.confined import kernel
 from barc_sim.lab.confined.process import Limits, check
+from barc_sim.lab.hills.code import HillsCode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -116,7 +116,7 @@ def asked(
 ) -> list[tuple[float, ...]]:
     path = folder(bike_model=f'import os\n{code}\n{BIKE_FE}', helper='ANSWER = 42')
     folder('neighbour', bike_model=BIKE_FE)
-    with JudgedCode(path, limits) as confined:
+    with HillsCode(path, limits) as confined:
         return [*confined.bike_fe([ROW])]
 
 
@@ -127,7 +127,7 @@ def test_it_cannot(folder: Callable[..., Path]) -> None:
         'except BaseException as error:\n    print(type(error).__name__, error)\n'
         for code, _ in REFUSED.values()
     )
-    with JudgedCode(
+    with HillsCode(
         folder(bike_model=f'import os\n{attempts}\n{BIKE_FE}'), Limits(memory=1 << 28)
     ) as code:
         code.bike_fe([ROW])
@@ -154,7 +154,7 @@ def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) 
     sleepy = BIKE_FE.replace(':', ':\n    import time; time.sleep(0.3)')
     path = folder(bike_model=sleepy)
     began = time.monotonic()
-    with JudgedCode(path, Limits(total=1.0)) as code, suppress(UserError):
+    with HillsCode(path, Limits(total=1.0)) as code, suppress(UserError):
         for _ in range(100):
             code.bike_fe([ROW])
     with pytest.raises(UserError, match=r'used up the 1 s that it has'):
@@ -202,7 +202,7 @@ def test_it_sees_the_same_order_of_sets_each_time(folder: Callable[..., Path]) -
     path = folder(bike_model=text)
     answers = set()
     for _ in range(2):
-        with JudgedCode(path) as confined:
+        with HillsCode(path) as confined:
             answers |= {*confined.bike_fe([ROW])}
 
     assert len(answers) == 1
@@ -212,7 +212,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=BIKE_FE)
     before = [*Path('/proc/self/fd').iterdir()]
 
-    with JudgedCode(path) as confined:
+    with HillsCode(path) as confined:
         confined.bike_fe([ROW])
 
     assert len([*Path('/proc/self/fd').iterdir()]) == len(before)
@@ -220,7 +220,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
 
 def test_without_the_sandbox_only_the_limits_hold(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=f'open("/etc/passwd")\n{BIKE_FE}')
-    with JudgedCode(path, sandbox=False) as confined:
+    with HillsCode(path, sandbox=False) as confined:
         assert confined.bike_fe([ROW]) == [(1.0, 2.0, 3.0, 4.0)]
 
 

@@ -74,7 +74,7 @@ def test_copies_of_the_reference_and_of_the_published_law_are_named() -> None:
 
 def test_templates_are_alike_to_nothing() -> None:
     folder = PACKAGE / 'lab' / 'templates'
-    template = passages({file.name: file.read_bytes() for file in folder.glob('*.py')})
+    template = passages({file.name: file.read_bytes() for file in folder.glob('*/*.py')})
 
     assert template == frozenset()
     assert alike({'ada': template, 'bob': template}) == {'ada': [], 'bob': []}
