@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
-from barc_sim.ros.peers import types_here
+from barc_sim.ros.peers import all_own, publishers, types_here
 from barc_sim.ros.polled import Arrivals, Taker, polled
 from barc_sim.ros.topics import (
     describe,
@@ -323,13 +323,21 @@ class TopicSubscriptions:
 
     @property
     def expects_latched(self) -> bool:
-        """Whether a latched message may still be on its way to a new subscription."""
+        """Whether a latched message may still be on its way to a new subscription.
+
+        What the nodes of this process log comes after the subscription, and at once.
+        """
         newest = time.monotonic() - _LATCHED_TIMEOUT
         with self._lock:
-            return any(
-                recorded.since > newest and recorded.latched and not recorded.route
-                for recorded in self._topics.values()
-            )
+            late = [
+                name
+                for name, recorded in self._topics.items()
+                if recorded.since > newest and recorded.latched and not recorded.route
+            ]
+        return any(
+            name != '/rosout' or not all_own(self._node, publishers(self._node, name))
+            for name in late
+        )
 
     def close(self) -> None:
         """Destroy the subscriptions; `lost` stays available."""
