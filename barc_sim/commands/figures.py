@@ -22,7 +22,10 @@ _VIDEOS = ('mp4', 'gif')
 
 def add_arguments_plot(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Draw speed, grade and command of a run; of a drive by hand, its path.'
+    parser.description = (
+        'Draw speed, grade and command of a run; of a drive by hand, its path; of laps of a track, '
+        'the path, errors and steering.'
+    )
     add_bag_arguments(parser)
     parser.add_argument('--save', metavar='FILE', help='save as .png, .pdf or .svg')
     parser.add_argument(
@@ -44,17 +47,14 @@ def run_plot(options: Namespace) -> None:
     log = bag.log(options.namespace)
     directory = source if source.is_dir() else source.parent
     title = directory.resolve().name
-    window = style.window(run_figures.SIZE, title) if options.show or not path else None
+    draw, size = run_figures.figure_of(log, bag.info)
+    window = style.window(size, title) if options.show or not path else None
     if options.show and not window:
         raise UserError(
             'cannot open a window for --show: there is no display, or no GUI toolkit such as '
             'tkinter; use --save FILE'
         )
-    if run_figures.is_by_hand(log):
-        figure = run_figures.drive_figure(log, title=title, figure=window)
-    else:
-        settings = run_figures.settings(bag.info)
-        figure = run_figures.speed_figure(log, title=title, settings=settings, figure=window)
+    figure = draw(log, title=title, figure=window)
     if not window and not path:
         check_plain(directory)
         path = directory / 'speed.png'

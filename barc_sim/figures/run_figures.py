@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from contextlib import suppress
 from functools import partial
 from io import BytesIO
 from itertools import cycle
@@ -26,6 +27,7 @@ from barc_sim.figures.style import (
     GREY,
     INK,
     MUTED,
+    RUN_COLOURS,
     SKY,
     STYLE,
     TERM_DASHES,
@@ -37,11 +39,14 @@ from barc_sim.figures.style import (
     term_colours,
     use_measurement,
 )
+from barc_sim.figures.track_figure import TRACK_SIZE, track_figure
 from barc_sim.simulation import metrics
+from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import laps_of
+from barc_sim.vehicle.track import WIDTH, Track
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import SubFigure
@@ -54,8 +59,6 @@ SIZE, DRIVE_SIZE = (9.6, 8.4), (9.6, 9.6)  #: [inch]
 JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.
 _SHOWN = 120  # characters of a setting
 _MOST_LAPS = 5  #: in a caption
-#: Colours of several runs in one figure.
-_RUNS = ('blue', 'vermillion', 'green', 'purple', 'orange', 'sky')
 
 
 class NotebookFigure(Figure):
@@ -71,7 +74,7 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     """Return the figure of speed, grade and command over the position; `savefig` saves it.
 
     Several runs have a line each, with their `labels`. With `ax`, Matplotlib's axes, only the
-    speed is drawn, there.
+    speed is drawn, there. A run on a track has its way, errors, speed and steering over a lap.
 
     Examples
     --------
@@ -86,6 +89,11 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     if ax is not None:
         _draw_runs(runs, ax)
         return ax.figure
+    on_track = [log for log in logs if isinstance(log, TrackLog)]
+    if len(on_track) == len(logs):
+        figure = NotebookFigure(figsize=TRACK_SIZE)
+        title = ''.join(labels) if len(logs) == 1 else ''
+        return track_figure(*on_track, labels=names[: len(logs)], title=title, figure=figure)
     figure = NotebookFigure(figsize=SIZE)
     if len(logs) == 1:
         return speed_figure(*logs, title=''.join(labels), figure=figure)
@@ -109,7 +117,7 @@ def _compare(runs: Sequence[tuple[str, Log]], figure: Figure) -> Figure:
 def _draw_runs(runs: Sequence[tuple[str, Log]], *panels: Axes) -> None:
     """Draw the speed of runs, with their references; in further panels, error, grade, command."""
     speed, *others = panels
-    for (name, run), color in zip(runs, cycle(_RUNS), strict=False):
+    for (name, run), color in zip(runs, cycle(RUN_COLOURS), strict=False):
         line: dict[str, Any] = {'color': COLOURS[color].light, 'lw': 1.4}
         log = _broken(use_measurement(run))
         speed.plot(log.distance, log.speed, label=name, **line)
@@ -160,11 +168,25 @@ def speed_figure(
     return figure
 
 
+def figure_of(
+    log: Log, info: Mapping[str, str]
+) -> tuple[Callable[..., Figure], tuple[float, float]]:
+    """Return the function that draws a run with this metadata, and the figure's size [inch]."""
+    if isinstance(log, TrackLog):
+        width = WIDTH
+        with suppress(UserError):  # a file that is not here
+            width = Track.named(info.get('track', '')).width
+        return partial(track_figure, settings=settings(info), width=width), TRACK_SIZE
+    if is_by_hand(log):
+        return drive_figure, DRIVE_SIZE
+    return partial(speed_figure, settings=settings(info)), SIZE
+
+
 def settings(info: Mapping[str, str]) -> str:
-    """Return the road and the gains in a run's metadata, in one line."""
+    """Return road or track, and the gains in a run's metadata, in one line."""
     return ' · '.join(
         f'{key} {textwrap.shorten(info[key], _SHOWN, placeholder=" …")}'
-        for key in ('road', *GAINS)
+        for key in ('track' if 'track' in info else 'road', 'lane', *GAINS)
         if key in info
     )
 

@@ -29,6 +29,9 @@ from barc_sim.figures.style import (
     speed_limits,
     use_measurement,
 )
+from barc_sim.figures.track_figure import Course, draw_course, true_pose
+from barc_sim.simulation.log import TrackLog
+from barc_sim.simulation.metrics import track_laps_of
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH
 
 if TYPE_CHECKING:
@@ -68,13 +71,17 @@ class RunView(ABC):
     along: Floats
     along_name: str
     course: tuple[Floats, Floats]
-    speed_limits: tuple[float, float]
+    #: What the chart shows, its name and its limits.
+    charted: Floats
+    charted_name = 'Speed [m/s]'
+    chart_limits: tuple[float, float]
 
     def __init__(self, log: Log, figure: Figure, *, title: str = '') -> None:
         """Draw the fixed parts on `figure`, which is empty, and show the first state."""
         self.figure = figure
         self.duration = float(log.t[-1])  #: [s] from the run's first state to its last
         self._log = use_measurement(log)
+        self.charted = self._log.speed
         with style.context(STYLE):
             scene, course, chart = (figure.add_axes(place) for place in self.PLACES)
             # Equal scales, so that 30° look like 30°; a window of another shape shows more.
@@ -106,8 +113,9 @@ class RunView(ABC):
         """Show the run at `t` [s]: positions between states, commands of the state before."""
         log = self._log
         k = int(np.searchsorted(log.t, t + 1e-9, side='right')) - 1
-        along, speed, x, y = (
-            float(np.interp(t, log.t, values)) for values in (self.along, log.speed, *self.course)
+        along, speed, charted, x, y = (
+            float(np.interp(t, log.t, values))
+            for values in (self.along, log.speed, self.charted, *self.course)
         )
         if k + 1 < len(log) and abs(log.distance[k + 1] - log.distance[k]) > JUMP:
             x, y = (float(values[k]) for values in self.course)  # put back to the start
@@ -116,10 +124,10 @@ class RunView(ABC):
         readings |= {'Command': reading(float(log.motor[k]), 2, ' m/s²')}
         self._here.set_data([x], [y])
         self._trace.set_data(
-            np.append(self.along[: k + 1], along), np.append(log.speed[: k + 1], speed)
+            np.append(self.along[: k + 1], along), np.append(self.charted[: k + 1], charted)
         )
         self._cursor.set_xdata([along, along])
-        self._dot.set_data([along], [speed])
+        self._dot.set_data([along], [charted])
         for name, text in readings.items():
             self._readings[name].set_text(text)
 
@@ -129,19 +137,19 @@ class RunView(ABC):
         axes.set_axis_off()
 
     def _draw_chart(self, axes: Axes) -> list[Line2D]:
-        """Return the lines of the speed so far, of its reference and of the time shown."""
+        """Return the lines of the chart so far, of its reference and of the time shown."""
         log = self._log
-        axes.plot(self.along, log.speed, color=AHEAD, lw=1.5)
+        axes.plot(self.along, self.charted, color=AHEAD, lw=1.5)
         (self._trace,) = axes.plot([], [], color=BLUE, lw=2.2, label='speed')
         lines = [self._trace]
-        if not np.isnan(log.reference).all():
+        if self.charted_name == RunView.charted_name and not np.isnan(log.reference).all():
             lines += axes.plot(
                 self.along, log.reference, color=INK, lw=1.0, ls=DASHES, label='reference'
             )
             axes.legend(loc='upper right', bbox_to_anchor=(1.0, -0.16), ncols=2, borderaxespad=0.0)
         self._cursor = axes.axvline(0.0, color=GREY, lw=0.8)
         (self._dot,) = axes.plot([], [], 'o', color=BLUE, mec='white', mew=1.2, ms=8)
-        axes.set(xlabel=self.along_name, ylabel='Speed [m/s]', ylim=self.speed_limits)
+        axes.set(xlabel=self.along_name, ylabel=self.charted_name, ylim=self.chart_limits)
         axes.set_xlim(*limits(self.along, share=0.01, minimum=1.0))
         axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
         axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
@@ -180,7 +188,7 @@ class SideView(RunView):
         self._road = Terrain(log)
         self.along, self.along_name = log.distance, 'Position along the road [m]'
         self.course = log.distance, self._road.at(log.distance)[1]
-        self.speed_limits = speed_limits(log)
+        self.chart_limits = speed_limits(log)
         axes.set(facecolor='#F4F8FB')
         self._camera, self._body, self._wheel = Affine2D(), Affine2D(), Affine2D()
         ground = self._camera + axes.transData
@@ -316,13 +324,13 @@ class TopView(RunView):
     def _draw_scene(self, axes: Axes) -> list[Artist]:
         log = self._log
         self.along, self.along_name = log.t, 'Time [s]'
-        self.speed_limits = limits(log.speed, share=0.15, minimum=1.0)
-        self._psi = log.psi - log.e_epsi
-        self._path = np.column_stack([log.distance, log.across])
+        self.chart_limits = limits(log.speed, share=0.15, minimum=1.0)
+        x, y, self._psi = true_pose(log)
+        self._path = np.column_stack([x, y])
         jumps = np.hypot(*np.diff(self._path, axis=0).T) > JUMP
         # A jump is not drawn: the state after it begins a new line.
         self._path[:-1][jumps] = np.nan
-        self.course = log.distance, log.across
+        self.course = x, y
         axes.set(facecolor='#F7F7F4')
         self._axes = axes
         self._grid, self._world, self._body, self._steering = (Affine2D() for _ in range(4))
@@ -369,6 +377,77 @@ class TopView(RunView):
         return {
             'Heading': reading(float(np.degrees(psi)) % 360.0, 0, '°'),
             'Steering': reading(float(np.degrees(servo)), 1, '°'),
+        }
+
+
+class TrackView(TopView):
+    """The car on its track from above, and a pale one: the best lap at the same time of the lap."""
+
+    READINGS: ClassVar = {
+        'Time': 0.4,
+        'Speed': 0.52,
+        'Lap': 0.58,
+        'Lap time': 0.69,
+        'e_y': 0.79,
+        'Steering': 0.88,
+        'Command': 1.0,
+    }
+    PLACES: ClassVar = ((0.0, 0.28, 1.0, 0.62), (0.76, 0.02, 0.23, 0.25), (0.06, 0.09, 0.66, 0.165))
+    VIEW_WIDTH = 56.0
+
+    def __init__(self, log: TrackLog, figure: Figure, *, title: str = '') -> None:
+        """Draw the fixed parts on `figure`, which is empty, and show the first state."""
+        self._on_track = log
+        self._laps, self._numbers = track_laps_of(log)
+        self._line = Course.driven(log)
+        super().__init__(log, figure, title=title)
+
+    def _draw_scene(self, axes: Axes) -> list[Artist]:
+        moving = super()._draw_scene(axes)
+        log, half = self._on_track, self._line.width / 2.0
+        self.along, self.along_name = log.s, 'Distance along the track, over all laps [m]'
+        self.charted, self.charted_name = log.e_y, 'e_y [m]'
+        self.chart_limits = limits(log.e_y, share=0.15, minimum=0.1)
+        world = self._world + axes.transData
+        edges = [
+            axes.add_line(Line2D(*self._line.beside(e_y), transform=world, color=INK, lw=1.4))
+            for e_y in (half, -half)
+        ]
+        centre = Line2D(self._line.x, self._line.y, transform=world, color=GREY, ls=DASHES)
+        edges.append(axes.add_line(centre))
+        self._ghost, self._ghost_steering = Affine2D(), Affine2D()
+        self._pale = _car_from_above(self._ghost + axes.transData, self._ghost_steering)
+        for artist in self._pale:
+            artist.set_alpha(0.3)
+            axes.add_artist(artist)
+        grids, rest = moving[:2], moving[2:]
+        return [*grids, *edges, *self._pale, *rest]
+
+    def _draw_course(self, axes: Axes) -> None:
+        """Draw the whole track."""
+        draw_course(axes, self._line)
+        axes.set_axis_off()
+        axes.margins(0.1)
+
+    def _place(self, k: int, t: float, x: float, y: float) -> Mapping[str, str]:
+        log, best = self._on_track, self._laps.best
+        readings = super()._place(k, t, x, y)
+        lap_time = float(log.lap_time[k] + t - log.t[k])
+        is_beside = best is not None and best.number != self._numbers[k] and lap_time <= best.time
+        for artist in self._pale:
+            artist.set_visible(is_beside)
+        if best is not None and is_beside:
+            then = best.start + lap_time
+            u, v, psi, servo = (
+                float(np.interp(then, log.t, each)) for each in (*self.course, self._psi, log.servo)
+            )
+            self._ghost.clear().rotate(psi).translate(u - x, v - y)
+            self._ghost_steering.clear().rotate(np.nan_to_num(servo))
+        return {
+            'Lap': f'{self._numbers[k] + 1}',
+            'Lap time': reading(lap_time, 2, ' s'),
+            'e_y': reading(float(np.interp(t, log.t, log.e_y)), 2, ' m'),
+            'Steering': readings['Steering'],
         }
 
 
@@ -421,5 +500,7 @@ def _car_from_above(body: Transform, steering: Affine2D) -> list[Artist]:
 
 
 def view_of(log: Log, figure: Figure, title: str) -> RunView:
-    """Return the view for this run: from above if a driver steered."""
+    """Return the view for this run: from above on a track, and if a driver steered."""
+    if isinstance(log, TrackLog):
+        return TrackView(log, figure, title=title)
     return (TopView if is_by_hand(log) else SideView)(log, figure, title=title)

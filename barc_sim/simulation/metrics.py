@@ -1,4 +1,4 @@
-"""How well a run and its laps held the speed: RMS and maximum error, overshoot, settling time."""
+"""How well a run and its laps held the speed, or kept the lane of a track."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from barc_sim.control.lane import STEERING_LIMIT
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from barc_sim.simulation.log import Log
+    from barc_sim.simulation.log import Log, TrackLog
 
     Floats = NDArray[np.float64]
 
@@ -344,5 +346,75 @@ def laps_of(log: Log) -> tuple[Laps, list[int]]:
     """Return the laps of a recorded run, and the number of each state's lap."""
     laps = Laps(_MAX_INTERVAL)
     columns = (log.t, log.distance, log.across, log.speed, log.reference, log.theta_deg)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return laps, [laps.add(*row) for row in rows]
+
+
+class TrackLap(NamedTuple):
+    """A lap of a track, which begins and ends between two states."""
+
+    number: int  #: counts resets, too
+    start: float  #: [s]
+    end: float  #: [s]; of a lap that is not finished, the time of its last state
+    is_finished: bool
+    rms: float  #: [m] of e_y
+    maximum: float  #: [m] of |e_y|
+    at_limit: float  #: share of the states in which the steering command is at its limit
+
+    @property
+    def time(self) -> float:
+        """The time of a finished lap [s], else that up to now."""
+        return self.end - self.start
+
+
+class TrackLaps:
+    """Takes the states of a run on a track one by one; a reset begins a lap, too."""
+
+    def __init__(self) -> None:
+        """Begin without states."""
+        self.finished: list[TrackLap] = []  #: without those that a reset has cut short
+        self._number = 0
+        self._start = self._end = nan
+        self._before = (nan, nan)  # lap and its time [s]
+        self._states, self._squares, self._maximum, self._at_limit = 0, 0.0, 0.0, 0
+
+    def add(self, t: float, lap: float, lap_time: float, e_y: float, servo: float) -> int:
+        """Take a state, its values as in `TrackLog`; return the number of its lap."""
+        before = self._before
+        if isnan(self._start):
+            self._start = t - lap_time
+        elif lap != before[0] or lap_time < before[1]:
+            if lap == before[0] + 1.0:
+                self._end = t - lap_time
+                self.finished.append(self.current._replace(is_finished=True))
+                del self.finished[:-_MAX_LAPS]
+            self._start = t - lap_time
+            self._number += 1
+            self._states, self._squares, self._maximum, self._at_limit = 0, 0.0, 0.0, 0
+        self._before, self._end = (lap, lap_time), t
+        self._states += 1
+        self._squares += e_y * e_y
+        self._maximum = max(self._maximum, abs(e_y))
+        self._at_limit += abs(servo) >= STEERING_LIMIT
+        return self._number
+
+    @property
+    def current(self) -> TrackLap:
+        """The present lap."""
+        n = max(self._states, 1)
+        figures = sqrt(self._squares / n), self._maximum, self._at_limit / n
+        return TrackLap(self._number, self._start, self._end, False, *figures)
+
+    @property
+    def best(self) -> TrackLap | None:
+        """The fastest finished lap but the first, unless that is the only one."""
+        laps = self.finished[1:] or self.finished
+        return min(laps, key=lambda lap: lap.time, default=None)
+
+
+def track_laps_of(log: TrackLog) -> tuple[TrackLaps, list[int]]:
+    """Return the laps of a recorded run on a track, and the number of each state's lap."""
+    laps = TrackLaps()
+    columns = (log.t, log.lap, log.lap_time, log.e_y, log.servo)
     rows = zip(*(column.tolist() for column in columns), strict=True)
     return laps, [laps.add(*row) for row in rows]

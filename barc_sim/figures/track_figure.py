@@ -1,0 +1,315 @@
+"""The figure of a run on a track: the way from above, and over a lap errors, speed and steering."""
+
+from __future__ import annotations
+
+from itertools import cycle
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from matplotlib import style
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from barc_sim.control.lane import STEERING_LIMIT
+from barc_sim.figures.style import (
+    BLUE,
+    COLOURS,
+    DASHES,
+    EARTH,
+    GREY,
+    INK,
+    MUTED,
+    RUN_COLOURS,
+    STYLE,
+    limits,
+    use_measurement,
+)
+from barc_sim.simulation.metrics import track_laps_of
+from barc_sim.vehicle.track import WIDTH
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from barc_sim.simulation.log import Log, TrackLog
+    from barc_sim.simulation.metrics import TrackLap, TrackLaps
+    from barc_sim.vehicle.track import Track
+
+    Floats = NDArray[np.float64]
+
+TRACK_SIZE = (12.0, 7.6)  #: [inch]
+_SPACING = 0.5  #: [m] between two points of a track that is drawn
+_MOST_LAPS = 8  #: in the table
+_OTHER = '#A9B4BD'  #: of the laps beside the best
+_SHOWN_LINE: dict[str, Any] = {'color': BLUE, 'lw': 1.8}
+
+
+class Course(NamedTuple):
+    """The centre line of a track as points, from the finish line on; arrays of shape `(n,)`."""
+
+    s: Floats  #: [m] along it
+    x: Floats  #: [m]
+    y: Floats  #: [m]
+    psi: Floats  #: [rad] its heading
+    length: float  #: [m] of a lap; inf where the track is open, or was not driven to its end
+    width: float  #: [m]
+
+    @classmethod
+    def of(cls, track: Track) -> Course:
+        """Return the points of a track."""
+        s = np.linspace(0.0, track.length, round(track.length / _SPACING) + 1)
+        i, _ = track.segment(track.length - 1e-9)
+        ends = np.array(track.starts[: i + 2])
+        s = np.union1d(s, ends)
+        place = track.place(np.minimum(s, track.length - 1e-9))
+        x, y, psi = (np.asarray(each, np.float64) for each in place)
+        return cls(s, x, y, psi, track.length if track.is_closed else np.inf, track.width)
+
+    @classmethod
+    def driven(cls, log: TrackLog, width: float = WIDTH) -> Course:
+        """Return the centre line of a track as far as a run has driven along it."""
+        x, y, heading = true_pose(log)
+        psi = heading - log.e_psi
+        length = lap_length(log)
+        first = np.flatnonzero(log.s < min(length, log.s[0] + length))
+        s, unique = np.unique(log.s[first], return_index=True)
+        rows = first[unique]
+        points = [
+            s,
+            x[rows] + log.e_y[rows] * np.sin(psi[rows]),
+            y[rows] - log.e_y[rows] * np.cos(psi[rows]),
+            psi[rows],
+        ]
+        if np.isfinite(length) and len(rows):
+            points = [np.append(each, each[0]) for each in points]
+            points[0][-1] = length
+        s, x, y, psi = points
+        return cls(s, x, y, psi, length, width)
+
+    def beside(self, e_y: float) -> tuple[Floats, Floats]:
+        """Return the line so far to the left of the centre line [m]."""
+        return self.x - e_y * np.sin(self.psi), self.y + e_y * np.cos(self.psi)
+
+
+def true_pose(log: Log) -> tuple[Floats, Floats, Floats]:
+    """Return where the car was on the map, x, y [m] and its heading [rad], shape `(n,)` each."""
+    log = use_measurement(log)
+    psi = log.psi - log.e_epsi
+    x = log.x - (log.e_s * np.cos(psi) - log.e_ey * np.sin(psi))
+    y = log.y - (log.e_s * np.sin(psi) + log.e_ey * np.cos(psi))
+    return x, y, psi
+
+
+def lap_length(log: TrackLog) -> float:
+    """Return the length of a lap [m], inf where none was finished: s grows evenly over the line."""
+    crossed = np.flatnonzero(np.diff(log.lap) == 1.0)[-1:] + 1
+    for i in crossed:
+        share = log.lap_time[i] / (log.t[i] - log.t[i - 1])
+        return float((log.s[i] - share * (log.s[i] - log.s[i - 1])) / log.lap[i])
+    return np.inf
+
+
+class _Curve(NamedTuple):
+    """A lap that is drawn."""
+
+    log: TrackLog
+    rows: NDArray[np.bool_]
+    lap: TrackLap
+    name: str
+    line: dict[str, Any]
+
+
+def _laps_of_a_run(log: TrackLog) -> list[_Curve]:
+    """Return all laps of a run, the best one in front."""
+    laps, numbers = track_laps_of(log)
+    shown, known = laps.best or laps.current, {lap.number: lap for lap in laps.finished}
+    order = [*sorted({*numbers} - {shown.number}), shown.number]
+    others = dict.fromkeys(order, ('other laps', {'color': _OTHER, 'lw': 1.0}))
+    of_shown = f'{"best lap" if laps.best else "lap"}: {shown.number + 1}', _SHOWN_LINE
+    return [
+        _Curve(log, np.equal(numbers, number), known.get(number, laps.current), *look)
+        for number, look in (others | {shown.number: of_shown}).items()
+    ]
+
+
+def _best_laps(runs: Sequence[tuple[str, TrackLog]]) -> list[_Curve]:
+    """Return the best lap of each run."""
+    curves = []
+    for (name, log), color in zip(runs, cycle(RUN_COLOURS), strict=False):
+        *_, curve = _laps_of_a_run(log)
+        line = {'color': COLOURS[color].light, 'lw': 1.6}
+        curves.append(curve._replace(name=name, line=line))
+    return curves
+
+
+@style.context(STYLE)
+def track_figure(
+    *logs: TrackLog,
+    labels: Sequence[str] = (),
+    title: str = '',
+    settings: str = '',
+    width: float = WIDTH,
+    figure: Figure | None = None,
+) -> Figure:
+    """Draw a run's way from above, and errors, speed and steering of its laps over their place.
+
+    The best lap is in front; a table has the laps. Of several runs, with their `labels`, the best
+    laps are drawn. `title` and `settings` are the two lines of the heading, `width` [m] is that of
+    the track, and `figure` is empty.
+    """
+    log = logs[0]
+    alone = len(logs) == 1
+    curves = _laps_of_a_run(log) if alone else _best_laps([*zip(labels, logs, strict=True)])
+    figure = figure or Figure(figsize=TRACK_SIZE)
+    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.06)
+    grid = figure.add_gridspec(4, 2, width_ratios=[1.0, 1.25])
+    seen, table = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3, 0])
+    charts = [figure.add_subplot(grid[0, 1])]
+    charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
+    course = Course.driven(log, width)
+    _draw_map(seen, course, curves)
+    if alone:
+        rows = [(f'{lap.number + 1}', lap) for lap in lap_rows(track_laps_of(log)[0])]
+    else:
+        rows = [(curve.name, curve.lap) for curve in curves]
+    _draw_table(table, ('Lap' if alone else 'Best lap of'), rows, curves[-1].lap if alone else None)
+    for curve in curves:
+        _draw_lap(charts, curve, course)
+    _finish(charts, curves, course)
+    named = {curve.name: Line2D([], [], **curve.line) for curve in curves}
+    charts[0].legend(
+        named.values(), named.keys(), loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3,
+        borderaxespad=0.0,
+    )  # fmt: skip
+    seen.set_title(title, loc='left', pad=24.0, fontsize=14, fontweight='bold')
+    seen.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
+    figure.align_ylabels(charts)
+    return figure
+
+
+def _draw_map(axes: Axes, course: Course, curves: list[_Curve]) -> None:
+    """Draw the track, with its metres beside it, and the path of each lap."""
+    draw_course(axes, course)
+    for curve in curves:
+        x, y, _ = true_pose(curve.log)
+        axes.plot(x[curve.rows], y[curve.rows], **curve.line)
+    step = next(step for step in (10, 20, 25, 50, 100, 200, 500, 1000) if course.s[-1] < 12 * step)
+    beside = course.beside(-(course.width / 2.0 + 1.0 + 0.04 * np.hypot(*_size(course))))
+    for s in np.arange(0.0, course.s[-1] - 0.4 * step, step):
+        u, v = (float(np.interp(s, course.s, each)) for each in beside)
+        axes.text(u, v, f'{s:g} m', color=MUTED, fontsize=8, ha='center', va='center')
+    axes.margins(0.12)
+    axes.set(xlabel='x [m]', ylabel='y [m]')
+
+
+def _size(course: Course) -> tuple[float, float]:
+    return float(np.ptp(course.x)), float(np.ptp(course.y))
+
+
+def draw_course(axes: Axes, course: Course, **line: Any) -> None:  # noqa: ANN401 (Matplotlib's own)
+    """Draw the edges, the centre line and the finish line of a track from above."""
+    half = course.width / 2.0
+    (u, v), (x, y) = course.beside(half), course.beside(-half)
+    axes.fill(np.append(u, x[::-1]), np.append(v, y[::-1]), color='#F1F1EE', lw=0.0, **line)
+    for edge in ((u, v), (x, y)):
+        axes.plot(*edge, color=INK, lw=1.2, **line)
+    axes.plot(course.x, course.y, color=GREY, lw=0.8, ls=DASHES, **line)
+    axes.plot([u[0], x[0]], [v[0], y[0]], color=INK, lw=3.0, **line)
+    axes.set_aspect('equal', adjustable='datalim')
+
+
+def _draw_lap(charts: list[Axes], curve: _Curve, course: Course) -> None:
+    log, rows, *_ = curve
+    s = log.s[rows]
+    s = s - log.lap[rows] * course.length if np.isfinite(course.length) else s
+    for axes, values in zip(charts, _charted(log), strict=True):
+        axes.plot(s, values[rows], **curve.line)
+
+
+def _charted(log: TrackLog) -> tuple[Floats, ...]:
+    """Return what the charts show, from top to bottom."""
+    return log.e_y, np.degrees(log.e_psi), log.speed, np.degrees(log.servo)
+
+
+def _finish(charts: list[Axes], curves: list[_Curve], course: Course) -> None:
+    """Name and scale the axes; draw the reference, the arcs and the limit of the steering."""
+    across, heading, speed, steering = charts
+    log, rows, *_ = curves[-1]
+    s = log.s[rows] - (log.lap[rows] * course.length if np.isfinite(course.length) else 0.0)
+    if np.isfinite(log.reference[rows]).any():
+        speed.plot(s, log.reference[rows], color=INK, lw=1.0, ls=DASHES, label='reference')
+        speed.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
+    limit = float(np.degrees(STEERING_LIMIT))
+    for level in (limit, -limit):
+        steering.axhline(level, color=INK, lw=0.8, ls=DASHES)
+    steering.annotate(
+        'limit', (1.0, limit), (-2.0, -3.0), ('axes fraction', 'data'), 'offset points',
+        ha='right', va='top', color=MUTED, fontsize=8,
+    )  # fmt: skip
+    bent = (log.curvature[rows] != 0.0).tolist()
+    shade: dict[str, Any] = {'where': bent, 'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
+    for axes in charts:
+        axes.fill_between(s, 0.0, 1.0, transform=axes.get_xaxis_transform(), **shade)
+    for axes in (across, heading, steering):
+        axes.axhline(0.0, color=GREY, lw=0.8)
+    for axes in charts[:3]:
+        axes.tick_params(labelbottom=False)
+    shown = [_charted(curve.log)[2][curve.rows] for curve in curves if curve.lap.number]
+    speeds = np.concatenate([*(shown or [log.speed]), log.reference[rows]])
+    speeds = speeds[np.isfinite(speeds)]
+    pad = max(0.1 * float(np.ptp(speeds)), 0.25)
+    speed.set(ylabel='Speed [m/s]', ylim=(speeds.min() - pad, speeds.max() + pad))
+    e_y, e_psi, _, servo = (
+        np.concatenate(each)
+        for each in zip(*(_charted(curve.log) for curve in curves), strict=True)
+    )
+    across.set(ylabel='e_y [m]', ylim=limits(e_y, share=0.12, minimum=0.05))
+    heading.set(ylabel='e_psi [°]', ylim=limits(e_psi, share=0.12, minimum=1.0))
+    servo = np.append(servo, [limit, -limit])
+    steering.set(ylabel='Steering [°]', ylim=limits(servo, share=0.06, minimum=1.0))
+    steering.set_xlabel('Place in the lap [m]; arcs are shaded')
+    end = course.length if np.isfinite(course.length) else float(log.s.max())
+    steering.set_xlim(0.0, max(end, 1.0))
+
+
+def lap_rows(laps: TrackLaps) -> list[TrackLap]:
+    """Return the laps of a table: the finished ones, and the present one where there is no other.
+
+    Of many, these are the last, and the best.
+    """
+    rows = laps.finished[-_MOST_LAPS:] or [laps.current]
+    return rows if laps.best is None or laps.best in rows else [laps.best, *rows[1:]]
+
+
+def _draw_table(
+    axes: Axes, heading: str, rows: Sequence[tuple[str, TrackLap]], best: TrackLap | None
+) -> None:
+    """Draw the laps: time, error and share of the states at the steering's limit."""
+    axes.set_axis_off()
+    table = [(heading, 'Time [s]', 'RMS e_y [m]', 'max |e_y| [m]', 'at limit [%]')]
+    table += [
+        (
+            name,
+            f'{lap.time:.2f}' if lap.is_finished else '\N{EN DASH}',
+            f'{lap.rms:.3f}',
+            f'{lap.maximum:.3f}',
+            f'{100.0 * lap.at_limit:.1f}',
+        )
+        for name, lap in rows
+    ]
+    for k, cells in enumerate(table):
+        is_best = k > 0 and rows[k - 1][1] == best
+        look: dict[str, Any] = {
+            'color': MUTED if not k else BLUE if is_best else INK,
+            'fontweight': 'bold' if is_best else 'normal',
+            'fontsize': 9,
+            'va': 'top',
+        }
+        for cell, x in zip(cells, _COLUMNS, strict=True):
+            axes.text(x, 1.0 - 0.12 * k, cell, ha='right' if x else 'left', **look)
+
+
+#: Ends of the table's columns, as shares; the first is the beginning.
+_COLUMNS = (0.0, 0.34, 0.56, 0.8, 1.0)

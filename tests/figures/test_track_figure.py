@@ -1,0 +1,107 @@
+"""Figures of laps of a track: the track is where it is, and the laps are those of the log."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
+from barc_sim.figures.run_figures import figure_of, plot
+from barc_sim.figures.style import BLUE
+from barc_sim.figures.track_figure import Course, track_figure
+from barc_sim.figures.views import SIZE, TrackView, view_of
+from barc_sim.simulation.closed_loop import lap
+from barc_sim.simulation.metrics import track_laps_of
+from barc_sim.vehicle.track import Track
+
+if TYPE_CHECKING:
+    from barc_sim.simulation.log import TrackLog
+
+
+@pytest.fixture(scope='module')
+def log() -> TrackLog:
+    """Return laps of which the second is the fastest: noise makes each another one."""
+    profile = speed_profile(Track.named('L'), maximum=8.0, across=3.0, along=2.0)
+    return lap(Stanley(), 'L', speed=profile, laps=3, noise=0.05, seed=3)
+
+
+@pytest.mark.parametrize('name', ['L', 'figure-eight'])
+def test_edges_are_half_the_width_from_the_line(name: str) -> None:
+    track = Track.named(name)
+    driven = Course.driven(lap(track=name, laps=2), width=track.width)
+    assert driven.length == pytest.approx(track.length, abs=1e-6)
+    for course in (driven, Course.of(track)):
+        for e_y in (-3.0, 0.0, 3.0):
+            x, y = course.beside(e_y)
+            found = track.frenet(x, y, course.psi, near=course.s)
+            np.testing.assert_allclose(found.e_y, e_y, atol=1e-6)
+            np.testing.assert_allclose(found.s, course.s, atol=1e-6)
+
+
+def test_laps_are_those_of_the_log(log: TrackLog) -> None:
+    laps, numbers = track_laps_of(log)
+    assert [each.time for each in laps.finished] == log.lap_times.tolist()
+    assert laps.best
+    assert laps.best.time == log.best
+    rows = np.equal(numbers, laps.best.number)
+    assert laps.best.maximum == np.abs(log.e_y[rows]).max()
+    assert laps.best.rms == pytest.approx(np.sqrt(np.mean(log.e_y[rows] ** 2)))
+    figure = track_figure(log)
+    texts = [text.get_text() for text in figure.findobj(Text)]
+    assert [f'{each:.2f}' in texts for each in log.lap_times] == [True] * 3
+    (across,) = [line for line in figure.axes[2].lines if to_hex(line.get_color()) == BLUE.lower()]
+    np.testing.assert_array_equal(across.get_ydata(), log.e_y[rows])
+
+
+def test_states_at_the_limit_are_counted() -> None:
+    class Hard(LaneLQR):
+        def steer_calculate(self, e_y: float, *_: object) -> float:
+            return 0.5 if e_y < 0.0 else -0.5
+
+    log = lap(Hard(), 'oval', laps=1)
+    laps, _ = track_laps_of(log)
+    assert laps.current.at_limit == 1.0
+
+
+def test_a_reset_begins_a_lap_that_no_time_is_taken_of(log: TrackLog) -> None:
+    rows = [*range(1300), *range(len(log))]
+    again = log.map(lambda column: column[rows])
+    laps, _ = track_laps_of(again)
+    assert [each.time for each in laps.finished[-3:]] == pytest.approx(log.lap_times.tolist())
+    track_figure(again)
+
+
+def test_every_run_has_a_figure(log: TrackLog) -> None:
+    unfinished = log.map(lambda column: column[:300])
+    one = log.map(lambda column: column[:1])
+    for run in (log, unfinished, one):
+        draw, size = figure_of(run, {'track': 'L', 'lane': 'stanley', 'kp': '30.0'})
+        figure = draw(run, title='2026-11-21_12-00-00', figure=Figure(figsize=size))
+        FigureCanvasAgg(figure).draw()
+        words = [text for text in figure.findobj(Text) if text.get_text()]
+        assert 'track L · lane stanley · kp 30.0' in [word.get_text() for word in words]
+    both = plot(log, unfinished, labels=['all', 'some'])
+    legend = both.axes[2].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ['all', 'some']
+
+
+def test_the_pale_car_of_a_video_is_the_best_lap_at_the_same_time(log: TrackLog) -> None:
+    view = view_of(log, Figure(figsize=SIZE, dpi=50), 'a run')
+    assert isinstance(view, TrackView)
+    laps, _ = track_laps_of(log)
+    assert laps.best
+    other = next(each for each in laps.finished if each.number != laps.best.number)
+    view.update(other.start + 10.0)
+    here, there = (view._body, view._ghost)  # noqa: SLF001 (an artist has no other place)
+    offset = there.transform((0.0, 0.0)) - here.transform((0.0, 0.0))
+    x, y = (
+        np.interp(laps.best.start + 10.0, log.t, each) - np.interp(other.start + 10.0, log.t, each)
+        for each in view.course
+    )
+    assert offset == pytest.approx((x, y), abs=1e-9)
