@@ -20,7 +20,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from barc_sim.ros.executor.rclpy_private import handle_of
+from barc_sim.ros.executor.rclpy_private import handle_of, message_taker
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,6 +62,8 @@ class Entry:
     idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
     on_taken: Callable[[Entry], None] | None = None
     kept: Any = None  #: a timer's watch on jumps; what stands in the wait set; an event's counts
+    take_message: Callable[[], Any] | None = None
+    end_use: Callable[[], None] | None = None  #: of the handle by `take_message`
 
     def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
         """Warn where rclpy itself cannot handle what has arrived; return False for other errors.
@@ -93,16 +95,22 @@ def entry_of(entity: Entity, kind: str, node: Node) -> Entry:
 
 
 def _take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
-    """Take a message; a handle that is in use meanwhile would cost 3 %."""
+    """Take a message, the fast way if its callback wants nothing else."""
     subscription = entry.entity
-    taken = entry.handle.take_message(subscription.msg_type, subscription.raw)
+    if subscription.raw or subscription._callback_type is not _MESSAGE_ONLY:
+        taken = entry.handle.take_message(subscription.msg_type, subscription.raw)
+        if taken and subscription._callback_type is _MESSAGE_ONLY:
+            taken = taken[:1]
+    else:
+        if not entry.take_message:
+            entry.take_message, entry.end_use = message_taker(subscription)
+        taken = None if (message := entry.take_message()) is None else (message,)
     if taken is None:
         # Of a full queue, older messages are gone: so many at most can wait behind this one.
         most = 0 if entry.idle_uses else subscription.qos_profile.depth or entry.pending
         entry.pending = min(entry.pending, most)
         return None
-    message_only = subscription._callback_type is _MESSAGE_ONLY
-    return subscription.callback, taken[:1] if message_only else taken
+    return subscription.callback, taken
 
 
 def _take_service(entry: Entry, _: MultiThreadedExecutor) -> Call | None:

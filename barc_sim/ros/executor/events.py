@@ -256,6 +256,8 @@ class Events:
                 if entry.kept:
                     entry.kept.unregister()
             else:
+                if entry.end_use:
+                    entry.end_use()
                 self._leave(entry)
                 entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
         self.recent.pop(entry, None)

@@ -11,14 +11,16 @@ from __future__ import annotations
 import ctypes
 import os
 import select
-from ctypes import c_void_p
+from ctypes import PYFUNCTYPE, c_char_p, c_void_p, py_object
 from functools import cache
 from importlib import import_module
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
+from weakref import finalize
 
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
+from rclpy.exceptions import InvalidHandle
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -37,6 +39,8 @@ LISTENERS: dict[type[Any], str] = {
     Timer: 'timer_set_on_reset',
     EventHandler: 'event_set',
 }
+
+_NOTHING_THERE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
 
 #: By module and class, its private names: those that it has, or that its methods use.
 PRIVATE_NAMES = {
@@ -59,6 +63,8 @@ PRIVATE_NAMES = {
     'rclpy._rclpy_pybind11:EventHandle': 'take_event pointer',
     'rclpy._rclpy_pybind11:GuardCondition': 'trigger_guard_condition',
     'rclpy._rclpy_pybind11:WaitSet': 'clear_entities wait get_ready_entities add_guard_condition',
+    'builtin_interfaces.msg._time:Metaclass_Time': '_CREATE_ROS_MESSAGE '
+    '_DESTROY_ROS_MESSAGE _CONVERT_TO_PY',
     'os': 'eventfd EFD_NONBLOCK EFD_CLOEXEC',
     'select': 'epoll',
 }
@@ -76,7 +82,7 @@ def missing() -> list[str]:
         try:
             for name in LISTENERS.values():
                 _setter(name)
-            counting_listener()
+            _ = counting_listener(), ctypes.PyDLL('librcl.so').rcl_take
             for opened in (os.eventfd(0), ctypes.CDLL(None).timerfd_create(1, 0)):
                 os.close(opened)
             select.epoll().close()
@@ -138,6 +144,60 @@ def _setter(name: str) -> Any:  # noqa: ANN401
     function = getattr(ctypes.PyDLL('librcl.so'), f'rcl_{name}_callback')
     function.argtypes = (c_void_p, c_void_p, c_void_p)
     return function
+
+
+def message_taker(subscription: Subscription) -> tuple[Callable[[], Any], Callable[[], None]]:
+    """Return a function that takes the next message, or None, and one that ends its use.
+
+    rcl writes all messages into one of C that is kept; rclpy makes a new one for each take, and a
+    dictionary of its times. The handle is in use until the end, which `destroy` of the subscription
+    calls first. From then on a take raises InvalidHandle: it has no pointer any more, and none is
+    on its way, as PyDLL keeps the interpreter's lock.
+    """
+    message_type, handle = subscription.msg_type, subscription.handle
+    create, destroy, convert = map(
+        _function_in,
+        (
+            message_type._CREATE_ROS_MESSAGE,
+            message_type._DESTROY_ROS_MESSAGE,
+            message_type._CONVERT_TO_PY,
+        ),
+        (c_void_p, None, py_object),
+    )
+    kept = c_void_p(create())
+    finalize(kept, destroy, c_void_p(kept.value)).atexit = False  # daemons go on until then
+    handle.__enter__()
+    pointer, take = c_void_p(handle.pointer), ctypes.PyDLL('librcl.so').rcl_take
+
+    def take_message() -> Any:  # noqa: ANN401 - of the subscription's type
+        result = take(pointer, kept, None, None)  # without `argtypes`, which cost 0.3 us
+        if result == 0:
+            return convert(kept)
+        if not pointer:
+            raise InvalidHandle
+        if result != _NOTHING_THERE:
+            ctypes.PyDLL('librcutils.so').rcutils_reset_error()
+            raise RuntimeError(f'rcl_take returned {result}')
+        return None
+
+    def end() -> None:
+        if vars(subscription).pop('destroy', None):
+            pointer.value = None
+            handle.__exit__(None, None, None)
+
+    def destroy_subscription() -> None:
+        end()
+        subscription.destroy()
+
+    vars(subscription)['destroy'] = destroy_subscription
+    return take_message, end
+
+
+def _function_in(capsule: object, result: Any) -> Any:  # noqa: ANN401
+    name = PYFUNCTYPE(c_char_p, py_object)(('PyCapsule_GetName', ctypes.pythonapi))(capsule)
+    pointer_in = PYFUNCTYPE(c_void_p, py_object, c_char_p)
+    address = pointer_in(('PyCapsule_GetPointer', ctypes.pythonapi))(capsule, name)
+    return PYFUNCTYPE(result)(address)
 
 
 class StandIn:

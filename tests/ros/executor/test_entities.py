@@ -130,6 +130,30 @@ def test_a_destroyed_handle_is_gone_at_once_between_spins(
     assert not entity.handle.pointer
 
 
+def test_a_subscription_with_messages_is_destroyed_at_once_and_only_then_left_alone(
+    node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    received: list[Time] = []
+    subscription = node.create_subscription(Time, 'a', received.append, 10)
+    publisher = node.create_publisher(Time, 'a', 10)
+    for expected in (1, 2):
+        publisher.publish(Time())
+        until(lambda expected=expected: len(received) == expected)
+        executor.remove_node(node)
+        executor.spin_once(timeout_sec=0)
+        assert 'destroy' not in vars(subscription)
+        executor.add_node(node)
+    publisher.publish(Time())
+    until(lambda: len(received) == 3)
+
+    publisher.publish(Time())
+    subscription.destroy()
+    assert not subscription.handle.pointer
+    executor.spin_once(timeout_sec=0)
+    assert len(received) == 3
+    assert node.destroy_subscription(subscription)
+
+
 def test_a_destroyed_subscription_leaves_the_graph_while_spinning(
     node: Node, spinning: threading.Thread
 ) -> None:
