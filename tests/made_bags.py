@@ -13,7 +13,13 @@ from barc_sim.bags.recording import Topic
 from barc_sim.bags.schemas import definition
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.pid import PID
-from barc_sim.simulation.log import CONTROLLER_STATE, MESSAGE_TYPES, PID_STATE, columns_of
+from barc_sim.simulation.log import (
+    CONTROLLER_STATE,
+    LANE_STATE,
+    MESSAGE_TYPES,
+    PID_STATE,
+    columns_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -111,6 +117,8 @@ def encoded(log: Log, k: int, topic: str) -> bytes:
         values['lap'] = int(values['lap'])
     if source == PID_STATE:
         values |= {'measurement': 0.0, 'error': 0.0, 'output': 0.0}
+    if topic == LANE_STATE:
+        values |= {'e_y': 0.0, 'e_psi': 0.0, 'output': 0.0}
     if topic == CONTROLLER_STATE:
         values = {field: value for field, value in values.items() if field not in PID.terms} | {
             'names': [*log.terms],

@@ -7,6 +7,7 @@ from barc_sim.simulation.log import (
     CLOCK,
     CONTROLLER_STATE,
     ENVIRONMENT,
+    LANE_STATE,
     PID_STATE,
     STATE,
     STATE_ERROR,
@@ -19,6 +20,7 @@ __all__ = [
     'CONTROLLER_STATE',
     'ECU',
     'ENVIRONMENT',
+    'LANE_STATE',
     'PID_STATE',
     'STATE',
     'STATE_ERROR',
@@ -59,7 +61,7 @@ QOS_NEWEST = 1  #: of a subscription that needs only the newest message
 #: What our nodes do, by name.
 NODES = {
     'vehicle_simulator': 'owns time, and steps the car with the commands that it receives',
-    'controller': 'holds the speed; each state that arrives is answered by a command',
+    'controller': 'holds the speed, and the lane; a command answers each state',
     'relay': "turns the driver's input, `cmd_vel`, into commands, `ecu`, at 20 Hz",
     'keyboard': "publishes the driver's input from the terminal's keys, as `cmd_vel`",
     'bag_recorder': 'records every wanted topic into a bag',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import nan
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from barc_sim.vehicle.limits import Parameter
@@ -48,7 +49,7 @@ class Controller(Protocol):
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
 
 
-def gain_parameters(controller: Controller) -> list[Parameter]:
+def gain_parameters(controller: Tunable) -> list[Parameter]:
     """Return a parameter for each gain of a controller, with its present value as the default."""
     return [
         Parameter(
@@ -59,6 +60,14 @@ def gain_parameters(controller: Controller) -> list[Parameter]:
         )
         for name, gain in controller.gains.items()
     ]
+
+
+def read_term(controller: object, name: str) -> float:
+    """Return an attribute of a controller; NaN where it has none, or no number."""
+    try:
+        return float(getattr(controller, name, nan))
+    except (TypeError, ValueError):
+        return nan
 
 
 def check_gains(controller: Tunable) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.controller import gain_parameters
+from barc_sim.control.lane import DEFAULT_LANE, LANE_TYPES, LaneKeeping, speed_profile
 from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES, as_controller
 from barc_sim.errors import UserError
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 
     from barc_sim.control.controller import Controller
     from barc_sim.vehicle.profile import Signal
+    from barc_sim.vehicle.track import Track
 
     #: Takes a function that returns a sentence, so that a suppressed warning costs nothing.
     Warn = Callable[[Callable[[], str]], None]
@@ -25,6 +28,22 @@ _NANOSECONDS = 1_000_000_000
 _TYPE = Parameter(
     'controller_type', DEFAULT_TYPE, f'which controller: {", ".join(TYPES)}', read_only=True
 )
+_LANE_TYPE = Parameter(
+    'lane_type', DEFAULT_LANE, f'what steers on a track: {", ".join(LANE_TYPES)}', read_only=True
+)
+#: Before the names of the lane controller's gains among the parameters.
+LANE = 'lane.'
+#: Of the speed on a track.
+PROFILE = [
+    Parameter(
+        f'{name}_limit',
+        0.0,
+        f'maximum {name} acceleration [m/s²] of the fastest speed on the track, speed_reference '
+        'at most; 0: speed_reference throughout',
+        (0.0, 100.0),
+    )
+    for name in ('lateral', 'longitudinal')
+]
 SPEED = Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', (-100.0, 100.0))
 LIMIT = Parameter(
     'acceleration_limit',
@@ -61,10 +80,14 @@ class Answer(NamedTuple):
     speed: float  #: [m/s] that the controller received
     acceleration: float  #: [m/s²]
     stamp: int  #: [ns] of the state
+    steering: float = 0.0  #: [rad]
 
 
 class CruiseControl:
-    """A controller with its parameters; its dt is the difference of the states' stamps."""
+    """A controller with its parameters; its dt is the difference of the states' stamps.
+
+    On a track `lane` steers.
+    """
 
     def __init__(
         self,
@@ -73,14 +96,20 @@ class CruiseControl:
         acceleration_limit: float,
         refuse: Warn,
         warn: Warn,
+        track: Track | None = None,
+        lane: object = None,
     ) -> None:
         """Use `controller`, anything with `acc_calculate`; by default, that of the parameter.
 
-        `declare` declares parameters and returns their values; `acceleration_limit` [m/s²] is a
-        default. `refuse` takes why a state or a reference is refused, and `warn` what else is odd.
+        So is `lane`, anything with `steer_calculate`, on a `track`. `declare` declares parameters
+        and returns their values; `acceleration_limit` [m/s²] is a default. `refuse` takes why a
+        state or a reference is refused, and `warn` what else is odd.
         """
         self._refuse, self._warn = refuse, warn
-        self.controller = as_controller(controller) if controller else _of_type(declare)
+        self.controller = as_controller(controller or _chosen(declare, _TYPE, TYPES))
+        self.lane: LaneKeeping | None = None
+        if track:
+            self.lane = LaneKeeping(lane or _chosen(declare, _LANE_TYPE, LANE_TYPES), track)
         self.is_pid = self.controller.terms.keys() == PID.terms.keys()
         self._previous: int | None = None  # [ns] stamp of the latest state
         self.values: dict[str, Any] = {}  #: the parameters by name
@@ -96,7 +125,11 @@ class CruiseControl:
         `acceleration_limit` [m/s²] is the default of that parameter.
         """
         limit = LIMIT._replace(default=acceleration_limit)
-        return [*gain_parameters(self.controller), limit, *_PARAMETERS]
+        table = [*gain_parameters(self.controller), limit, *_PARAMETERS]
+        if self.lane:
+            gains = gain_parameters(self.lane.lane) if self.lane.gains else []
+            table += [*(each._replace(name=LANE + each.name) for each in gains), *PROFILE]
+        return table
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Set parameters."""
@@ -105,33 +138,45 @@ class CruiseControl:
             self._awaits_error = False
         if 'speed_reference' in values:
             file = values.get('reference')
+            self._has_file = bool(file)
             self._reference = reference_of(file) if file else None
         self.values.update(values)
+        if self.lane:
+            self.lane.set_gains({name: self.values[LANE + name] for name in self.lane.gains})
+            if not self._has_file:
+                self._reference = self._profile(self.lane.track)
         controller = self.controller
         for name in controller.gains:
             setattr(controller, name, self.values[name])
         controller.output_max = self.values['acceleration_limit']
         controller.output_min = -controller.output_max
 
+    def _profile(self, track: Track) -> Signal | None:
+        speed, *limits = (self.values[each.name] for each in (SPEED, *PROFILE))
+        return speed_profile(track, speed, *limits) if min(speed, *limits) > 0.0 else None
+
     def refer(self, speed: float) -> None:
         """Hold `speed` [m/s] from now on, unless it is refused."""
         try:
             SPEED.check(speed)
-            self.values[SPEED.name] = speed
-            self._reference = None
+            self.configure({SPEED.name: speed})
         except UserError as error:
             why = str(error)
             self._refuse(lambda: why)
 
     def reference(self, t: float, x: float) -> float:
-        """Return the speed to hold [m/s] `t` seconds after the start, at `x` metres."""
+        """Return the speed to hold [m/s] `t` seconds after the start, at `x` metres of the way."""
         return self._reference(t, x) if self._reference else float(self.values[SPEED.name])
 
     def reset(self) -> None:
         """Begin anew."""
         self.controller.reset()
+        if self.lane:
+            self.lane.reset()
         self._start = self._previous = None
-        self._state: tuple[int, float, float] | None = None  # of subtract_error: as `take_state`
+        self._state: tuple[int, float, float, float, float] | None = (
+            None  # of subtract_error: as `take_state`
+        )
         self._error: tuple[int, float] | None = None
 
     def take_error(self, stamp: int, error: float) -> Answer | None:
@@ -143,18 +188,23 @@ class CruiseControl:
             return None
         return self.take_state(*self._state)
 
-    def take_state(self, stamp: int, speed: float, x: float = 0.0) -> Answer | None:
-        """Return the answer to the state stamped `stamp` [ns] at `x` metres.
+    def take_state(
+        self, stamp: int, speed: float, x: float = 0.0, y: float = 0.0, psi: float = 0.0
+    ) -> Answer | None:
+        """Return the answer to the state stamped `stamp` [ns], with its speed and pose.
 
-        None: it is not due before the state's error has come, or its speed is refused.
+        None: it is not due before the state's error has come, or it is refused.
         """
         if self.values['subtract_error'] and self._awaits_error:
-            self._state = stamp, speed, x
+            self._state = stamp, speed, x, y, psi
             if self._error is None or self._error[0] != stamp:
                 return None
             speed -= self._error[1]
         if not abs(speed) <= _FASTEST:  # NaN, too
             self._refuse(lambda: f'a state whose speed is {speed} m/s')
+            return None
+        if self.lane and not isfinite(x + y + psi):
+            self._refuse(lambda: f'a state at x={x}, y={y}, psi={psi}')
             return None
         dt = FIRST_DT
         if self._start is None or stamp < self._start:
@@ -167,9 +217,12 @@ class CruiseControl:
                 self.controller.reset()
                 dt = FIRST_DT
         self._previous = stamp
+        steering = 0.0
+        if self.lane:
+            steering, x = self.lane.steer(x, y, psi, speed), self.lane.place.s
         reference = self.reference((stamp - self._start) / _NANOSECONDS, x)
         acceleration = float(self.controller.acc_calculate(reference, speed, dt))
-        return Answer(reference, speed, acceleration, stamp)
+        return Answer(reference, speed, acceleration, stamp, steering)
 
     def computed(self, answer: Answer) -> dict[str, Any]:
         """Return what the controller computed for the latest `answer`: the fields of its message.
@@ -189,11 +242,15 @@ class CruiseControl:
         }
 
 
-def _of_type(declare: Callable[[list[Parameter]], dict[str, Any]]) -> Controller:
-    """Return a controller of the type that the parameter names."""
-    kind = declare([_TYPE])[_TYPE.name]
-    if kind not in TYPES:
+def _chosen(
+    declare: Callable[[list[Parameter]], dict[str, Any]],
+    parameter: Parameter,
+    types: Mapping[str, Callable[[], Any]],
+) -> Any:  # noqa: ANN401 (of one of the types)
+    """Return a new controller of the type that the parameter names."""
+    kind = declare([parameter])[parameter.name]
+    if kind not in types:
         raise UserError(
-            f'parameter controller_type of controller is {kind!r}: expected {" or ".join(TYPES)}'
+            f'parameter {parameter.name} of controller is {kind!r}: expected {" or ".join(types)}'
         )
-    return TYPES[kind]()
+    return types[kind]()

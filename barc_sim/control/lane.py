@@ -13,12 +13,14 @@ A law that brings e_psi to zero instead keeps an error e_y on every arc.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from math import asin, atan2, copysign, cos, hypot, inf, sin, sqrt
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from barc_sim.control.controller import Gain, check_gains
+from barc_sim.control.controller import Gain, check_gains, read_term
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R
+from barc_sim.vehicle.track import Frenet, beside_arc
 
 if TYPE_CHECKING:
     from barc_sim.vehicle.track import Track
@@ -167,10 +169,9 @@ class Stanley(LaneLaw):
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
         bend = curvature(0.0)
         ahead, across = self.l_f * cos(e_psi), e_y + self.l_f * sin(e_psi)
-        a, b = bend * ahead, 1.0 - bend * across
-        front = (2.0 * across - bend * (ahead**2 + across**2)) / (1.0 + hypot(a, b))
+        front, turned = beside_arc(bend, ahead, across)
         of_e_y = -atan2(self.k * front, self.v_soft + abs(speed))
-        return self._limited(atan2(a, b), of_e_y, -e_psi)
+        return self._limited(turned, of_e_y, -e_psi)
 
 
 class LaneLQR(LaneLaw):
@@ -216,9 +217,79 @@ class LaneLQR(LaneLaw):
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
         k1, k2 = self.feedback()
-        feedforward, _ = steady_turn(curvature(self.preview * speed), self.l_f, self.l_r)
-        _, steady = steady_turn(curvature(0.0), self.l_f, self.l_r)
+        feedforward, steady = steady_turn(curvature(0.0), self.l_f, self.l_r)
+        if self.preview:
+            feedforward, _ = steady_turn(curvature(self.preview * speed), self.l_f, self.l_r)
         return self._limited(feedforward, -k1 * e_y, -k2 * (e_psi - steady))
+
+
+#: By the name that `--lane` and the parameter `lane_type` take.
+LANE_TYPES: Mapping[str, type[LaneLaw]] = {
+    'lqr': LaneLQR,
+    'stanley': Stanley,
+    'pure-pursuit': PurePursuit,
+}
+DEFAULT_LANE = 'lqr'
+
+
+class LaneKeeping:
+    """Steers by any object with `steer_calculate`: finds the car's place, and limits the angle.
+
+    The object's gains, terms, `output_max`, `saturated` and `reset` are used where it has them;
+    without a `reset`, a copy of it begins each run. Without an object nothing steers.
+    """
+
+    def __init__(self, lane: Any, track: Track) -> None:  # noqa: ANN401 (any object of the user's)
+        """Begin at the start of the track."""
+        self.track, self.lane, self._first = track, lane, lane
+        self.gains: Mapping[str, Gain] = getattr(lane, 'gains', {})
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew, with the present gains."""
+        self.place = Frenet(0.0, 0.0, 0.0, 0.0)  #: of the latest pose
+        self.output, self.saturated = 0.0, False
+        self.states = self.saturated_states = 0
+        if callable(getattr(self.lane, 'reset', None)):
+            self.lane.reset()
+        else:
+            gains = {name: getattr(self.lane, name) for name in self.gains}
+            self.lane = deepcopy(self._first)
+            self.set_gains(gains)
+
+    def set_gains(self, values: Mapping[str, float]) -> None:
+        """Change gains, by name."""
+        for name, value in values.items():
+            setattr(self.lane, name, value)
+
+    def steer(self, x: float, y: float, psi: float, speed: float) -> float:
+        """Return the front angle [rad] for a measured pose, and a speed in m/s."""
+        place = self.track.frenet(x, y, psi, self.place.s)
+        if abs(place.e_y) > self.track.width:  # the car was put somewhere else
+            place = self.track.frenet(x, y, psi)
+        self.place = place
+        if self.lane is None:
+            return 0.0
+        raw = self.lane.steer_calculate(place.e_y, place.e_psi, speed, self._curvature)
+        limit = getattr(self.lane, 'output_max', STEERING_LIMIT)
+        self.output = float(min(max(raw, -limit), limit))
+        self.saturated = self.output != raw or getattr(self.lane, 'saturated', False) is True
+        self.states += 1
+        self.saturated_states += self.saturated
+        return self.output
+
+    def computed(self) -> dict[str, Any]:
+        """Return what the latest angle is made of, the fields of LaneState; NaN: no such term."""
+        return {
+            'e_y': self.place.e_y,
+            'e_psi': self.place.e_psi,
+            **{name: read_term(self.lane, name) for name in LaneLaw.terms},
+            'output': self.output,
+            'saturated': self.saturated,
+        }
+
+    def _curvature(self, ahead: float) -> float:
+        return self.track.curvature(self.place.s + ahead)
 
 
 def speed_profile(
@@ -247,11 +318,14 @@ def speed_profile(
         starts[0] = limits[0]
     ends = [*starts[1:], starts[0] if track.is_closed else limits[-1]]
     gains = [2.0 * along * length for length in track.lengths]
-    for i in (*range(n), *range(n)):  # twice around, as a lap begins as fast as it ends
+    # From the slowest place on, which no other limits: a lap begins as fast as it ends.
+    slowest = min(range(n), key=starts.__getitem__) if track.is_closed else 0
+    order = [*range(slowest, n), *range(slowest)]
+    for i in order:
         ends[i] = min(ends[i], starts[i] + gains[i])
         if track.is_closed or i + 1 < n:
             starts[(i + 1) % n] = min(starts[(i + 1) % n], ends[i])
-    for i in reversed((*range(n), *range(n))):
+    for i in reversed(order):
         starts[i] = min(starts[i], ends[i] + gains[i])
         if track.is_closed or i:
             ends[i - 1] = min(ends[i - 1], starts[i])

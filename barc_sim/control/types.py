@@ -7,6 +7,7 @@ from inspect import Parameter, signature
 from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
+from barc_sim.control.controller import read_term
 from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
@@ -129,10 +130,7 @@ class Adapter:
             setattr(self._controller, name, value)
 
     def _read(self, name: str) -> float:
-        try:
-            return float(getattr(self._controller, name, nan))
-        except (TypeError, ValueError):
-            return nan
+        return read_term(self._controller, name)
 
 
 def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the user's)

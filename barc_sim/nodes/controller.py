@@ -1,11 +1,11 @@
-"""The node `controller`: holds the speed; each state that arrives is answered by a command."""
+"""The node `controller`: holds the speed, and the lane; a command answers each state."""
 
 from __future__ import annotations
 
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, PidState, ZDynBkMdl
+from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, LaneState, PidState, ZDynBkMdl
 from rclpy.node import Node
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
@@ -13,23 +13,34 @@ from std_srvs.srv import Trigger
 from barc_sim.bags import names
 from barc_sim.control.cruise_control import Answer, CruiseControl
 from barc_sim.control.pid import ACCELERATION_LIMIT
-from barc_sim.ros.node_helpers import RefusedInput, Subscribed, declare, frames, to_nanoseconds
+from barc_sim.ros.node_helpers import (
+    RefusedInput,
+    Subscribed,
+    declare,
+    declare_track,
+    frames,
+    to_nanoseconds,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from builtin_interfaces.msg import Time
     from rclpy.parameter import Parameter
+    from rclpy.publisher import Publisher
     from rclpy.subscription import Subscription
 
     from barc_sim.control.controller import Controller
+    from barc_sim.vehicle.track import Track
 
 
 class CruiseController(Node):
     """Answers each `z_vhcl` with an `ecu` of the same stamp; its dt is the difference of stamps.
 
-    Gains, reference and limit can be changed while it runs; the reference on the topic
-    `speed_reference`, too, by an outer loop: the latest value holds. `values` are the parameters,
-    `reference` the speed to hold after some time and at a place; `refused` counts references and
-    states that were out of range.
+    On a track it steers, too. Gains, reference and limits can be changed while it runs; the
+    reference on the topic `speed_reference`, too, by an outer loop: the latest value holds.
+    `values` are the parameters, `reference` the speed to hold after some time and at a place;
+    `refused` counts references and states that were out of range.
 
     Examples
     --------
@@ -50,12 +61,15 @@ class CruiseController(Node):
         self,
         *,
         controller: Controller | None = None,
+        track: Track | None = None,
+        lane: object = None,
         acceleration_limit: float = ACCELERATION_LIMIT,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         """Use `controller`, any object with the lab's `acc_calculate`; by default a parameter's.
 
-        `acceleration_limit` [m/s²] is the default of the parameter.
+        So are `track`, and `lane`, any object with `steer_calculate`. `acceleration_limit` [m/s²]
+        is the default of the parameter.
 
         Raises
         ------
@@ -65,10 +79,12 @@ class CruiseController(Node):
         super().__init__('controller', **options)
         self._subscribed, self.refused = Subscribed(self), RefusedInput(self)
         refuse, warn = self.refused.add, self.refused.warn
+        track = declare_track(self, track)
         self._control = CruiseControl(
-            controller, partial(declare, self), acceleration_limit, refuse, warn
+            controller, partial(declare, self), acceleration_limit, refuse, warn, track, lane
         )
         self.values, self.reference = self._control.values, self._control.reference
+        self.lane = self._control.lane
         self.add_post_set_parameters_callback(self._on_parameters)
 
         topic, computed = names.PID_STATE, PidState
@@ -77,6 +93,9 @@ class CruiseController(Node):
         self._header = header = Header(frame_id=frames(self)[1])  # new messages would cost more
         self._ecu, self._computed = ECU(header=header), computed(header=header)
         self._computed_pub = self.create_publisher(computed, topic, names.QOS)
+        self._lane_state, self._lane_pub = LaneState(header=header), None
+        if self.lane:
+            self._lane_pub = self.create_publisher(LaneState, names.LANE_STATE, names.QOS)
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
         self.create_subscription(Float64, names.SPEED_REFERENCE, self._on_speed, names.QOS_NEWEST)
@@ -103,7 +122,8 @@ class CruiseController(Node):
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         stamp = to_nanoseconds(state.header.stamp)
-        self._publish(state.header.stamp, self._control.take_state(stamp, state.v_x, state.x))
+        pose = state.x, state.y, state.psi
+        self._publish(state.header.stamp, self._control.take_state(stamp, state.v_x, *pose))
 
     def _on_state_error(self, error: EZDynBkMdl) -> None:
         stamp = to_nanoseconds(error.header.stamp)
@@ -112,9 +132,17 @@ class CruiseController(Node):
     def _publish(self, stamp: Time, answer: Answer | None) -> None:
         if answer is None:
             return
-        self._header.stamp, self._ecu.motor = stamp, answer.acceleration
+        self._header.stamp = stamp
+        self._ecu.motor, self._ecu.servo = answer.acceleration, answer.steering
         self._ecu_pub.publish(self._ecu)
-        if self._computed_pub in self._subscribed.at(answer.stamp):
-            for name, value in self._control.computed(answer).items():
-                setattr(self._computed, name, value)
-            self._computed_pub.publish(self._computed)
+        subscribed = self._subscribed.at(answer.stamp)
+        if self._computed_pub in subscribed:
+            _publish(self._computed_pub, self._computed, self._control.computed(answer))
+        if self.lane and self._lane_pub in subscribed:
+            _publish(self._lane_pub, self._lane_state, self.lane.computed())
+
+
+def _publish(publisher: Publisher, message: Any, fields: Mapping[str, Any]) -> None:  # noqa: ANN401
+    for name, value in fields.items():
+        setattr(message, name, value)
+    publisher.publish(message)

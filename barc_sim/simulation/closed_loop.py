@@ -15,7 +15,7 @@ import numpy as np
 
 from barc_sim.control.controller import check_gains
 from barc_sim.control.cruise_control import LIMIT, SPEED, reference_of
-from barc_sim.control.lane import LaneLQR
+from barc_sim.control.lane import LaneKeeping, LaneLQR
 from barc_sim.control.pid import (
     ACCELERATION_LIMIT,
     FIRST_DT,
@@ -25,7 +25,7 @@ from barc_sim.control.pid import (
 )
 from barc_sim.control.types import as_controller
 from barc_sim.errors import UserError
-from barc_sim.simulation.log import log_of, recordable
+from barc_sim.simulation.log import LANE_STATE, columns_of, log_of, recordable
 from barc_sim.simulation.pid_loop import pid_log
 from barc_sim.simulation.stepper import DISTANCE as END
 from barc_sim.simulation.stepper import LAPS
@@ -371,19 +371,17 @@ def closed_loop(
     rows: list[_Row] = []
     held, references = speed_reference, []
     dt, servo = FIRST_DT, 0.0
-    track, place = plant.track, plant.distance
-
-    def curvature(ahead: float) -> float:
-        return track.curvature(place + ahead) if track else 0.0
-
+    track, steering = plant.track, []
+    keeping = LaneKeeping(lane, track) if track else None
     for k in range(steps + 1):
         seen = plant.observe()
-        x, y, psi, speed, *_ = seen.measured
-        if track:
-            place, e_y, e_psi, _ = track.frenet(x, y, psi, place)
-            servo = lane.steer_calculate(e_y, e_psi, speed, curvature) if lane else 0.0
+        place, y, psi, speed, *_ = seen.measured
+        if keeping:
+            servo = keeping.steer(place, y, psi, speed)
+            place = keeping.place.s
+            steering.append(keeping.computed())
         if reference:
-            held = reference(k * plant.period_ns / 1e9, place if track else x)
+            held = reference(k * plant.period_ns / 1e9, place)
         motor = controller.acc_calculate(held, speed, dt)
         command = Command(motor, servo)
         references.append(held)
@@ -396,7 +394,12 @@ def closed_loop(
             break
         plant.advance(command)
         dt = plant.period_ns / 1e9  # as the nodes take it from stamps
-    return log_of_rows(rows, plant.period_ns, references, terms)
+    of_lane = {
+        column: np.array([each[name] for each in steering])
+        for name, column in columns_of(LANE_STATE).items()
+        if keeping
+    }
+    return log_of_rows(rows, plant.period_ns, references, terms, **of_lane)
 
 
 def log_of_rows(
@@ -404,12 +407,13 @@ def log_of_rows(
     period_ns: int,
     references: Sequence[float] | float = nan,
     terms: Sequence[str] = (),
+    **columns: Any,  # noqa: ANN401 (arrays)
 ) -> Log:
-    """Return the log of states and their commands, in steps of `period_ns`."""
+    """Return the log of states and their commands, in steps of `period_ns`, with more `columns`."""
     seen, commands, values = zip(*rows, strict=True)
     _, measured, errors, around, _, on_track = zip(*seen, strict=True)
-    saturated, *columns = np.array(values, dtype=np.float64).T.copy()
-    recorded = dict(zip(terms, columns, strict=True))
+    saturated, *of_terms = np.array(values, dtype=np.float64).T.copy()
+    recorded = dict(zip(terms, of_terms, strict=True))
     unknown = np.full(len(rows), nan)
     return log_of(
         period_ns,
@@ -422,6 +426,7 @@ def log_of_rows(
         saturated=saturated.astype(np.bool_),
         **{name: recorded.pop(name, unknown) for name in PID.terms},
         own_terms=recorded,
+        **columns,
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from barc_sim.cli.files import read_regular, replacing
+from barc_sim.control.lane import LaneLaw
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError, one_line
 
@@ -39,6 +40,7 @@ CONTROLLER_STATE = 'controller_state'
 CLOCK = '/clock'
 #: the true place on the track, where there is one
 TRACK_STATE = 'track_vhcl'
+LANE_STATE = 'lane_state'
 #: The message type of each topic that a log is made of, by the topic's name without namespace.
 MESSAGE_TYPES = {
     STATE: 'barc_interfaces/msg/ZDynBkMdl',
@@ -49,6 +51,7 @@ MESSAGE_TYPES = {
     # In place of `pid_state` where the controller is no PID; its terms are named in the message.
     CONTROLLER_STATE: 'barc_interfaces/msg/ControllerState',
     TRACK_STATE: 'barc_interfaces/msg/TrackState',
+    LANE_STATE: 'barc_interfaces/msg/LaneState',
 }
 
 
@@ -253,6 +256,17 @@ class TrackLog(Log):
     curvature: Annotated[Floats, Column('1/m', 'curvature of the centre line', TRACK_STATE)]
     lap: Annotated[Floats, Column('', 'number of the lap, from 0', TRACK_STATE)]
     lap_time: Annotated[Floats, Column('s', 'time since the lap began', TRACK_STATE)]
+    # The lane controller.
+    steer_feedforward: Annotated[
+        Floats, Column('rad', LaneLaw.terms['feedforward'], LANE_STATE, 'feedforward')
+    ]
+    steer_of_e_y: Annotated[Floats, Column('rad', LaneLaw.terms['of_e_y'], LANE_STATE, 'of_e_y')]
+    steer_of_e_psi: Annotated[
+        Floats, Column('rad', LaneLaw.terms['of_e_psi'], LANE_STATE, 'of_e_psi')
+    ]
+    steer_saturated: Annotated[
+        Flags, Column('', 'whether a limit cut the steering', LANE_STATE, 'saturated')
+    ]
 
     @property
     def distance(self) -> Floats:

@@ -296,12 +296,21 @@ def _project(
     cosine, sine = cos(pose.psi), sin(pose.psi)
     dx, dy = x - pose.x, y - pose.y
     a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
-    across, along = curvature * a, 1.0 - curvature * b
-    e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + hypot(across, along))
+    e_y, turned = beside_arc(curvature, a, b)
     if curvature:
         middle = 0.5 * curvature * length
-        a = (middle + remainder(atan2(across, along) - middle, _TURN)) / curvature
+        a = (middle + remainder(turned - middle, _TURN)) / curvature
     return a, e_y
+
+
+def beside_arc(curvature: float, a: float, b: float) -> tuple[float, float]:
+    """Return e_y [m] of a point `a` m ahead of an arc's start and `b` m to its left.
+
+    The second value is the turn [rad] of the arc to where it is beside the point, from -π to π.
+    """
+    across, along = curvature * a, 1.0 - curvature * b
+    e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + hypot(across, along))
+    return e_y, atan2(across, along)
 
 
 # A centre line of points: between two of them a biarc, two arcs that meet with one heading (Bolton,

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from math import asin, atan2, cos, hypot, pi, sin, sqrt
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
+from barc_sim.control.controller import Gain
 from barc_sim.control.lane import (
+    LaneKeeping,
     LaneLaw,
     LaneLQR,
     PurePursuit,
@@ -177,3 +180,37 @@ def test_gains_are_checked(kind: type[LaneLaw]) -> None:
 def test_limits_of_a_profile_are_above_zero() -> None:
     with pytest.raises(UserError, match=r'across 0.0 must be a number above 0'):
         speed_profile(Track.named('L'), 6.0, 0.0, 1.0)
+
+
+class Gained:
+    """A law of a user's: gains, but no `reset`."""
+
+    gains: ClassVar = {'k': Gain(0.5, 'rad/m', 'gain of the error across', 1.0)}
+
+    def __init__(self) -> None:
+        self.k, self.calls = 0.5, 0
+
+    def steer_calculate(self, e_y: float, *_: object) -> float:
+        """Return the angle [rad]."""
+        self.calls += 1
+        return -self.k * e_y
+
+
+def test_a_reset_begins_with_a_fresh_law_and_the_present_gains() -> None:
+    keeping = LaneKeeping(Gained(), Track.named('oval'))
+    keeping.set_gains({'k': 0.1})
+    assert [keeping.steer(1.0, 0.5, 0.0, 5.0) for _ in range(2)] == [-0.05, -0.05]
+    assert (keeping.lane.calls, keeping.states) == (2, 2)
+    keeping.reset()
+    assert (keeping.lane.calls, keeping.lane.k, keeping.states) == (0, 0.1, 0)
+    assert keeping.steer(1.0, 20.0, 0.0, 5.0) == pytest.approx(-0.5)
+    assert (keeping.saturated, keeping.saturated_states) == (True, 1)
+
+
+def test_a_car_that_is_put_somewhere_else_is_found_again() -> None:
+    track = Track.named('L')
+    keeping = LaneKeeping(LaneLQR(), track)
+    for s in (0.0, 0.5, 120.0, 120.5, track.length - 0.1, track.length + 0.4, 60.0):
+        keeping.steer(*track.place(s, 0.2), 5.0)
+        assert keeping.place.s % track.length == pytest.approx(s % track.length)
+        assert keeping.place.e_y == pytest.approx(0.2)

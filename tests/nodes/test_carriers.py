@@ -13,11 +13,14 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from barc_sim.control.lane import LANE_TYPES, speed_profile
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.control.types import TYPES
 from barc_sim.nodes import controller, relay, simulator
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.simulation.closed_loop import closed_loop, lap
 from barc_sim.vehicle.parameters import PARAMETERS, plant
+from barc_sim.vehicle.sensor import NoiseLevels
+from barc_sim.vehicle.track import Track
 
 CARRIERS = ('local', 'QuickExecutor', 'SingleThreadedExecutor', 'MultiThreadedExecutor')
 #: Chooses the carrier, and spins `nodes`, of which the last is the simulator.
@@ -50,13 +53,13 @@ rclpy.init(args=[])
 """
 #: Drives each case as its parameters say, in lock-step.
 DRIVE = f"""{BEGIN}
-for kind, values in json.loads(sys.argv[2]):
+for law, values in json.loads(sys.argv[2]):
     states.append([])
     spin(
-        CruiseController(parameter_overrides=given(controller_type=kind)),
+        CruiseController(parameter_overrides=given(**law)),
         VehicleSimulator(
-            parameter_overrides=given(realtime_factor=0.0, distance=30.0, **values),
-            on_step=lambda t, seen: states[-1].append([*seen.measured]),
+            parameter_overrides=given(**{{'realtime_factor': 0.0, 'distance': 30.0}} | values),
+            on_step=lambda t, seen: states[-1].append([*seen.measured, *(seen.on_track or ())]),
         ),
     )
 print(json.dumps(states))
@@ -128,7 +131,8 @@ def run(script: str, *arguments: str, folder: Path) -> str:
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('carrier', CARRIERS)
 def test_states_are_those_of_the_closed_loop(carrier: str, tmp_path: Path) -> None:
-    found = json.loads(run(DRIVE, carrier, json.dumps([*CASES.values()]), folder=tmp_path))
+    laws = [({'controller_type': kind}, values) for kind, values in CASES.values()]
+    found = json.loads(run(DRIVE, carrier, json.dumps(laws), folder=tmp_path))
     for (case, (kind, values)), states in zip(CASES.items(), found, strict=True):
         car = plant({each.name: each.default for each in PARAMETERS} | values)
         law = TYPES[kind]()
@@ -136,6 +140,30 @@ def test_states_are_those_of_the_closed_loop(carrier: str, tmp_path: Path) -> No
         log = closed_loop(car, law, distance=30.0)
         columns = (log.x, log.y, log.psi, log.v_x, log.v_y, log.psi_dot)
         assert states == [list(row) for row in zip(*columns, strict=True)], case
+
+
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize('carrier', CARRIERS)
+def test_laps_are_those_of_python(carrier: str, tmp_path: Path) -> None:
+    track = Track.named('figure-eight')
+    logs, runs = [], []
+    for name, kind in LANE_TYPES.items():
+        law, gain = kind(), next(iter(kind.gains))
+        setattr(law, gain, 1.2 * getattr(law, gain))
+        profile = speed_profile(track, 6.0, 2.0, 1.5)
+        noise = NoiseLevels(ey=0.02, epsi=0.01)
+        logs.append(lap(law, track, speed=profile, laps=1, noise=noise, seed=5, dynamics='dynamic'))
+        given = {'lane_type': name, f'lane.{gain}': getattr(law, gain), 'speed_reference': 6.0}
+        limits = {'lateral_limit': 2.0, 'longitudinal_limit': 1.5}
+        car = {'dynamics': 'dynamic', 'noise_ey': 0.02, 'noise_epsi': 0.01, 'seed': 5}
+        runs.append(({'track': track.name, **given, **limits}, {'track': track.name, **car}))
+    found = json.loads(
+        run(DRIVE.replace('30.0', '0.0'), carrier, json.dumps(runs), folder=tmp_path)
+    )
+    for log, states in zip(logs, found, strict=True):
+        measured = log.x, log.y, log.psi, log.v_x, log.v_y, log.psi_dot
+        columns = *measured, log.s, log.e_y, log.e_psi, log.curvature, log.lap, log.lap_time
+        assert states == [list(row) for row in zip(*columns, strict=True)]
 
 
 @pytest.mark.usefixtures('ros_domain')

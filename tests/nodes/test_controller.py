@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, PidState, ZDynBkMdl
+from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, LaneState, PidState, ZDynBkMdl
 from node_bench import NodeBench, overrides
 from rcl_interfaces.srv import SetParameters
 from std_msgs.msg import Float64
@@ -18,8 +18,10 @@ from std_srvs.srv import Trigger
 from user_files import load
 
 from barc_sim.bags import names
+from barc_sim.control.lane import LaneLQR
 from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import speed_controller
+from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros.node_helpers import to_header, to_nanoseconds
@@ -58,9 +60,9 @@ class Bench(NodeBench):
         self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
         self.errors = self.peer.create_publisher(EZDynBkMdl, 'ez_vhcl', names.QOS)
 
-    def send_state(self, stamp: int, v_x: float) -> None:
+    def send_state(self, stamp: int, v_x: float, **pose: float) -> None:
         """Send a state stamped `stamp` [ns]."""
-        self.states.publish(ZDynBkMdl(header=to_header(stamp), v_x=v_x))
+        self.states.publish(ZDynBkMdl(header=to_header(stamp), v_x=v_x, **pose))
 
     def send_error(self, stamp: int, v_x: float) -> None:
         """Send a state's error stamped `stamp` [ns]."""
@@ -227,6 +229,57 @@ def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(bench: Make) ->
     assert [state.saturated for state in told] == [False, False, True]
     assert [result.successful for result in one.set(observer_gain=1.0)] == [True]
     assert [result.successful for result in one.set(observer_gain=1.1, kp=1.0)] == [False, False]
+
+
+def test_on_a_track_both_commands_answer_and_gains_can_be_changed(bench: Make) -> None:
+    one = bench(track='oval')
+    told: list[LaneState] = []
+    one.peer.create_subscription(LaneState, names.LANE_STATE, told.append, names.QOS)
+    one.until(lambda: one.controller.count_subscribers(names.LANE_STATE) == 1)
+    one.send_state(0, 7.9, x=10.0, y=0.5, psi=0.1)
+    one.until(lambda: len(one.commands) == len(told) == 1)
+    k1, k2 = LaneLQR().feedback()
+    assert one.commands[0].servo == pytest.approx(-0.5 * k1 - 0.1 * k2)
+    assert one.commands[0].motor == expected([(0.0, 7.9)])[0]
+    assert (told[0].e_y, told[0].e_psi, told[0].saturated) == (0.5, 0.1, False)
+    assert (told[0].of_e_y, told[0].of_e_psi) == pytest.approx((-0.5 * k1, -0.1 * k2))
+    assert told[0].output == one.commands[0].servo
+
+    changes = {'lane.q_e_y': 0.2, 'lane.q_e_psi': 0.0, 'lane.preview': 99.0, 'lane_type': 'stanley'}
+    verdicts = [one.set(**{name: value})[0].successful for name, value in changes.items()]
+    assert verdicts == [True, True, False, False]
+    one.send_state(20 * MS, 7.9, x=10.0, y=0.5, psi=math.nan)
+    one.send_state(40 * MS, 7.9, x=10.0, y=0.5)
+    one.until(lambda: len(one.commands) == 2)
+    assert one.controller.refused.count == 1
+    k1, _ = LaneLQR(q_e_y=0.2, q_e_psi=0.0).feedback()
+    assert one.commands[1].servo == pytest.approx(-0.5 * k1)
+
+
+def test_limits_of_the_acceleration_make_a_profile_of_the_speed(bench: Make) -> None:
+    one = bench(track='oval', speed_reference=12.0, lateral_limit=3.2, longitudinal_limit=2.0)
+    assert [one.controller.reference(0.0, s) for s in (25.0, 60.0)] == [12.0, pytest.approx(8.0)]
+    one.set(lateral_limit=5.0)
+    assert one.controller.reference(0.0, 60.0) == pytest.approx(10.0)
+    one.set(speed_reference=4.0)
+    assert one.controller.reference(0.0, 60.0) == 4.0
+    one.set(speed_reference=-1.0)
+    assert one.controller.reference(0.0, 60.0) == -1.0
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'complaint'),
+    [
+        ({'track': 'M'}, "track 'M' is neither 'L'"),
+        ({'track': 'L', 'lane_type': 'mpc'}, "lane_type of controller is 'mpc': expected lqr or"),
+        ({'track': 'L', 'lane.q_e_y': 0.0}, r'lane.q_e_y of controller: 0 is not a number'),
+    ],
+)
+def test_a_lane_that_cannot_be_kept_is_refused(
+    bench: Make, parameters: dict[str, Any], complaint: str
+) -> None:
+    with pytest.raises(UserError, match=complaint):
+        bench(**parameters)
 
 
 def test_another_controller_answers_with_the_nodes_gains_and_limit(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from math import nan, radians, sin
+from math import degrees, nan, radians, sin
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from barc_sim.control.lane import LaneLQR
+from barc_sim.control.lane import STEERING_LIMIT, LaneLQR
 from barc_sim.control.lqr import LQR
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import lap, simulate
@@ -63,9 +63,13 @@ def test_laps_are_flying_and_split_where_s_passes_the_line(three: TrackLog) -> N
 
 
 def test_the_log_is_a_log_with_the_place_on_the_track(three: TrackLog, tmp_path: Path) -> None:
-    assert three.columns().keys() - Log.declared.keys() == {
-        *('s', 'e_y', 'e_psi', 'curvature', 'lap', 'lap_time')
+    terms = {f'steer_{name}' for name in LaneLQR.terms}
+    assert three.columns().keys() - Log.declared.keys() == terms | {
+        *('s', 'e_y', 'e_psi', 'curvature', 'lap', 'lap_time', 'steer_saturated')
     }
+    steering = sum(three.columns()[name] for name in sorted(terms))
+    assert np.abs(steering - three.servo).max() < 1e-12
+    assert not three.steer_saturated.any()
     three.save(tmp_path / 'laps.npz')
     copy = Log.read(tmp_path / 'laps.npz')
     assert (type(copy), copy) == (TrackLog, three)
@@ -107,8 +111,26 @@ def test_a_law_of_ones_own_begins_anew_in_each_run() -> None:
             return 3.0 * curvature(0.0) - 0.2 * e_y - 0.6 * e_psi - self.sum
 
     law: Any = Integral()
-    assert lap(law, 'oval', laps=1) == lap(law, 'oval', laps=1)
+    log = lap(law, 'oval', laps=1)
+    assert log == lap(law, 'oval', laps=1)
     assert law.sum == 0.0
+    assert np.isnan(log.steer_of_e_y).all()  # it has no terms
+
+
+def test_a_law_in_degrees_is_cut_at_the_limit_of_the_steering() -> None:
+    class Degrees(LaneLQR):
+        def steer_calculate(self, *seen: Any) -> float:  # noqa: ANN401
+            return degrees(super().steer_calculate(*seen))
+
+    class Bare:  # as a student writes it: without a limit of its own
+        def steer_calculate(self, *seen: Any) -> float:  # noqa: ANN401
+            return Degrees().steer_calculate(*seen)
+
+    for law in (Degrees(), Bare()):
+        log = lap(law, laps=1)
+        assert np.abs(log.servo).max() == STEERING_LIMIT
+        assert log.steer_saturated.mean() > 0.5
+        assert (log.steer_saturated == (np.abs(log.servo) == STEERING_LIMIT)).all()
 
 
 def test_a_car_beyond_the_edge_ends_the_run() -> None:
