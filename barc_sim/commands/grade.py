@@ -68,14 +68,8 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         '--due', type=moment, metavar='TIME', help='such as 2026-11-20T23:59: names who is late'
     )
-    parser.add_argument(
-        '--handout',
-        type=Path,
-        metavar='DIR',
-        help='what you gave to the students: its code is no sign of a copy',
-    )
     parser.epilog = (
-        'A class in DIR keeps its roster, due time and handout: they need not be given again. '
+        'A class in DIR keeps its roster and due time: they need not be given again. '
         'One of its folders can be graded alone.'
     )
     parser.add_argument(
@@ -106,7 +100,7 @@ def _cores() -> int:
 def run(options: Namespace) -> int:
     """Write the reports and print the score; return the exit code."""
     from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
-    from barc_sim.lab.grade import classroom, grade, rubric, similarity, submissions  # noqa: PLC0415
+    from barc_sim.lab.grade import classroom, grade, rubric, submissions  # noqa: PLC0415
 
     out = options.out.absolute()
     paths = [path for path in submissions.find(options.submissions) if path.absolute() != out]
@@ -115,7 +109,6 @@ def run(options: Namespace) -> int:
     alone = paths == [options.submissions.resolve()] and not (out / _SETTINGS).exists()
     kept = _keep(options, out)
     students = classroom.read_roster(options.roster) if options.roster else []
-    handout = submissions.read(options.handout).files if options.handout else {}
     folders = {path: out if alone else _folder(out, path) for path in paths}
     before = {} if alone else _records(out)
     entered = _entered(folders, before, students, points)
@@ -128,9 +121,7 @@ def run(options: Namespace) -> int:
             sandbox=not options.unconfined,
         )
         grades, failures, interrupted = _collect(outcomes, out, folders, entered, before)
-    found = classroom.entries(
-        before | grades, failures, students, options.due, similarity.passages(handout)
-    )
+    found = classroom.entries(before | grades, failures, students, options.due)
     files = {_CLASS: classroom.as_csv(found, points)}
     if not alone:
         files |= {'class.html': classroom.page(found, points), _SETTINGS: kept}
@@ -167,7 +158,7 @@ def moment(text: str) -> datetime:
 
 
 #: What a class keeps for the next time, and what reads it.
-_KEPT: dict[str, Callable[[str], Any]] = {'roster': Path, 'handout': Path, 'due': moment}
+_KEPT: dict[str, Callable[[str], Any]] = {'roster': Path, 'due': moment}
 
 
 def _keep(options: Namespace, out: Path) -> str:

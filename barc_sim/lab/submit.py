@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 import zipfile
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -73,24 +72,14 @@ def write(path: Path, parts: Iterable[Part]) -> None:
     with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
         for name, data in files.items():
             if isinstance(data, bytes):
-                archive.writestr(_entry(name), data)
+                archive.writestr(name, data)
                 continue
             with (
                 open_regular(data, follow=False) as file,
-                archive.open(_entry(name), 'w', force_zip64=True) as packed,
+                archive.open(name, 'w', force_zip64=True) as packed,
             ):
                 shutil.copyfileobj(file, packed)
-        archive.writestr(_entry(SUMMARY), ''.join(f'{part}\n' for part in parts))
-
-
-def _entry(name: str) -> zipfile.ZipInfo:
-    """Return a zip's entry for a file that is made now, in the years that a zip can hold."""
-    year, month, day, hour, minute, second = time.localtime()[:6]
-    year = min(max(year, 1980), 2107)
-    entry = zipfile.ZipInfo(name, (year, month, day, hour, minute, second))
-    entry.external_attr = 0o600 << 16
-    entry.compress_type = zipfile.ZIP_DEFLATED
-    return entry
+        archive.writestr(SUMMARY, ''.join(f'{part}\n' for part in parts))
 
 
 def size(path: Path) -> str:

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.grade.grade import Grade
     from barc_sim.lab.grade.rubric import Rubric
-    from barc_sim.lab.grade.similarity import Passages
 
 _MAX_BYTES = 4 << 20
 #: The headers of a column, in lower case: those of Canvas and of Gradescope among them.
@@ -176,7 +175,6 @@ def entries(
     failures: Mapping[str, str],
     students: Sequence[Student],
     due: datetime | None,
-    handout: Passages,
 ) -> list[Entry]:
     """Return the class, by section and name; `grades` and `failures` are by folder."""
     owners = {name: owner(name, students) for name in {**grades, **failures}}
@@ -184,7 +182,7 @@ def entries(
     for name in sorted(owners, key=lambda name: (name in grades and grades[name].handed_in, name)):
         newest[owners[name] or name] = name
     counted = {name: grade.passages for name, grade in grades.items() if name in newest.values()}
-    similar = alike(counted, handout)
+    similar = alike(counted)
     found = [Entry(student=student) for student in students if student not in newest]
     for name, student in owners.items():
         grade, newer = grades.get(name), newest[student or name]

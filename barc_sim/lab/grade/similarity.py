@@ -2,7 +2,7 @@
 
 A passage is `PASSAGE` tokens of Python in a row. Comments, docstrings, layout and the choice of
 names do not count. Those of the handouts are left out: the templates', those of the lab's files for
-ROS 1 (which `known/handout.txt` has as hashes), an instructor's own, and those of most of a class.
+ROS 1 (which `known/handout.txt` has as hashes), and those of most of a class.
 """
 
 from __future__ import annotations
@@ -48,18 +48,15 @@ def passages(files: Mapping[str, bytes]) -> Passages:
     return _passages(files) - _of_handouts()
 
 
-def alike(
-    submissions: Mapping[str, Passages], handout: Passages = frozenset()
-) -> dict[str, list[tuple[str, float]]]:
+def alike(submissions: Mapping[str, Passages]) -> dict[str, list[tuple[str, float]]]:
     """Return for each submission those that are alike, and the share, the greatest first.
 
-    Among them are the published law and barc_sim's own code. Passages of `handout` do not count.
+    Among them are the published law and barc_sim's own code.
     """
     counts = Counter(passage for each in submissions.values() for passage in each)
     least, share = min(EVERYBODYS, max(len(submissions), 3)), EVERYBODYS_SHARE * len(submissions)
     everybodys = {passage for passage, n in counts.items() if n >= least and n > share}
-    handout = handout | everybodys
-    own = {name: each - handout for name, each in submissions.items()}
+    own = {name: each - everybodys for name, each in submissions.items()}
     found: dict[str, list[tuple[str, float]]] = {name: [] for name in submissions}
     for one, other in combinations(own, 2):
         share = _share(own[one], own[other])

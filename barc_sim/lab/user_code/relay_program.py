@@ -15,7 +15,6 @@ from math import isfinite
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.lab.user_code import rospy
 from barc_sim.lab.user_code.calls import (
     BY_EYE,
     MAX_COMMANDS,
@@ -27,7 +26,7 @@ from barc_sim.lab.user_code.calls import (
 )
 from barc_sim.lab.user_code.importing import AbsentModuleError
 from barc_sim.lab.user_code.source import UserCodeError
-from barc_sim.lab.user_code.terminal import CODES, LAYOUTS, STOP, Terminal
+from barc_sim.lab.user_code.stand_ins import CODES, LAYOUTS, STOP, Terminal, rospy_modules
 from barc_sim.ros.local import find_module
 from barc_sim.ros.local import world as in_world
 from barc_sim.ros.local.context import HistoryPolicy, QoSProfile, init, shutdown
@@ -328,7 +327,7 @@ class RelayWorld(World):
         found = {'time': SimpleNamespace(**vars(time) | clock), **self.terminal.modules()}
         if ros_1:
             with in_world(self):
-                found |= rospy.modules(self)
+                found |= rospy_modules(self)
         return lambda name: found.get(name) or self.terminal.elsewhere(name) or find_module(name)
 
     def run(self, program: Callable[[], object]) -> None:

@@ -104,7 +104,7 @@ def grade_of(name: str, points: float, message: str = 'wrong', third: float | No
 
 
 def listed(*grades: Grade, **failures: str) -> list[classroom.Entry]:
-    return classroom.entries({each.name: each for each in grades}, failures, [], None, frozenset())
+    return classroom.entries({each.name: each for each in grades}, failures, [], None)
 
 
 def test_the_class_is_listed_by_name() -> None:

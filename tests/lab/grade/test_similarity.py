@@ -109,11 +109,7 @@ def test_a_pair_is_found_beside_any_handout() -> None:
     assert (found['ada'], found['bob']) == ([('bob', 1.0)], [('ada', 1.0)])
 
 
-def test_a_handout_is_no_evidence() -> None:
-    handout = of(MODEL, CONTROLLER)
-    found = alike({'ada': handout, 'bob': handout}, handout)
-
-    assert found == {'ada': [], 'bob': []}
+def test_the_labs_file_for_ros_1_is_no_evidence() -> None:
     assert len(of('', ROS_1_LOOP)) == 0
 
 
