@@ -73,18 +73,11 @@ def wait_for(condition: Callable[[], object], seconds: float = 60.0) -> None:
         time.sleep(0.005)
 
 
-def acc(folder: Path, *options: str, script: str = '') -> subprocess.CompletedProcess[str]:
-    """Run `acc` quietly in `folder`, after `script` in the same process; return how it ended."""
-    code = f'import sys\n{script}\nfrom barc_sim.run import main\nsys.exit(main())'
-    return subprocess.run(
-        [sys.executable, '-c', code, 'acc', '-q', *options],
-        cwd=folder,
-        env=os.environ | ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+def acc(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """Run `acc` quietly in `folder`; return how it ended."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        return barc('acc', '-q', *options)
 
 
 def bag_of(folder: Path, *options: str) -> Path:

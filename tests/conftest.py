@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import random
 import signal
@@ -54,12 +55,15 @@ if hasattr(signal, 'SIGHUP'):  # not on Windows
 
 
 @pytest.fixture(autouse=True)
-def _signal_handlers() -> Iterator[None]:
-    """Undo what a command does in this process: at its end it ignores the signals that end it."""
+def _undone() -> Iterator[None]:
+    """Undo what a command does in this process, such as to ignore at its end what would end it."""
     names = ('SIGINT', 'SIGTERM', 'SIGHUP')  # the last one not on Windows
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
+    interval = sys.getswitchinterval()
     yield
+    sys.setswitchinterval(interval)
+    gc.unfreeze()
     for number, handler in before.items():
         signal.signal(number, handler)
 

@@ -105,13 +105,14 @@ def test_a_parameter_refuses_what_python_does(
     node.destroy_node()
 
 
+@pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('name', ['reference', 'disturbance_file'])
 def test_a_file_that_is_none_is_refused_by_all(name: str) -> None:
     with pytest.raises(UserError) as refusal:
         simulate(**{name.removesuffix('_file'): 'nowhere.csv'})
     words = ['--ros-args', '-p', f'vehicle_simulator:{name}:=nowhere.csv']
     words = ['--reference', 'nowhere.csv'] if name == 'reference' else words
-    assert str(refusal.value) in refused('acc', '--no-bag', '--engine', 'local', *words)
+    assert str(refusal.value) in refused('acc', '--no-bag', *words)
 
 
 @pytest.mark.parametrize('name', LIMITS)
@@ -134,8 +135,9 @@ def test_a_number_may_be_numpys_and_a_record_is_checked_again() -> None:
         simulate(vehicle=Vehicle()._replace(mass=-1.0))
 
 
+@pytest.mark.usefixtures('ros_domain')
 def test_a_car_that_leaves_its_distance_behind_is_refused() -> None:
     with pytest.raises(UserError, match='speed_reference -5 leads away') as refusal:
         simulate(speed_reference=-5.0)
-    assert str(refusal.value) in refused('acc', '--speed', '-5', '--engine', 'local', '--no-bag')
+    assert str(refusal.value) in refused('acc', '--speed', '-5', '--no-bag')
     assert simulate(speed_reference=-5.0, distance=0.0, max_duration=2.0).speed[-1] < -4.0

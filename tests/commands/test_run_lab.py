@@ -14,7 +14,7 @@ from student_code import WORKS
 
 pytest.importorskip('rclpy')
 
-from command_line import barc
+from command_line import barc, printed
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.recovery import recover
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     Start = Callable[..., subprocess.Popen[str]]
 
 MAX = ('--realtime-factor', 'max')
-pytestmark = pytest.mark.usefixtures('ros_domain')
+pytestmark = pytest.mark.usefixtures('ros_domain', 'here')
 
 PID = """
 class PID:
@@ -44,14 +44,14 @@ class PID:
 
 
 @pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
 def start(start: Start) -> Start:
     """Return a function that starts a run, which is gone after the test."""
     return partial(start, '-m', 'barc_sim.run')
-
-
-def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
-    out, err = process.communicate(timeout=60)
-    return process.returncode, out, err
 
 
 def lab(folder: Path, **files: str) -> Path:
@@ -62,33 +62,32 @@ def lab(folder: Path, **files: str) -> Path:
 
 
 def test_gains_go_to_the_users_class_and_its_files_with_their_hashes_to_the_bag(
-    start: Start, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     text = "print('loaded')\nimport gain\n" + PID.format(line='print(1)')
     folder = lab(tmp_path / 'lab', controller=text, gain='')
     words = ('-q', *MAX, '--distance', '1', '--kp', '0.5', '--lab', 'lab')
-    code, out, _ = finish(start('acc', *words))
+    done = barc('acc', *words)
     path = bag.newest(tmp_path / 'bags')
     # Quiet, it prints nothing of theirs.
-    assert (code, out) == (0, f'{path.relative_to(tmp_path)}\n')
+    assert (done.returncode, done.stdout) == (0, f'{path.relative_to(tmp_path)}\n')
     log = bag.read(path)
     assert np.array_equal(log.motor, 0.5 * (8.0 - log.v_x))
     assert np.isnan(log.proportional).all()
     attached = bag.load(path).attachments
-    printed = json.loads(bag.info(path)['student_code'])
-    assert printed['files'] == {'controller': 'controller.py'}
+    described = json.loads(bag.info(path)['student_code'])
+    assert described['files'] == {'controller': 'controller.py'}
     assert attached.keys() == {'student/controller.py', 'student/gain.py'}
-    for name, digest in printed['sha256'].items():
+    for name, digest in described['sha256'].items():
         data = (folder / name).read_bytes()
         assert attached[f'student/{name}'] == data
         assert digest == hashlib.sha256(data).hexdigest()
 
 
-def test_the_labs_published_law_drives_as_published(start: Start, tmp_path: Path) -> None:
+def test_the_labs_published_law_drives_as_published(tmp_path: Path) -> None:
     work = WORKS['the published law']
     lab(tmp_path / 'lab', bike_model=work.model, controller=work.controller)
-    code, out, err = finish(start('acc', *MAX, '--lab', 'lab'))
-    assert code == 0, err
+    out = printed('acc', *MAX, '--lab', 'lab')
     assert 'tolerated   bike_model.py: tabs and blanks are mixed' in out
     assert 'kp 10, ki 0.5, kd 0.4 (controller.py, line ' in out
     assert ', without a limit' in out
@@ -134,7 +133,6 @@ def test_the_labs_published_law_drives_as_published(start: Start, tmp_path: Path
     ids=['controller', 'loop without end', 'model', 'relay'],
 )
 def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
-    start: Start,
     tmp_path: Path,
     command: str,
     name: str,
@@ -144,11 +142,11 @@ def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
 ) -> None:
     lab(tmp_path / 'lab', **{name: text})
     lock_step = MAX if states else ()
-    code, out, err = finish(start(*command.split(), '-q', *lock_step, '--lab', 'lab'))
+    done = barc(*command.split(), '-q', *lock_step, '--lab', 'lab')
     path = bag.newest(tmp_path / 'bags')
-    assert (code, out) == (1, f'{path.relative_to(tmp_path)}\n')
-    assert f'barc {command.split(maxsplit=1)[0]}: error: {sentence}' in err
-    assert 'Traceback' not in err
+    assert (done.returncode, done.stdout) == (1, f'{path.relative_to(tmp_path)}\n')
+    assert f'barc {command.split(maxsplit=1)[0]}: error: {sentence}' in done.stderr
+    assert 'Traceback' not in done.stderr
     information = bag.info(path)
     assert information['failure'].startswith(sentence)
     assert f'student/{name}.py' in bag.load(path).attachments
@@ -168,13 +166,10 @@ def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
         ('--relay broken/controller.py', '--relay'),
     ],
 )
-def test_files_that_cannot_be_used_leave_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: str, words: str
-) -> None:
+def test_files_that_cannot_be_used_leave_nothing(tmp_path: Path, options: str, words: str) -> None:
     lab(tmp_path / 'broken', controller='def (')
     lab(tmp_path / 'rospy', controller='import rospy\n')
     lab(tmp_path / 'empty')
-    monkeypatch.chdir(tmp_path)
     done = barc('acc', '-q', *options.split())
     assert (done.returncode, done.stdout) == (2, '')
     assert words in done.stderr
@@ -207,9 +202,9 @@ def test_a_relay_drives(start: Start, tmp_path: Path) -> None:
         if ' m/s ' in line and 'speed   0.00' not in line:
             break
     process.send_signal(signal.SIGINT)
-    code, _, _ = finish(process)
+    process.communicate(timeout=60)
     log = bag.read(bag.newest(tmp_path / 'bags'))
-    assert code == 0
+    assert process.returncode == 0
     assert {2.5, 0.25} <= {*log.motor.tolist(), *log.servo.tolist()}
 
 
@@ -218,7 +213,5 @@ def test_gains_of_either_sign_drive_as_in_check(tmp_path: Path) -> None:
     text = PID.format(line='').replace(right, reversed_)
     folder = lab(tmp_path / 'lab', controller=f'{text}\n\npid = PID(-3, 0, 0)\n')
 
-    done = barc('acc', *MAX, '--no-bag', '--engine', 'local', '--lab', str(folder))
-
-    assert (done.returncode, done.stderr) == (0, '')
-    assert 'controller  kp -3, ki 0, kd 0 (controller.py, line ' in done.stdout
+    out = printed('acc', *MAX, '--no-bag', '--lab', str(folder))
+    assert 'controller  kp -3, ki 0, kd 0 (controller.py, line ' in out

@@ -171,7 +171,7 @@ def recorded(path: Path) -> tuple[list[int], list[int]]:
 
 @pytest.mark.usefixtures('ros_domain')
 def test_own_nodes_do_the_same_with_simulated_time(tmp_path: Path) -> None:
-    options = ('--realtime-factor', 'max', '--mirrors', 'all')
+    options = ('--realtime-factor', 'max', '--mirrors', 'all', '--distance', '20')
     path = bag_of(tmp_path, *options, '--ros-args', '-p', 'use_sim_time:=true')
-    assert np.array_equal(bag.read(path).v_x, closed_loop().v_x)
+    assert np.array_equal(bag.read(path).v_x, closed_loop(distance=20.0).v_x)
     assert bag.info(path)['lost_messages'] == '0'

@@ -128,8 +128,8 @@ def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: flo
 
 
 def test_reset_of_a_relay_is_listed_only_where_there_is_a_relay(world: World) -> None:
-    simulator = world.simulator(realtime_factor=LOCK_STEP, distance=1.0)
-    world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.driver(partial(command, 1.0))
     world.until(lambda: bool(world.states))
 
     def services() -> set[str]:
@@ -338,6 +338,22 @@ def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None
     assert len(calls) == 1
     assert world.states[calls[0]].x == 0.0
     assert world.states[calls[0] - 1].x > 0.0
+
+
+def test_road_file_that_is_gone_does_not_matter_at_a_reset(world: World, tmp_path: Path) -> None:
+    road = tmp_path / 'hills.csv'
+    road.write_text('start_m,grade_deg\n0,5\n3,-5\n')
+    world.driver(partial(command, 8.0))
+    environments = world.received(Environment, 'environment')
+    world.simulator(realtime_factor=LOCK_STEP, road=str(road))
+    world.until(lambda: bool(world.states) and world.states[-1].x > 3.5)
+    road.unlink()
+    before = len(world.states)
+    reset(world)
+    world.until(lambda: any(state.x == 0.0 for state in world.states[before:]))
+    environments.clear()
+    world.until(lambda: world.states[-1].x > 3.5)
+    assert {round(each.theta) for each in environments} == {5, -5}
 
 
 def test_reset_says_that_the_car_is_not_back_yet(world: World) -> None:

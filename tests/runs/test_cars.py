@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import bag_of, call
+from command_line import bag_of, printed
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader as bag
@@ -58,9 +58,6 @@ def test_a_car_of_the_bag_must_be_named(path: Path) -> None:
 
 @pytest.mark.usefixtures('ros_domain')
 def test_a_line_is_printed_for_each_car() -> None:
-    done = call('acc', '--cars', '2', '--realtime-factor', 'max', '--no-bag')
-    assert done.returncode == 0, done.stderr
-    lines = re.findall(
-        r'^(car\d) +([\d.]+) +([\d.]+) +[\d.]+% +[\d.]+ +(\d+)$', done.stdout, re.MULTILINE
-    )
+    out = printed('acc', '--cars', '2', '--realtime-factor', 'max', '--no-bag')
+    lines = re.findall(r'^(car\d) +([\d.]+) +([\d.]+) +[\d.]+% +[\d.]+ +(\d+)$', out, re.MULTILINE)
     assert lines == [('car1', '0.0207', '0.1263', '0'), ('car2', '0.0207', '0.1263', '0')]

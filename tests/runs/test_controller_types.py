@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import barc, call
+from command_line import barc
 
 from barc_sim.bags import reader
 
@@ -24,7 +24,7 @@ def bag(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:  
     """Return the bag of a run with an LQR."""
     folder = tmp_path_factory.mktemp('run')
     gain = ('--gain', 'speed_weight=100', '--gain', 'observer_gain=1')
-    done = call(*OPTIONS, '--controller-type', 'lqr', *gain, '--bag-dir', str(folder))
+    done = barc(*OPTIONS, '--controller-type', 'lqr', *gain, '--bag-dir', str(folder))
     assert (done.returncode, done.stderr) == (0, '')
     return reader.newest(folder)
 
@@ -55,8 +55,7 @@ def test_commands_take_the_bag(bag: Path, command: str) -> None:
 def test_what_the_controller_does_not_have_is_refused(
     tmp_path: Path, options: tuple[str, ...], message: str
 ) -> None:
-    run = call if '--ros-args' in options else barc  # others are refused before ROS starts
-    done = run('acc', '-q', '--bag-dir', str(tmp_path / 'bags'), *options)
+    done = barc('acc', '-q', '--bag-dir', str(tmp_path / 'bags'), *options)
     assert done.returncode == 2
     assert message in done.stderr
     assert not (tmp_path / 'bags').exists()

@@ -6,6 +6,7 @@ import re
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 import yaml
 from command_line import barc
 
@@ -23,7 +24,7 @@ ROW = re.compile(r' +(\d+)  +0\.0 to +(\d+\.\d) m +0\.\d+ +0\.\d+ +0\.3% +1\.00 
 
 def drive(folder: Path, *options: str) -> tuple[str, Path]:
     """Drive in lock-step; return what the run prints, and its bag."""
-    words = ('--engine', 'local', '--realtime-factor', 'max', '--distance', '30')
+    words = ('--realtime-factor', 'max', '--distance', '30')
     done = barc('acc', *words, '--bag-dir', str(folder), *options)
     assert done.returncode == 0, done.stderr
     return done.stdout, next(folder.iterdir())
@@ -36,6 +37,7 @@ def lap_of(log: Log, number: int) -> dict[str, np.ndarray]:  # type: ignore[type
     return {name: values for name, values in columns.items() if name != 't'}
 
 
+@pytest.mark.usefixtures('ros_domain')
 def test_each_lap_is_the_run_of_one_lap_to_the_last_bit(tmp_path: Path) -> None:
     _, single = drive(tmp_path / 'single')
     out, several = drive(tmp_path / 'several', '--laps', '2')
@@ -56,7 +58,8 @@ def test_each_lap_is_the_run_of_one_lap_to_the_last_bit(tmp_path: Path) -> None:
     assert 'lap 2, 0.0 to 30.2 m' in (tmp_path / 'report.html').read_text()
 
 
+@pytest.mark.usefixtures('ros_domain')
 def test_laps_without_a_distance_are_refused() -> None:
-    done = barc('acc', '--laps', '3', '--distance', '0', '--no-bag', '--engine', 'local')
+    done = barc('acc', '--laps', '3', '--distance', '0', '--no-bag')
     assert done.returncode == 2
     assert 'laps 3 with distance 0, at which no lap ends' in done.stderr

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +27,7 @@ pytestmark = pytest.mark.usefixtures('ros_domain')
 
 @pytest.mark.parametrize('engine', ['ros', 'local'])
 def test_every_state_is_mirrored_and_the_run_is_the_same(engine: str, tmp_path: Path) -> None:
-    options = ('--realtime-factor', 'max', '--distance', '30', '--mirrors', 'all')
+    options = ('--realtime-factor', 'max', '--distance', '10', '--mirrors', 'all')
     path = bag_of(tmp_path, *options, '--engine', engine)
     found = messages(path)
     assert set(found) > EACH_STATE | (NOW_AND_THEN - {'/diagnostics'})
@@ -38,7 +39,7 @@ def test_every_state_is_mirrored_and_the_run_is_the_same(engine: str, tmp_path: 
             (each.header.frame_id, each.child_frame_id) for each in found['/tf'][0].transforms
         ]
         assert frames == [('map', 'odom'), ('odom', 'base_link')]
-    assert np.array_equal(bag.read(path).v_x, closed_loop(distance=30.0).v_x)
+    assert np.array_equal(bag.read(path).v_x, closed_loop(distance=10.0).v_x)
     assert bag.info(path)['lost_messages'] == '0'
 
 
@@ -71,8 +72,12 @@ def test_port_that_foxglove_cannot_have_ends_the_run_before_it_begins(
     assert not (tmp_path / 'bags').exists()
 
 
-def test_sdk_that_is_missing_ends_the_run_before_it_begins(tmp_path: Path) -> None:
-    done = acc(tmp_path, '--foxglove', script="sys.modules['foxglove'] = None")
+def test_sdk_that_is_missing_ends_the_run_before_it_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, 'foxglove', None)
+    monkeypatch.delitem(sys.modules, 'barc_sim.nodes.foxglove', raising=False)
+    done = acc(tmp_path, '--foxglove')
     assert (done.returncode, done.stdout) == (2, '')
     assert 'the Foxglove SDK is not installed in this Python' in done.stderr.splitlines()[-1]
     assert not (tmp_path / 'bags').exists()
