@@ -37,7 +37,15 @@ COLOURS = {
     'ink': Colour('#222222', '#E8ECF1'),
 }
 #: Names in `COLOURS` by the column of a log.
-QUANTITIES = {'speed': 'blue', 'v_x': 'sky', 'reference': 'ink', 'motor': 'green'}
+QUANTITIES = {
+    'speed': 'blue',
+    'v_x': 'sky',
+    'reference': 'ink',
+    'motor': 'green',
+    'e_y': 'blue',
+    'e_psi': 'blue',
+    'servo': 'green',
+}
 #: Of a controller's terms, in the order in which it declares them; and their dashes.
 TERMS = ('vermillion', 'purple', 'orange', 'brown')
 TERM_DASHES = ((0.0, (8.0, 2.0)), (0.0, (2.0, 2.0)), (0.0, (8.0, 2.0, 2.0, 2.0)), (0.0, (4.0, 2.0)))

@@ -53,6 +53,7 @@ class Course(NamedTuple):
     x: Floats  #: [m]
     y: Floats  #: [m]
     psi: Floats  #: [rad] its heading
+    curvature: Floats  #: [1/m] from there on, positive to the left
     length: float  #: [m] of a lap; inf where the track is open, or was not driven to its end
     width: float  #: [m]
 
@@ -60,12 +61,13 @@ class Course(NamedTuple):
     def of(cls, track: Track) -> Course:
         """Return the points of a track."""
         s = np.linspace(0.0, track.length, round(track.length / _SPACING) + 1)
-        i, _ = track.segment(track.length - 1e-9)
-        ends = np.array(track.starts[: i + 2])
-        s = np.union1d(s, ends)
-        place = track.place(np.minimum(s, track.length - 1e-9))
-        x, y, psi = (np.asarray(each, np.float64) for each in place)
-        return cls(s, x, y, psi, track.length if track.is_closed else np.inf, track.width)
+        s = np.union1d(s[:-1], track.starts[:-1])
+        x, y, psi = (np.asarray(each, np.float64) for each in track.place(s))
+        curvature = np.array([track.curvature(each) for each in s.tolist()])
+        if not track.is_closed:
+            return cls(s, x, y, psi, curvature, np.inf, track.width)
+        s, x, y, psi, curvature = _closed(track.length, s, x, y, psi, curvature)
+        return cls(s, x, y, psi, curvature, track.length, track.width)
 
     @classmethod
     def driven(cls, log: TrackLog, width: float = WIDTH) -> Course:
@@ -81,16 +83,23 @@ class Course(NamedTuple):
             x[rows] + log.e_y[rows] * np.sin(psi[rows]),
             y[rows] - log.e_y[rows] * np.cos(psi[rows]),
             psi[rows],
+            log.curvature[rows],
         ]
         if np.isfinite(length) and len(rows):
-            points = [np.append(each, each[0]) for each in points]
-            points[0][-1] = length
-        s, x, y, psi = points
-        return cls(s, x, y, psi, length, width)
+            points = _closed(length, *points)
+        s, x, y, psi, curvature = points
+        return cls(s, x, y, psi, curvature, length, width)
 
     def beside(self, e_y: float) -> tuple[Floats, Floats]:
         """Return the line so far to the left of the centre line [m]."""
         return self.x - e_y * np.sin(self.psi), self.y + e_y * np.cos(self.psi)
+
+
+def _closed(length: float, *points: Floats) -> list[Floats]:
+    """Return points of a lap, the first of them once more at its end."""
+    s, *others = (np.append(each, each[0]) for each in points)
+    s[-1] = length
+    return [s, *others]
 
 
 def true_pose(log: Log) -> tuple[Floats, Floats, Floats]:

@@ -9,7 +9,16 @@ from math import isfinite, nan
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from barc_interfaces.msg import ECU, ControllerState, Environment, EZDynBkMdl, PidState, ZDynBkMdl
+from barc_interfaces.msg import (
+    ECU,
+    ControllerState,
+    Environment,
+    EZDynBkMdl,
+    LaneState,
+    PidState,
+    TrackState,
+    ZDynBkMdl,
+)
 from geometry_msgs.msg import Twist
 from rcl_interfaces.msg import ParameterEvent, ParameterType
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -21,7 +30,7 @@ from std_srvs.srv import SetBool, Trigger
 from barc_sim.bags import names
 from barc_sim.cli.parser import MAX_PORT
 from barc_sim.errors import UserError
-from barc_sim.page.feed import FIELDS, STATE_FIELDS, Feed, controller_values, is_valid
+from barc_sim.page.feed import FIELDS, STATE_FIELDS, Feed, is_valid, values_of
 from barc_sim.page.protocol import CONTROLLER, SIMULATOR, TUNABLE, Drive, Status
 from barc_sim.page.run_page import RunPage
 from barc_sim.ros.node_helpers import declare, to_nanoseconds
@@ -42,8 +51,9 @@ _TYPES = {
     names.ECU: ECU,
     names.PID_STATE: PidState,
     names.CONTROLLER_STATE: ControllerState,
+    names.TRACK_STATE: TrackState,
+    names.LANE_STATE: LaneState,
 }
-_OF_CONTROLLER = (names.PID_STATE, names.CONTROLLER_STATE)
 _STATE_VALUES: Callable[[Any], tuple[float, ...]] = attrgetter(*STATE_FIELDS)
 _VALUES: dict[str, Callable[[Any], tuple[float, ...]]] = {
     topic: attrgetter(*fields) for topic, fields in FIELDS.items()
@@ -202,11 +212,11 @@ class StateFeed(Feed):
     def _others(self) -> dict[str, list[Sample]]:
         others: dict[str, list[Sample]] = {topic: [] for topic in FIELDS}
         for topic, arrived in self._arrived.items():
-            of_controller = topic in _OF_CONTROLLER
-            samples = others[names.PID_STATE if of_controller else topic]
+            samples = others[names.PID_STATE if topic == names.CONTROLLER_STATE else topic]
+            read = _READERS.get(topic)
             for message in _drained(arrived):
-                values = _controller_values(message) if of_controller else _VALUES[topic](message)
-                if of_controller or is_valid(values):
+                values = read(message) if read else _VALUES[topic](message)
+                if read or is_valid(values):
                     samples.append((to_nanoseconds(message.header.stamp), values))
         return others
 
@@ -221,7 +231,19 @@ def _controller_values(message: PidState | ControllerState) -> tuple[float, ...]
     terms: dict[str, float] = {}
     if isinstance(message, ControllerState):
         terms = dict(zip(message.names, message.values, strict=False))
-    return controller_values(lambda name: terms.get(name, getattr(message, name, nan)))
+    return values_of(names.PID_STATE, lambda name: terms.get(name, getattr(message, name, nan)))
+
+
+def _lane_values(message: LaneState) -> tuple[float, ...]:
+    return values_of(names.LANE_STATE, partial(getattr, message))
+
+
+#: Of the topics whose values may be NaN.
+_READERS: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    names.PID_STATE: _controller_values,
+    names.CONTROLLER_STATE: _controller_values,
+    names.LANE_STATE: _lane_values,
+}
 
 
 class NodeClients:

@@ -12,9 +12,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.figures.style import use_measurement
+from barc_sim.figures.track_figure import true_pose
 from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
-from barc_sim.simulation.log import ENVIRONMENT, PID_STATE, STATE_ERROR, columns_of
-from barc_sim.simulation.metrics import Laps, laps_of
+from barc_sim.simulation.log import (
+    COMMAND,
+    ENVIRONMENT,
+    PID_STATE,
+    STATE_ERROR,
+    TRACK_STATE,
+    TrackLog,
+    columns_of,
+)
+from barc_sim.simulation.metrics import Laps, TrackLaps, laps_of, track_laps_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,6 +43,8 @@ FIELDS[PID_STATE] |= dict.fromkeys(OTHER_TERMS, nan)
 STATE_FIELDS = ('x', 'y', 'psi', 'v_x', 'v_y')
 _REFERENCE = [*FIELDS[PID_STATE]].index('reference')
 _THETA = [*FIELDS[ENVIRONMENT]].index('theta')
+_SERVO = [*FIELDS[COMMAND]].index('servo')
+_ON_TRACK = [[*FIELDS[TRACK_STATE]].index(name) for name in ('lap', 'lap_time', 'e_y')]
 _ROW = struct.Struct(f'<{len(COLUMNS)}d')
 _HISTORY = 3000  #: rows that are sent to a page when it opens: a minute
 _WAITING = 100  #: samples per topic that wait for their state
@@ -55,6 +66,7 @@ class Feed(ABC):
         """Begin without states."""
         self.seen = 0  #: number of states taken
         self.laps = Laps()  #: those of the run so far
+        self.track_laps = TrackLaps()
         self._first: int | None = None  # stamp [ns] at which the time of the rows begins
         self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
         self._waiting: dict[str, deque[Sample]] = {
@@ -111,6 +123,10 @@ class Feed(ABC):
         reference = self._latest[PID_STATE][_REFERENCE]
         theta_deg = self._latest[ENVIRONMENT][_THETA]
         lap = self.laps.add(t, distance, across, speed, reference, theta_deg)
+        if self.is_on_track:
+            past, lap_time, e_y = (self._latest[TRACK_STATE][i] for i in _ON_TRACK)
+            servo = self._latest[COMMAND][_SERVO]
+            lap = self.track_laps.add(t, past, lap_time, e_y, servo)
         return _ROW.pack(
             t,
             distance,
@@ -122,6 +138,11 @@ class Feed(ABC):
             lap,
             *(value for topic in TOPICS for value in self._latest[topic]),
         )
+
+    @property
+    def is_on_track(self) -> bool:
+        """Whether a place on a track has come."""
+        return self._latest[TRACK_STATE][0] == self._latest[TRACK_STATE][0]
 
     def history(self) -> bytes:
         """Return the rows of the last minute."""
@@ -153,29 +174,33 @@ def is_valid(values: tuple[float, ...]) -> bool:
     return all(abs(value) <= _MAX_VALUE for value in values)  # False for NaN
 
 
-def controller_values(value_of: Callable[[str], float]) -> tuple[float, ...]:
-    """Return the values of `FIELDS['pid_state']`, NaN for those that are unknown or invalid.
+def values_of(topic: str, value_of: Callable[[str], float]) -> tuple[float, ...]:
+    """Return the values of a topic's `FIELDS`, NaN for those that are unknown or invalid.
 
     `value_of` returns a value by name, NaN where it is unknown.
     """
-    values = map(value_of, FIELDS[PID_STATE])
+    values = map(value_of, FIELDS[topic])
     return tuple(value if abs(value) <= _MAX_VALUE else nan for value in values)
 
 
 def rows_of(log: Log) -> bytes:
     """Return a whole run's rows."""
     completed = use_measurement(log)
-    heading = completed.psi - completed.e_epsi
+    x, y, heading = true_pose(completed)
     columns = completed.columns() | {
         't': completed.t,
-        'x': completed.distance,
-        'y': completed.y - (completed.e_s * np.sin(heading) + completed.e_ey * np.cos(heading)),
+        'x': x,
+        'y': y,
         'psi': heading,
         'speed': completed.speed,
         'measured_speed': completed.v_x,
         'absolute_speed': np.hypot(completed.speed, completed.v_y - completed.e_v_y),
-        'lap': np.array(laps_of(completed)[1], dtype=float),
     }
+    if isinstance(completed, TrackLog):
+        columns['track_lap'] = completed.lap
+        columns['lap'] = np.array(track_laps_of(completed)[1], dtype=float)
+    else:
+        columns['lap'] = np.array(laps_of(completed)[1], dtype=float)
     absent = np.full(len(log), nan)
     rows = [columns.get(name, absent) for name in columns_in(log)]
     return np.column_stack(rows).astype('<f8').tobytes()

@@ -7,43 +7,56 @@ States go to the page in binary messages: rows of little-endian float64, one val
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import asdict
+from functools import cache
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from barc_sim.control.controller import Gain
+from barc_sim.control.cruise_control import LANE
+from barc_sim.control.lane import LANE_TYPES, LaneLaw
 from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TERMS, TYPES
 from barc_sim.errors import UserError
 from barc_sim.figures.style import FORCES, QUANTITIES, term_colours
-from barc_sim.simulation.log import COMMAND, ENVIRONMENT, PID_STATE, columns_of
+from barc_sim.figures.track_figure import Course, lap_rows
+from barc_sim.simulation.log import (
+    COMMAND,
+    ENVIRONMENT,
+    LANE_STATE,
+    PID_STATE,
+    TRACK_STATE,
+    columns_of,
+)
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from barc_sim.control.controller import Controller
     from barc_sim.simulation.log import Log
-    from barc_sim.simulation.metrics import Lap, Laps
+    from barc_sim.simulation.metrics import Lap, Laps, TrackLap, TrackLaps
 
 #: The topics whose columns a row has as they are.
-TOPICS = (ENVIRONMENT, COMMAND, PID_STATE)
+TOPICS = (ENVIRONMENT, COMMAND, TRACK_STATE, LANE_STATE, PID_STATE)
 #: The terms of controllers other than the PID.
 OTHER_TERMS = tuple(name for name in TERMS if name not in PID.terms)
 #: A row's values: the true state, where the measurement's error is known, then columns of the log.
 COLUMNS = (
     't',  # [s] since the first state
-    'x',  # [m] along the road's surface
+    'x',  # [m] along the road's surface; on a track, on the map
     'y',  # [m] to the left
     'psi',  # [rad] heading
     'speed',  # [m/s] along the vehicle
     'measured_speed',  # [m/s]
     'absolute_speed',  # [m/s] along and across the vehicle
-    'lap',  # number of the lap: each reset and each return to the start begins one
-    *(name for topic in TOPICS for name in columns_of(topic).values()),
+    'lap',  # number of the lap: each reset, return to the start and finish line begins one
+    *(name if name != 'lap' else 'track_lap' for t in TOPICS for name in columns_of(t).values()),
     *OTHER_TERMS,
 )
 #: The sliders that every controller has beside its gains.
@@ -60,9 +73,11 @@ CAR = {
 CONTROLLER, SIMULATOR = 'controller', 'vehicle_simulator'
 #: The parameters that the page may set, and the node of each.
 TUNABLE = dict.fromkeys((*GAINS, *OTHERS), CONTROLLER) | dict.fromkeys(CAR, SIMULATOR)
+_LANE_GAINS = {name for law in LANE_TYPES.values() for name in law.gains}
+TUNABLE |= {LANE + name: CONTROLLER for name in _LANE_GAINS}
 _OF_RUN = ('road', 'distance', 'laps')
 #: Parameters of `vehicle_simulator` that the page shows.
-OF_SIMULATOR = ('l_f', 'l_r', 'mass', *_OF_RUN, *CAR)
+OF_SIMULATOR = ('l_f', 'l_r', 'mass', 'track', *_OF_RUN, *CAR)
 #: Short names of the sliders, where they differ from the parameter's.
 _SHORT = {
     'speed_reference': 'speed',
@@ -192,14 +207,24 @@ def facts(
     controller: Mapping[str, Any],
     kind: type[Controller] = PID,
     road: Road | None = None,
+    lane: str = '',
 ) -> dict[str, Any]:
     """Return the fields of the greeting; unknown parameters are left out.
 
     `kind` declares the controller's gains, a slider each, and the terms to draw. `road` replaces
-    the one that the simulator's parameter names.
+    the one that the simulator's parameter names. On a track `lane`, the type of the lane
+    controller, declares the sliders.
     """
     sliders = {**kind.gains, **OTHERS, **CAR}
     values = {**simulator, **controller}
+    of_track = _track(simulator.get('track'))
+    if of_track:
+        law = LANE_TYPES.get(lane)
+        gains = {LANE + name: gain for name, gain in law.gains.items()} if law else {}
+        sliders = gains | {'speed_reference': OTHERS['speed_reference']}
+    run = {name: simulator[name] for name in _OF_RUN if name in simulator}
+    if of_track:
+        run = {'track': simulator['track'], 'lane': lane, 'laps': run.get('laps', 1)}
     return {
         'mode': mode,
         'columns': COLUMNS,
@@ -212,7 +237,7 @@ def facts(
         'sliders': {
             name: {
                 'label': _label(name, gain),
-                'short': _SHORT.get(name, name.replace('_', ' ')),
+                'short': _SHORT.get(name, name.removeprefix(LANE).replace('_', ' ')),
                 'unit': '' if gain.unit == '-' else gain.unit,
                 'max': gain.slider,
                 'node': TUNABLE[name],
@@ -225,8 +250,35 @@ def facts(
             (name for name, type_ in TYPES.items() if type_ is kind), DEFAULT_TYPE
         ),
         'tuning': {name: values[name] for name in sliders if name in values},
-        'run': {name: simulator[name] for name in _OF_RUN if name in simulator},
+        'run': run,
+        **(track_facts(of_track) if of_track else {}),
     }
+
+
+@cache
+def _track(name: str | None) -> Course | None:
+    """Return the centre line of a track; None where there is none."""
+    with suppress(UserError):  # a file that the simulator's process sees, and this one doesn't
+        return Course.of(Track.named(name)) if name else None
+    return None
+
+
+def track_facts(course: Course) -> dict[str, Any]:
+    """Return the fields that turn the page into that of a track, with its centre line."""
+    terms = {f'steer_{name}': name for name in LaneLaw.terms}
+    points = {
+        name: [round(each, 6) for each in getattr(course, name).tolist()] for name in _OF_POINTS
+    }
+    return {
+        'mode': 'track',
+        'track': {**points, 'length': min(course.length, points['s'][-1]), 'width': course.width},
+        'terms': [*terms],
+        'colours': QUANTITIES | term_colours((*terms,)),
+        'presets': {},
+    }
+
+
+_OF_POINTS = ('s', 'x', 'y', 'psi', 'curvature')  #: of a track's centre line, for the page
 
 
 def _presets(kind: type[Controller]) -> dict[str, dict[str, float]]:
@@ -239,7 +291,8 @@ def _presets(kind: type[Controller]) -> dict[str, dict[str, float]]:
 def _label(name: str, gain: Gain) -> str:
     """Return a slider's label, as in `Proportional gain, kp [1/s]`."""
     unit = '' if gain.unit == '-' else f' [{gain.unit}]'
-    symbol = f', {name}' if name in GAINS else ''
+    name = name.removeprefix(LANE)
+    symbol = f', {name}' if name in GAINS or name in _LANE_GAINS else ''
     return f'{gain.meaning.capitalize()}{symbol}{unit}'
 
 
@@ -287,6 +340,28 @@ def lap_facts(laps: Laps, gains: Mapping[int, Sequence[str]] | None = None) -> d
             name: lap and {**_lap(lap), 'gains': ' → '.join((gains or {}).get(lap.number, ())[-2:])}
             for name, lap in laps_shown.items()
         },
+    }
+
+
+def track_lap_facts(
+    laps: TrackLaps, gains: Mapping[int, Sequence[str]] | None = None
+) -> dict[str, Any]:
+    """Return the same of the laps of a track, and those of a table."""
+
+    def fields(lap: TrackLap | None) -> dict[str, Any] | None:
+        return lap and {
+            **_finite(lap._asdict()),
+            'time': lap.time if lap.is_finished else None,
+            'gains': ' → '.join((gains or {}).get(lap.number, ())[-2:]),
+        }
+
+    last = laps.finished[-1] if laps.finished else None
+    return {
+        'count': len(laps.finished),
+        'current': fields(laps.current),
+        'last': fields(last),
+        'best': fields(laps.best),
+        'table': [fields(lap) for lap in lap_rows(laps)],
     }
 
 

@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from barc_sim.figures.style import QUANTITIES, motor_limit, term_colours
+from barc_sim.figures.track_figure import Course
 from barc_sim.page.feed import columns_in, rows_of
-from barc_sim.page.protocol import driven_road, encode, facts, lap_facts, road_facts
+from barc_sim.page.protocol import (
+    driven_road,
+    encode,
+    facts,
+    lap_facts,
+    road_facts,
+    track_facts,
+    track_lap_facts,
+)
 from barc_sim.page.server import Host, ViewServer, open_page
-from barc_sim.simulation.metrics import laps_of
+from barc_sim.simulation.log import TrackLog
+from barc_sim.simulation.metrics import laps_of, track_laps_of
 
 if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
@@ -35,9 +45,10 @@ class Replay(Host):
                 'columns': columns_in(log),
                 'terms': list(log.terms),
                 'colours': QUANTITIES | term_colours((*log.terms,)),
+                **(track_facts(Course.driven(log)) if isinstance(log, TrackLog) else {}),
             },
             replay={'title': title, 'missed': int(np.count_nonzero(log.missed))},
-            laps=lap_facts(laps_of(log)[0]),
+            laps=_laps(log),
         )
         self._messages: list[str | bytes] = [hello, rows_of(log)]
         if other:
@@ -50,8 +61,13 @@ class Replay(Host):
 
 def other_run(log: Log, title: str) -> list[str | bytes]:
     """Return the messages that show a second run beside the first."""
-    laps = lap_facts(laps_of(log)[0])
-    return [encode('other', title=title, columns=columns_in(log), laps=laps), rows_of(log)]
+    return [encode('other', title=title, columns=columns_in(log), laps=_laps(log)), rows_of(log)]
+
+
+def _laps(log: Log) -> dict[str, Any]:
+    if isinstance(log, TrackLog):
+        return track_lap_facts(track_laps_of(log)[0])
+    return lap_facts(laps_of(log)[0])
 
 
 def serve(log: Log, title: str, host: str, port: int, other: tuple[Log, str] | None = None) -> None:

@@ -7,6 +7,8 @@ from functools import partial
 from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol
 
+from barc_sim.control.cruise_control import LANE
+from barc_sim.control.lane import LANE_TYPES
 from barc_sim.control.pid import PID
 from barc_sim.control.types import TYPES
 from barc_sim.page.protocol import (
@@ -24,6 +26,7 @@ from barc_sim.page.protocol import (
     facts,
     lap_facts,
     stretch_facts,
+    track_lap_facts,
 )
 from barc_sim.page.server import Host, ViewServer
 
@@ -176,6 +179,7 @@ class RunPage(Host):
         self._arbiter = DriverArbiter()
         self._parameters: dict[str, dict[str, Any]] = {SIMULATOR: {}, CONTROLLER: {}}  # by node
         self._kind: type[Controller] | None = None  # of the controller, None until it is received
+        self._lane: str | None = None  # on a track, the type of the lane controller; likewise
         self._retry_at: dict[str, float] = {}
         self._gains: dict[int, list[str]] = {}  # by lap, one after another
         self._paused = False
@@ -257,7 +261,7 @@ class RunPage(Host):
 
     def _facts(self) -> dict[str, Any]:
         kind, (simulator, controller) = self._kind or PID, self._parameters.values()
-        fields = facts(self._mode, simulator, controller, kind, self._road)
+        fields = facts(self._mode, simulator, controller, kind, self._road, self._lane or '')
         return fields | {'can_finish': self._finish is not None}
 
     def receive(self, page: Page, request: Request) -> None:
@@ -324,12 +328,23 @@ class RunPage(Host):
     def _lap_gains(self) -> dict[int, list[str]]:
         """Return the gains of each lap, with those of the present one now."""
         values = self._parameters[CONTROLLER]
-        names = (self._kind or PID).gains
-        now = ', '.join(f'{name} {values[name]:g}' for name in names if name in values)
-        seen = self._gains.setdefault(self.laps.current.number, [])
+        names = self._lane_gains() if self._lane else [*(self._kind or PID).gains]
+        shown = {name.removeprefix(LANE): values[name] for name in names if name in values}
+        now = ', '.join(f'{name} {value:g}' for name, value in shown.items())
+        laps = self._feed.track_laps if self._feed.is_on_track else self.laps
+        seen = self._gains.setdefault(laps.current.number, [])
         if now and seen[-1:] != [now]:
             seen.append(now)
         return self._gains
+
+    def _lane_gains(self) -> list[str]:
+        law = LANE_TYPES.get(self._lane or '')
+        return [LANE + name for name in law.gains] if law else []
+
+    def _lap_facts(self) -> dict[str, Any]:
+        if self._feed.is_on_track:
+            return track_lap_facts(self._feed.track_laps, self._lap_gains())
+        return lap_facts(self.laps, self._lap_gains())
 
     def _publish(self, now: float) -> None:
         if command := self._arbiter.due(now):
@@ -337,7 +352,7 @@ class RunPage(Host):
 
     def _send_status(self) -> None:
         missed, slipped, paused = self._status() if self.seen else Status()
-        laps = lap_facts(self.laps, self._lap_gains())
+        laps = self._lap_facts()
         factor, driver = self._feed.realtime_factor(), self._arbiter.driver
         for page in self._server.pages:
             page.send(
@@ -359,9 +374,12 @@ class RunPage(Host):
             self._request(SIMULATOR, OF_SIMULATOR, on_values)
         if self._kind is None:
             self._request(CONTROLLER, ('controller_type',), self._on_controller_type)
+        elif self._lane is None and self._parameters[SIMULATOR].get('track'):
+            self._request(CONTROLLER, ('lane_type',), self._on_lane_type)
         elif not self._parameters[CONTROLLER]:
             on_values = partial(self._on_parameters, CONTROLLER)
-            self._request(CONTROLLER, (*self._kind.gains, *OTHERS), on_values)
+            wanted = (*self._kind.gains, *OTHERS, *self._lane_gains())
+            self._request(CONTROLLER, wanted, on_values)
         for node, name, value in self._changes():
             self._on_parameters(node, {name: value})
 
@@ -378,6 +396,13 @@ class RunPage(Host):
     def _on_controller_type(self, values: dict[str, Any]) -> None:
         """Take the declaration of the controller's type; the PID's if it names none."""
         self._kind = TYPES.get(values.get('controller_type', ''), PID)
+        self._retry_at.pop(CONTROLLER, None)
+        self._update_parameters()
+
+    def _on_lane_type(self, values: dict[str, Any]) -> None:
+        """Take the type of the lane controller; a user's own has none."""
+        self._lane = values.get('lane_type', '')
+        self._parameters[CONTROLLER].clear()
         self._retry_at.pop(CONTROLLER, None)
         self._update_parameters()
 
@@ -402,7 +427,7 @@ class RunPage(Host):
             'end',
             reason=reason,
             bag=bag,
-            laps=lap_facts(self.laps, self._lap_gains()),
+            laps=self._lap_facts(),
             stretches=stretch_facts(self.laps.best or self.laps.current),
         )
         self._server.send(self._ended)

@@ -15,6 +15,7 @@ import numpy as np
 
 from barc_sim.cli.parser import ROS_ARGS
 from barc_sim.cli.process import NO_BROWSER
+from barc_sim.control.cruise_control import LANE
 from barc_sim.errors import UserError
 from barc_sim.page.protocol import CAR, OTHERS, SIMULATOR, File, encode
 from barc_sim.page.server import kept_token
@@ -115,6 +116,8 @@ def next_command(argv: list[str], values: Mapping[str, float], port: int) -> lis
             ros_args += ['-p', f'{SIMULATOR}:{name}:={value!r}']
         elif name in OTHERS:
             words += [_OPTIONS[name], f'{value!r}']
+        elif name.startswith(LANE):
+            words += ['--lane-gain', f'{name.removeprefix(LANE)}={value!r}']
         else:
             words += ['--gain', f'{name}={value!r}']
     words += ['--view', 'web', '--view-port', str(port)]

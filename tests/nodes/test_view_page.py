@@ -15,16 +15,20 @@ pytest.importorskip('rclpy')
 from barc_interfaces.msg import ECU, Environment, ZDynBkMdl
 from browser import AXE, CHROMIUM, OVERFLOW, SIZES, wait_until
 from geometry_msgs.msg import Twist
-from node_bench import spinning
+from node_bench import overrides, spinning
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.bags import names
+from barc_sim.control.lane import LaneLQR
 from barc_sim.control.pid import PID
 from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
 from barc_sim.page.protocol import CAR, Status, lap_facts, stretch_facts
 from barc_sim.ros.node_helpers import to_header
+from barc_sim.simulation.closed_loop import lap
+from barc_sim.simulation.metrics import track_laps_of
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step
 from barc_sim.vehicle.road import Road
 
@@ -51,7 +55,7 @@ class Car(Node):
 
     def __init__(self, context: Context, road: str) -> None:
         super().__init__('vehicle_simulator', context=context)
-        car = {'road': road, 'l_f': 1.5, 'l_r': 1.5, 'mass': Vehicle().mass}
+        car = {'road': road, 'track': '', 'l_f': 1.5, 'l_r': 1.5, 'mass': Vehicle().mass}
         for name, value in (car | {'distance': 180.0, 'laps': 0} | dict.fromkeys(CAR, 0.0)).items():
             self.declare_parameter(name, value)
         self._road = Road.named(road)
@@ -538,3 +542,53 @@ def test_every_control_works_by_keyboard_with_a_visible_focus(
         view.page.end('The run has ended.', bag='bags/run 1')
         tab.until("!document.querySelector('#end-card').hidden")
         assert tab.without_keyboard() == []
+
+
+def test_laps_of_a_track_are_those_of_the_log(ros: Context, open_: Open) -> None:
+    driven = {'track': 'circle', 'laps': 3, 'realtime_factor': 20.0}
+    controller = CruiseController(
+        context=ros, parameter_overrides=overrides(track='circle', speed_reference=10.0)
+    )
+    simulator = VehicleSimulator(context=ros, parameter_overrides=overrides(**driven))
+    view = ViewNode(context=ros)
+    with spinning(ros, view, simulator, controller):
+        tab = open_(view.url)
+        tab.until("document.body.dataset.mode === 'track'")
+        tab.run(_COUNT_ANNOUNCED)
+        began = time.monotonic()
+        tab.until("document.querySelectorAll('#track-laps tr').length === 3")
+        tab.until("document.querySelector('#track-laps tr:last-child td').textContent !== '\u2013'")
+        cells = (
+            "Array.from(document.querySelectorAll('#track-laps td'), (c) => Number(c.textContent))"
+        )
+        log = lap(LaneLQR(), 'circle', speed=10.0, laps=3)
+        laps, _ = track_laps_of(log)
+        expected = [
+            value
+            for each in laps.finished
+            for value in (each.time, each.rms, each.maximum, 100.0 * each.at_limit)
+        ]
+        assert tab.run(cells) == pytest.approx(expected, abs=0.006)
+        wait_until(lambda: tab.number('#e-y') == pytest.approx(log.e_y[-1], abs=6e-4))
+        assert tab.number('#e-psi') == pytest.approx(math.degrees(log.e_psi[-1]), abs=0.06)
+        assert tab.number('#term-servo') == pytest.approx(log.servo[-1], abs=6e-4)
+        seconds = time.monotonic() - began
+        assert all(count <= seconds + 1.0 for count in tab.run('Object.values(announced)'))
+        tab.until("document.getElementById('lane.q_e_y').value === '0.05'")
+        tab.select('[id="lane.q_e_y"]', 0.25)
+        wait_until(lambda: controller.get_parameter('lane.q_e_y').value == 0.25)
+        tab.run('navigator.clipboard.writeText = async (text) => { window.copied = text; }')
+        tab.until("document.getElementById('lane.q_e_y').value === '0.25'")
+        tab.click('#copy-command')
+        tab.until('window.copied')
+        assert tab.run('copied') == (
+            'barc acc --lane-gain q_e_y=0.25 --lane-gain q_e_psi=0.2 --lane-gain preview=0 '
+            '--speed 10 --track circle --lane lqr --laps 3'
+        )
+        view.page.end('The run has ended.', bag='bags/run 1')
+        tab.until("!document.querySelector('#end-card').hidden")
+        assert laps.best
+        assert f'{laps.best.time:.2f} s' in tab.text('#end-card')
+        for width, height, touch in SIZES:
+            tab.resize(width, height, touch=touch)
+            assert [*tab.run(OVERFLOW), *tab.cut_labels()] == [], (width, height)

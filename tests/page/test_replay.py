@@ -18,13 +18,15 @@ from browser import CHROMIUM, OVERFLOW, SIZES, wait_until
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
+from barc_sim.control.lane import Stanley
 from barc_sim.control.pid import PID
 from barc_sim.page import replay as page_replay
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.page.replay import Replay
 from barc_sim.page.server import ViewServer
 from barc_sim.simulation import metrics
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.simulation.closed_loop import closed_loop, lap
+from barc_sim.simulation.metrics import track_laps_of
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.plant import Plant
@@ -157,7 +159,7 @@ def test_charts_zoom_read_hide_and_save(log: Log, played: Played) -> None:
         tab.hover('#speed-chart')
         at = float(np.interp(10.0, log.t, log.speed))
         wait_until(lambda: tab.number('#speed-legend .value') == pytest.approx(at, abs=0.05))
-        tab.select('#axis', 'x')
+        tab.select('#axis', 'place')
         tab.hover('#command-chart')
         middle = float(np.interp(90.0, log.distance, log.motor))
         wait_until(lambda: tab.number('#command-legend .value') == pytest.approx(middle, abs=0.05))
@@ -173,7 +175,7 @@ def test_charts_zoom_read_hide_and_save(log: Log, played: Played) -> None:
         )
         tab.click('#save-csv')
         table = tab.run('saved[0].text()').splitlines()
-        assert table[0].split(',') == [*COLUMNS, 'acting']
+        assert table[0].split(',') == [*COLUMNS, 'acting', 'place']
         assert len(table) == len(log) + 1
         speeds = [float(line.split(',')[COLUMNS.index('speed')]) for line in table[1:]]
         np.testing.assert_array_equal(speeds, log.speed)
@@ -246,6 +248,56 @@ def test_nothing_is_cut_at_any_size_and_every_control_works_by_keyboard(
             tab.resize(width, height, touch=touch)
             assert [*tab.run(OVERFLOW), *tab.cut_labels()] == [], (width, height)
         assert tab.without_keyboard() == []
+
+
+#: Notes where cars are drawn from above, by their opacity: place and scale [px], and heading.
+_NOTE_CARS = """(() => {
+  window.cars = {};
+  const own = CanvasRenderingContext2D.prototype;
+  for (const name of ['translate', 'rotate', 'scale']) {
+    const call = own[name];
+    own[name] = function (...values) {
+      if (this.canvas.id === 'scene') (cars[this.globalAlpha] ??= {})[name] ??= values;
+      call.apply(this, values);
+    };
+  }
+  const begin = own.clearRect;
+  own.clearRect = function (...values) {
+    if (this.canvas.id === 'scene') window.cars = {};
+    begin.apply(this, values);
+  };
+})()"""
+
+
+@in_browser
+def test_a_track_has_its_errors_and_the_best_lap_as_a_ghost(played: Played) -> None:
+    log = lap(Stanley(), 'oval', speed=8.0, laps=3, noise=0.2, seed=1)
+    laps, numbers = track_laps_of(log)
+    assert laps.best
+    row = numbers.index(next(each.number for each in laps.finished if each != laps.best)) + 500
+    with played(log, width=1440, height=900) as tab:
+        assert tab.run('document.body.dataset.mode') == 'track'
+        best = tab.text('#track-laps .best').split()
+        assert best[:2] == [f'{laps.best.number + 1}', f'{laps.best.time:.2f}']
+        tab.click('#play')
+        tab.run(_NOTE_CARS)
+        _seek(tab, log.t[row])
+        shown = pytest.approx(log.e_y[row], abs=6e-4)
+        wait_until(lambda: tab.number('#e-y') == shown)
+        wait_until(lambda: tab.number('#lap-time') == pytest.approx(log.lap_time[row], abs=0.051))
+        car, ghost = tab.run('[cars[1], cars[Object.keys(cars).find((k) => k < 0.5)]]')
+        then = laps.best.start + log.lap_time[row]
+        place = [np.interp(then, log.t, each) for each in (log.x, log.y, log.psi)]
+        scale = car['scale'][0]
+        dx, dy = (b - a for a, b in zip(car['translate'], ghost['translate'], strict=True))
+        assert (dx / scale, -dy / scale) == pytest.approx(
+            (place[0] - log.x[row], place[1] - log.y[row]), abs=0.02
+        )
+        assert -ghost['rotate'][0] == pytest.approx(place[2], abs=0.01)
+        tab.select('#axis', 't')
+        for width, height, touch in SIZES:
+            tab.resize(width, height, touch=touch)
+            assert [*tab.run(OVERFLOW), *tab.cut_labels()] == [], (width, height)
 
 
 def _seek(tab: Tab, time: float) -> None:

@@ -73,7 +73,7 @@ def test_ghosts_drawn_are_those_of_the_bag(
     last = "document.querySelector('[data-figure=rms] td:nth-of-type(2)').innerText"
     tab = browser.open(url, width=1440, height=900)
     tab.media(prefers_reduced_motion='reduce')  # the charts' limits are the values' at once
-    tab.select('#axis', 'x')
+    tab.select('#axis', 'place')
     tab.run(WATCH)
     tab.until(f'Number({last}) > 0')
     first = tab.run(last)

@@ -3,8 +3,7 @@
 import { colours, ease, font, niceStep, reading, stroke } from './look.js';
 
 const EASE = 0.2; // share of the way to new limits, at each drawing
-const [LEFT, RIGHT, TOP, BOTTOM] = [40, 8, 8, 22];
-const WIDE = 32; // [px] of a slope that has its grade
+const [LEFT, RIGHT, TOP, BOTTOM] = [44, 8, 8, 22];
 const DENSE = 2; // rows per pixel from which only the extremes are drawn
 const SAMPLES = 4096; // rows that the limits are taken from
 
@@ -29,9 +28,9 @@ export class Chart {
   }
 
   /**
-   * Draw the part of the run that `view` shows: {axis: 't' or 'x', range, first, last, cursor,
+   * Draw the part of the run that `view` shows: {axis: 't' or 'place', range, first, last, cursor,
    * from, ghosts: [{history, first, last, shift, dash}], slopes: [{from, to, grade}]}. The scale
-   * fits this run from the position `from` on, and not the ghosts.
+   * fits this run from the position `from` on, and not the ghosts but those of a track.
    */
   draw(history, state, view) {
     const context = this.surface.begin();
@@ -43,13 +42,15 @@ export class Chart {
     const [low, high] = this.shown;
     const x = (t) => LEFT + ((t - from) / (to - from)) * (width - LEFT - RIGHT);
     const y = (v) => TOP + ((high - v) / (high - low)) * (height - TOP - BOTTOM);
-    for (const { from: start, to: end, grade } of view.slopes) {
+    for (const { from: start, to: end, grade, label: name } of view.slopes) {
       context.fillStyle = colours.slope;
       context.globalAlpha = Math.min(0.25 + Math.abs(grade) / 40, 1);
       const [a, b] = [Math.max(x(start), LEFT), Math.min(x(end), width - RIGHT)];
       if (b > a) context.fillRect(a, TOP, b - a, height - TOP - BOTTOM);
       context.globalAlpha = 1;
-      if (b - a > WIDE) label(context, `${reading(grade, 0)}°`, (a + b) / 2, height - BOTTOM - 6);
+      const text = name ?? `${reading(grade, 0)}°`;
+      context.font = font(12);
+      if (b - a > context.measureText(text).width + 4) label(context, text, (a + b) / 2, height - BOTTOM - 6);
     }
     drawAxes(context, width, height, view.axis, { from, to, low, high, x, y });
 
@@ -91,15 +92,19 @@ export class Chart {
     const shown = this.lines.filter((line) => !line.hidden);
     const leading = shown.filter((line) => line.leads);
     const lines = leading.length ? leading : shown;
-    const { first, last } = view;
-    const stride = Math.max(1, Math.floor((last - first) / SAMPLES));
-    const behind = history.at(last, 'x') > view.from; // else nothing would be left
-    for (let row = first; row <= last; row += stride) {
-      if (behind && history.at(row, 'x') < view.from) continue;
-      for (const { column } of lines) {
-        const value = history.at(row, column);
-        if (value < low) low = value;
-        if (value > high) high = value;
+    const { last } = view;
+    const behind = history.at(last, 'place') > view.from; // else nothing would be left
+    // Laps of a track are alike: the best one keeps the scale steady.
+    for (const part of history.track ? [view, ...view.ghosts] : [view]) {
+      const rows = part.history ?? history;
+      const stride = Math.max(1, Math.floor((part.last - part.first) / SAMPLES));
+      for (let row = part.first; row <= part.last; row += stride) {
+        if (behind && rows.at(row, 'place') < view.from) continue;
+        for (const { column } of lines) {
+          const value = rows.at(row, column);
+          if (value < low) low = value;
+          if (value > high) high = value;
+        }
       }
     }
     if (low > high) [low, high] = [0, 0];

@@ -13,7 +13,7 @@ export class Explorer {
   /** `charts`: {chart, legend}; `player` holds and seeks; `changed` is called after a change. */
   constructor(history, player, charts, changed) {
     Object.assign(this, { history, player, charts, changed });
-    this.axis = 't'; // or 'x', for cruise control
+    this.axis = 't'; // or 'place', along the road or the track
     this.window = WINDOW; // [s]
     this.range = null; // [m] that is zoomed into, on the axis of position
     this.hover = null; // a value on the axis
@@ -39,7 +39,7 @@ export class Explorer {
     }
   }
 
-  /** Draw over time, 't', or position, 'x'. */
+  /** Draw over time, 't', or position, 'place'. */
   use(axis) {
     this.axis = axis;
     this.hover = null;
@@ -79,7 +79,9 @@ export class Explorer {
   /** Return the ghosts of a state: {name, history, start, end, shift [s]}. */
   ghosts(state) {
     const row = this.history.row(state.t);
-    const began = this.history.at(this.history.lapStart(row), 't');
+    const lap_time = this.history.at(row, 'lap_time'); // of a track, from line to line
+    const began = Number.isNaN(lap_time) ? this.history.at(this.history.lapStart(row), 't')
+      : this.history.at(row, 't') - lap_time;
     const ghosts = [];
     if (this.other?.history.count) {
       const { history } = this.other;
@@ -87,9 +89,10 @@ export class Explorer {
       ghosts.push({ name: 'other', history, start, end, shift: began - start });
       return ghosts;
     }
-    for (const name of ['last', 'best']) {
+    const { track } = this.history; // on which the best lap is enough
+    for (const name of track ? ['best'] : ['last', 'best']) {
       const lap = this.laps?.[name];
-      const twice = name === 'best' && lap?.number === this.laps?.last?.number && !this.hidden.has('last');
+      const twice = !track && name === 'best' && lap?.number === this.laps?.last?.number && !this.hidden.has('last');
       if (!lap || this.hidden.has(name) || twice || lap.number === state.lap) continue;
       if (lap.start < this.history.at(0, 't')) continue;
       ghosts.push({
@@ -121,7 +124,7 @@ export class Explorer {
       range = [to - this.window, to];
       first = history.row(range[0]);
     } else {
-      range = this.range ?? road.around(state.x);
+      range = this.range ?? road.around(state.place);
       first = history.lapStart(last);
     }
     const ghosts = this.ghosts(state).map((ghost) => {
@@ -171,7 +174,7 @@ export class Explorer {
     } else {
       let nearest = Infinity;
       for (let i = first; i <= last; i += 1) {
-        const off = Math.abs(this.history.at(i, 'x') - this.hover);
+        const off = Math.abs(this.history.at(i, 'place') - this.hover);
         if (off < nearest) [nearest, row] = [off, i];
       }
     }

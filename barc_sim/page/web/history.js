@@ -2,12 +2,16 @@
 
 const MAX_STATES = 1 << 18; // rows: an hour and a half, then the older half is thinned out
 
+const NEAR = 2; // [m] within which the car goes on from lap to lap
+const DERIVED = 2; // columns that do not come from the run
+
 export class History {
   constructor(maximum = MAX_STATES) {
     this.maximum = maximum;
     this.columns = [];
     this.repeats = false;
     this.mass = 2000; // [kg] of the car
+    this.track = null; // the track, where there is one
     this.clear();
   }
 
@@ -18,11 +22,11 @@ export class History {
 
   /** Set the names of a row's values; keep the rows if the run `continues`. */
   name(columns, continues) {
-    if (continues && columns.join() === this.columns.slice(0, -1).join()) {
+    if (continues && columns.join() === this.columns.slice(0, -DERIVED).join()) {
       this.repeats = true;
       return;
     }
-    this.columns = [...columns, 'acting'];
+    this.columns = [...columns, 'acting', 'place'];
     this.index = Object.fromEntries(this.columns.map((name, i) => [name, i]));
     this.clear();
   }
@@ -30,7 +34,7 @@ export class History {
   /** Add rows; a time that goes back clears the history. */
   add(rows) {
     const width = this.columns.length;
-    const sent = width - 1;
+    const sent = width - DERIVED;
     for (let from = 0; from + sent <= rows.length; from += sent) {
       const t = rows[from];
       if (this.count && t < this.last('t')) {
@@ -43,6 +47,7 @@ export class History {
       this.data.set(rows.subarray(from, from + sent), this.count * width);
       this.count += 1;
       this.#derive(this.count - 1);
+      this.#place(this.count - 1);
     }
     this.repeats = false;
   }
@@ -91,10 +96,13 @@ export class History {
     const row = this.row(t);
     const state = {};
     for (const name of this.columns) state[name] = this.at(row, name);
-    if (row + 1 < this.count && !this.jumps(row)) {
+    // Over the finish line the car goes on, but not its place in the lap.
+    const jumps = row + 1 < this.count && this.jumps(row);
+    const goesOn = jumps && Math.hypot(this.at(row + 1, 'x') - state.x, this.at(row + 1, 'y') - state.y) < NEAR;
+    if (row + 1 < this.count && (!jumps || goesOn)) {
       const span = this.at(row + 1, 't') - state.t;
       const share = Math.min(Math.max((t - state.t) / span, 0), 1);
-      for (const name of MOVING) {
+      for (const name of jumps ? MOVING.filter((each) => each !== 'place') : MOVING) {
         const next = this.at(row + 1, name);
         if (!Number.isNaN(next)) state[name] += share * (next - state[name]);
       }
@@ -117,6 +125,18 @@ export class History {
     for (const at of known ? [row - 1, row] : [row]) {
       this.data[at * this.columns.length + this.index.acting] = acting;
     }
+  }
+
+  /** Derive the position of the charts [m]: along the road, or in the lap of a track. */
+  #place(row) {
+    const place = this.track ? this.track.place(this.at(row, 's')) : this.at(row, 'x');
+    this.data[row * this.columns.length + this.index.place] = place;
+  }
+
+  /** Take the position in the lap of this track from now on; null: that along the road. */
+  use(track) {
+    this.track = track;
+    for (let row = 0; row < this.count; row += 1) this.#place(row);
   }
 
   #grow() {
@@ -142,4 +162,5 @@ export class History {
 
 const MOVING = [
   'x', 'y', 'psi', 'speed', 'measured_speed', 'absolute_speed', 'elevation', 'servo',
+  'place', 's', 'e_y', 'e_psi', 'steer_feedforward', 'steer_of_e_y', 'steer_of_e_psi',
 ];

@@ -23,7 +23,7 @@ export class Lesson {
   }
 
   /** Prepare the forces and the controller's terms, each in its colour. */
-  prepare({ forces, terms, colours }) {
+  prepare({ mode, forces, terms, colours }) {
     this.force = {};
     this.forces.replaceChildren(...Object.entries(forces).map(([name, colour]) => {
       this.force[name] = make('span', { id: `force-${name}` });
@@ -40,19 +40,23 @@ export class Lesson {
     };
     this.limited = make('span', { className: 'limited', hidden: true });
     this.equation.replaceChildren(
-      part('motor', 'command', colours.motor), make('small', {}, 'm/s²'), this.limited,
-      ...terms.map((name, i) => make('span', {}, i ? '+\u2002' : '=\u2002', part(name, name, colours[name]))),
+      ...(mode === 'track'
+        ? [part('servo', 'steering', colours.servo), make('small', {}, 'rad')]
+        : [part('motor', 'command', colours.motor), make('small', {}, 'm/s²')]),
+      this.limited,
+      ...terms.map((name, i) => make('span', {}, i ? '+\u2002' : '=\u2002', part(name, name.replace(/^steer_/, ''), colours[name]))),
     );
   }
 
-  update(state, { mass, tuning }) {
+  update(state, { mode, mass, tuning }) {
     for (const [name, force] of Object.entries(forcesOf(state, mass))) {
       if (name in this.force) show(this.force[name], reading(force, Math.abs(force) < 10 ? 2 : 0));
     }
     for (const [name, output] of Object.entries(this.term)) show(output, reading(state[name], 3));
     const limits = [
       ...(isAtLimit(state, tuning.motor_limit) ? ['motor at its limit'] : []),
-      ...(state.saturated === 1 ? ['controller at its limit'] : []),
+      ...(state.saturated === 1 && mode === 'acc' ? ['controller at its limit'] : []),
+      ...(state.steer_saturated === 1 ? ['steering at its limit'] : []),
     ];
     show(this.limited, limits.join(', '));
     this.limited.hidden = !limits.length;
@@ -109,7 +113,11 @@ export class Lesson {
   /** Show how the run went, and what to do next. */
   end({ reason, bag, laps, stretches }, command) {
     const score = laps?.best ?? laps?.current ?? {};
-    const figures = [
+    const onTrack = laps?.table;
+    const figures = onTrack ? [
+      ['Lap time', score.time, 2, 's'], ['RMS of e_y', score.rms, 3, 'm'],
+      ['Maximum of e_y', score.maximum, 3, 'm'], ['Steering at its limit', 100 * score.at_limit, 1, '%'],
+    ] : [
       ['RMS error', score.rms, 3, 'm/s'], ['Maximum error', score.maximum, 3, 'm/s'],
       ['Overshoot', score.overshoot == null ? null : 100 * score.overshoot, 1, '%'],
       ['Settling time', score.settling, 2, 's'],
@@ -124,7 +132,7 @@ export class Lesson {
         make('dl', {}, ...figures.map(([name, value, digits, unit]) => make(
           'div', {}, make('dt', {}, name), make('dd', {}, `${reading(value, digits)} ${unit}`),
         ))),
-        make(
+        ...(onTrack ? [] : [make(
           'table', {},
           make('thead', {}, make('tr', {}, ...[
             ['From', 'm'], ['Grade', '°'], ['RMS', 'm/s'], ['Maximum', 'm/s'],
@@ -133,7 +141,7 @@ export class Lesson {
             'tr', {}, cell(stretch.start, 0), cell(stretch.theta_deg, 0),
             cell(stretch.rms_error, 3), cell(stretch.max_error, 3),
           ))),
-        ),
+        )]),
       ] : []),
       make('details', { className: 'next' }, make('summary', {}, 'Commands'), ...[
         ['Copy command', command],

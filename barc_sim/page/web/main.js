@@ -13,9 +13,14 @@ import { Player } from './player.js';
 import { Road } from './road.js';
 import { drawCourse, drawSide } from './side.js';
 import { TopView } from './top.js';
+import { aimOf, showTrackLaps, Track } from './track.js';
 import { Tuning } from './tuning.js';
 
-const TITLES = { acc: 'cruise control', teleop: 'teleoperation' };
+const TITLES = { acc: 'cruise control', teleop: 'teleoperation', track: 'lane keeping' };
+const HEADINGS = {
+  track: [['Error e_y', 'm'], ['Error e_psi', 'rad']],
+  else: [['Speed', 'm/s'], ['Acceleration', 'm/s²']],
+};
 const CHART_PERIOD = 0.033; // [s] between two drawings of the charts
 const DASHES = [[10, 3], [2, 3], [10, 3, 2, 3], [5, 3]]; // of the terms, beside their colours
 const SILENT = 1; // [s] without a state from which that is shown
@@ -38,6 +43,7 @@ const surface = (id) => new Surface(element(id), stale);
 const [scene, course] = ['scene', 'course'].map(surface);
 const speedChart = new Chart(surface('speed-chart'), [], 1, [-150, 150]);
 const commandChart = new Chart(surface('command-chart'), [], 4, [-100, 100]);
+const SPANS = { track: [0.1, 0.1], else: [1, 4] }; // of the charts' scales, at least
 const speedPart = { chart: speedChart, legend: element('speed-legend') };
 const commandPart = { chart: commandChart, legend: element('command-legend') };
 const readColours = watchColours(stale);
@@ -50,18 +56,31 @@ const goal = new Goal(stale);
 function prepareCharts({ mode, terms, colours }) {
   const line = (column, width, more = {}) => ({ column, colour: colours[column], width, ...more });
   const acc = mode === 'acc';
-  speedChart.lines = acc
-    ? [
+  const onTrack = mode === 'track';
+  [speedChart.span, commandChart.span] = SPANS[mode] ?? SPANS.else;
+  for (const [i, id] of ['speed-heading', 'command-heading'].entries()) {
+    const [text, unit] = (HEADINGS[mode] ?? HEADINGS.else)[i];
+    element(id).replaceChildren(`${text} `, make('small', {}, unit));
+  }
+  if (onTrack) {
+    speedChart.lines = [line('e_y', 2.5)];
+    commandChart.lines = [line('servo', 1.5, { name: 'steering', dash: [6, 4] }), line('e_psi', 2.5)];
+  } else if (acc) {
+    speedChart.lines = [
       line('measured_speed', 1, { colour: colours.v_x, name: 'measured', hidden: true }),
       line('reference', 1.5, { dash: [6, 4] }), line('speed', 2.5),
-    ]
-    : [line('absolute_speed', 2.5, { colour: colours.speed, name: 'speed' })];
-  commandChart.lines = [
-    ...(acc ? terms.map((term, i) => line(term, 1.5, { dash: DASHES[i % 4] })).reverse() : []),
-    ...(acc ? [line('acting', 2.5, { colour: colours.motor, name: 'motor', dash: [2, 4] })] : []),
-    // Its limits hold for the terms, too: the first proportional term would hide all else.
-    line('motor', 2.5, { name: 'command', leads: true }),
-  ];
+    ];
+  } else {
+    speedChart.lines = [line('absolute_speed', 2.5, { colour: colours.speed, name: 'speed' })];
+  }
+  if (!onTrack) {
+    commandChart.lines = [
+      ...(acc ? terms.map((term, i) => line(term, 1.5, { dash: DASHES[i % 4] })).reverse() : []),
+      ...(acc ? [line('acting', 2.5, { colour: colours.motor, name: 'motor', dash: [2, 4] })] : []),
+      // Its limits hold for the terms, too: the first proportional term would hide all else.
+      line('motor', 2.5, { name: 'command', leads: true }),
+    ];
+  }
   explorer.name(speedPart);
   explorer.name(commandPart);
 }
@@ -99,7 +118,6 @@ const connection = new Connection({
   hello(fields) {
     history.name(fields.columns, fields.continues);
     clock.restart();
-    road = new Road(fields.road);
     showMessage('');
     received = fields.replay ? null : performance.now();
     showState();
@@ -109,21 +127,25 @@ const connection = new Connection({
     if (fields.laps) showLaps(fields.laps);
   },
   facts(fields) {
-    const known = JSON.stringify(fields.road) === JSON.stringify(facts.road);
+    const way = JSON.stringify(fields.track ?? fields.road);
     facts = fields;
-    if (!known) road = new Road(fields.road);
+    if (way !== this.way) {
+      this.way = way;
+      road = fields.track ? new Track(fields.track) : new Road(fields.road);
+      history.use(fields.track ? road : null);
+    }
     document.body.dataset.mode = fields.mode;
     showTitle();
     tuning.show(fields.sliders, fields.tuning);
     tuning.offer(fields.presets, fields.about);
-    commandChart.limit = fields.tuning.motor_limit ?? 0;
+    commandChart.limit = fields.mode === 'acc' ? fields.tuning.motor_limit ?? 0 : 0;
     history.mass = fields.mass;
     element('finish').hidden = !fields.can_finish;
     const prepared = JSON.stringify([fields.mode, fields.terms, fields.colours]);
     if (prepared !== this.prepared) {
       this.prepared = prepared;
       prepareCharts(fields);
-      explorer.use(fields.mode === 'acc' ? element('axis').value : 't');
+      explorer.use(fields.mode === 'teleop' ? 't' : element('axis').value);
       lesson.prepare(fields);
       this.noisy = false;
     }
@@ -136,6 +158,7 @@ const connection = new Connection({
   other({ title, columns, laps }) {
     const second = new History();
     second.mass = facts.mass;
+    second.track = history.track;
     second.name(columns, false);
     explorer.other = { history: second, name: title, loading: true };
     showTitle();
@@ -174,7 +197,7 @@ const connection = new Connection({
     showMessage(reason, 8);
     document.body.toggleAttribute('data-ended', true);
     if (fields.laps) showLaps(fields.laps);
-    lesson.end(fields, facts.mode === 'acc' ? tuning.command(facts.controller_type, facts.run) : 'barc teleop');
+    lesson.end(fields, facts.mode === 'teleop' ? 'barc teleop' : tuning.command(facts.controller_type, facts.run));
     for (const button of document.querySelectorAll('.actions button')) button.disabled = true;
   },
   /** Offer what the run's process still does after the end. */
@@ -247,7 +270,8 @@ const degrees = (radians) => (radians * 180) / Math.PI;
 
 function showLaps(laps) {
   explorer.laps = laps;
-  lesson.showLaps(laps);
+  if (laps.table) showTrackLaps(laps);
+  else lesson.showLaps(laps);
 }
 
 function showReadings(state) {
@@ -257,6 +281,10 @@ function showReadings(state) {
     time: reading(state.t, 1),
     speed: reading(teleop ? state.absolute_speed : state.speed, 2),
     reference: reading(state.reference, 2),
+    'lap-number': reading(state.track_lap + 1, 0),
+    'lap-time': reading(state.lap_time, 1),
+    'e-y': reading(state.e_y, 3),
+    'e-psi': reading(degrees(state.e_psi), 1),
     error: reading(state.reference - state.speed, 3),
     position: reading(state.x, 1),
     grade: reading(state.theta_deg, 0),
@@ -286,6 +314,10 @@ function drawNow(milliseconds) {
   if (facts.mode === 'teleop') {
     if (state) goal.update(history, state.t, (facts.axles[0] + facts.axles[1]) / 2);
     top.draw(scene, history, facts.axles, state, goal, state && goal.ghost(history, state.t));
+  } else if (facts.mode === 'track') {
+    const [ghost] = state ? explorer.ghosts(state) : [];
+    const then = ghost && state.t - ghost.shift <= ghost.end ? ghost.history.state(state.t - ghost.shift) : null;
+    top.draw(scene, history, facts.axles, state, goal, then, road, state && aimOf(facts.tuning, state.speed));
   } else {
     const ghosts = state ? explorer.ghosts(state).map(({ name, history: rows, shift, end }) => (
       { ...rows.state(Math.min(state.t - shift, end)), name: name === 'other' ? 'other run' : [`${name} lap`, explorer.laps[name].gains].filter(Boolean).join(': ') }
@@ -298,7 +330,7 @@ function drawNow(milliseconds) {
     if (facts.mode === 'acc') drawCourse(course, road, state);
     explorer.draw(state, road);
     if (state) showReadings(state);
-    if (state && facts.mode === 'acc') lesson.update(state, facts);
+    if (state && facts.mode !== 'teleop') lesson.update(state, facts);
     // Charts of a long time take long, too: most frames are for the picture.
     next = now + Math.max(CHART_PERIOD, (4 * (performance.now() - began)) / 1000);
   }

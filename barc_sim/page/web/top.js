@@ -17,21 +17,24 @@ export class TopView {
     this.span = NaN; // [m] across the shorter side
   }
 
-  draw(surface, history, axles, state, goal, ghost) {
+  /** `ghost`: a pale car; `track`, and how far ahead [m] the steering aims, where there is one. */
+  draw(surface, history, axles, state, goal, ghost, track = null, aim = 0) {
     const context = surface.begin();
     const { width, height } = surface;
     context.fillStyle = colours.ground;
     context.fillRect(0, 0, width, height);
     if (!state) return;
-    const wanted = (goal.on ? 36 : 20) + 0.7 * Math.min(Math.abs(state.speed), 60);
+    const wanted = (goal.on || track ? 36 : 20) + 0.7 * Math.min(Math.abs(state.speed), 60);
     this.span = Number.isNaN(this.span) ? wanted : this.span + ease(0.04) * (wanted - this.span);
     const scale = Math.min(width, height) / this.span;
     const toScreen = (x, y) => [
       width / 2 + (x - state.x) * scale, height / 2 - (y - state.y) * scale,
     ];
     drawGrid(context, width, height, scale, state, toScreen);
+    track?.draw(context, toScreen);
     drawPath(context, history, state, toScreen);
-    goal.draw(surface, scale, toScreen);
+    if (track && aim) track.drawAim(context, toScreen, state, aim);
+    if (!track) goal.draw(surface, scale, toScreen);
     for (const [car, alpha] of [[ghost, 0.35], [state, 1]]) {
       if (!car) continue;
       context.save();
@@ -43,6 +46,7 @@ export class TopView {
       context.restore();
     }
     drawScaleBar(context, scale);
+    track?.drawMap(surface, [[ghost, 0.4], [state, 1]]);
   }
 }
 
@@ -85,7 +89,7 @@ function drawPath(context, history, state, toScreen) {
   const end = history.row(state.t);
   for (let row = Math.max(0, end - PATH); row <= end; row += 1) {
     const [x, y] = [history.at(row, 'x'), history.at(row, 'y')];
-    const jumps = row < end && history.jumps(row);
+    const jumps = row < end && history.jumps(row) && !history.track;
     if (pen && !jumps && Math.hypot(x - lastX, y - lastY) < 0.25) continue;
     if (pen) context.lineTo(...toScreen(x, y));
     else context.moveTo(...toScreen(x, y));

@@ -6,7 +6,9 @@ const PERIOD = 100; // [ms] between two settings while a slider moves
 const STEPS = 200; // of a slider
 // Of a node's sliders, below those of the controller.
 const TITLES = { vehicle_simulator: ['Car ', make('small', {}, '0: none')] };
-const USUAL = { acceleration_limit: 8, road: 'lab', distance: 180, laps: 1 };
+const USUAL = {
+  acceleration_limit: 8, road: 'lab', distance: 180, laps: 1, lane: '',
+};
 
 export class Tuning {
   /** `set` takes a parameter's name and its value. */
@@ -78,6 +80,8 @@ export class Tuning {
         words.push(`--speed ${value}`);
       } else if (name === 'acceleration_limit') {
         if (value !== USUAL[name]) words.push(`--acceleration-limit ${value}`);
+      } else if (name.startsWith('lane.')) {
+        words.push(`--lane-gain ${name.slice(5)}=${value}`);
       } else {
         words.push(`--gain ${name}=${value}`);
       }
