@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from graphlib import TopologicalSorter
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ ROOMS = (
     'control',
     'simulation',
     'tuning',
+    'learning',
     'bags',
     'figures',
     'page',
@@ -34,7 +36,9 @@ ROOMS = (
 )
 WITHOUT_ROS = ROOMS[: ROOMS.index('ros')]
 #: Rooms that a room before them in line must not see all the same.
-NOT_SEEN = {room: {'tuning', 'figures', 'lab'} for room in ('ros', 'nodes')}
+NOT_SEEN = {room: {'tuning', 'learning', 'figures', 'lab'} for room in ('ros', 'nodes')}
+#: A module that needs the extra gym.
+NEEDS_GYM, HAS_GYM = 'environments.py', find_spec('gymnasium')
 ROS = {'barc_interfaces', 'rclpy', 'rosidl_runtime_py', 'rpyutils'}
 
 
@@ -48,7 +52,7 @@ def modules(*rooms: str) -> list[Path]:
         path
         for room in rooms
         for path in (*(PACKAGE / room).rglob('*.py'), PACKAGE / f'{room}.py')
-        if path.exists() and 'templates' not in path.parts
+        if path.exists() and 'templates' not in path.parts and (HAS_GYM or path.name != NEEDS_GYM)
     )
 
 

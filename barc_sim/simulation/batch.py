@@ -1,7 +1,8 @@
 """Many cars at once: the laws of controller and vehicle for NumPy arrays, in step.
 
 `PIDs` and `next_speeds` are `pid_step` and `next_speed` once more, to the last bit: in place, on
-arrays that stay in a core's cache. Rare events (a limit reached, a car that stands or rolls back)
+arrays that stay in a core's cache. `Plants` is `Plant` once more, to rounding, as NumPy's functions
+differ from Python's in the last bit. Rare events (a limit reached, a car that stands or rolls back)
 are detected with one reduction and handled apart. The search for gains and the environments for
 learning both drive with them.
 """
@@ -9,18 +10,31 @@ learning both drive with them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.vehicle.bike_model import resistance
+from barc_sim.vehicle.actuators import in_steps
+from barc_sim.vehicle.bike_model import Motion, resistance
+from barc_sim.vehicle.sensor import MeasurementError, Sensor, with_error
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from numpy.typing import NDArray
 
+    from barc_sim.vehicle.actuators import Actuator
+    from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.bike_model import Vehicle
+    from barc_sim.vehicle.plant import Plant
+    from barc_sim.vehicle.sensor import NoiseLevels
 
     Floats = NDArray[np.float64]
+    #: The numbers of some cars.
+    Cars = NDArray[np.intp]
+
+_DRAWN = 64  #: measurements whose noise is drawn at once
 
 
 @dataclass
@@ -79,3 +93,261 @@ def next_speeds(
         np.maximum(after, np.minimum(free, 0.0), out=after, where=v > 0.0)
         np.minimum(after, np.maximum(free, 0.0), out=after, where=v < 0.0)
     return after
+
+
+class Actuators:
+    """`ActuatorState` for many cars, whose delays may differ."""
+
+    def __init__(self, n: int, actuator: Actuator, ts: float, max_delay: float) -> None:
+        """Begin at zero; no delay of `delay_some` will be above `max_delay` [s]."""
+        self._lag, self._rate, self._limit = actuator[1:]
+        self._ts, self._cars, self._step = ts, np.arange(n), 0
+        self.value = np.zeros(n)
+        self._queue = np.zeros((in_steps(max(max_delay, actuator.delay), ts)[0] + 2, n))
+        self._whole, self._early = np.zeros(n, np.intp), np.zeros(n)
+        self.delay_some(self._cars, np.full(n, actuator.delay))
+
+    def delay_some(self, cars: Cars, delays: Floats) -> None:
+        """Delay these cars' commands by so many seconds from now on."""
+        steps = np.array([in_steps(delay, self._ts) for delay in delays.tolist()]).reshape(-1, 2)
+        self._whole[cars], self._early[cars] = steps.T
+        self._delays, self._splits = bool(self._whole.any()), bool(self._early.any())
+
+    def stop(self, cars: Cars) -> None:
+        """Set these to zero, and drop their waiting commands."""
+        self.value[cars] = self._queue[:, cars] = 0.0
+
+    def advance(self, command: Floats) -> Floats:
+        """Go one step after `command`; return the means over it."""
+        if self._limit < inf:
+            command = np.clip(command, -self._limit, self._limit)
+        newer, late = command, self._ts
+        self._step += 1
+        if self._delays or self._splits:
+            self._queue[self._step % len(self._queue)] = command
+            newer = self._ago(self._whole)
+        if not self._splits:
+            return self._respond(newer, late)
+        early = self._early
+        # Of a share of zero nothing is left: its mean counts for nothing, and it moves nothing.
+        older = np.where(early > 0.0, self._ago(self._whole + 1), self.value)
+        mean = early * self._respond(older, np.where(early > 0.0, early, 1.0) * self._ts)
+        return mean + (1.0 - early) * self._respond(newer, (1.0 - early) * self._ts)
+
+    def _ago(self, steps: NDArray[np.intp]) -> Floats:
+        ago: Floats = self._queue[(self._step - steps) % len(self._queue), self._cars]
+        return ago
+
+    def _respond(self, target: Floats, t: Floats | float) -> Floats:
+        """Follow `target` for `t` seconds; return the means meanwhile: `Actuator.respond`."""
+        lag, rate, value = self._lag, self._rate, self.value
+        if not lag and rate == inf:
+            self.value = target.copy()
+            return target
+        error = target - value
+        excess = np.abs(error) - rate * lag
+        if excess.max() <= 0.0:
+            moved = error * -np.expm1(-t / lag) if lag else error
+            self.value = value + moved
+            lagging: Floats = target - moved * lag / t
+            return lagging
+        ramp = np.minimum(np.maximum(excess, 0.0) / rate, t)
+        ramp_end = value + np.copysign(rate, error) * ramp
+        remaining, error = t - ramp, target - ramp_end
+        is_left = remaining > 0.0
+        moved = error * (-np.expm1(-remaining / lag) if lag else is_left)
+        share = ramp / t
+        mean_of_decay = target - moved * lag / np.where(is_left, remaining, 1.0)
+        self.value = ramp_end + moved
+        mean: Floats = share * 0.5 * (value + ramp_end) + (1.0 - share) * mean_of_decay
+        return mean
+
+
+class Plants:
+    """Many plants, each as `Plant` steps it by forward Euler.
+
+    All arrays have an element for each car.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        like: Plant,
+        motor: Actuator,
+        servo: Actuator,
+        lateral: LateralParameters | None,
+        max_delay: float = 0.0,
+    ) -> None:
+        """Make `n` plants on road or track of one, dynamic where `lateral`; `place` starts them."""
+        self.ts, self.track, self.road = like.ts, like.track, like.road
+        self.vehicle, self._lateral = like.vehicle, lateral
+        self.motor = Actuators(n, motor, self.ts, max_delay)
+        self.servo = Actuators(n, servo, self.ts, max_delay)
+        self.x, self.y, self.psi, self.v, self._beta, self._psi_dot = np.zeros((6, n))
+        self.s, self.e_y, self.e_psi, self.lap, self.lap_began = np.zeros((5, n))
+        self.steps = np.zeros(n, np.intp)  #: since each was placed
+        self._sensors = [Sensor()] * n
+        self._errors = np.zeros((0, _DRAWN, 6))
+        self.lap_times = np.full(n, None)  #: [s] tuples: of its whole laps
+        self._is_whole = np.zeros(n, np.bool_)  # the lap began at its line
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether any is measured with noise."""
+        return bool(len(self._errors))
+
+    def vary(self, cars: Cars, parameters: Mapping[str, Floats]) -> None:
+        """Give these cars parameters of their own, of the vehicle, or of its tyres."""
+        for name, values in parameters.items():
+            for record in ('vehicle', '_lateral'):
+                held: Any = getattr(self, record)
+                if name in getattr(held, '_fields', ()):
+                    column = getattr(held, name) + np.zeros_like(self.v)
+                    column[cars] = values
+                    setattr(self, record, held._replace(**{name: column}))
+
+    def make_noise(self, cars: Cars, levels: Sequence[NoiseLevels], seeds: Sequence[int]) -> None:
+        """Measure these cars with noise, each with a seed of its own, from now on."""
+        if not self.is_noisy:
+            self._errors = np.zeros((len(self.v), _DRAWN, 6))
+        for car, level, seed in zip(cars.tolist(), levels, seeds, strict=True):
+            self._sensors[car] = Sensor(level, seed)
+
+    def place(self, cars: Cars, pose: Any, start: Mapping[str, Floats]) -> None:  # noqa: ANN401
+        """Put these there, without commands: at a pose on the map and what it is on the track."""
+        self.x[cars], self.y[cars], self.psi[cars] = pose
+        for name, values in start.items():
+            getattr(self, name)[cars] = values
+        for column in (self._beta, self._psi_dot, self.steps, self.lap_began):
+            column[cars] = 0
+        self.motor.stop(cars)
+        self.servo.stop(cars)
+        if self.track:
+            s = start['s']
+            self.lap[cars] = np.maximum(np.floor(s / self.track.length), 0.0)
+            self._is_whole[cars] = s == 0.0
+            for car in cars.tolist():
+                self.lap_times[car] = ()
+
+    def advance(self, motor: Floats, servo: Floats) -> None:
+        """Go one step with these commands."""
+        motor, servo = self.motor.advance(motor), self.servo.advance(servo)
+        sine = self._sine()
+        slips = self._slips()
+        if slips is None or not slips.any():
+            after = self._kinematic(motor, servo, sine)
+        else:
+            after = self._dynamic(motor, servo, sine)
+            if not slips.all():
+                others = self._kinematic(motor, servo, sine)
+                after = tuple(np.where(slips, *both) for both in zip(after, others, strict=True))
+        self.x, self.y, self.psi, self.v, self._beta, self._psi_dot = after
+        self.steps += 1
+        if self.track:
+            self._locate()
+
+    def measure(self) -> Motion:
+        """Return what is measured of position, heading and v_x; the other velocities are zero."""
+        tangent = self._tangent(self.servo.value)
+        v_x = self.v / np.sqrt(1.0 + tangent * tangent)
+        slips = self._slips()
+        if slips is not None:
+            v_x = np.where(slips, self.v * np.cos(self._beta), v_x)
+        true: Any = Motion(self.x, self.y, self.psi, v_x, 0.0, 0.0)  # type: ignore[arg-type]
+        if not self.is_noisy:
+            return true  # type: ignore[no-any-return]
+        k = self.steps % _DRAWN
+        for car in np.flatnonzero(k == 0).tolist():
+            self._errors[car] = self._sensors[car].draw(_DRAWN).T
+        error: Any = MeasurementError(*self._errors[np.arange(len(k)), k].T)
+        heading: Any = np.cos(self.psi), np.sin(self.psi)
+        return with_error(true, error, *heading)
+
+    def _sine(self) -> Floats | float:
+        """Return the sine of the incline."""
+        if len(self.road.grades_deg) == 1:
+            return self.road.at(0.0).sin_theta
+        way = self.x if not self.track else self.s
+        if self.track and self.track.is_closed:
+            way = way % self.track.length
+        return self.road.at(way).sin_theta
+
+    def _tangent(self, servo: Floats) -> Floats:
+        """Return the tangent of the kinematic bicycle's slip angle."""
+        car = self.vehicle
+        tangent: Floats = car.l_r / (car.l_f + car.l_r) * np.tan(servo)
+        return tangent
+
+    def _slips(self) -> NDArray[np.bool_] | None:
+        """Return whose tyres slip; None: the bicycle is the kinematic one."""
+        if not self._lateral:
+            return None
+        slips: NDArray[np.bool_] = self.v * np.cos(self._beta) > self._lateral.dynamic_above
+        return slips
+
+    def _kinematic(self, motor: Floats, servo: Floats, sine: Floats | float) -> tuple[Floats, ...]:
+        """Return position, heading, speed, slip angle and yaw rate after a step without slip."""
+        car, ts, v = self.vehicle, self.ts, self.v
+        tangent = self._tangent(servo)
+        beta = np.arctan(tangent)
+        turn = tangent / np.sqrt(1.0 + tangent * tangent) / car.l_r
+        gravity = -car.mass * car.gravity * sine
+        after = next_speeds(v, motor, gravity, car, ts)
+        way, direction = ts * v, self.psi + beta
+        return (
+            self.x + way * np.cos(direction),
+            self.y + way * np.sin(direction),
+            self.psi + way * turn,
+            after,
+            beta,
+            after * turn,
+        )
+
+    def _dynamic(self, motor: Floats, servo: Floats, sine: Floats | float) -> tuple[Floats, ...]:
+        """Return the same of the dynamic bicycle, a step of its `rates`."""
+        car, tyres, ts = self.vehicle, self._lateral, self.ts
+        assert tyres  # noqa: S101 (the caller has asked)
+        v, turn, cosine = self.v, self._psi_dot, np.cos(servo)
+        v_x, v_y = v * np.cos(self._beta), v * np.sin(self._beta)
+        front = tyres.front_stiffness * (servo - np.arctan2(v_y + car.l_f * turn, v_x))
+        rear = -tyres.rear_stiffness * np.arctan2(v_y - car.l_r * turn, v_x)
+        cos_psi, sin_psi = np.cos(self.psi), np.sin(self.psi)
+        push = motor - car.gravity * sine - front * np.sin(servo) / car.mass + v_y * turn
+        after = v_x + ts * (push - resistance(v, car) / car.mass)  # type: ignore[arg-type]
+        if after.min() < 0.0:
+            after = np.where(
+                after < 0.0, np.maximum(after, np.minimum(v_x + ts * push, 0.0)), after
+            )
+        aside = v_y + ts * ((front * cosine + rear) / car.mass - v_x * turn)
+        turn_after = turn + ts * ((car.l_f * front * cosine - car.l_r * rear) / tyres.yaw_inertia)
+        beta, speed = np.arctan2(aside, after), np.sqrt(after * after + aside * aside)
+        slow = after <= tyres.dynamic_above
+        if slow.any():
+            tangent = self._tangent(servo)
+            root = np.sqrt(1.0 + tangent * tangent)
+            beta = np.where(slow, np.arctan(tangent), beta)
+            speed = np.where(slow, after * root, speed)
+            turn_after = np.where(slow, after * tangent / car.l_r, turn_after)
+        return (
+            self.x + ts * (v_x * cos_psi - v_y * sin_psi),
+            self.y + ts * (v_x * sin_psi + v_y * cos_psi),
+            self.psi + ts * turn,
+            speed,
+            beta,
+            turn_after,
+        )
+
+    def _locate(self) -> None:
+        """Find all on the track, and time those that finish a lap."""
+        track, before = self.track, self.s
+        assert track  # noqa: S101 (the caller has asked)
+        self.s, self.e_y, self.e_psi, _ = track.frenet(self.x, self.y, self.psi, before)  # type: ignore[assignment]
+        if not track.is_closed:
+            return
+        for car in np.flatnonzero(self.s >= (self.lap + 1.0) * track.length).tolist():
+            lap = np.floor(self.s[car] / track.length)
+            over = (self.s[car] - lap * track.length) / (self.s[car] - before[car])
+            began = float((self.steps[car] - over) * self.ts)
+            if self._is_whole[car]:
+                self.lap_times[car] += (began - float(self.lap_began[car]),)
+            self.lap[car], self.lap_began[car], self._is_whole[car] = lap, began, True

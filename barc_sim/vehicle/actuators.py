@@ -43,6 +43,8 @@ class Actuator(NamedTuple):
         The solution is exact: a ramp at `rate` as long as the lag alone would be faster, and
         the exponential from there on.
         """
+        if not self.lag and self.rate == inf:
+            return target, target
         error = target - value
         excess = abs(error) - (self.rate * self.lag if self.lag else 0.0)
         ramp = min(max(excess, 0.0) / self.rate, t)
@@ -107,9 +109,10 @@ class ActuatorState:
     def advance(self, command: float) -> float:
         """Go one step after `command`; return the mean of the value over the step."""
         self._queue.append(command)
-        older, newer = (self._cut(waiting) for waiting in (self._queue[0], self._queue[1]))
+        newer = self._cut(self._queue[1])
         early, mean = self.early, 0.0
         if early:
+            older = self._cut(self._queue[0])
             self.value, mean = self._actuator.respond(self.value, older, early * self._ts)
         self.value, late = self._actuator.respond(self.value, newer, (1.0 - early) * self._ts)
         return early * mean + (1.0 - early) * late

@@ -125,11 +125,14 @@ class Plant:
     def observe(self) -> Observation:
         """Measure the present state; each call draws new measurement noise."""
         state = self.state
-        acting = self.actuators.now
-        true = self._bicycle.motion(state, acting.servo, self.vehicle)
+        true = self.motion()
         measured, error = self.sensor.measure(true)
         around = surroundings(state.v, self.road.at(self._on_road(state.x)), self.vehicle)
-        return Observation(true, measured, error, around, acting, self.on_track)
+        return Observation(true, measured, error, around, self.actuators.now, self.on_track)
+
+    def motion(self) -> Motion:
+        """Return the true state, with the velocities in the vehicle's frame."""
+        return self._bicycle.motion(self.state, self.actuators.now.servo, self.vehicle)
 
     def advance(self, command: Command | None = None) -> None:
         """Go one step with `command`; without one, the last holds."""

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from barc_sim.vehicle.road import Places
+
     Floats = NDArray[np.float64]
 
 WIDTH = 6.0  #: [m]
@@ -173,9 +175,12 @@ class Track:
         """The length of the centre line [m]: of a lap, where it is closed."""
         return self.starts[-1]
 
-    def curvature(self, s: float) -> float:
-        """Return the curvature [1/m] at `s` metres."""
-        return self.curvatures[self.segment(s)[0]]
+    def curvature(self, s: Places) -> Places:
+        """Return the curvature [1/m] at `s` metres; an array, of an array."""
+        if isinstance(s, (float, int)):
+            return self.curvatures[self.segment(s)[0]]
+        found: Floats = self._columns[2, self._segments(s)[0]]
+        return found
 
     def place(self, s: Any, e_y: Any = 0.0, e_psi: Any = 0.0) -> Pose:  # noqa: ANN401 (or arrays)
         """Return the pose on the map of a pose on the track; arrays, of arrays."""
@@ -214,9 +219,9 @@ class Track:
 
     def segment(self, s: float) -> tuple[int, float]:
         """Return the number of the segment at `s`, and how far into it that is [m]."""
-        if self.is_closed:
+        if self.is_closed and not 0.0 <= s < self.starts[-1]:
             s -= floor(s / self.length) * self.length
-        i = min(max(bisect_right(self.starts, s) - 1, 0), len(self.lengths) - 1)
+        i = bisect_right(self.starts, s, 1, len(self.lengths)) - 1
         return i, s - self.starts[i]
 
     def _project(self, i: int, x: float, y: float) -> tuple[float, float]:
@@ -230,10 +235,14 @@ class Track:
         rows = self.starts[:-1], self.lengths, self.curvatures, x, y, psi, np.cos(psi), np.sin(psi)
         return np.array(rows)
 
+    @cached_property
+    def _inner(self) -> Floats:
+        return np.array(self.starts[1:-1])
+
     def _segments(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
         s = s - np.floor(s / self.length) * self.length if self.is_closed else s
-        i = np.searchsorted(self.starts, s, side='right') - 1
-        return np.clip(i, 0, len(self.lengths) - 1), s
+        i = self._inner.searchsorted(s, side='right')
+        return i, s
 
     def _project_many(self, i: Any, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:  # noqa: ANN401
         """Return s, e_y and heading of the centre line in the frames of segments `i`."""

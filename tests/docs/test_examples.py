@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 #: Those whose examples need no ROS, and those whose examples do.
 ROOMS = (
-    'errors', 'vehicle', 'control', 'simulation', 'tuning', 'bags', 'figures', 'commands', 'ros',
-    'nodes',
+    'errors', 'vehicle', 'control', 'simulation', 'tuning', 'learning', 'bags', 'figures',
+    'commands', 'ros', 'nodes',
 )  # fmt: skip
 NEED_ROS = ('ros', 'nodes')
 #: Examples that need an optional package.
@@ -63,6 +63,8 @@ def test_the_examples_of_a_room_are_right(
 ) -> None:
     monkeypatch.setenv('MPLBACKEND', 'agg')
     monkeypatch.setattr(sys, 'path', [*sys.path])  # the confined process shortens its own
+    if room == 'learning':
+        pytest.importorskip('gymnasium', reason='needs the extra gym')
     if room in NEED_ROS:
         pytest.importorskip('rclpy')
         request.getfixturevalue('ros_domain')

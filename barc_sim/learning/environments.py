@@ -1,0 +1,253 @@
+"""The environments: one car, stepped by the plant of a run, and many in one NumPy batch."""
+
+from __future__ import annotations
+
+from math import isnan, radians
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.utils.seeding import np_random
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from barc_sim.control.pid import KD, KI, KP, speed_controller
+from barc_sim.errors import UserError
+from barc_sim.learning.tasks import AHEAD, TASKS, Car, Seen, Task
+from barc_sim.simulation.batch import PIDs
+from barc_sim.vehicle.bike_model import Command, State
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Options = Mapping[str, Any] | None
+
+#: Random numbers of an episode before those of its `ranges`: the start, and the noise's seed.
+_DRAWS = 5
+_NO_NUMBER = 'action {}: expected numbers from -1 to 1, and not NaN'
+_AHEAD = np.array(AHEAD)[:, None]
+
+
+def spaces(task: Task) -> tuple[Box, Box]:
+    """Return the spaces of the observations and of the actions."""
+    return Box(-task.high, task.high, dtype=np.float64), Box(-1.0, 1.0, (len(task.actions),))
+
+
+def start_of(task: Task, shares: Any, options: Options) -> dict[str, Any]:  # noqa: ANN401
+    """Return where an episode begins: by chance, unless the options of `reset` say where."""
+    start = task.start(shares)
+    for name, value in (options or {}).items():
+        if name not in start:
+            raise UserError(f'options: {name!r} must be one of {", ".join(start)}')
+        start[name] = value + 0.0 * start[name]
+    return start
+
+
+class CarEnv(gymnasium.Env[Any, Any]):
+    """One car: the plant of the runs, to the last bit.
+
+    What is observed, commanded and rewarded is in `learning.tasks`, by the environment's name.
+    `info` has s [m] and, on a track, e_y [m], the number of the lap, the time since it began [s],
+    and the times of the laps so far; a lap ends no episode. `reset` takes where the car starts as
+    options: `{'s': 0.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 0.0}`, or some of these.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {'render_modes': []}
+
+    def __init__(self, task: str, render_mode: str | None = None, **options: Any) -> None:  # noqa: ANN401
+        """Take the name of a task, and its options."""
+        self.task = TASKS[task](**options)
+        self.observation_space, self.action_space = spaces(self.task)
+        self.render_mode = render_mode
+        self._pid = speed_controller(limit=self.task.limits['motor'])
+
+    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Floats, Any]:
+        """Begin an episode."""
+        super().reset(seed=seed)
+        task = self.task
+        shares = self.np_random.random(_DRAWS + len(task.ranges)).tolist()
+        start = {name: float(x) for name, x in start_of(task, shares[:4], options).items()}
+        self._plant = task.plant(task.draw(shares[_DRAWS:]), int(shares[4] * 2.0**53))
+        self._plant.place(State(*task.pose(start), start['v']), near=start['s'])
+        self._pid.reset()
+        self._command, self._near, self._steps = Command(), start['s'], 0
+        self._lap, self._lap_began = 0, None if start['s'] else 0.0
+        self._lap_times: tuple[float, ...] = ()
+        return self._observe(), self._info()
+
+    def step(self, action: Any) -> tuple[Floats, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
+        """Go one step of the plant."""
+        task, plant = self.task, self._plant
+        commands = {
+            name: min(max(float(share), -1.0), 1.0) * task.limits[name]
+            for name, share in zip(task.actions, action, strict=True)
+        }
+        if 'motor' not in commands:
+            commands['motor'] = self._pid.acc_calculate(task.speed, self._speed, task.ts)
+        self._command = Command(commands['motor'], commands.get('servo', 0.0))
+        if isnan(sum(self._command)):
+            raise UserError(_NO_NUMBER.format(action))
+        before = plant.distance
+        plant.advance(self._command)
+        self._steps += 1
+        observation, on_track = self._observe(), plant.on_track
+        car = Car(plant.distance, on_track.e_y if on_track else 0.0, plant.state.v)
+        return observation, task.reward(before, car), task.is_over(car), False, self._info()
+
+    def _observe(self) -> Floats:
+        task, plant = self.task, self._plant
+        x, y, psi, self._speed, *_ = plant.sensor.measure(plant.motion())[0]
+        track, e_y, e_psi = task.track, 0.0, 0.0
+        if track:
+            found: Any = plant.on_track
+            if plant.sensor.is_noisy:
+                found = track.frenet(x, y, psi, self._near)
+            self._near, e_y, e_psi, *_ = found
+            ahead = [track.curvature(self._near + d) for d in AHEAD]
+        else:
+            self._near = x
+            ahead = [radians(task.road.grade_deg(x + d)) for d in AHEAD]
+        error = task.speed - self._speed
+        return task.observe(Seen(error, e_y, e_psi, self._speed, *self._command, ahead))
+
+    def _info(self) -> dict[str, Any]:
+        plant = self._plant
+        if not (on_track := plant.on_track):
+            return {'s': plant.distance}
+        s, e_y, _, _, lap, lap_time = on_track
+        if lap > self._lap:
+            began = self._steps * plant.ts - lap_time
+            if self._lap_began is not None:
+                self._lap_times = *self._lap_times, began - self._lap_began
+            self._lap, self._lap_began = lap, began
+        return {'s': s, 'e_y': e_y, 'lap': lap, 'lap_time': lap_time, 'lap_times': self._lap_times}
+
+
+class CarVectorEnv(VectorEnv[Any, Any, Any]):
+    """Many cars in one batch of NumPy arrays, each as `CarEnv` steps it, to 1e-12.
+
+    Car `i` has the random numbers of a `CarEnv` that was reset with `seed + i`. An episode ends
+    beyond the limits, or after `max_episode_steps`; with the next step its car starts anew, and
+    that action counts for nothing. The numbers of `info` are arrays.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        'render_modes': [],
+        'autoreset_mode': AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 1,
+        max_episode_steps: int | None = None,
+        **options: Any,  # noqa: ANN401 (of the task)
+    ) -> None:
+        """Take the name of a task, its options, and how many cars there are."""
+        self.task, self.num_envs = TASKS[task](**options), num_envs
+        self.single_observation_space, self.single_action_space = spaces(self.task)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._max_steps = max_episode_steps or np.iinfo(np.intp).max
+        self._generators: list[np.random.Generator] = []
+
+    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Floats, Any]:
+        """Begin an episode with each car; those that come later begin by chance."""
+        n, task, limit = self.num_envs, self.task, self.task.limits['motor']
+        if seed is not None or not self._generators:
+            first = np_random(seed)[1] if seed is None else seed
+            self._generators = [np_random(first + i)[0] for i in range(n)]
+        self._plants = task.batch(n)
+        self._pids = PIDs(-limit, limit, task.ts, KP, KI, -KD, *np.zeros((2, n)))
+        self._interval: Any = 0.0
+        self._motor, self._servo, self._near = np.zeros((3, n))
+        self._over = np.zeros(n, np.bool_)
+        self._begin(np.arange(n), options)
+        observation = self._observe()
+        self._pids.previous[:] = self._speed
+        return observation, self._info()
+
+    def step(self, actions: Any) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:  # noqa: ANN401
+        """Go one step with each car; those whose episode is over begin a new one instead."""
+        task, plants = self.task, self._plants
+        shares = np.maximum(-1.0, np.minimum(np.asarray(actions, np.float64).T, 1.0))
+        if np.isnan(shares).any():
+            raise UserError(_NO_NUMBER.format(actions))
+        commands = {
+            name: share * task.limits[name]
+            for name, share in zip(task.actions, shares, strict=True)
+        }
+        if 'motor' not in commands:
+            commands['motor'] = self._pids.control(self._speed, task.speed, self._interval)
+        self._interval = task.ts
+        self._motor, self._servo = commands['motor'], commands.get('servo', self._servo)
+        before = plants.s if task.track else plants.x
+        plants.advance(self._motor, self._servo)
+        restarted = np.flatnonzero(self._over)
+        if restarted.size:
+            self._begin(restarted)
+        observation = self._observe()
+        s, e_y = (plants.s, plants.e_y) if task.track else (plants.x, plants.y)
+        car = Car(s, e_y, plants.v)
+        rewards = task.reward(before, car)
+        terminated = task.is_over(car)
+        truncated = plants.steps >= self._max_steps
+        if restarted.size:
+            self._pids.previous[restarted] = self._speed[restarted]
+            self._interval = np.where(self._over, 0.0, task.ts)
+            rewards[restarted] = 0.0
+            terminated[restarted] = truncated[restarted] = False
+        self._over = terminated | truncated
+        return observation, rewards, terminated, truncated, self._info()
+
+    def _begin(self, cars: NDArray[np.intp], options: Options = None) -> None:
+        """Begin an episode with each of these."""
+        task, plants = self.task, self._plants
+        count = _DRAWS + len(task.ranges)
+        shares = np.array([self._generators[car].random(count) for car in cars.tolist()]).T
+        start = start_of(task, shares[:4], options)
+        drawn = task.draw(shares[_DRAWS:])
+        plants.vary(cars, drawn)
+        if 'delay' in drawn:
+            plants.motor.delay_some(cars, drawn['delay'])
+            if not task.servo:
+                plants.servo.delay_some(cars, drawn['delay'])
+        if any(task.noise) or 'noise' in drawn:
+            speeds = drawn.get('noise', np.full(len(cars), task.noise.v_x)).tolist()
+            levels = [task.noise._replace(v_x=level) for level in speeds]
+            plants.make_noise(cars, levels, (shares[4] * 2.0**53).astype(np.int64).tolist())
+        plants.place(cars, task.pose(start), start)
+        self._pids.integral[cars] = self._motor[cars] = self._servo[cars] = 0.0
+        self._near[cars] = start['s']
+
+    def _observe(self) -> Floats:
+        task, plants = self.task, self._plants
+        x, y, psi, speed, *_ = plants.measure()
+        self._speed: Any = speed
+        found: Any = (x, 0.0, 0.0)
+        if task.track:
+            found = plants.s, plants.e_y, plants.e_psi
+            if plants.is_noisy:
+                found = task.track.frenet(x, y, psi, self._near)[:3]
+        self._near, e_y, e_psi = found
+        places = self._near + _AHEAD
+        ahead = task.track.curvature(places) if task.track else task.road.at(places).theta_deg
+        ahead = ahead if task.track else np.radians(ahead)
+        error = task.speed - self._speed
+        return task.observe(Seen(error, e_y, e_psi, self._speed, self._motor, self._servo, ahead))
+
+    def _info(self) -> dict[str, Any]:
+        plants = self._plants
+        if not self.task.track:
+            return {'s': plants.x.copy()}
+        return {
+            's': plants.s.copy(),
+            'e_y': plants.e_y.copy(),
+            'lap': plants.lap.astype(np.intp),
+            'lap_time': plants.steps * plants.ts - plants.lap_began,
+            'lap_times': plants.lap_times.copy(),
+        }

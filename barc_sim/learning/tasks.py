@@ -1,0 +1,317 @@
+"""What the environments ask for: observations, actions, rewards and ends, of one car or of many.
+
+The functions take numbers or arrays alike: each is written once for the single environment, the
+batch, and the policy that drives a run.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from math import pi
+from operator import attrgetter
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from barc_sim.control.cruise_control import SPEED
+from barc_sim.control.lane import STEERING_LIMIT
+from barc_sim.control.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
+from barc_sim.errors import UserError
+from barc_sim.simulation.batch import Plants
+from barc_sim.simulation.closed_loop import LIMITS, check_arguments, plant_of
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bicycles import LateralParameters
+from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.parameters import ROWS, SERVO
+from barc_sim.vehicle.sensor import NoiseLevels
+from barc_sim.vehicle.track import Pose
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from barc_sim.vehicle.plant import Plant
+
+    Floats = NDArray[np.float64]
+
+#: [m] where the road ahead is observed: its curvature or its incline.
+AHEAD = (0.0, 5.0, 10.0, 15.0, 20.0)
+MAX_SPEED = 50.0  #: [m/s] A faster car's episode ends.
+BEHIND = -10.0  #: [m] So does that of a car that rolls so far back, before the start of the hills.
+_START_E_PSI = 0.2  #: [rad] either way
+#: What may be drawn anew for each episode, and its limits.
+_VARIED = {
+    **{name: ROWS[name] for name in (*Vehicle._fields, *LateralParameters._fields)},
+    'noise': LIMITS['noise'],
+    'delay': LIMITS['delay'],
+}
+
+
+class Seen(NamedTuple):
+    """What a car measures, its latest command, and the road ahead of it; arrays, of many."""
+
+    error: Any  #: [m/s] speed to hold less the measured one
+    e_y: Any  #: [m]
+    e_psi: Any  #: [rad]
+    speed: Any  #: [m/s] along the car's axis
+    motor: Any  #: [m/s²]
+    servo: Any  #: [rad]
+    ahead: Any  #: curvature [1/m], or incline [rad], at each of `AHEAD`
+
+
+class Car(NamedTuple):
+    """The true place and speed of a car; arrays, of many."""
+
+    s: Any  #: [m] along track or road
+    e_y: Any  #: [m]
+    v: Any  #: [m/s]
+
+
+class Task:
+    """The options that all environments have, and what each makes of them."""
+
+    #: The observation's numbers: the names of `Seen`, and the bounds of each, either way.
+    observed: ClassVar[Mapping[str, float]]
+    #: What an action commands, each from -1 to 1: that share of the limit.
+    actions: ClassVar[tuple[str, ...]]
+    course: ClassVar[Mapping[str, str]] = {'track': 'L', 'road': 'flat'}
+    default_speed: ClassVar[float] = 6.0
+
+    def __init__(
+        self,
+        *,
+        road: Any = None,  # noqa: ANN401 (as in `simulate`)
+        track: Any = None,  # noqa: ANN401
+        vehicle: Vehicle | None = None,
+        dynamics: str = 'kinematic',
+        lateral: LateralParameters | None = None,
+        noise: float | NoiseLevels = 0.0,
+        delay: float = 0.0,
+        servo: Actuator | None = None,
+        speed: float | None = None,
+        acceleration_limit: float = ACCELERATION_LIMIT,
+        ts: float = 0.02,
+        ranges: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        """Take options by the names that they have in `simulate` and `lap`.
+
+        `ranges` has the limits of what each episode draws anew, by the name of the option or of
+        the parameter of vehicle or tyres: `{'mass': (1500.0, 2500.0), 'delay': (0.0, 0.1)}`.
+
+        UserError: an option is unknown, or out of its limits.
+        """
+        self.speed = self.default_speed if speed is None else speed
+        SPEED.check(self.speed, 'speed')
+        check_arguments(noise=noise, acceleration_limit=acceleration_limit)
+        if track is not None and 'track' not in self.course:
+            raise UserError(f'track {track!r}: these hills are on a straight road: leave it out')
+        self.limits = {'motor': acceleration_limit, 'servo': STEERING_LIMIT}
+        self.ranges = check_ranges(ranges or {})
+        chosen = {name: given for name, given in (('road', road), ('track', track)) if given}
+        self.servo = servo
+        self.noise = noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise)
+        self._options: dict[str, Any] = {
+            **self.course,
+            **chosen,
+            'vehicle': vehicle,
+            'dynamics': dynamics,
+            'lateral': lateral,
+            'noise': self.noise,
+            'delay': delay,
+            'servo': servo,
+            'ts': ts,
+        }
+        for corner in product(*self.ranges.values()):
+            self.plant(dict(zip(self.ranges, corner, strict=True)))
+        like = self.plant({})
+        self.road, self.track, self.ts = like.road, like.track, like.ts
+        self._options |= {'road': self.road, 'track': self.track}  # read once
+        ahead = [2.0 / self.track.width if self.track else 0.5 * pi] * len(AHEAD)
+        self.high = np.array([*self.observed.values(), *ahead])
+        for i, name in enumerate(self.observed):
+            if name in self.limits:
+                self.high[i] = self.limits[name]
+            elif name == 'e_y' and self.track:
+                self.high[i] = self.track.width
+        self._low, self._own = -self.high, attrgetter(*self.observed)
+
+    def plant(self, drawn: Mapping[str, float], seed: int = 0) -> Plant:
+        """Return the plant of an episode with these of `ranges`, and this seed of the noise."""
+        options = self._options | {'seed': seed}
+        for name, kind in (('vehicle', Vehicle), ('lateral', LateralParameters)):
+            if mine := {each: drawn[each] for each in drawn.keys() & {*kind._fields}}:
+                options[name] = (options[name] or kind())._replace(**mine)
+        if 'delay' in drawn:
+            options['delay'] = drawn['delay']
+        if 'noise' in drawn:
+            options['noise'] = self.noise._replace(v_x=drawn['noise'])
+        return plant_of(**options)
+
+    def batch(self, n: int) -> Plants:
+        """Return the plants of `n` cars."""
+        like, options = self.plant({}), self._options
+        delay = options['delay']
+        servo = self.servo or (SERVO._replace(delay=delay) if self.track else Actuator())
+        lateral = (options['lateral'] or LateralParameters()) if self.is_dynamic else None
+        most = max(self.ranges.get('delay', (delay,)))
+        return Plants(n, like, Actuator(delay=delay), servo, lateral, most)
+
+    @property
+    def is_dynamic(self) -> bool:
+        """Whether the tyres can slip."""
+        return bool(self._options['dynamics'] == 'dynamic')
+
+    def draw(self, shares: Any) -> dict[str, Any]:  # noqa: ANN401 (numbers or arrays)
+        """Return the numbers of an episode, by name, at these shares of `ranges`."""
+        pairs = zip(self.ranges.items(), shares, strict=True)
+        return {name: low + (high - low) * share for (name, (low, high)), share in pairs}
+
+    def start(self, shares: Any) -> dict[str, Any]:  # noqa: ANN401 (numbers or arrays)
+        """Return where an episode begins, and how fast, of four random shares."""
+        assert self.track  # noqa: S101 (the hills have another)
+        s, e_y, e_psi, v = shares
+        return {
+            's': s * self.track.length,
+            'e_y': (2.0 * e_y - 1.0) * self.track.width / 6.0,
+            'e_psi': (2.0 * e_psi - 1.0) * _START_E_PSI,
+            'v': self.start_speed(v),
+        }
+
+    def pose(self, start: Mapping[str, Any]) -> Pose:
+        """Return the pose on the map at which an episode begins."""
+        assert self.track  # noqa: S101 (the hills have another)
+        return self.track.place(start['s'], start['e_y'], start['e_psi'])
+
+    def start_speed(self, share: Any) -> Any:  # noqa: ANN401
+        """Return the speed [m/s] of a random share: any up to twice the given one."""
+        return 2.0 * self.speed * share
+
+    def observe(self, seen: Seen) -> Floats:
+        """Return the observation, of shape (numbers,), or (cars, numbers)."""
+        values = np.array([*self._own(seen), *seen.ahead]).T
+        within: Floats = np.minimum(np.maximum(values, self._low), self.high)
+        return within
+
+    def is_over(self, car: Car) -> Any:  # noqa: ANN401 (flags of arrays)
+        """Return whether the car is off the track, or beyond the limits."""
+        assert self.track  # noqa: S101 (the hills have another)
+        over = (abs(car.e_y) > 0.5 * self.track.width) | (abs(car.v) > MAX_SPEED)
+        return over if self.track.is_closed else over | (car.s >= self.track.length)
+
+    def reward(self, before: Any, car: Car) -> Any:  # noqa: ANN401
+        """Return the reward of a step from `before` [m] along the course."""
+        raise NotImplementedError
+
+
+class Hills(Task):
+    r"""Hold a speed over hills, as `acc` does.
+
+    Action, shape (1,)
+        acceleration: ±1 is ±`acceleration_limit`, 8 m/s²
+    Observation, shape (8,)
+        0. the error: `speed` minus the measured speed [m/s], ±100
+        1. the measured speed [m/s], ±50
+        2. the latest command [m/s²], ±`acceleration_limit`
+        3. to 7. the incline [rad] 0, 5, 10, 15 and 20 m ahead, ±π/2
+    Reward
+        1 - \|error\| / `speed`, of the true speed: 1 at the speed, 0 at a standstill
+    Start
+        anywhere on the road, at up to twice the speed
+    End
+        faster than 50 m/s, or 10 m before the start of the road
+    """
+
+    observed = MappingProxyType({'error': 100.0, 'speed': MAX_SPEED, 'motor': 0.0})
+    actions = ('motor',)
+    course = MappingProxyType({'road': 'lab'})
+    default_speed = SPEED_REFERENCE
+
+    def start(self, shares: Any) -> dict[str, Any]:  # noqa: ANN401
+        """Return where on the road an episode begins, and how fast."""
+        return {'s': shares[0] * self.road.starts[-1], 'v': self.start_speed(shares[3])}
+
+    def pose(self, start: Mapping[str, Any]) -> Pose:
+        """Return the pose on the road."""
+        return Pose(start['s'], 0.0 * start['s'], 0.0 * start['s'])
+
+    def is_over(self, car: Car) -> Any:  # noqa: ANN401
+        """Return whether the car is beyond the limits."""
+        return (abs(car.v) > MAX_SPEED) | (car.s < BEHIND)
+
+    def reward(self, before: Any, car: Car) -> Any:  # noqa: ANN401, ARG002
+        """Return the reward of a step from `before` [m] along the course."""
+        return 1.0 - abs(self.speed - car.v) / self.speed
+
+
+class Lane(Task):
+    r"""Keep the lane at a given speed, which the PID of `acc` holds.
+
+    Action, shape (1,)
+        front steering angle: ±1 is ±0.5 rad, positive to the left
+    Observation, shape (9,), measured
+        0. e_y: distance to the left of the centre line [m], ±width
+        1. e_psi: heading less that of the centre line [rad], ±π
+        2. speed [m/s], ±50
+        3. the latest steering command [rad], ±0.5
+        4. to 8. curvature of the centre line [1/m] 0, 5, 10, 15 and 20 m ahead, ±2/width
+    Reward
+        1 - \|e_y\| / half width: 1 on the centre line, 0 at the edge
+    Start
+        anywhere on the track, at `speed`, up to a sixth of the width beside the line
+    End
+        off the track, or faster than 50 m/s
+    """
+
+    observed = MappingProxyType({'e_y': 0.0, 'e_psi': pi, 'speed': MAX_SPEED, 'servo': 0.0})
+    actions = ('servo',)
+
+    def start_speed(self, share: Any) -> Any:  # noqa: ANN401
+        """Return the speed to hold [m/s]."""
+        return self.speed + 0.0 * share
+
+    def reward(self, before: Any, car: Car) -> Any:  # noqa: ANN401, ARG002
+        """Return the reward of a step from `before` [m] along the course."""
+        assert self.track  # noqa: S101 (as any but the hills)
+        return 1.0 - abs(car.e_y) / (0.5 * self.track.width)
+
+
+class Race(Task):
+    """Get as far along the track as possible.
+
+    Action, shape (2,)
+        acceleration: ±1 is ±`acceleration_limit`, 8 m/s²; and steering, as in `Lane`
+    Observation, shape (10,), measured
+        as in `Lane`, with the latest acceleration command [m/s²] before that of the steering
+    Reward
+        the way along the track since the state before [m]
+    Start
+        as in `Lane`, at up to twice `speed`
+    End
+        as in `Lane`
+    """
+
+    observed = MappingProxyType(
+        {'e_y': 0.0, 'e_psi': pi, 'speed': MAX_SPEED, 'motor': 0.0, 'servo': 0.0}
+    )
+    actions = ('motor', 'servo')
+
+    def reward(self, before: Any, car: Car) -> Any:  # noqa: ANN401
+        """Return the reward of a step from `before` [m] along the course."""
+        return car.s - before
+
+
+TASKS: Mapping[str, type[Task]] = {each.__name__: each for each in (Hills, Lane, Race)}
+
+
+def check_ranges(ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """Return ranges; UserError: one is of nothing that can be drawn, or out of its limits."""
+    for name, (low, high) in ranges.items():
+        if name not in _VARIED:
+            raise UserError(f'ranges: {name!r} must be one of {", ".join(_VARIED)}')
+        for value in (low, high):
+            _VARIED[name].check(value, f'ranges: {name}')
+        if low > high:
+            raise UserError(f'ranges: {name} from {low:g} to {high:g} must be the other way round')
+    return dict(ranges)

@@ -1,0 +1,173 @@
+"""The environments: Gymnasium's own checks, one car as a batch, and what a run would do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from barc_sim.control.lane import LaneLQR
+from barc_sim.errors import UserError
+from barc_sim.simulation.closed_loop import lap
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import NoiseLevels
+
+gymnasium = pytest.importorskip('gymnasium', reason='needs the extra gym')
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+
+import barc_sim.learning  # noqa: E402, F401 (registers)
+
+IDS = {name: f'barc_sim/{name}-v0' for name in ('Hills', 'Lane', 'Race')}
+NOISE = NoiseLevels(s=0.02, ey=0.02, epsi=0.01, v_x=0.05)
+RANGES = {'mass': (1000.0, 3000.0), 'delay': (0.0, 0.1), 'noise': (0.0, 0.1), 'l_r': (1.0, 2.0)}
+OPTIONS: dict[str, dict[str, Any]] = {
+    'plain': {},
+    'noise': {'noise': NOISE},
+    'delay': {'delay': 0.05, 'speed': 7.0},
+    'ranges': {'ranges': RANGES, 'vehicle': Vehicle(air_drag_coeff=1.0)},
+    'dynamic': {'dynamics': 'dynamic', 'noise': 0.1, 'ts': 0.01},
+    'tyres': {'dynamics': 'dynamic', 'ranges': {'front_stiffness': (8e4, 1.5e5)}, 'delay': 0.033},
+}
+ELSEWHERE: dict[str, dict[str, Any]] = {
+    'Hills': {'road': 'flat', 'acceleration_limit': 3.0},
+    'Lane': {'track': 'figure-eight', 'servo': Actuator(rate=2.0, limit=0.3)},
+    'Race': {'track': 'oval', 'road': Road((0.0, 30.0), (5.0, -3.0)), 'servo': Actuator()},
+}
+INFO = ('s', 'e_y', 'lap', 'lap_time')
+CASES = [(name, options) for name in IDS for options in (*OPTIONS.values(), ELSEWHERE[name])]
+
+
+@pytest.mark.parametrize(('name', 'options'), CASES)
+def test_gymnasium_accepts_each_environment_with_each_option(
+    name: str, options: dict[str, Any]
+) -> None:
+    check_env(gymnasium.make(IDS[name], **options).unwrapped, skip_render_check=True)
+
+
+def actions_of(shape: tuple[int, ...], steps: int) -> Any:  # noqa: ANN401 (arrays)
+    """Yield smooth random actions, some beyond their bounds."""
+    random, action = np.random.default_rng(0), np.zeros(shape)
+    for _ in range(steps):
+        action = 0.9 * action + 0.2 * random.standard_normal(shape)
+        yield action.astype(np.float32)
+
+
+def rows(result: Any) -> list[Any]:  # noqa: ANN401 (of reset or step)
+    """Return the numbers of all cars, each as an array."""
+    *values, info = result
+    times = np.array([len(each) + sum(each) for each in info.get('lap_times', [()])])
+    return [*values, times, *(info[name] for name in INFO if name in info)]
+
+
+def assert_same(name: str, options: dict[str, Any], cars: int, steps: int) -> int:
+    """Assert that a batch is its cars one by one; return how many episodes have ended."""
+    kinds = {'max_episode_steps': 200, **options}
+    batch, single = (
+        gymnasium.make_vec(IDS[name], cars, vectorization_mode=mode, **kinds)
+        for mode in ('vector_entry_point', 'sync')
+    )
+    assert batch.metadata['autoreset_mode'] == single.metadata['autoreset_mode']
+    actions = [*actions_of(batch.action_space.shape, steps)]
+    firsts = [rows(env.reset(seed=3)) for env in (batch, single)]
+    for ours, theirs in zip(*firsts, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-12)
+    ours, theirs = ([rows(env.step(action)) for action in actions] for env in (batch, single))
+    for left, right in zip(zip(*ours, strict=True), zip(*theirs, strict=True), strict=True):
+        np.testing.assert_allclose(left, right, rtol=0.0, atol=1e-12)
+    return int(np.array([each[2] | each[3] for each in ours]).sum())
+
+
+@pytest.mark.parametrize(('name', 'options'), CASES)
+def test_a_batch_is_its_cars_one_by_one(name: str, options: dict[str, Any]) -> None:
+    assert assert_same(name, options, 3, 250) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('name', 'dynamics'), [('Hills', 'kinematic'), ('Lane', 'kinematic'), ('Race', 'dynamic')]
+)
+def test_a_batch_is_its_cars_over_10_000_steps(name: str, dynamics: str) -> None:
+    options = {'dynamics': dynamics, 'noise': NOISE, 'ranges': RANGES, 'ts': 0.01}
+    assert assert_same(name, options, 2, 10_000) > 50
+
+
+@pytest.mark.parametrize('name', IDS)
+def test_a_seed_repeats_and_another_differs(name: str) -> None:
+    env = gymnasium.make_vec(IDS[name], 3, noise=0.1)
+    first, again, other = (env.reset(seed=seed)[0] for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any(axis=1).all()
+    assert len({*map(tuple, first)}) == 3  # each car has numbers of its own
+
+
+def drive(env: Any, lane: LaneLQR, steps: int) -> list[tuple[float, float]]:  # noqa: ANN401
+    """Return s and e_y of the states of a law that steers."""
+    track = env.unwrapped.task.track
+    observation, info = env.reset(options={'s': 0.0, 'e_y': 1.0, 'e_psi': 0.0, 'v': 0.0})
+    rows = [(info['s'], info['e_y'])]
+    for _ in range(steps):
+        e_y, e_psi, speed, *_ = map(float, observation)
+        steer = lane.steer_calculate(e_y, e_psi, speed, lambda d: track.curvature(info['s'] + d))  # noqa: B023
+        observation, _, over, _, info = env.step([steer / 0.5])
+        assert not over
+        rows.append((info['s'], info['e_y']))
+    assert len(info['lap_times']) == 1
+    return rows
+
+
+@pytest.mark.parametrize('dynamics', ['kinematic', 'dynamic'])
+def test_a_law_drives_the_trajectory_of_a_run(dynamics: str) -> None:
+    log = lap(LaneLQR(), 'oval', speed=8.0, laps=1, e_y=1.0, dynamics=dynamics, delay=0.05)
+    env = gymnasium.make(IDS['Lane'], track='oval', speed=8.0, dynamics=dynamics, delay=0.05)
+    rows = drive(env, LaneLQR(), len(log) - 1)
+    assert rows == list(zip(log.s.tolist(), log.e_y.tolist(), strict=True))
+
+
+def test_a_lap_ends_no_episode_and_the_edge_does() -> None:
+    env = gymnasium.make(IDS['Lane'], track='circle')
+    env.reset(options={'s': 0.0, 'e_y': 2.9, 'e_psi': 0.5})
+    rewards, over = [], False
+    while not over:
+        _, reward, over, truncated, info = env.step([0.0])
+        rewards.append(reward)
+    assert not truncated
+    assert abs(info['e_y']) > 3.0
+    assert rewards[-1] < 0.0 < rewards[0]
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'noise': -1.0}, 'noise: -1 is not a number'),
+        ({'speed': 'fast'}, "speed: 'fast' is not a number"),
+        ({'vehicle': {'mass': 1.0}}, 'must be of type Vehicle'),
+        ({'track': 'nowhere'}, "track 'nowhere' is neither"),
+        ({'ranges': {'colour': (0.0, 1.0)}}, "ranges: 'colour' must be one of mass,"),
+        ({'ranges': {'mass': (0.0, 10.0)}}, 'ranges: mass: 0 is not a number'),
+        ({'ranges': {'mass': (2.0, 1.0)}}, 'must be the other way round'),
+        ({'ranges': {'front_stiffness': (1.0, 1e8)}, 'dynamics': 'dynamic'}, 'steps of 0.02 s'),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        gymnasium.make(IDS['Lane'], **options)
+
+
+@pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
+def test_an_action_or_a_start_that_makes_no_sense_is_refused(mode: str) -> None:
+    env = gymnasium.make_vec(IDS['Race'], 2, vectorization_mode=mode)
+    with pytest.raises(UserError, match="'x' must be one of s, e_y, e_psi, v"):
+        env.reset(options={'x': 0.0})
+    env = gymnasium.make_vec(IDS['Race'], 2, vectorization_mode=mode)
+    env.reset()
+    with pytest.raises(UserError, match='and not NaN'):
+        env.step(np.array([[0.0, 0.0], [np.nan, 0.0]], np.float32))
+
+
+def test_hills_are_on_a_road_alone() -> None:
+    with pytest.raises(UserError, match='leave it out'):
+        gymnasium.make(IDS['Hills'], track='L')
