@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.confined.child import CodeServer
 from barc_sim.lab.handout import FILES
 from barc_sim.lab.hills.code import HillsCode
+from barc_sim.lab.hills.lab import HILLS
 from barc_sim.lab.user_code.calls import BUDGET
 from barc_sim.lab.user_code.code import UserCode, find_files
 
 if TYPE_CHECKING:
     from collections.abc import Collection
+
+    from barc_sim.lab.check.code import Finding
+    from barc_sim.lab.check.lab import Settings
 
 MODEL = """\
 from math import atan, copysign, cos, sin, tan
@@ -131,6 +137,24 @@ class LocalCode(HillsCode):
     def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
         """Return the result of a request."""
         return self._server.call(do, *arguments)
+
+
+@cache
+def judged_file(
+    part: str, name: str, text: str, settings: Settings
+) -> tuple[list[Finding], tuple[str, ...]]:
+    """Return the findings on one file, called in this process, and what is tolerated in it.
+
+    Each file is judged once, however many programs have it.
+    """
+    with TemporaryDirectory() as folder:
+        path = Path(folder, name)
+        path.write_text(text, encoding='utf-8')
+        code = LocalCode(UserCode({part: path}, budget=None, packages=False))
+        own = HILLS.parts[part].labels
+        found = [each for each in HILLS.judge(code, settings) if each.criterion in own]
+        assert folder not in ''.join(each.message for each in found)
+        return found, code.tolerated()
 
 
 def load_folder(folder: Path, parts: Collection[str] = tuple(FILES), **options: Any) -> UserCode:  # noqa: ANN401

@@ -124,7 +124,7 @@ def graded(tmp_path_factory: pytest.TempPathFactory) -> Graded:
     packed = (folder / 'submissions' / 'packed.zip').read_bytes()
     (folder / 'submissions' / 'later.zip').write_bytes(packed.replace(b'\x14', b'\xff'))
     out = folder / 'grades'
-    exit_code = barc(['grade', str(folder / 'submissions'), '--out', str(out), '--jobs', '2'])
+    exit_code = barc(['grade', str(folder / 'submissions'), '--out', str(out), '--jobs', '1'])
     return folder / 'submissions', out, exit_code
 
 

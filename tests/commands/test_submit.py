@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 import zipfile
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
-from command_line import barc, refused
+from command_line import barc, call, refused
 from hand_drive import drive_by_hand
 from made_bags import make
 from student_code import CONTROLLER, MODEL
 
 from barc_sim.control.driver import DriverInput
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from barc_sim.simulation.closed_loop import closed_loop
 
 OWN = {
     'bike_model.py': MODEL,
@@ -24,7 +22,7 @@ OWN = {
     'description.md': 'I tuned it by hand.\n',
     'gains.csv': '10,0.5,0.4\n',
 }
-LOCAL = ('--engine', 'local')
+LOCAL = ('--engine=local',)  # the command itself runs in this process
 
 
 @pytest.fixture
@@ -108,7 +106,7 @@ def test_code_that_fails_is_packed_with_its_bag_and_the_sentence(lab: Path) -> N
 
 def test_a_drive_of_your_own_is_taken_and_its_differences_named(lab: Path) -> None:
     line = ('acc', '--lab', 'lab', '--realtime-factor', 'max', '-q', '--kp', '20', *LOCAL)
-    bag = barc(*line).stdout.strip()
+    bag = call(*line).stdout.strip()
     (lab / 'bike_model.py').write_text(MODEL + '\n# better\n')
 
     done = barc('submit', 'lab', '--course', bag, *LOCAL)
@@ -121,9 +119,9 @@ def test_a_drive_of_your_own_is_taken_and_its_differences_named(lab: Path) -> No
 @pytest.mark.usefixtures('lab')
 def test_templates_and_foreign_bags_are_named() -> None:
     assert barc('new', 'fresh').returncode == 0
-    bag = barc('acc', '--realtime-factor', 'max', '-q', *LOCAL).stdout.strip()
+    bag = make(Path('foreign'), closed_loop(distance=10.0), {'command': 'barc acc'})
 
-    done = barc('submit', 'fresh', '--course', bag, '--teleop', 'nowhere')
+    done = barc('submit', 'fresh', '--course', str(bag), '--teleop', 'nowhere')
 
     assert 'missing: relay.py is the template: nothing is written in it' in done.stdout
     assert "the code that drove is not this folder's: drive with --lab" in done.stdout

@@ -11,13 +11,12 @@ import re
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
-from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, LocalCode, replaced
+from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, judged_file, replaced
 
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.rubric import load
-from barc_sim.lab.handout import files_in
+from barc_sim.lab.handout import FILES
 from barc_sim.lab.hills.lab import HILLS
-from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -221,20 +220,19 @@ ADVICE = re.compile(r'With (k[pid]) ([\d.]+) in place of [\d.]+ the RMS error is
 HELPED = {'it swings': True, 'a weak kp': True, 'a limit of 2': False, 'all gains are 0': False}
 
 
-def write(folder: Path, program: Program) -> None:
-    """Write the files of a program."""
+def texts_of(program: Program) -> dict[str, str]:
+    """Return the files of a program, by part."""
     texts = [PLAIN_MODEL, PLAIN_CONTROLLER]
     for old, new in program.changes:
         part = 0 if old in texts[0] else 1
         texts[part] = replaced(texts[part], (old, new))
-    for name, text in zip(('bike_model.py', 'controller.py'), texts, strict=True):
-        (folder / name).write_text(text, encoding='utf-8')
+    return dict(zip(('model', 'controller'), texts, strict=True))
 
 
-def judged(folder: Path) -> dict[str, Finding]:
-    """Return the findings on a folder by the rubric `lab`, judged in this process."""
-    code = LocalCode(UserCode(files_in(folder), budget=None, packages=False))
-    return {each.criterion: each for each in HILLS.judge(code, LAB.settings)}
+def judged(texts: dict[str, str]) -> dict[str, Finding]:
+    """Return the findings on files, by part, by the rubric `lab`."""
+    found = [judged_file(part, FILES[part], text, LAB.settings)[0] for part, text in texts.items()]
+    return {each.criterion: each for findings in found for each in findings}
 
 
 def points(findings: dict[str, Finding]) -> float:
@@ -246,23 +244,23 @@ def remarks(findings: dict[str, Finding]) -> str:
 
 
 @pytest.mark.parametrize('name', PROGRAMS)
-def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
+def test_points_sentence_and_line(name: str) -> None:
     program = PROGRAMS[name]
-    write(tmp_path, program)
-    findings = judged(tmp_path)
+    texts = texts_of(program)
+    findings = judged(texts)
     assert program.sentence in remarks(findings)
     assert points(findings) == pytest.approx(program.points, abs=5.0)
     if program.line:
         remark = next(m for m in remarks(findings).splitlines() if program.sentence in m)
         file, number = re.findall(r'(\w+\.py), line (\d+)', remark)[0]
-        line = (tmp_path / file).read_text(encoding='utf-8').splitlines()[int(number) - 1]
+        (part,) = (part for part, name in FILES.items() if name == file)
+        line = texts[part].splitlines()[int(number) - 1]
         assert line.strip().startswith(program.line)
     advice = ADVICE.findall(remarks(findings))
     assert HELPED.get(name, bool(advice)) == bool(advice)
     for gain, value, error in advice:
-        file = tmp_path / 'controller.py'
-        file.write_text(re.sub(rf'{gain}=[\d.]+', f'{gain}={value}', file.read_text()))
-        better = judged(tmp_path)['loop.lab_road']
+        changed = re.sub(rf'{gain}=[\d.]+', f'{gain}={value}', texts['controller'])
+        better = judged({'controller': changed})['loop.lab_road']
         assert better.score > findings['loop.lab_road'].score
         assert f'RMS error {error} m/s' in better.message
 
@@ -283,10 +281,9 @@ def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
 def test_what_keeps_a_controller_from_running_is_the_remark(
     tmp_path: Path, text: str, words: str
 ) -> None:
-    write(tmp_path, PROGRAMS['right'])
     (tmp_path / 'controller.py').write_text(text, encoding='latin-1')
     report = HILLS.judge_folder(tmp_path, LAB.settings, Limits(call=0.2))
     findings = {each.criterion: each for each in report.findings if not each.skipped}
-    assert points(findings) == 50.0
+    assert points(findings) == 0.0
     for criterion in ('pid.proportional', 'pid.integral', 'pid.derivative', 'loop.lab_road'):
         assert words in findings[criterion].message

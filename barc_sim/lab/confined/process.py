@@ -9,7 +9,9 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,6 +35,7 @@ _ENVIRONMENT = {
     'OMP_NUM_THREADS': '1',
 }
 _MAX_LINE = 16 << 20  # bytes of a reply
+_POLL = 0.05  # [s] between two looks at the deadline
 _LAST_WORDS = 5.0  # [s] for a process that has closed its pipes to end by itself
 
 
@@ -71,7 +74,7 @@ class Process:
         """Start it, and wait until it is confined; where that fails it is `Unconfined`."""
         self._limits = limits
         self._serial = 0
-        self._is_late = False
+        self._deadline, self._is_late = inf, False
         #: The first bytes of the output, one more than the limit where there are more.
         self.printed = b''
         self._process = _start(folder, limits, sandbox=sandbox)
@@ -79,6 +82,7 @@ class Process:
         self._requests, self._replies, self._output = pipes.stdin, pipes.stdout, pipes.stderr
         self._printing = threading.Thread(target=self._keep_output, daemon=True)
         self._printing.start()
+        threading.Thread(target=self._watch, daemon=True).start()
         try:
             self._reply(b'', limits.start)
         except Failed as error:
@@ -121,9 +125,13 @@ class Process:
                 else:
                     self._process.kill()
 
-    def _kill_late(self) -> None:
-        self._is_late = True
-        self._kill()
+    def _watch(self) -> None:
+        """Kill the process when it does not reply in time."""
+        while self._process.poll() is None and not self._is_late:
+            time.sleep(_POLL)
+            if time.monotonic() >= self._deadline:
+                self._is_late = True
+                self._kill()
 
     def _keep_output(self) -> None:
         keep = self._limits.output + 1
@@ -133,8 +141,7 @@ class Process:
 
     def _reply(self, request: bytes, wait: float) -> Any:  # noqa: ANN401 (JSON)
         """Send a request; its process is killed where no reply comes within `wait` [s]."""
-        alarm = threading.Timer(wait, self._kill_late)
-        alarm.start()
+        self._deadline = time.monotonic() + wait
         line = b''
         try:
             with suppress(OSError):
@@ -145,7 +152,7 @@ class Process:
             self.close()
             raise
         finally:
-            alarm.cancel()
+            self._deadline = inf
         try:
             reply = json.loads(line)
             serial, error, result = reply['serial'], reply.get('error'), reply.get('result')

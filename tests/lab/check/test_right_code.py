@@ -90,6 +90,11 @@ CONTROLLERS = {
 }
 
 
+NO_RANDOM_ROADS = Settings(
+    criteria=tuple(name for name in HILLS.labels if name.startswith(('pid.', 'loop.lab')))
+)
+
+
 def messages(findings: list[Finding]) -> dict[str, str]:
     judged = [finding for finding in findings if finding.criterion not in RELAY]
     return {finding.criterion: finding.message for finding in judged if finding.score != 1.0}
@@ -107,7 +112,7 @@ def test_a_right_model_gets_full_marks(lab: Lab, model: str, name: str) -> None:
     assert messages(HILLS.judge(lab(text))[:6]) == {}
 
 
-@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('seed', range(2))
 def test_no_seed_makes_right_code_wrong(lab: Lab, model: str, controller: str, seed: int) -> None:
     assert messages(HILLS.judge(lab(model, controller), Settings(seed=seed))) == {}
 
@@ -117,7 +122,7 @@ def test_a_right_controller_gets_full_marks(lab: Lab, controller: str, name: str
     changed = (
         ON_MEASUREMENT if name == 'on measurement' else replaced(controller, CONTROLLERS[name])
     )
-    assert messages(HILLS.judge(lab(controller=changed))[6:]) == {}
+    assert messages(HILLS.judge(lab(controller=changed), NO_RANDOM_ROADS)) == {}
 
 
 def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> None:
@@ -131,8 +136,9 @@ def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> Non
 
 def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller: str) -> None:
     code = lab(model.replace('sin(theta)', 'sin(theta)**3'), controller.replace('0.02', '0.03'))
-    findings = HILLS.judge(code, Settings(seed=3))
-    assert findings == HILLS.judge(code, Settings(seed=3)) != HILLS.judge(code, Settings(seed=4))
+    some = ('model.v', 'pid.integral')
+    one, again, other = (HILLS.judge(code, Settings(seed=k, criteria=some)) for k in (3, 3, 4))
+    assert one == again != other
 
 
 def test_what_is_not_there_is_skipped_without_marks(lab: Lab, model: str) -> None:

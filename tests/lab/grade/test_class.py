@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ import pytest
 
 from barc_sim.__main__ import main as barc
 from barc_sim.errors import UserError
+from barc_sim.lab.grade import grade as grade_room
 from barc_sim.lab.grade.classroom import Student, owner, read_roster
 from barc_sim.lab.grade.rubric import Rubric, entered
 
@@ -111,7 +113,10 @@ def hand_in(folder: Path, name: str, x: str, when: str) -> None:
 
 
 @pytest.mark.usefixtures('confinement')
-def test_grading_again_loses_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_grading_again_loses_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(grade_room, 'processes', ThreadPoolExecutor)  # which start at once
     made, out = tmp_path / 'in', tmp_path / 'out'
     rubric = tmp_path / 'rubric.yaml'
     rubric.write_text('title: Lab\ncriteria: {model.y: 2}\ntask_3: {relay.rate: 3}\n')

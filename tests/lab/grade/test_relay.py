@@ -17,13 +17,13 @@ from relays import (
     ROS_1,
     ROS_2,
 )
-from user_files import CONTROLLER, MODEL, LocalCode, load_folder
+from user_files import CONTROLLER, MODEL, judged_file
 
 import barc_sim.lab
 from barc_sim.lab.check.code import Finding
 from barc_sim.lab.check.lab import Settings
 from barc_sim.lab.grade.rubric import load
-from barc_sim.lab.handout import RUBRICS
+from barc_sim.lab.handout import FILES, RUBRICS
 from barc_sim.lab.hills.lab import HILLS
 from barc_sim.lab.hills.relay import LABELS as RELAY
 
@@ -136,13 +136,30 @@ WORKS = {
 }  # fmt: skip
 
 
+def findings_on(part: str, text: str) -> list[Finding]:
+    return judged_file(part, FILES[part], text, Settings())[0]
+
+
+#: Those that are judged in their process, too.
+CONFINED = (
+    *('function', 'program of ROS 2', "the lab's, which keeps the last key"),
+    *('keyboard and relay in one node', 'one node, with a thread for the keys'),
+)
+
+
 @pytest.mark.usefixtures('confinement')
+@pytest.mark.parametrize('kind', CONFINED)
+def test_a_confined_relay_gets_the_same(tmp_path: Path, kind: str) -> None:
+    (tmp_path / 'relay.py').write_text(WORKS[kind].text, encoding='utf-8')
+    settings = Settings(criteria=tuple(RELAY))
+    findings = HILLS.judge_folder(tmp_path, settings, sandbox=True).findings
+    assert findings == findings_on('relay', WORKS[kind].text)
+
+
 @pytest.mark.parametrize('kind', WORKS)
-def test_points_and_sentence(tmp_path: Path, kind: str) -> None:
+def test_points_and_sentence(kind: str) -> None:
     expected = WORKS[kind]
-    (tmp_path / 'relay.py').write_text(expected.text, encoding='utf-8')
-    findings = HILLS.judge_folder(tmp_path, Settings(criteria=RELAY), sandbox=True).findings
-    found = {each.criterion: each for each in findings}
+    found = {each.criterion: each for each in findings_on('relay', expected.text)}
     faults = [each.message for each in found.values() if not each.passed]
     assert expected.sentence in (faults or [''])[0]
     assert bool(faults) == bool(expected.sentence)
@@ -156,27 +173,20 @@ def test_points_and_sentence(tmp_path: Path, kind: str) -> None:
         assert sum(mine) == pytest.approx(points)
 
 
-@pytest.mark.parametrize('rubric', RUBRICS)
-def test_without_task_3_the_points_are_of_100_and_with_it_of_120(
-    tmp_path: Path, rubric: str
-) -> None:
-    for name, text in {'bike_model.py': MODEL, 'controller.py': CONTROLLER}.items():
-        (tmp_path / name).write_text(text, encoding='utf-8')
-    points = load(rubric)
-
-    def total() -> tuple[float, float]:
-        findings = HILLS.judge(LocalCode(load_folder(tmp_path, budget=None)), points.settings)
-        worth = points.worth(findings)
-        return (
-            sum(points.points_for(each) for each in findings if each.criterion in worth),
-            sum(worth.values()),
-        )
-
-    assert total() == (100.0, 100.0)
-    (tmp_path / 'relay.py').write_text(TEMPLATE, encoding='utf-8')
-    assert total() == (100.0, 100.0)
-    (tmp_path / 'relay.py').write_text(ROS_2, encoding='utf-8')
-    assert total() == (120.0, 120.0)
+def test_without_task_3_the_points_are_of_100_and_with_it_of_120() -> None:
+    texts = {'model': MODEL, 'controller': CONTROLLER}
+    written = [each for part, text in texts.items() for each in findings_on(part, text)]
+    for relay, points in ((None, 100.0), (TEMPLATE, 100.0), (ROS_2, 120.0)):
+        if relay is None:
+            task_3 = [Finding(name, 0.0, 'there is none', skipped=True) for name in RELAY]
+        else:
+            task_3 = findings_on('relay', relay)
+        for rubric in map(load, RUBRICS):
+            worth = rubric.worth([*written, *task_3])
+            total = sum(
+                rubric.points_for(each) for each in (*written, *task_3) if each.criterion in worth
+            )
+            assert (total, sum(worth.values())) == (points, points)
 
 
 def test_rubric_can_require_task_3(tmp_path: Path) -> None:
