@@ -36,7 +36,8 @@ INITIAL_POSE = 'initialpose'  #: puts the car there, at rest, as the tool of RVi
 ODOM = 'odom'  #: the measured pose from odom to base_link; x on the map, z the elevation
 PATH = 'path'  #: the way since the start, in at most 200 poses, once a second
 MARKERS = 'markers'  #: the car, 25 times a second
-ROAD_MARKERS = 'road_markers'  #: the road, once, latched (transient local)
+ROAD_MARKERS = 'road_markers'  #: the road, or the track, once, latched (transient local)
+TRACK_PATH = 'track_path'  #: the centre line of the track, once, latched
 
 # ROS's own tools expect these outside of every namespace.
 TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from argparse import ArgumentTypeError
 from importlib import import_module
+from math import inf
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import accept_ros_args, number, whole
 from barc_sim.cli.signals import StopSignals
-from barc_sim.control.cruise_control import LIMIT, SPEED
+from barc_sim.control.cruise_control import LIMIT, PROFILE, SPEED
 from barc_sim.control.driver import INPUTS, PEDAL
+from barc_sim.control.lane import DEFAULT_LANE, LANE_TYPES
 from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.runs import options as run_options
 from barc_sim.simulation.stepper import DISTANCE, LAPS
+from barc_sim.vehicle.track import TRACKS
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from collections.abc import Mapping
 
     from barc_sim.cli.parser import Parser
+    from barc_sim.control.controller import Tunable
 
 _MAX_CARS = 100
 _MODULES = {'acc': 'cruise_control', 'teleop': 'teleop'}  #: in `runs`
@@ -62,19 +68,20 @@ def add_arguments_acc(parser: Parser) -> None:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help=f'a gain of the controller; may be repeated ({"; ".join(map(_gains_of, TYPES))})',
+        help=f'a gain of the controller; may be repeated ({_gains_of(TYPES)})',
     )
+    _add_track_options(parser)
     parser.add_argument(
         '--distance',
         type=number(*DISTANCE.between),
         metavar='M',
-        help='a lap ends here; 0: only at Ctrl-C (180 m)',
+        help='a lap ends here; 0: only at Ctrl-C (180 m; on a track, where the last lap ends)',
     )
     parser.add_argument(
         '--laps',
         type=whole(*LAPS.between),
         metavar='N',
-        help='number of laps from standstill; 0: until Ctrl-C (1)',
+        help='number of laps, from standstill on a road; 0: until Ctrl-C (1)',
     )
     parser.add_argument(
         '--cars',
@@ -88,10 +95,13 @@ def add_arguments_acc(parser: Parser) -> None:
         action='store_true',
         help="start no controller of barc_sim's, and wait for another that publishes ecu",
     )
-    run_options.add_arguments(parser, 'model', 'controller', road='lab', view='offer')
+    run_options.add_arguments(
+        parser, 'model', 'controller', road='lab; on a track flat', view='offer'
+    )
+    parser.set_defaults(parts=('model', 'controller', 'lane'))
     accept_ros_args(parser)
     gains = (f'--{name}' for name in PID.gains)
-    own = ('--speed', *gains, '--acceleration-limit', '--distance', '--laps')
+    own = ('--speed', *gains, '--acceleration-limit', '--track', '--lane', '--distance', '--laps')
     parser.shorten_help(*own, *run_options.USUAL)
 
 
@@ -130,6 +140,53 @@ def add_arguments_teleop(parser: Parser) -> None:
     parser.shorten_help('--input', *run_options.USUAL)
 
 
+def _add_track_options(parser: Parser) -> None:
+    parser.add_argument(
+        '--track',
+        metavar='TRACK',
+        help=f'laps of a track: {", ".join(TRACKS)}, or a CSV file: length_m,radius_m (none)',
+    )
+    parser.add_argument(
+        '--lane',
+        type=_lane,
+        metavar='LAW',
+        help=f'what steers on a track: {", ".join(LANE_TYPES)}, or a file like lane.py '
+        f'({DEFAULT_LANE})',
+    )
+    parser.add_argument(
+        '--lane-gain',
+        type=_value,
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help=f'a gain of it; may be repeated ({_gains_of(LANE_TYPES)})',
+    )
+    parser.add_argument(
+        '--speed-profile',
+        type=number(1e-3, PROFILE[0].between[1]),
+        nargs=2,
+        metavar=('LATERAL', 'LONGITUDINAL'),
+        help='drive as fast as these accelerations [m/s²] allow on the track, --speed at most',
+    )
+
+
+def _lane(text: str) -> str | Path:
+    """Return the name of a steering law, or the path of a file with one."""
+    if text not in LANE_TYPES and not text.endswith('.py'):
+        raise ArgumentTypeError(
+            f'{text!r} is neither {", ".join(map(repr, LANE_TYPES))} nor a file like lane.py'
+        )
+    return text if text in LANE_TYPES else Path(text)
+
+
+def _value(text: str) -> tuple[str, float]:
+    """Return a name and its number."""
+    name, equals, value = text.partition('=')
+    if not (equals and name.isidentifier()):
+        raise ArgumentTypeError(f'{text!r} is no gain: expected NAME=VALUE')
+    return name, number(-inf, inf)(value)
+
+
 def _gain(text: str) -> tuple[str, float]:
     """Return name and value of a gain."""
     name, equals, value = text.partition('=')
@@ -140,5 +197,5 @@ def _gain(text: str) -> tuple[str, float]:
     return name, number(*GAINS[name].between)(value)
 
 
-def _gains_of(controller: str) -> str:
-    return f'{controller}: {", ".join(TYPES[controller].gains)}'
+def _gains_of(types: Mapping[str, type[Tunable]]) -> str:
+    return '; '.join(f'{name}: {", ".join(kind.gains)}' for name, kind in types.items())

@@ -49,7 +49,9 @@ HILLS = Handout(
 #: By the word of `barc new --lab`.
 HANDOUTS = {'hills': HILLS}
 #: The file of each part of any lab.
-FILES = {part: name for each in HANDOUTS.values() for part, name in each.files.items()}
+FILES = {'lane': 'lane.py'} | {
+    part: name for each in HANDOUTS.values() for part, name in each.files.items()
+}
 #: The names of the rubrics.
 RUBRICS = tuple(name for each in HANDOUTS.values() for name in each.rubrics)
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import time
 from itertools import pairwise
-from math import cos, hypot, isfinite, radians, sin
+from math import ceil, cos, hypot, isfinite, radians, sin
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
+import numpy as np
 from barc_interfaces.msg import ECU, ZDynBkMdl
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, TransformStamped, Vector3
@@ -26,13 +27,15 @@ from visualization_msgs.msg import Marker, MarkerArray
 from barc_sim.bags import names
 from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.nodes import MIRRORS
-from barc_sim.ros.node_helpers import declare, frames, to_header, to_nanoseconds
+from barc_sim.ros.node_helpers import declare, declare_track, frames, to_header, to_nanoseconds
 from barc_sim.simulation.timing import TOLERATED
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+
+    from barc_sim.vehicle.track import Track
 
     Colour = tuple[float, float, float]
     Size = tuple[float, float, float]
@@ -49,6 +52,7 @@ PARAMETERS = [
 ]
 #: [s] of wall-clock time between two pictures of the car: 25 a second, if states come at 50 Hz.
 _PICTURE_PERIOD = 0.035
+_MAX_POINTS = 2000  #: of a line of a track
 _MAX_POSES, _MIN_SPACING = 200, 0.5  #: of the path; [m] between two poses
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -80,7 +84,8 @@ class MirrorNode(Node):
     """Publishes each `z_vhcl` again in standard messages.
 
     They show the measured state on the road of the parameter `road`, the simulator's: `x` is the
-    distance along its surface in `z_vhcl`, and the one on the map here. Frames are called `odom`,
+    distance along its surface in `z_vhcl`, and the one on the map here. On a track, whose hills are
+    not shown, both are on the map. Frames are called `odom`,
     which is where `map` is, and `base_link`; in the namespace `/car2`, `car2/odom` and
     `car2/base_link`. A mirror whose parameter is false has no publisher.
 
@@ -106,11 +111,12 @@ class MirrorNode(Node):
         self,
         *,
         road: Road | None = None,
+        track: Track | None = None,
         facts: Callable[[], Facts] = Facts,
         period: float = 1.0,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        """Mirror the states on `road`, which replaces that of the parameter.
+        """Mirror the states on `road`, or on `track`, which replace those of the parameters.
 
         `facts` returns what no topic carries. `period` [s] of wall-clock time is that of paths and
         diagnoses.
@@ -122,7 +128,8 @@ class MirrorNode(Node):
         """
         super().__init__('mirror', **options)
         values = declare(self, PARAMETERS)
-        self._road = road or Road.named(values['road'])
+        track = declare_track(self, track)
+        self._road = Road.flat() if track else road or Road.named(values['road'])
         self._map, self._base_link = frames(self)
         self._odom = self._base_link.replace('base_link', 'odom')
         self._last: ZDynBkMdl | None = None
@@ -149,7 +156,13 @@ class MirrorNode(Node):
         }
         if 'markers' in self._pubs:
             self._road_pub = self.create_publisher(MarkerArray, names.ROAD_MARKERS, _LATCHED)
-            self._road_pub.publish(road_markers(self._road, self._odom))
+            shown = (
+                track_markers(track, self._map) if track else road_markers(self._road, self._odom)
+            )
+            self._road_pub.publish(shown)
+        if track and 'path' in self._pubs:
+            self._track_pub = self.create_publisher(Path, names.TRACK_PATH, _LATCHED)
+            self._track_pub.publish(track_path(track, self._map))
         self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS_ALL)
         if 'diagnostics' in self._pubs:
@@ -260,20 +273,52 @@ def car_markers(pose: Pose, header: Header) -> MarkerArray:
 
 def road_markers(road: Road, frame: str) -> MarkerArray:
     """Return the road's surface, and its centre line."""
-    header = to_header(0, frame)
-    surface = _marker(header, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0), _SURFACE)
-    line = _marker(header, Marker.LINE_STRIP, (_LINE_WIDTH, 0.0, 0.0), _PAINT)
     starts, half = road.starts, _ROAD_WIDTH / 2.0
     ends = (min(starts[0], 0.0) - _MARGIN, *starts[1:], max(starts[-1], 0.0) + _MARGIN)
     places = [(road.horizontal(s), road.elevation(s)) for s in ends]
-    points = []
-    for (x0, z0), (x1, z1) in pairwise(places):
-        left0, right0 = Point(x=x0, y=half, z=z0), Point(x=x0, y=-half, z=z0)
-        left1, right1 = Point(x=x1, y=half, z=z1), Point(x=x1, y=-half, z=z1)
-        points += [right0, right1, left0, left0, right1, left1]
-    surface.points = points
-    line.points = [Point(x=x, z=z + 0.01) for x, z in places]
-    return _numbered('road', [surface, line])
+    left, right, middle = ([Point(x=x, y=y, z=z) for x, z in places] for y in (half, -half, 0.0))
+    return _surface('road', frame, left, right, middle)
+
+
+def track_markers(track: Track, frame: str) -> MarkerArray:
+    """Return a track's surface, and its centre line."""
+    half = 0.5 * track.width
+    left, right, middle = (
+        [Point(x=x, y=y) for x, y in zip(*_line(track, e_y)[:2], strict=True)]
+        for e_y in (half, -half, 0.0)
+    )
+    return _surface('track', frame, left, right, middle)
+
+
+def track_path(track: Track, frame: str) -> Path:
+    """Return a track's centre line."""
+    header = to_header(0, frame)
+    poses = [
+        Pose(position=Point(x=x, y=y), orientation=Quaternion(z=sin(psi / 2.0), w=cos(psi / 2.0)))
+        for x, y, psi in zip(*_line(track), strict=True)
+    ]
+    return Path(header=header, poses=[PoseStamped(header=header, pose=pose) for pose in poses])
+
+
+def _line(track: Track, e_y: float = 0.0) -> list[list[float]]:
+    """Return x, y and psi of points beside the centre line, half a metre apart."""
+    number = min(ceil(track.length / _MIN_SPACING), _MAX_POINTS)
+    pose: Any = track.place(np.linspace(0.0, track.length, number + 1), e_y)
+    return [each.tolist() for each in pose]
+
+
+def _surface(
+    name: str, frame: str, left: list[Point], right: list[Point], middle: list[Point]
+) -> MarkerArray:
+    """Return what is between two edges, and the line in the middle."""
+    header = to_header(0, frame)
+    surface = _marker(header, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0), _SURFACE)
+    line = _marker(header, Marker.LINE_STRIP, (_LINE_WIDTH, 0.0, 0.0), _PAINT)
+    quads = zip(pairwise(left), pairwise(right), strict=True)
+    surface.points = [each for (a, b), (c, d) in quads for each in (c, d, a, a, d, b)]
+    line.points = middle
+    line.pose.position.z = 0.01
+    return _numbered(name, [surface, line])
 
 
 def _marker(header: Header, kind: int, size: Size, colour: Colour) -> Marker:

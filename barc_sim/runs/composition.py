@@ -10,6 +10,7 @@ import time
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from platform import platform, python_version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,6 +38,7 @@ from barc_sim.runs.options import opens_page, recording, wanted_mirrors, wants_p
 from barc_sim.runs.terminal import UserOutput
 from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -92,6 +94,7 @@ class Inputs(NamedTuple):
     """What the command line of a run names, read."""
 
     road: Road | None  #: of `--road`; None: that of the simulator's parameter
+    track: Track | None  #: of `--track`; None: that of the nodes' parameters
     user_code: UserCode
     output: UserOutput  #: takes what user code prints
 
@@ -102,13 +105,14 @@ def read_inputs(options: Namespace) -> Inputs:
     UserError: one of them cannot be used.
     """
     road = Road.named(options.road) if options.road else None
+    track = getattr(options, 'track', None) and Track.named(options.track)
     if not options.no_bag:
         check_root(options.bag_dir)
     output = UserOutput(quiet=options.quiet)
     files = find_files(options.lab, options.parts) if options.lab else {}
     named = {part: getattr(options, part) for part in options.parts}
-    files |= {part: file for part, file in named.items() if file}
-    return Inputs(road, UserCode(files, output=output).load(), output)
+    files |= {part: file for part, file in named.items() if isinstance(file, Path)}
+    return Inputs(road, track, UserCode(files, output=output).load(), output)
 
 
 class Run:
@@ -248,6 +252,7 @@ class Run:
                 namespace=simulator.get_namespace(),
                 reads=simulator,
                 road=simulator.road,
+                track=simulator.track,
                 facts=partial(_facts, simulator, self.recorder),
             )
         if self.options.foxglove is not None:

@@ -1,4 +1,4 @@
-"""The cruise-control run: the PID holds a speed over the hills."""
+"""The cruise-control run: the PID holds a speed over the hills, or on a track."""
 
 from __future__ import annotations
 
@@ -6,17 +6,27 @@ from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from barc_sim.control.controller import gain_parameters
+from barc_sim.control.cruise_control import LANE, PROFILE
+from barc_sim.control.lane import DEFAULT_LANE, LANE_TYPES
 from barc_sim.control.pid import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.adapters import UserController
+from barc_sim.lab.user_code.adapters import UserController, UserLane
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.runs.composition import Run, carrier, check_left_out, read_inputs
-from barc_sim.runs.terminal import Display, cruise_line, print_summaries, print_summary
+from barc_sim.runs.terminal import (
+    Display,
+    cruise_line,
+    print_summaries,
+    print_summary,
+    print_track_laps,
+    track_line,
+)
 from barc_sim.simulation.closed_loop import check_ahead
-from barc_sim.simulation.metrics import Laps
+from barc_sim.simulation.metrics import Laps, TrackLaps
 from barc_sim.simulation.progress import Progress
 
 if TYPE_CHECKING:
@@ -24,8 +34,9 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.lab.user_code.code import UserCode
+    from barc_sim.runs.composition import Inputs
     from barc_sim.simulation.metrics import Summary
-    from barc_sim.vehicle.plant import Observation
+    from barc_sim.vehicle.plant import Observation, TrackState
 
 #: [m] The lab's road ends there.
 _DISTANCE = 180.0
@@ -37,13 +48,13 @@ def drive(options: Namespace, stop: StopSignals) -> int:
     UserError: an option, a user's file or a ROS argument cannot be used; no bag is left then.
     """
     inputs = read_inputs(options)
-    _check(options, inputs.user_code)
+    _check(options, inputs)
     # One car alone needs no namespace.
     namespaces = [f'car{k + 1}' for k in range(options.cars)] if options.cars > 1 else ['']
     with carrier(options) as new_executor, Run(options, inputs, stop) as run:
         cars = [Car(run, namespace, number) for number, namespace in enumerate(namespaces)]
         if not options.quiet:
-            cars[0].display = Display(cars[0].simulator.values['distance'])
+            cars[0].display = Display(cars[0].distance)
         run.show(cars[0].display)
 
         with new_executor() as executor:
@@ -62,12 +73,12 @@ class Car:
 
         UserError: a parameter is out of range, or the topic is taken.
         """
-        options, (road, user_code, _) = run.options, run.inputs
+        options, (road, track, user_code, _) = run.options, run.inputs
         self.name = namespace
         self.display: Display | None = None
-        self._laps = Laps()
+        self._laps, self.track_laps = Laps(), TrackLaps()
         self._missed = [0]  # deadlines, before each lap
-        self._progress = Progress(inf)
+        self._progress, self._off = Progress(inf), ''
         self.controller: CruiseController | None = None
         if not options.no_controller:
             user_controller = UserController(user_code) if user_code.controller else None
@@ -78,9 +89,14 @@ class Car:
                     'reference': options.reference,
                     'acceleration_limit': options.acceleration_limit,
                     'controller_type': options.controller_type,
+                    'lane_type': None if user_code.lane else options.lane,
+                    **_profile(options),
+                    **{LANE + name: value for name, value in options.lane_gain},
                     **_gains(options),
                 },
                 controller=user_controller,
+                track=track,
+                lane=UserLane(user_code) if user_code.lane else None,
                 acceleration_limit=NO_LIMIT if user_controller else ACCELERATION_LIMIT,
                 namespace=namespace,
             )
@@ -95,15 +111,16 @@ class Car:
                 'refuse_motor_above': NO_LIMIT if user_code.controller else None,
             },
             road=road,
-            distance=_DISTANCE,
+            track=track,
+            distance=0.0 if track else _DISTANCE,
             keeps_clock=number == 0,
             on_step=self._on_step,
             namespace=namespace,
         )
+        end = self.simulator.stepper.distance
+        self.distance = 0.0 if end == inf else end  #: [m] of the way; 0: it does not end
         if self.controller and not self.controller.values['reference']:
-            check_ahead(
-                self.controller.values['speed_reference'], self.simulator.values['distance']
-            )
+            check_ahead(self.controller.values['speed_reference'], self.distance)
 
     def _on_step(self, t: float, seen: Observation) -> None:
         """Add the state, `t` [s] after the start of its lap, to the lap, and show it.
@@ -111,24 +128,44 @@ class Car:
         The run of a car that makes no progress ends.
         """
         if t == 0.0:
-            self._progress = Progress(self.simulator.values['distance'] or inf)
-        x, speed, reference = seen.true.x, seen.true.v_x, self._speed
+            self._progress, self._off = Progress(self.distance or inf), ''
+        x, y, speed, reference = seen.true.x, seen.true.y, seen.true.v_x, self._speed
+        place, measured = seen.on_track, seen.measured.x
+        if place:
+            x, y = measured, _ = place.s, place.e_y
         if self.controller:
-            reference = self.controller.reference(t, seen.measured.x)
+            reference = self.controller.reference(t, measured)
         theta_deg = seen.surroundings.theta
-        lap = self._laps.add(t, x, seen.true.y, speed, reference, theta_deg)
+        lap = self._laps.add(t, x, y, speed, reference, theta_deg)
         if lap == len(self._missed):
             self._missed.append(self.simulator.stepper.missed)
         if self._progress.add(t, x, speed, reference):
             self.simulator.stepper.end()
-        if self.display:
+        if place:
+            self._add_place(t, place)
+        if not self.display:
+            return
+        if place:
+            self.display.show(x, partial(track_line, t, place, speed))
+        else:
             error = reference - speed
             self.display.show(x, partial(cruise_line, t, x, speed, error, theta_deg, lap))
+
+    def _add_place(self, t: float, place: TrackState) -> None:
+        """Add the place to the laps of the track; the run of a car beyond its edge ends."""
+        # The command that made this state, which is not answered yet.
+        servo = self.controller.lane.output if self.controller and self.controller.lane else 0.0
+        self.track_laps.add(t, place.lap, place.lap_time, place.e_y, servo)
+        track = self.simulator.track
+        if track and abs(place.e_y) > 0.5 * track.width:
+            side = 'left' if place.e_y > 0.0 else 'right'
+            self._off = f'the car left the track to the {side} at {place.s:.1f} m'
+            self.simulator.stepper.end()
 
     @property
     def failure(self) -> str:
         """What a car does that never arrives, with its name; empty for others."""
-        failure = self._progress.failure
+        failure = self._progress.failure or self._off
         return f'{self.name}: {failure}' if self.name and failure else failure
 
     def summaries(self) -> dict[str, Summary]:
@@ -145,8 +182,22 @@ class Car:
         return named
 
 
-def _check(options: Namespace, user_code: UserCode) -> None:
-    """Refuse options for a controller that the run does not have."""
+def _check(options: Namespace, inputs: Inputs) -> None:
+    """Refuse options for a controller or a track that the run does not have."""
+    user_code = inputs.user_code
+    if inputs.track:
+        inputs.track.check_laps(1 if options.laps is None else options.laps)
+        _check_lane(options, user_code)
+    else:
+        of_track = {'lane': options.lane, 'speed-profile': options.speed_profile}
+        for name, value in (
+            *of_track.items(),
+            *(('lane-gain', each) for each in options.lane_gain),
+        ):
+            if value is not None:
+                raise UserError(f'--{name} is for a track: give one, as in --track L')
+        if user_code.lane and not (user_code.model or user_code.controller):
+            raise UserError('lane.py is for a track: give one, as in --track L')
     if options.controller_type and user_code.controller:
         raise UserError(
             f"--controller-type {options.controller_type} names a controller of barc_sim's, and "
@@ -158,7 +209,35 @@ def _check(options: Namespace, user_code: UserCode) -> None:
         own['controller-type'] = options.controller_type
         own['reference'] = options.reference
         own |= {f'gain {name}': value for name, value in options.gain}
+        own |= {'lane': options.lane, 'speed-profile': options.speed_profile}
+        own |= {f'lane-gain {name}': value for name, value in options.lane_gain}
         check_left_out('controller', own)
+
+
+def _check_lane(options: Namespace, user_code: UserCode) -> None:
+    """Refuse options that the lane controller of a run does not have."""
+    if user_code.lane and isinstance(options.lane, str):
+        raise UserError(
+            f"--lane {options.lane} names a law of barc_sim's, and --lab gives lane.py: give one "
+            'of the two only'
+        )
+    if options.speed_profile and options.reference:
+        raise UserError('--speed-profile and --reference both give the speed: give one of them')
+    name = 'of lane.py' if user_code.lane else options.lane or DEFAULT_LANE
+    law: Any = UserLane(user_code) if user_code.lane else LANE_TYPES[name]()
+    rows = {each.name: each for each in gain_parameters(law)}
+    for gain, value in options.lane_gain:
+        if gain not in rows:
+            raise UserError(
+                f'--lane-gain {gain}={value:g}: the law {name} has no such gain; expected one of '
+                f'{", ".join(rows)}'
+            )
+        rows[gain].check(value)
+
+
+def _profile(options: Namespace) -> dict[str, float]:
+    """Return the limits of the speed profile, by parameter."""
+    return dict(zip((each.name for each in PROFILE), options.speed_profile or (), strict=False))
 
 
 def _gains(options: Namespace) -> dict[str, float]:
@@ -187,7 +266,10 @@ def _print_result(run: Run, cars: list[Car]) -> None:
     if user_code.tolerated:
         print(f'tolerated   {"; ".join(user_code.tolerated)}')  # noqa: T201
     summaries = {name: lap for car in cars for name, lap in car.summaries().items()}
-    if len(cars) > 1:
+    if cars[0].simulator.track:
+        missed = sum(car.simulator.stepper.missed for car in cars)
+        print_track_laps({car.name: car.track_laps for car in cars}, missed, run.slipped)
+    elif len(cars) > 1:
         print_summaries('car', summaries, run.slipped)
     elif len(summaries) > 1:
         print_summaries('lap', summaries, run.slipped)

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from rich.progress import Progress
     from rich.table import Table
 
-    from barc_sim.simulation.metrics import Summary
+    from barc_sim.simulation.metrics import Summary, TrackLaps
+    from barc_sim.vehicle.plant import TrackState
 
+_SHOWN = 1.0  #: [s] after which a lap that is not finished is shown
 #: [s] between two drawings of the live line, and between two plain lines.
 _LIVE_PERIOD, _PLAIN_PERIOD = 0.1, 1.0
 
@@ -31,6 +33,14 @@ def cruise_line(
     return (
         f'{number}{t:6.2f} s  {distance:6.1f} m  {speed:6.3f} m/s  '
         f'error {error:+.3f} m/s  grade {grade_deg:+.0f}°'
+    )
+
+
+def track_line(t: float, place: TrackState, speed: float) -> str:
+    """Return the line of a state on a track: [s], [m/s]."""
+    return (
+        f'lap {place.lap + 1}  {place.lap_time:6.2f} s  {place.s:6.1f} m  {speed:6.3f} m/s  '
+        f'e_y {place.e_y:+.3f} m  e_psi {degrees(place.e_psi):+.1f}°  run {t:.1f} s'
     )
 
 
@@ -183,6 +193,32 @@ def print_summaries(kind: str, summaries: Mapping[str, Summary], slipped: int) -
         )
     console.print(table)
     missed = sum(summary.missed_deadlines for summary in summaries.values())
+    console.print(f'missed deadlines {missed}, clock slips {slipped}')
+
+
+def print_track_laps(cars: Mapping[str, TrackLaps], missed: int, slipped: int) -> None:
+    """Print a line for each lap of a track, by the names of the cars, and the best one.
+
+    The last lap is shown where it is not finished.
+    """
+    headings = ('time, s', 'RMS e_y, m', 'maximum, m', 'saturated')
+    console, table = _console(), _table('Laps', 'lap', *headings)
+    for name, laps in cars.items():
+        rows = [(f'{number}', lap) for number, lap in enumerate(laps.finished, 1)]
+        if not rows or laps.current.time > _SHOWN:
+            rows.append(('not finished', laps.current))
+        for number, lap in rows:
+            table.add_row(
+                f'{name} {number}'.strip(),
+                f'{lap.time:.2f}',
+                f'{lap.rms:.3f}',
+                f'{lap.maximum:.3f}',
+                f'{lap.at_limit:.0%}',
+            )
+    console.print(table)
+    for name, laps in cars.items():
+        if laps.best:
+            console.print(f'{name} best lap {laps.best.time:.2f} s'.strip())
     console.print(f'missed deadlines {missed}, clock slips {slipped}')
 
 

@@ -133,6 +133,8 @@ class Stepper:
         Time [ns] with which the latest state is stamped; 0 before the first.
     stamp_lag
         Time [s] by which the latest stamp in real time was behind the wall clock; 0 at other paces.
+    distance
+        Where a lap ends, or on a track the run [m]; inf: nowhere.
     laps
         Laps driven to their end; those that a reset has cut short do not count.
     """
@@ -170,10 +172,10 @@ class Stepper:
                 f'laps {values["laps"]} with distance 0, at which no lap ends: expected a distance '
                 'above 0, or one lap'
             )
-        self._distance, self._laps = values['distance'] or inf, values['laps']
+        self.distance, self._laps = values['distance'] or inf, values['laps']
         if track:
             track.check_laps(self._laps)
-            self._distance = min(self._distance, self._laps * track.length or inf)
+            self.distance = min(self.distance, self._laps * track.length or inf)
         self._max_command = Command(values['refuse_motor_above'], values['refuse_servo_above'])
         self._timeout, self._braking = values['command_timeout'], values['timeout_braking']
         self._in_real_time = factor == 1.0
@@ -338,7 +340,7 @@ class Stepper:
             self._restart()
             return
         plant = self._plant
-        if self._place is None and (self._ends or plant.distance >= self._distance):
+        if self._place is None and (self._ends or plant.distance >= self.distance):
             self._end_lap()
             return
         if self._values:

@@ -177,7 +177,7 @@ class Plant:
         track, state, t, before = self.track, self.state, self._steps * self.ts, self.on_track
         assert track  # noqa: S101 (a caller has checked)
         found = track.frenet(state.x, state.y, state.psi, near)
-        lap = max(floor(found.s / track.length), 0) if track.is_closed else 0
+        lap = max(floor(found.s / track.length), 0)
         if before is None:
             self._lap_began = t
         elif lap > before.lap:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from math import cos, isclose, nan, radians, sin, tan
+from math import atan2, cos, isclose, nan, radians, sin, tan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
@@ -22,6 +22,7 @@ from barc_sim.bags import names
 from barc_sim.nodes.mirror import Facts, MirrorNode, diagnose
 from barc_sim.ros.node_helpers import to_header, to_nanoseconds
 from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -138,6 +139,29 @@ def test_road_is_latched(bench: Make) -> None:
     assert len(surface.points) == 6 * 9
     assert {point.y for point in surface.points} == {-3.0, 3.0}
     assert [point.y for point in line.points] == [0.0] * 10
+
+
+def test_a_track_is_latched_as_a_path_and_as_markers(bench: Make) -> None:
+    track, world = Track.named('oval'), bench(track='oval')
+    roads: list[MarkerArray] = []
+    paths: list[Path] = []
+    world.peer.create_subscription(MarkerArray, 'road_markers', roads.append, LATCHED)
+    world.peer.create_subscription(Path, 'track_path', paths.append, LATCHED)
+    world.until(lambda: bool(roads and paths))
+    surface, line = roads[0].markers
+    assert {each.header.frame_id for each in (surface, line, paths[0])} == {'map'}
+    edges = [track.frenet(each.x, each.y, 0.0).e_y for each in surface.points]
+    assert {round(e_y, 9) for e_y in edges} == {-3.0, 3.0}
+    poses = [each.pose for each in paths[0].poses]
+    assert len(poses) == 1 + round(2.0 * track.length + 0.5) == len(line.points)
+    for k, pose in enumerate(poses[:-1]):
+        found = track.frenet(
+            pose.position.x, pose.position.y, 2.0 * atan2(pose.orientation.z, pose.orientation.w)
+        )
+        assert found.s == pytest.approx(k * track.length / (len(poses) - 1), abs=1e-9)
+        assert max(abs(found.e_y), abs(sin(found.e_psi))) < 1e-9
+    odom = world.answer('odom', x=110.0, y=1.5)
+    assert (odom.pose.pose.position.x, odom.pose.pose.position.z) == (110.0, 0.0)
 
 
 def test_path_begins_anew_after_a_reset_and_stays_bounded(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from barc_sim.control.controller import Gain
 from barc_sim.control.driver import Driver
+from barc_sim.control.lane import LaneLaw
 from barc_sim.control.pid import PID
 from barc_sim.control.types import Adapter
 from barc_sim.lab.user_code.code import UserCode
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from barc_sim.control.lane import Curvature
     from barc_sim.lab.user_code.code import UserPid
 
 
@@ -41,7 +44,7 @@ class UserController(Adapter):
         return made
 
     def _set(self, values: Mapping[str, float]) -> None:
-        self._controller.set_gains(*values.values())
+        self._controller.set_gains(values)
 
     def _read(self, name: str) -> float:
         return self._controller.read(name)
@@ -50,6 +53,42 @@ class UserController(Adapter):
 def controller_of(file: Path) -> UserController:
     """Return a new controller of a `controller.py`, which is loaded now; its prints are dropped."""
     return UserController(UserCode({'controller': file}, output=lambda _: None).load())
+
+
+class UserLane:
+    """A user's class `Lane` as a lane controller; a reset makes a new object.
+
+    Gains that change later are set if the object has them.
+    """
+
+    terms = LaneLaw.terms
+
+    def __init__(self, code: UserCode) -> None:
+        """Begin with the gains that are the defaults of its constructor."""
+        self._code = code
+        self.gains = {
+            name: Gain(value, '-', f'{name} of lane.py', 2.0 * abs(value) or 1.0, (-1e6, 1e6))
+            for name, value in code.lane_gains.items()
+        }
+        self.__dict__.update(code.lane_gains)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with a fresh object."""
+        self._held = {name: self.__dict__[name] for name in self.gains}
+        self._law = self._code.new_lane(**self._held)
+
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
+        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
+        values = {name: self.__dict__[name] for name in self.gains}
+        if values != self._held:
+            self._held = values
+            self._law.set_gains(values)
+        output = self._law(e_y, e_psi, speed, curvature)
+        self.__dict__.update({name: self._law.read(name) for name in self.terms})
+        return output
 
 
 class UserDriver(Driver):

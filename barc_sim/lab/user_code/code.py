@@ -1,4 +1,4 @@
-"""A user's `bike_model.py`, `controller.py` and `relay.py`, loaded without a build.
+"""A user's `bike_model.py`, `controller.py`, `relay.py` and `lane.py`, loaded without a build.
 
 This module runs in the process of a submission: it imports no law of barc_sim.
 """
@@ -9,6 +9,7 @@ import json
 import os
 import shlex
 from functools import cached_property
+from inspect import signature
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -54,9 +55,11 @@ _LOADING = 20.0
 _BIKE_FE = ('x', 'y', 'psi', 'v', 'a', 'd_f', 'a0', 'm', 'Ff', 'theta', 'ts')
 _GAINS = ('kp', 'ki', 'kd')
 _SPEEDS = ('speed_reference', 'speed_current')
+_ERRORS = ('e_y', 'e_psi', 'speed', 'curvature')
 _TWIST = ('linear_x', 'angular_z')
 _STATE = 'four finite numbers, [x_next, y_next, psi_next, v_next]'
 _ACCELERATION = 'a finite number, the acceleration [m/s²]'
+_ANGLE = 'a finite number, the steering angle [rad]'
 _COMMAND = 'two finite numbers, [motor, servo]'
 
 
@@ -103,6 +106,7 @@ class UserCode:
             for count, parent in enumerate(parents, 1)
         }
         self._faults: dict[str, UserError] = {}
+        self.lane_gains: dict[str, float] = {}  #: of `lane.py`, which is loaded, by name
 
     def load(self) -> Self:
         """Load all parts now; return this object."""
@@ -119,6 +123,11 @@ class UserCode:
     def controller(self) -> UserFunction | None:
         """Their class `PID`; it also gets `output_min` and `output_max` if it takes them."""
         return self._loaded('controller', self._controller)
+
+    @cached_property
+    def lane(self) -> UserFunction | None:
+        """Their class `Lane`; the arguments of its constructor are its gains."""
+        return self._loaded('lane', self._lane)
 
     @cached_property
     def relay(self) -> UserFunction | RelayProgram | None:
@@ -148,6 +157,16 @@ class UserCode:
         if not isinstance(cls, type):
             raise UserCodeError(f'{path.name}: PID is {short_repr(cls)}; expected a class')
         return self._class(folder, cls, _GAINS, 'acc_calculate', _SPEEDS)
+
+    def _lane(self, folder: Folder, path: Path) -> UserFunction:
+        cls = self._named(folder, path, 'Lane')
+        if not isinstance(cls, type):
+            raise UserCodeError(f'{path.name}: Lane is {short_repr(cls)}; expected a class')
+        found = guarded(signature, cls, default=None)
+        takes = tuple(found.parameters) if found else ()
+        new = self._class(folder, cls, takes, 'steer_calculate', _ERRORS)
+        self.lane_gains = _defaults(new, path.name)
+        return new
 
     def _class(
         self, folder: Folder, cls: type, takes: tuple[str, ...], method: str, of: tuple[str, ...]
@@ -230,6 +249,16 @@ class UserCode:
         step = UserFunction(new.folder, method, _SPEEDS, _ACCELERATION, numbers=1, timed=True)
         return UserPid(instance, step)
 
+    def new_lane(self, *, fresh: bool = False, **gains: float) -> UserLaw:
+        """Return a new object of their class `Lane`, with these gains; `fresh` as in `new_pid`."""
+        new = self.lane
+        assert new  # noqa: S101 (there is the file)
+        if fresh:
+            new = self._lane(new.folder.again(), self.paths['lane'])
+        instance = new(**gains)
+        method = new.attempt(getattr, instance, 'steer_calculate')
+        return UserLaw(instance, UserFunction(new.folder, method, _ERRORS, _ANGLE, numbers=1))
+
     def new_relay(self) -> Relay:
         """Return a new relay, to be called for a Twist `dt` seconds after the last call."""
         relay = self.relay
@@ -305,18 +334,26 @@ class UserCode:
         return {_ATTACHED + source.name: source.text.encode() for source in self.sources}
 
 
-class UserPid:
-    """An object of a user's class `PID`."""
+def _defaults(new: UserFunction, file: str) -> dict[str, float]:
+    """Return the arguments of a user's constructor with their defaults, which must be numbers."""
+    given = signature(new.function).parameters
+    found = {name: new.attempt(number, each.default) for name, each in given.items()}
+    for name, value in found.items():
+        if value is None:
+            raise UserCodeError(
+                f'{file}: Lane takes ({", ".join(found)}), and each is a gain: expected a '
+                f'number as its default, as in {name}=0.2'
+            )
+    return {name: value for name, value in found.items() if value is not None}
+
+
+class UserObject:
+    """An object of a user's class that is called step by step."""
 
     def __init__(self, instance: Any, step: UserFunction) -> None:  # noqa: ANN401 (a user's)
-        """Use `step`, the method `acc_calculate` of the `instance`."""
+        """Use `step`, a method of the `instance`."""
         self.instance = instance  #: the object itself
         self._step = step
-
-    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
-        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
-        found: float = self._step(speed_reference, speed_current, dt=dt)
-        return found
 
     def read(self, name: str) -> float:
         """Return the object's attribute `name`; NaN if it is not a number."""
@@ -325,9 +362,9 @@ class UserPid:
             value = self._step.attempt(number, value)
         return nan if value is None else value
 
-    def set_gains(self, kp: float, ki: float, kd: float) -> None:
+    def set_gains(self, gains: Mapping[str, float]) -> None:
         """Change those gains that the object has as attributes."""
-        for name, value in zip(_GAINS, (kp, ki, kd), strict=True):
+        for name, value in gains.items():
             if self._step.attempt(hasattr, self.instance, name):
                 self._step.attempt(setattr, self.instance, name, value)
 
@@ -338,6 +375,26 @@ class UserPid:
             return False
         UserFunction(self._step.folder, reset, (), 'it to clear the PID')()
         return True
+
+
+class UserPid(UserObject):
+    """An object of a user's class `PID`."""
+
+    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+        found: float = self._step(speed_reference, speed_current, dt=dt)
+        return found
+
+
+class UserLaw(UserObject):
+    """An object of a user's class `Lane`, called as its `steer_calculate`."""
+
+    def __call__(
+        self, e_y: float, e_psi: float, speed: float, curvature: Callable[[float], float]
+    ) -> float:
+        """Return the front angle [rad], as a `LaneController` does."""
+        found: float = self._step(e_y, e_psi, speed, curvature)
+        return found
 
 
 def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:

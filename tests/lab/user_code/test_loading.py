@@ -199,7 +199,7 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_sentence(
 
 
 @pytest.mark.skipif(not hasattr(os, 'mkfifo'), reason='a system without named pipes')
-@pytest.mark.parametrize('part', FILES)
+@pytest.mark.parametrize('part', CALLS)
 def test_a_named_pipe_is_refused_in_one_sentence(tmp_path: Path, part: str) -> None:
     os.mkfifo(tmp_path / FILES[part])
     with pytest.raises(UserError, match=r"^'[^:]*' is a named pipe, where"):
@@ -249,7 +249,7 @@ def test_dt_is_told_to_those_who_take_it(tmp_path: Path, dt: str) -> None:
 def test_gains_and_terms_are_those_of_the_object(tmp_path: Path) -> None:
     pid = controller(tmp_path, PID)(1.0, 2.0, 3.0)
     assert math.isnan(pid.read('proportional'))
-    pid.set_gains(5.0, 6.0, 7.0)
+    pid.set_gains({'kp': 5.0, 'ki': 6.0, 'kd': 7.0})
     pid.acc_calculate(8.0, 7.0, 0.02)
     assert [pid.read(name) for name in ('kp', 'ki', 'kd', 'proportional')] == [5.0, 6.0, 7.0, 5.0]
     assert math.isnan(pid.read('integral'))
@@ -261,7 +261,7 @@ def test_gains_that_the_object_has_not_are_not_set(tmp_path: Path) -> None:
         '    def acc_calculate(self, r, c): return 1\n'
     )
     pid = controller(tmp_path, text)(1.0, 2.0, 3.0)
-    pid.set_gains(5.0, 6.0, 7.0)
+    pid.set_gains({'kp': 5.0, 'ki': 6.0, 'kd': 7.0})
     assert pid.acc_calculate(8.0, 7.0, 0.02) == 1.0
 
 

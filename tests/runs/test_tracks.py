@@ -1,0 +1,129 @@
+"""`acc --track`: laps over every carrier, as in Python; its summary, its bag and its refusals."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from command_line import call
+
+from barc_sim.bags.reader import read
+from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
+from barc_sim.simulation.closed_loop import lap
+from barc_sim.simulation.log import TrackLog
+from barc_sim.vehicle.track import Track
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+LANE = """
+class Lane:
+    def __init__(self, k_y=0.2, k_psi=0.8):
+        self.k_y, self.k_psi = k_y, k_psi
+        self.sum = 0.0
+    def steer_calculate(self, e_y, e_psi, speed, curvature):
+        self.feedforward = 3.0 * curvature(0.0)
+        self.sum += e_y * 1e-5
+        return self.feedforward - self.k_y * e_y - self.k_psi * e_psi - self.sum
+"""
+CIRCLE = 'length_m,radius_m\n31.41592653589793,5\n'
+FAST = ('--realtime-factor', 'max', '--view', 'none')
+
+
+def drive(folder: Path, *words: str, engine: str = 'local') -> tuple[str, TrackLog]:
+    """Return what a run prints, and the log of its bag."""
+    done = call('acc', '--engine', engine, '--view', 'none', *words, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    log = read(max((folder / 'bags').iterdir()))
+    assert isinstance(log, TrackLog)
+    return done.stdout, log
+
+
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize(
+    ('engine', 'factor'),
+    [('local', 'max'), ('ros', 'max'), pytest.param('ros', '1', marks=pytest.mark.slow)],
+)
+def test_a_lap_has_the_bits_of_python_on_every_carrier(
+    tmp_path: Path, engine: str, factor: str
+) -> None:
+    (tmp_path / 'circle.csv').write_text(CIRCLE, 'utf-8')
+    words = '--track circle.csv --lane stanley --speed 8 --lane-gain k=3 --dynamics dynamic'
+    factors = ('--realtime-factor', factor)
+    printed, log = drive(tmp_path, *words.split(), *factors, engine=engine)
+    track = Track.named(str(tmp_path / 'circle.csv'))
+    expected = lap(Stanley(k=3.0), track, speed=8.0, laps=1, dynamics='dynamic')
+    for name in ('s', 'e_y', 'servo', 'motor', 'lap_time', 'steer_of_e_y'):
+        assert log.columns()[name].tolist() == expected.columns()[name].tolist(), name
+    assert log == expected
+    assert not log.missed.any()
+    assert 'missed deadlines 0' in printed
+
+
+def test_laps_follow_one_another_and_are_listed(tmp_path: Path) -> None:
+    words = ('--track', 'oval', '--speed', '12', '--speed-profile', '3.2', '2', '--laps', '2')
+    printed, log = drive(tmp_path, *words, *FAST, '--road', 'lab')
+    profile = speed_profile(Track.named('oval'), 12.0, 3.2, 2.0)
+    expected = lap(LaneLQR(), 'oval', speed=profile, laps=2, road='lab')
+    assert log == expected
+    times = re.findall(r'^\d +([\d.]+) +([\d.]+) +([\d.]+) +\d+%$', printed, re.MULTILINE)
+    assert [time for time, *_ in times] == [f'{time:.2f}' for time in expected.lap_times]
+    assert f'best lap {expected.best:.2f} s' in printed
+
+
+def test_a_file_of_ones_own_drives(tmp_path: Path) -> None:
+    (tmp_path / 'lane.py').write_text(LANE, 'utf-8')
+    words = ('--track', 'circle', '--speed', '6', '--lane-gain', 'k_y=0.3', *FAST)
+    _, log = drive(tmp_path, *words, '--lab', '.')
+    assert (log.steer_feedforward == 3.0 * (1.0 / 20.0)).all()
+    _, same = drive(tmp_path, *words, '--lane', 'lane.py')
+    assert same == log
+    _, other = drive(tmp_path, *words[:-6], *FAST, '--lane', 'lane.py')
+    assert other != log
+
+
+def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
+    (tmp_path / 'lane.py').write_text(LANE.replace('return', 'return 0.0  #'), 'utf-8')
+    done = call('acc', '--engine', 'local', '--track', 'circle', '--lab', '.', *FAST, cwd=tmp_path)
+    assert done.returncode == 1
+    assert 'the car left the track to the right at 10.4 m: the run' in done.stderr
+    assert re.search(r'^not finished +\d+\.\d\d', done.stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ('words', 'complaint'),
+    [
+        ('--track M', "track 'M' is neither 'L', 'oval', 'circle', 'figure-eight' nor a CSV"),
+        ('--lane lqr', '--lane is for a track: give one, as in --track L'),
+        ('--lane-gain q_e_y=1', '--lane-gain is for a track'),
+        ('--speed-profile 3 2', '--speed-profile is for a track'),
+        ('--lab .', 'lane.py is for a track'),
+        ('--track L --lane mpc', "'mpc' is neither 'lqr', 'stanley', 'pure-pursuit' nor a file"),
+        ('--track L --lane-gain k=1', 'the law lqr has no such gain; expected one of q_e_y, q_e_'),
+        ('--track L --lane-gain q_e_y=0', 'q_e_y: 0 is not a number from 1e-06 to 1000'),
+        ('--track L --lane lqr --lab .', '--lab gives lane.py: give one of the two only'),
+        (
+            '--track L --lab . --lane-gain k=1',
+            'lane.py has no such gain; expected one of k_',
+        ),
+        ('--track L --speed-profile 3 2 --reference a.csv', 'both give the speed: give one'),
+        ('--track open.csv --laps 2', "track 'open.csv' is not closed: expected laps 1, not 2"),
+        ('--track L --laps -1', '-1 is not a whole number from 0'),
+        ('--track L --lane wanting.py', 'wanting.py: Lane takes (k), and each is a gain: expected'),
+    ],
+)
+def test_what_cannot_be_driven_is_refused_in_a_sentence(
+    tmp_path: Path, words: str, complaint: str
+) -> None:
+    (tmp_path / 'lane.py').write_text(LANE, 'utf-8')
+    (tmp_path / 'wanting.py').write_text(LANE.replace('k_y=0.2, k_psi=0.8', 'k'), 'utf-8')
+    (tmp_path / 'open.csv').write_text('length_m,radius_m\n50,0\n', 'utf-8')
+    done = call('acc', '--engine', 'local', *FAST, *words.split(), cwd=tmp_path)
+    assert done.returncode != 0
+    assert complaint in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / 'bags').exists()
