@@ -64,6 +64,10 @@ def _undone() -> Iterator[None]:
     yield
     sys.setswitchinterval(interval)
     gc.unfreeze()
+    if 'rclpy' in sys.modules:
+        from rclpy.logging import LoggingSeverity, set_logger_level  # noqa: PLC0415
+
+        set_logger_level('', LoggingSeverity.INFO)
     for number, handler in before.items():
         signal.signal(number, handler)
 
@@ -117,11 +121,9 @@ def module_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
 def ros(ros_domain: int) -> Iterator[Context]:
     """Return an initialised context in a domain of its own, to give to each node and executor."""
     from rclpy.context import Context  # noqa: PLC0415 (tests without ROS start faster without)
-    from rclpy.logging import LoggingSeverity, set_logger_level  # noqa: PLC0415
 
     context = Context()
     context.init(domain_id=ros_domain)
-    set_logger_level('', LoggingSeverity.INFO)  # of the process: another test may have set it
     yield context
     context.try_shutdown()
 

@@ -31,29 +31,18 @@ ROOT = Path(barc_sim.__file__).parents[1]
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
 
-@pytest.mark.parametrize('simulator_first', [True, False])
-def test_nodes_of_two_processes_find_each_other_and_drive(
-    start: Start, *, simulator_first: bool
-) -> None:
+def test_nodes_of_two_processes_find_each_other_and_end_in_order(start: Start) -> None:
     parameters = ['--ros-args', '-p', 'realtime_factor:=0.0', '-p', 'distance:=3.0']
-    nodes = {'vehicle_simulator': parameters, 'controller': []}
-    order = sorted(nodes, reverse=simulator_first)
-    running = {node: start('-m', 'barc_sim', 'node', node, *nodes[node]) for node in order}
-    out, err = running['vehicle_simulator'].communicate(timeout=30)
-    assert (running['vehicle_simulator'].returncode, out) == (0, '')
+    controller, simulator = (
+        start('-m', 'barc_sim', 'node', *words)
+        for words in (['controller'], ['vehicle_simulator', *parameters])
+    )
+    out, err = simulator.communicate(timeout=30)
+    assert (simulator.returncode, out) == (0, '')
     assert 'Traceback' not in err
-    running['controller'].send_signal(signal.SIGINT)
-    assert running['controller'].communicate(timeout=20) == ('', '')
-    assert running['controller'].returncode == 0
-
-
-def test_node_that_waits_ends_at_a_signal(start: Start) -> None:
-    process = start('-m', 'barc_sim', 'node', 'vehicle_simulator')
-    assert process.stderr
-    assert 'waiting for a controller' in process.stderr.readline()
-    process.send_signal(signal.SIGTERM)
-    assert process.communicate(timeout=20) == ('', '')
-    assert process.returncode == 0
+    controller.send_signal(signal.SIGTERM)
+    assert controller.communicate(timeout=20) == ('', '')
+    assert controller.returncode == 0
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,13 @@ import shutil
 import signal
 import subprocess
 import sys
-from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
 
 pytest.importorskip('rclpy')
 
+from command_line import bag_of
 
 from barc_sim.bags import reader as bag
 from barc_sim.control.pid import speed_controller
@@ -42,7 +42,6 @@ def on_state(state):
     left -= 1
     commands.publish(ECU(header=state.header, motor=8.0 - state.v_x))
 node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, 10)
-print('there', flush=True)
 rclpy.spin(node)
 """
 FOR_EVER = '-1'
@@ -51,12 +50,8 @@ UNSHARE += ['--map-root-user'] * (os.getuid() != 0)
 CAN_UNSHARE = (
     shutil.which('unshare') and not subprocess.run([*UNSHARE, 'true'], check=False).returncode
 )
-RUN = ('-m', 'barc_sim.run', 'acc', '-q', '--no-controller', '--realtime-factor', 'max')
-
-
-def there(process: subprocess.Popen[str]) -> None:
-    assert process.stdout
-    assert process.stdout.readline() == 'there\n'
+ALONE = ('--no-controller', '--realtime-factor', 'max')
+RUN = ('-m', 'barc_sim.run', 'acc', '-q', *ALONE)
 
 
 def ended(run: subprocess.Popen[str]) -> str:
@@ -77,7 +72,7 @@ def test_a_controller_in_a_process_of_its_own_drives_one_run_like_the_other(
     start('-m', 'barc_sim', 'node', 'controller')
     expected = closed_loop(distance=5.0)
     for _ in range(2):
-        log = bag.read(tmp_path / ended(start(*RUN, '--distance', '5')))
+        log = bag.read(bag_of(tmp_path, *ALONE, '--distance', '5'))
         assert (log.x.tolist(), log.motor.tolist()) == (
             expected.x.tolist(),
             expected.motor.tolist(),
@@ -86,12 +81,12 @@ def test_a_controller_in_a_process_of_its_own_drives_one_run_like_the_other(
 
 @pytest.mark.skipif(not CAN_UNSHARE, reason='no PID namespace of its own is allowed here')
 @pytest.mark.usefixtures('ros_domain')
-def test_a_controller_in_a_pid_namespace_of_its_own_is_found(tmp_path: Path, start: Start) -> None:
+def test_a_controller_in_a_pid_namespace_of_its_own_is_found(tmp_path: Path) -> None:
     number = 'echo 61000 > /proc/sys/kernel/ns_last_pid; exec "$0" -m barc_sim node controller'
     apart = [*UNSHARE, 'sh', '-c', number, sys.executable]
     with subprocess.Popen(apart, start_new_session=True) as controller:
         try:
-            path = tmp_path / ended(start(*RUN, '--distance', '1'))
+            path = bag_of(tmp_path, *ALONE, '--distance', '1')
         finally:
             os.killpg(controller.pid, signal.SIGKILL)
     assert len(bag.read(path)) > 1
@@ -100,19 +95,12 @@ def test_a_controller_in_a_pid_namespace_of_its_own_is_found(tmp_path: Path, sta
 # In place of our controller
 
 
-@pytest.mark.parametrize('theirs_first', [True, False])
 @pytest.mark.usefixtures('ros_domain')
-def test_a_controller_of_others_takes_the_place_of_ours(
-    start: Start, tmp_path: Path, *, theirs_first: bool
-) -> None:
-    begin = partial(start, '-c', THEIRS, FOR_EVER)
-    if theirs_first:
-        there(begin())
+def test_a_controller_of_others_takes_the_place_of_ours(start: Start, tmp_path: Path) -> None:
     run = start(*RUN, '--distance', '10')
-    if not theirs_first:
-        assert run.stderr
-        assert 'waiting for a controller that publishes /ecu' in run.stderr.readline()
-        begin()
+    assert run.stderr
+    assert 'waiting for a controller that publishes /ecu' in run.stderr.readline()
+    start('-c', THEIRS, FOR_EVER)
     log = bag.read(tmp_path / ended(run))
     expected = closed_loop(
         controller=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0

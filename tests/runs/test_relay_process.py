@@ -74,8 +74,10 @@ def test_without_a_relay_the_run_waits_for_another(tmp_path: Path) -> None:
         with started('node', 'relay', stdout=None, stderr=None):
             joystick()
         run.send_signal(signal.SIGTERM)
-        _, err = run.communicate(timeout=DEADLINE)
+        out, err = run.communicate(timeout=DEADLINE)
     assert run.returncode == 0, err
+    assert 'standard input is not a terminal: keys are ignored' in err
+    assert 'held ↑' in out or 'missed deadlines' in out
 
 
 @pytest.mark.parametrize(
