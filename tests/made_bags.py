@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import Topic
 from barc_sim.bags.schemas import definition
 from barc_sim.bags.writer import BagWriter
@@ -146,7 +147,7 @@ def fill(writer: BagWriter, log: Log, namespace: str = '') -> None:
         now = 10**18 + k * PERIOD
         for name, topic in topics.items():
             data = encoded(log, k, name)
-            writer.write(topic, data, received=now + 5, published=now, sequence=k)
+            writer.write([Message(topic, data, now + 5, now, k)])
         if k % 8 == 0:
             writer.flush()
 

@@ -1,7 +1,7 @@
 """An MCAP file of a bag that is being written: records, chunks, and whole blocks on the disk.
 
 The records are those of https://mcap.dev/spec. mcap's writer takes 2.5 us for a message, this one
-0.7 us. A file whose disk is full, or whose process is killed, is whole up to its last block.
+0.5 us. A file whose disk is full, or whose process is killed, is whole up to its last block.
 """
 
 from __future__ import annotations
@@ -43,10 +43,12 @@ except ModuleNotFoundError:  # Windows has no way to see that a file is being wr
     fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from mcap.records import McapRecord
+
+    from barc_sim.bags.messages import MessageFields
 
 MAGIC = b'\x89MCAP0\r\n'  #: begins and ends a file
 #: [B] The largest chunk, as rosbag2 has it. A file's summary, in memory until the file is closed,
@@ -58,6 +60,7 @@ _OPCODE_AND_LENGTH = 9  # bytes of each record that its length does not count
 #: A message's record before its data: opcode, length, channel, sequence number, time of reception,
 #: time of publication.
 _MESSAGE = Struct('<BQHIQQ')
+_PACK_MESSAGE, _MESSAGE_FIELDS = _MESSAGE.pack, _MESSAGE.size - _OPCODE_AND_LENGTH
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
 #: A message index's record before its pairs: opcode, length, channel, length of the pairs.
 _INDEX = Struct('<BQHI')
@@ -183,27 +186,19 @@ class ChunkBuilder:
         self.size = 0  #: [B] before compression
         self._records: list[bytes] = []
         #: By channel: of each message its time and its offset, one after the other.
-        self._pairs: defaultdict[int, list[int]] = defaultdict(list)
+        self.pairs: defaultdict[int, list[int]] = defaultdict(list)
 
     def add_record(self, record: McapRecord) -> None:
         """Add a schema or a channel."""
         self._records.append(to_bytes(record))
         self.size += len(self._records[-1])
 
-    def add(self, channel: int, data: bytes, received: int, published: int, sequence: int) -> None:
-        """Add a message, with its times [ns] since the epoch."""
-        size = _MESSAGE.size + len(data)
-        length = size - _OPCODE_AND_LENGTH
-        self._records += (
-            _MESSAGE.pack(_MESSAGE_OPCODE, length, channel, sequence, received, published),
-            data,
-        )
-        self._pairs[channel] += (received, self.size)
-        self.size += size
-
-    def __bool__(self) -> bool:
-        """Return whether there are messages."""
-        return bool(self._pairs)
+    def add(self, channel: int, data: bytes, number: int, times: tuple[int, int]) -> None:
+        """Add a message, with its times of reception and publication [ns] since the epoch."""
+        length = len(data) + _MESSAGE_FIELDS
+        self._records.append(_PACK_MESSAGE(_MESSAGE_OPCODE, length, channel, number, *times) + data)
+        self.pairs[channel] += times[0], self.size
+        self.size += length + _OPCODE_AND_LENGTH
 
     def build(self, offset: int) -> tuple[bytes, ChunkIndex]:
         """Return the chunk with its message indexes, to stand in a file at `offset`.
@@ -211,7 +206,7 @@ class ChunkBuilder:
         Also return the chunk's entry in the file's summary. There must be messages.
         """
         content = b''.join(self._records)
-        times = [pairs[::2] for pairs in self._pairs.values()]
+        times = [pairs[::2] for pairs in self.pairs.values()]
         compress = {'zstd': ZstdCompressor().compress, 'lz4': lz4.frame.compress, 'none': bytes}
         chunk = Chunk(
             compression=self._compression.replace('none', ''),
@@ -233,7 +228,7 @@ class ChunkBuilder:
             compressed_size=len(chunk.data),
             uncompressed_size=chunk.uncompressed_size,
         )
-        for channel, pairs in self._pairs.items():
+        for channel, pairs in self.pairs.items():
             index.message_index_offsets[channel] = offset + len(records)
             records += _message_index(channel, pairs)
         index.message_index_length = len(records) - index.chunk_length
@@ -272,9 +267,8 @@ class BagFile:
         self.span = Span()
         self.appender = AtomicAppender(path)
         self.finished = False
-        self.counts: Counter[str] = Counter()  #: the number of messages, by topic
+        self.counts: Counter[str] = Counter()  #: of the messages in finished chunks, by topic
         self.on_disk: Counter[str] = Counter()  #: of those that the system has taken
-        self._in_blocks: Counter[str] = Counter()  # of those in finished chunks
         self.topics: dict[int, Topic] = {}  #: by the ID of their channel
         self._channels: dict[str, int] = {}  # by topic
         self._schemas: dict[tuple[str, str], int] = {}
@@ -323,20 +317,19 @@ class BagFile:
         self._summary[data[0]] += data
         self._listed[data[0]] += 1
 
-    def add(self, topic: Topic, data: bytes, received: int, published: int, sequence: int) -> bool:
-        """Append a message; return whether there is anything to commit.
+    def add(self, messages: Iterable[MessageFields]) -> None:
+        """Append messages.
 
         MCAP has no times before 1970, which a stranger's clock may show: they become zero.
         """
-        if received < 0 or published < 0:
-            received, published = max(received, 0), max(published, 0)
-        channel = self._channels.get(topic.name) or self._register(topic)
-        self._chunk.add(channel, data, received, published, sequence & 0xFFFF_FFFF)
-        self.span.add(received)
-        self.counts[topic.name] += 1
-        if self._chunk.size > CHUNK_SIZE:
-            self.end_chunk()
-        return self.appender.waiting
+        for topic, data, received, published, number in messages:
+            channel = self._channels.get(topic.name) or self._register(topic)
+            times = received, published
+            if received < 0 or published < 0:
+                times = max(received, 0), max(published, 0)
+            self._chunk.add(channel, data, number & 0xFFFF_FFFF, times)
+            if self._chunk.size > CHUNK_SIZE:
+                self.end_chunk()
 
     def _register(self, topic: Topic) -> int:
         """Return the ID of a new channel."""
@@ -371,26 +364,27 @@ class BagFile:
 
     def end_chunk(self) -> None:
         """End the chunk in progress, so that it can be committed."""
-        if self._chunk:
+        if counts := {id_: len(pairs) // 2 for id_, pairs in self._chunk.pairs.items()}:
             data, index = self._chunk.build(self.appender.position)
             self._put(data)
             self._list(index)
-            self._in_blocks = self.counts.copy()
+            start, end = index.message_start_time, index.message_end_time
+            self.span += Span(start, end, sum(counts.values()))
+            self.counts.update({self.topics[id_].name: count for id_, count in counts.items()})
             self._chunk = ChunkBuilder(self._compression)
 
     def commit(self) -> None:
         """Write the finished chunks, and close the file if it is finished."""
         if self.appender.waiting:
             self.appender.commit()
-            self.on_disk = self._in_blocks  # a new object, as others read it in their threads
+            self.on_disk = self.counts.copy()  # a new object, as others read it in their threads
         if self.finished:
             self.appender.close()
 
     def finish(self, information: Mapping[str, Any]) -> None:
-        """Add the summary, and the bag's metadata, so that rosbag2 can read the file alone."""
+        """Add the summary after the last chunk, and the bag's metadata, which rosbag2 reads."""
         if self.finished:
             return
-        self.end_chunk()
         self.add_metadata({'serialized_metadata': to_yaml(information)}, 'rosbag2')
         self._put(to_bytes(DataEnd(self._checksum)))
         self._list(self._statistics())

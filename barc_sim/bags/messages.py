@@ -59,6 +59,10 @@ class Message(NamedTuple):
     number: int  #: the publisher's count
 
 
+#: Those of a `Message`, which takes 0.3 us to make.
+MessageFields = tuple[Topic, bytes, int, int, int]
+
+
 def leading_time(data: bytes) -> int:
     """Return the time [ns] at the start of a serialized message: a header's stamp, or a clock."""
     sec, nanosec = _TIMES[data[1] & 1].unpack(data[_STAMP])

@@ -288,14 +288,14 @@ class Losses:
         self.by_publisher: dict[bytes, int] = {}  #: where any were lost, by the publisher's GID
         self.unnumbered = False  #: whether a message had no number, so that losses are unknown
 
-    def count(self, publisher: bytes, number: int) -> None:
-        """Count a received message, by its publisher's GID and its number."""
-        last = self._last.get(publisher, number - 1)
-        self._last[publisher] = number
-        if number == UNNUMBERED:
+    def count(self, publisher: bytes, numbers: Sequence[int]) -> None:
+        """Count received messages, by their publisher's GID and their numbers, which grow."""
+        last = self._last.get(publisher, numbers[0] - 1)
+        self._last[publisher] = numbers[-1]
+        if UNNUMBERED in numbers:
             self.unnumbered = True
-        elif number > last + 1:
-            self.by_publisher[publisher] = self.by_publisher.get(publisher, 0) + number - last - 1
+        elif (lost := numbers[-1] - last - len(numbers)) > 0:
+            self.by_publisher[publisher] = self.by_publisher.get(publisher, 0) + lost
 
 
 def losses_as_metadata(

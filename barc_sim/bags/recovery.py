@@ -76,8 +76,9 @@ def _recover_file(file: McapFile, found: Recovered) -> None:
         for each in file.attachments.values():
             copy.attach(each.name, each.media_type, each.data, each.create_time)
         for message in file.messages():
-            if copy.add(*message):
-                copy.commit()
+            copy.add([message])
+            copy.commit()
+        copy.end_chunk()
         found.spans[path.name] = copy.span
         found.counts.update(copy.counts)
         found.metadata |= file.metadata

@@ -7,12 +7,15 @@ from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.bags.file import BagFile
-from barc_sim.bags.recording import Topic, information, write_metadata
+from barc_sim.bags.recording import Span, information, write_metadata
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
+
+    from barc_sim.bags.messages import MessageFields
+    from barc_sim.bags.recording import Topic
 
 
 class FileLimits(NamedTuple):
@@ -53,7 +56,7 @@ class BagWriter:
     >>> directory.mkdir()
     >>> writer = BagWriter(directory, metadata={'command': 'by hand'})
     >>> topic = messages.topic('/ecu', 'barc_interfaces/msg/ECU')
-    >>> writer.write(topic, bytes(36), received=0, published=0, sequence=1)
+    >>> writer.write([messages.Message(topic, bytes(36), received=0, published=0, number=1)])
     >>> writer.close()
     >>> dict(reader.load(directory).counts)
     {'ecu': 1}
@@ -70,8 +73,8 @@ class BagWriter:
         self.directory = directory
         self._compression = compression
         self._limits = limits or FileLimits()
-        self._limited = self._limits != FileLimits()
         self._files: list[BagFile] = []
+        self._span = Span()  # of the last file, where there are limits
         self._metadata: dict[str, str] = {}
         self.closed = False
         try:
@@ -90,7 +93,7 @@ class BagWriter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """The number of messages given to `write`, by topic."""
+        """The number of messages given to `write` before the last `flush`, by topic."""
         return dict(sum((file.counts for file in self._files), Counter()))
 
     @property
@@ -114,39 +117,32 @@ class BagWriter:
             self._files[-1].attach(name, media_type, data)
         self.flush()
 
-    def write(
-        self, topic: Topic, data: bytes, *, received: int, published: int, sequence: int
-    ) -> None:
-        """Append a message.
+    def write(self, messages: Sequence[MessageFields]) -> None:
+        """Append messages; those of one name have the same topic each time."""
+        if self._limits == FileLimits():
+            self._files[-1].add(messages)
+        else:
+            self._write_within_limits(messages)
+        self._commit()
 
-        Parameters
-        ----------
-        topic
-            The same each time for the same name.
-        data
-            The message in CDR, with its header.
-        received, published
-            [ns] since the epoch, by the subscriber's and the publisher's clock.
-        sequence
-            The publisher's count of its messages.
-        """
-        try:
-            if self._limited and self._full:
-                self.split()
-        finally:
-            file = self._files[-1]
-            due = file.add(topic, data, received, published, sequence)
-        if due:
-            file.commit()
-
-    @property
-    def _full(self) -> bool:
-        file = self._files[-1]
-        span = file.span.duration
-        return file.appender.position >= self._limits.size or span >= self._limits.duration * 1e9
+    def _write_within_limits(self, messages: Sequence[MessageFields]) -> None:
+        failure = None
+        for message in messages:
+            size, span = self._files[-1].appender.position, self._span.duration
+            full = size >= self._limits.size or span >= self._limits.duration * 1e9
+            try:
+                if full and not failure:
+                    self.split()
+            except OSError as error:
+                failure = error  # the file continues
+            self._files[-1].add([message])
+            self._span.add(message[2])
+        if failure:
+            raise failure
 
     def split(self) -> None:
         """Continue in the next file."""
+        self._files[-1].end_chunk()
         self._begin_file()
         self._files[-2].finish(self._information())
         self._files[-1].add_metadata(self._metadata)
@@ -155,6 +151,7 @@ class BagWriter:
     def _begin_file(self) -> None:
         name = f'{self.directory.absolute().name}_{len(self._files)}.mcap'
         self._files.append(BagFile(self.directory / name, self._compression))
+        self._span = Span()
 
     def flush(self) -> None:
         """Hand all data to the operating system: a kill of the process loses nothing then."""
@@ -178,6 +175,7 @@ class BagWriter:
         if self.closed:
             return
         try:
+            self._files[-1].end_chunk()
             self._files[-1].finish(self._information())
             self._commit()
             write_metadata(self.directory, self._information())

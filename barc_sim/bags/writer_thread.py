@@ -7,7 +7,7 @@ import threading
 import time
 from bisect import bisect_left
 from collections import Counter, deque
-from operator import attrgetter
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import leading_time
@@ -15,9 +15,9 @@ from barc_sim.bags.recording import short_of_space
 from barc_sim.simulation.log import CLOCK
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from barc_sim.bags.messages import Message
+    from barc_sim.bags.messages import MessageFields
     from barc_sim.bags.writer import BagWriter
 
 #: [s] between two polls of the source.
@@ -27,7 +27,7 @@ _LONGEST_SLEEP = 1.0
 #: [s] between the ends of two chunks. A kill loses the messages of this time, and of one poll.
 _CHUNK_PERIOD = 0.1
 
-_RECEIVED = attrgetter('received')
+_RECEIVED = itemgetter(2)
 
 
 class WriterThread:
@@ -55,7 +55,7 @@ class WriterThread:
     def __init__(
         self,
         writer: BagWriter,
-        source: Callable[[], Iterable[Message]],
+        source: Callable[[], Iterable[MessageFields]],
         reserve: int,
         on_failure: Callable[[str | None], None],
         arrivals: Any = None,  # noqa: ANN401 (of either carrier)
@@ -68,14 +68,15 @@ class WriterThread:
         self._snapshot_due = False
         self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
         self._clock = SimulatedClock()
-        self._late: list[Message] = []
+        self._late: list[MessageFields] = []
         self.failure: str | None = None  #: the first one
         self.unwritten: dict[str, int] = {}  #: messages that are lost, by topic, once closed
         self._writer = writer
         self._source = source
         self._reserve = reserve
         self._on_failure = on_failure
-        self._waiting: deque[Message] = deque()
+        self._kept: deque[MessageFields] = deque()  # for a snapshot
+        self._arriving = False  # the last poll found messages
         self._stuck = False  # until the disk accepts what it refused
         self._broken = False  # for good, as the source has failed
         self._chunk_due = time.monotonic()
@@ -111,7 +112,8 @@ class WriterThread:
 
     @property
     def _is_idle(self) -> bool:
-        return not (self._unflushed or self._late or self._stuck or self._closing.is_set())
+        busy = self._arriving or self._unflushed or self._late or self._stuck
+        return not (busy or self._closing.is_set())
 
     def _run_once(self) -> None:
         try:
@@ -121,7 +123,7 @@ class WriterThread:
                 self._chunk_due = time.monotonic() + _CHUNK_PERIOD
                 self._check_disk()
                 self._writer.flush()
-                self._unflushed = bool(self._waiting)
+                self._unflushed = False
                 if self._stuck and not self._broken:
                     self._stuck = False
                     self._on_failure(None)
@@ -132,31 +134,21 @@ class WriterThread:
             self._fail(error)
 
     def _drain(self) -> None:
-        if not self._waiting or self.snapshot is not None:
-            messages = self._take()
-            if self.paused:
-                self._drop(messages)
-                return
-            self._waiting.extend(messages)
-        if self.snapshot is not None and not self._snapshot_due:
-            begin = time.time_ns() - int(self.snapshot * 1e9)
-            while self._waiting and self._waiting[0].received < begin:
-                self._drop([self._waiting.popleft()])
+        messages: Sequence[MessageFields] = self._take()
+        self._arriving = bool(messages)
+        if self.paused:
             return
-        while self._waiting:
+        if self.snapshot is not None:
+            self._kept.extend(messages)
+            begin = _RECEIVED(self._kept[-1]) - int(self.snapshot * 1e9) if self._kept else 0
+            while self._kept and _RECEIVED(self._kept[0]) < begin:
+                self._kept.popleft()
+            if not self._snapshot_due:
+                return
+            messages, self._kept, self._snapshot_due = self._kept, deque(), False
+        if messages:
             self._unflushed = True
-            topic, data, received, published, number = self._waiting.popleft()
-            if self.use_sim_time:
-                received = self._clock.time_of(topic.name, data, received)
-            self._writer.write(topic, data, received=received, published=published, sequence=number)
-
-        self._snapshot_due = False
-
-    def _drop(self, messages: Iterable[Message]) -> None:
-        """Let simulated time go on over messages that are not written."""
-        if self.use_sim_time:
-            for message in messages:
-                self._clock.time_of(message.topic.name, message.data, message.received)
+            self._writer.write(messages)
 
     def write_snapshot(self) -> None:
         """Write the messages of the last `snapshot` seconds."""
@@ -164,7 +156,7 @@ class WriterThread:
             self._snapshot_due, self._chunk_due = True, 0.0
             self._run_once()
 
-    def _take(self) -> list[Message]:
+    def _take(self) -> list[MessageFields]:
         """Return the waiting messages in order of reception, as readers expect.
 
         The source takes one topic after the other, so that a `/clock` older than a message may come
@@ -172,11 +164,12 @@ class WriterThread:
         """
         now = time.time_ns()
         messages = sorted((*self._late, *self._source()), key=_RECEIVED)
-        number = len(messages)
-        if self.use_sim_time and not self._closing.is_set():
-            number = bisect_left(messages, now, key=_RECEIVED)
+        if not self.use_sim_time:
+            return messages
+        closing = self._closing.is_set()
+        number = len(messages) if closing else bisect_left(messages, now, key=_RECEIVED)
         self._late = messages[number:]
-        return messages[:number]
+        return self._clock.stamp(messages[:number])
 
     def _check_disk(self) -> None:
         """Check what the system does not report, or reports too late.
@@ -251,16 +244,15 @@ class WriterThread:
         """Count the messages that were received, and that the disk has refused to the end."""
         left = Counter(self._writer.counts)
         left.subtract(self._writer.on_disk)
-        if self.snapshot is not None and not self._snapshot_due:
-            self._waiting.clear()  # nobody asked for them
         if self._stuck and not self._broken:
-            self._waiting.extend((*self._late, *self._source()))
-        left.update(message.topic.name for message in self._waiting)
+            left.update(topic.name for topic, *_ in (*self._late, *self._source()))
+        if self._snapshot_due:
+            left.update(topic.name for topic, *_ in self._kept)
         self.unwritten = {topic: count for topic, count in left.items() if count > 0}
 
 
 class SimulatedClock:
-    """The simulated time of messages: the latest `/clock` received before them.
+    """Stamps messages with the latest `/clock` received before them.
 
     Messages before the first `/clock` keep their time. `ros2 bag record --use-sim-time` does the
     same, but in the order of its executor; here the order is that of reception. A clock that jumps
@@ -270,8 +262,14 @@ class SimulatedClock:
     def __init__(self) -> None:
         self._now: int | None = None
 
-    def time_of(self, topic: str, data: bytes, received: int) -> int:
-        """Return the time [ns] of the next message in order of reception."""
-        if topic == CLOCK:
-            self._now = leading_time(data)
-        return received if self._now is None else self._now
+    def stamp(self, messages: Iterable[MessageFields]) -> list[MessageFields]:
+        """Return the next messages, in order of reception, as received at the simulated time."""
+        now = self._now
+        stamped: list[MessageFields] = []
+        for topic, data, received, published, number in messages:
+            if topic.name == CLOCK:
+                now = leading_time(data)
+            at = received if now is None else now
+            stamped.append((topic, data, at, published, number))
+        self._now = now
+        return stamped

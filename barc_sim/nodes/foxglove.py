@@ -10,7 +10,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from barc_sim.bags import names
-from barc_sim.bags.messages import leading_time
+from barc_sim.bags.messages import Message, leading_time
 from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT
 from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import declare
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from foxglove.websocket import ChannelView, Client
 
-    from barc_sim.bags.messages import Message
 
 #: [s] between two polls of the topics, while a client is subscribed and while none is.
 _PERIOD, _SLOW_PERIOD = 0.02, 0.1
@@ -112,7 +111,8 @@ class FoxgloveServer(Node):
         while not closing:
             is_watched = any(channel.has_sinks() for channel in self._channels.values())
             closing = self._closing.wait(_PERIOD if is_watched else _SLOW_PERIOD)
-            self._send(sorted(self._topics.take(), key=attrgetter('received')))
+            messages = map(Message._make, self._topics.take())
+            self._send(sorted(messages, key=attrgetter('received')))
 
     def _send(self, messages: Iterable[Message]) -> None:
         """Send messages, in order, to the clients that subscribe to their topics."""

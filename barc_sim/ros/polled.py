@@ -7,7 +7,9 @@ import os
 import select
 import weakref
 from contextlib import suppress
-from ctypes import c_int64, c_size_t, c_uint64, c_void_p
+from ctypes import c_size_t, c_void_p
+from itertools import islice
+from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from builtin_interfaces.msg import Time
@@ -113,23 +115,16 @@ class _Array(ctypes.Structure):  # rcutils_uint8_array_t
     )
 
 
-class _Info(ctypes.Structure):  # rmw_message_info_t; rclpy's own take tells no publisher
-    _fields_ = (
-        ('published', c_int64),
-        ('received', c_int64),
-        ('number', c_uint64),
-        ('reception_number', c_uint64),
-        ('middleware', c_void_p),  # of rmw_gid_t, as what follows
-        ('publisher', ctypes.c_uint8 * 16),
-        ('more', ctypes.c_uint8 * 200),  # as much as another rmw may write
-    )
-
-
+#: Of rmw_message_info_t: times of publication and reception, number, and the publisher's GID, which
+#: rclpy's own take leaves out.
+_INFO = Struct('=qqQ16x16s')
+_MOST_INFO = 256  # bytes, as much as another rmw may write
 _SECOND = 1_000_000_000  # ns
+_NOTHING_THERE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
 
 
 class Taker:
-    """Takes messages, through one buffer that grows with them; for one thread at a time.
+    """Takes messages through one buffer, which rcl makes larger; for one thread at a time.
 
     Parameters
     ----------
@@ -141,41 +136,48 @@ class Taker:
         rcutils = ctypes.PyDLL('librcutils.so')
         rcutils.rcutils_get_default_allocator.restype = _Allocator
         self._array = _Array(allocator=rcutils.rcutils_get_default_allocator())
-        self._info = _Info()
+        self._info = ctypes.create_string_buffer(_MOST_INFO)
         # PyDLL keeps the interpreter's lock: to give it up for 2 us would cost more than that.
         self._take = ctypes.PyDLL('librcl.so').rcl_take_serialized_message
         self._free = rcutils.rcutils_uint8_array_fini
         self._fits = self._takes_as_rclpy_does(node)
 
-    def take(self, subscription: Subscription) -> Iterator[_Fields]:
-        """Return what waits in `subscription`, and what arrives meanwhile: the fields of `Taken`.
+    def take(self, subscription: Subscription, most: int) -> list[_Fields]:
+        """Return what waits in `subscription`, `most` messages: the fields of `Taken`.
 
         Raises
         ------
         RuntimeError
             rcl has failed.
         """
-        return self._take_all(subscription) if self._fits else _rclpys(subscription)
+        if self._fits:
+            return self._take_all(subscription, most)
+        return [*islice(_rclpys(subscription), most)]
 
-    def _take_all(self, subscription: Subscription) -> Iterator[_Fields]:
-        take, info, array = self._take, self._info, self._array
+    def _take_all(self, subscription: Subscription, most: int) -> list[_Fields]:
+        take, array, info, unpack = self._take, self._array, self._info, _INFO.unpack_from
         arguments = ctypes.byref(array), ctypes.byref(info), None
+        buffer = (ctypes.c_char * 0)()
+        taken: list[_Fields] = []
+        result = 0
         with subscription.handle:
             pointer = c_void_p(subscription.handle.pointer)
-            while (result := take(pointer, *arguments)) == 0:
-                data = ctypes.string_at(array.buffer, array.length)
-                yield data, info.published, info.received, info.number, bytes(info.publisher)
-        if result != 401:  # noqa: PLR2004 - RCL_RET_SUBSCRIPTION_TAKE_FAILED: nothing is there
+            while len(taken) < most and (result := take(pointer, *arguments)) == 0:
+                if array.capacity != len(buffer):
+                    buffer = (ctypes.c_char * array.capacity).from_address(array.buffer)
+                taken.append((buffer[: array.length], *unpack(info)))
+        if result not in (0, _NOTHING_THERE):
             raise RuntimeError(
                 f'rcl_take_serialized_message returned {result} on {subscription.topic_name}'
             )
+        return taken
 
     def _takes_as_rclpy_does(self, node: Node) -> bool:
         subscriptions = [polled(node, Time, '_layout', QoSProfile(depth=1)) for _ in range(2)]
         publisher = node.create_publisher(Time, '_layout', 1)
         publisher.publish(Time(sec=1))
         try:
-            ((data, published, received, number, _),) = self._take_all(subscriptions[0])
+            ((data, published, received, number, _),) = self._take_all(subscriptions[0], 2)
             (theirs,) = _rclpys(subscriptions[1])
             # Each subscription notes its own time of reception.
             near = abs(received - theirs[2]) < _SECOND

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import defaultdict
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
 from barc_sim.ros.peers import all_own, publishers, types_here
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+    from barc_sim.bags.messages import MessageFields
     from barc_sim.bags.recording import Topic
 
 
@@ -281,19 +281,24 @@ class TopicSubscriptions:
         qos = self._overrides.get(name, qos)
         return polled(self._node, message_type, name, qos)
 
-    def take(self) -> list[Message]:
+    def take(self) -> list[MessageFields]:
         """Return the waiting messages, topic by topic; call it from one thread only."""
         with self._lock:
             return [message for topic in self._topics.values() for message in self._take(topic)]
 
-    def _take(self, recorded: RecordedTopic) -> Iterator[Message]:
-        topic, route, losses = recorded.topic, recorded.route, recorded.losses
+    def _take(self, recorded: RecordedTopic) -> list[MessageFields]:
+        topic, route = recorded.topic, recorded.route
+        messages: list[MessageFields] = []
         for index, subscription in enumerate(recorded.subscriptions):
-            waiting = islice(self._taker.take(subscription), self._depth)
-            for data, published, received, number, publisher in waiting:
+            numbers: defaultdict[bytes, list[int]] = defaultdict(list)
+            taken = self._taker.take(subscription, self._depth)
+            for data, published, received, number, publisher in taken:
                 if route.setdefault(publisher, index) == index:
-                    losses.count(publisher, number)
-                    yield Message(topic, data, received, published, number)
+                    numbers[publisher].append(number)
+                    messages.append((topic, data, received, published, number))
+            for publisher, counted in numbers.items():
+                recorded.losses.count(publisher, counted)
+        return messages
 
     def wait(self, timeout_sec: float) -> None:
         """Sleep until a message arrives, `wake` is called or the time is over.

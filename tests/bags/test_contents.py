@@ -13,7 +13,7 @@ from rosbags.convert.converter import convert
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags.contents import Contents, types_of
-from barc_sim.bags.messages import topic
+from barc_sim.bags.messages import Message, topic
 from barc_sim.bags.recording import COMPRESSIONS, Topic
 from barc_sim.bags.writer import BagWriter
 
@@ -34,7 +34,7 @@ def ours(tmp_path_factory: pytest.TempPathFactory) -> Path:
         later = k ^ 1  # each second message before the first
         for each in topics[: 1 + (k % 10 == 0)]:
             data = bytes([0, 1, 0, 0, *later.to_bytes(4, 'little'), *bytes(4), 1, 0, 0, 0, 0])
-            writer.write(each, data, received=10**9 + 10**7 * later, published=0, sequence=k)
+            writer.write([Message(each, data, 10**9 + 10**7 * later, 0, k)])
         if k == 200:
             writer.split()
     writer.close()
@@ -99,7 +99,7 @@ def test_a_bag_of_each_compression_is_read_by_others(tmp_path: Path, compression
     writer = BagWriter(tmp_path, compression=compression)
     of_headers = topic('/a', 'std_msgs/msg/Header')
     for k in range(100):
-        writer.write(of_headers, bytes([0, 1, *bytes(15)]), received=k, published=k, sequence=k)
+        writer.write([Message(of_headers, bytes([0, 1, *bytes(15)]), k, k, k)])
     writer.close()
     assert sum(1 for _ in Contents(tmp_path).messages()) == 100
     with AnyReader([tmp_path]) as reader:
@@ -110,7 +110,7 @@ def test_a_bag_of_each_compression_is_read_by_others(tmp_path: Path, compression
 def test_a_message_that_unpacks_to_too_much_is_left_as_it_is(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path)
     bomb = zstandard.compress(bytes(40 << 20))
-    writer.write(topic('/a', 'std_msgs/msg/Header'), bomb, received=1, published=1, sequence=1)
+    writer.write([Message(topic('/a', 'std_msgs/msg/Header'), bomb, 1, 1, 1)])
     writer.close()
     assert [message.data for message in Contents(tmp_path).messages()] == [bomb]
 

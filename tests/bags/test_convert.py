@@ -11,6 +11,7 @@ from command_line import printed, refused
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import Topic
 from barc_sim.bags.writer import BagWriter
 
@@ -33,7 +34,7 @@ def robot(tmp_path: Path) -> Path:
         topic = Topic(name=name, type=kind, definition=text, type_hash='', offered_qos=[])
         data = bytes(STORE.serialize_cdr(message, kind))
         time = 7 * SECOND + k * SECOND // 2
-        writer.write(topic, data, received=time, published=time, sequence=k)
+        writer.write([Message(topic, data, time, time, k)])
 
     for k in range(3):
         stamp = types['builtin_interfaces/msg/Time'](sec=k, nanosec=5)
@@ -48,7 +49,7 @@ def robot(tmp_path: Path) -> Path:
         put('/scan', 'sensor_msgs/msg/LaserScan', scan, k)
         put('/said', 'std_msgs/msg/String', types['std_msgs/msg/String'](f'word {k}'), k)
     broken = Topic(name='/x', type='a/msg/X', definition='no type', type_hash='', offered_qos=[])
-    writer.write(broken, bytes(8), received=7 * SECOND, published=0, sequence=1)
+    writer.write([Message(broken, bytes(8), 7 * SECOND, 0, 1)])
     writer.close()
     return tmp_path / 'robot'
 

@@ -13,6 +13,7 @@ import pytest
 from made_bags import fill
 
 from barc_sim.bags import reader as bag
+from barc_sim.bags.messages import Message
 from barc_sim.bags.reader import TOPICS, Samples
 from barc_sim.bags.reader import join as join_samples
 from barc_sim.bags.recording import Topic
@@ -202,7 +203,7 @@ def test_a_topic_of_that_name_and_another_type_is_no_car(tmp_path: Path) -> None
         type_hash='',
         offered_qos=[],
     )
-    writer.write(topic, bytes(12), received=1, published=1, sequence=1)
+    writer.write([Message(topic, bytes(12), 1, 1, 1)])
     writer.close()
     with pytest.raises(UserError, match='no states of a car'):
         bag.read(tmp_path / 'run')

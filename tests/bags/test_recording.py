@@ -83,15 +83,14 @@ A, B = b'a' * 16, b'b' * 16
 
 def test_gaps_add_up_for_each_publisher() -> None:
     losses = Losses()
-    for publisher, number in ((A, 1), (B, 5), (A, 3), (B, 6), (A, 7), (B, 8)):
-        losses.count(publisher, number)
-    assert losses.by_publisher == {A: 1 + 3, B: 1}
+    for publisher, *numbers in ((A, 1), (B, 5), (A, 3, 4), (B, 6), (A, 7, 9), (B, 8)):
+        losses.count(publisher, numbers)
+    assert losses.by_publisher == {A: 1 + 2 + 1, B: 1}
 
 
 def test_middleware_without_numbers_is_detected() -> None:
     losses = Losses()
-    losses.count(A, UNNUMBERED)
-    losses.count(A, UNNUMBERED)
+    losses.count(A, [UNNUMBERED, UNNUMBERED])
     assert losses.unnumbered
     assert losses.by_publisher == {}
 

@@ -15,6 +15,7 @@ from rosbags.highlevel import AnyReader
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
 from barc_sim.bags.contents import Contents
+from barc_sim.bags.messages import Message
 from barc_sim.bags.recovery import recover as make_whole
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.errors import UserError
@@ -22,7 +23,6 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.bags.messages import Message
 
 ATTACHED = {'student/a.py': b'x = 1\n'}
 
@@ -32,9 +32,7 @@ def write(directory: Path, *, limits: FileLimits | None = None) -> BagWriter:
     writer = BagWriter(directory, metadata={'command': 'acc'}, limits=limits)
     writer.attach(ATTACHED)
     for k in range(1000):
-        writer.write(
-            VALUE, k.to_bytes(12, 'little'), received=1000 + k, published=900 + k, sequence=k
-        )
+        writer.write([Message(VALUE, k.to_bytes(12, 'little'), 1000 + k, 900 + k, k)])
         if k % 100 == 99:
             writer.flush()
     return writer

@@ -29,6 +29,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from barc_sim.bags import file as module
 from barc_sim.bags import records as bag_records
 from barc_sim.bags.file import CHUNK_SIZE, AtomicAppender, BagFile
+from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import METADATA_NAME, Topic, to_yaml
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.errors import UserError
@@ -84,7 +85,7 @@ def writer(directory: Path) -> Iterator[BagWriter]:
 
 
 def write(writer: BagWriter, topic: Topic, k: int) -> None:
-    writer.write(topic, encoded(float(k)), received=1000 + k, published=900 + k, sequence=k)
+    writer.write([Message(topic, encoded(float(k)), 1000 + k, 900 + k, k)])
 
 
 def metadata(writer: BagWriter) -> dict[str, Any]:
@@ -201,7 +202,7 @@ def test_a_bag_without_messages_is_whole(writer: BagWriter) -> None:
 
 
 def test_numbers_wrap_at_32_bits_and_times_before_1970_become_zero(writer: BagWriter) -> None:
-    writer.write(VALUE, encoded(0.0), received=-5, published=-(10**18), sequence=2**32 + 5)
+    writer.write([Message(VALUE, encoded(0.0), -5, -(10**18), 2**32 + 5)])
     writer.close()
     with writer.file.open('rb') as stream:
         ((_, _, read),) = SeekingReader(stream).iter_messages()
@@ -348,7 +349,7 @@ def make(path: Path) -> None:
     file = BagFile(path)
     for seed in (1, 2):
         for index, *message in random_messages(seed):
-            file.add(TOPICS[index], *message)
+            file.add([Message(TOPICS[index], *message)])
         file.end_chunk()
         file.add_metadata({'seed': str(seed)})
         file.attach('notes', 'text/plain', b'wet', 3)

@@ -297,7 +297,8 @@ def clock(received: int, sec: int, nanosec: int = 0) -> Message:
 def test_simulated_clock_stamps_messages_with_the_latest_clock() -> None:
     messages = [message(1), clock(2, 7), message(3), clock(4, 8, 5), message(9)]
     simulated = SimulatedClock()
-    times = [simulated.time_of(each.topic.name, each.data, each.received) for each in messages]
+    stamped = [*simulated.stamp(messages[:3]), *simulated.stamp(messages[3:])]
+    times = [received for _, _, received, _, _ in stamped]
     assert times == [1, 7 * SECOND, 7 * SECOND, 8 * SECOND + 5, 8 * SECOND + 5]
 
 

@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
-from barc_sim.bags.messages import topic
+from barc_sim.bags.messages import Message, topic
 from barc_sim.bags.recording import Topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.keyboard import KeyEvent
@@ -43,9 +43,9 @@ def bag(tmp_path: Path) -> Path:
         data = bytes([0, 1, 0, 0, k, *bytes(7), 1, 0, 0, 0, 0])
         for each in topics:
             received = 5 * SECOND + SECOND // 10 * k
-            writer.write(each, data, received=received, published=received, sequence=k)
+            writer.write([Message(each, data, received, received, k)])
     foreign = Topic(name='/c', type='nobody/msg/X', definition='', type_hash='', offered_qos=[])
-    writer.write(foreign, bytes(8), received=5 * SECOND, published=0, sequence=1)
+    writer.write([Message(foreign, bytes(8), 5 * SECOND, 0, 1)])
     writer.close()
     return tmp_path / 'bag'
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from ctypes import Structure, c_int64
+from struct import Struct
 from typing import TYPE_CHECKING
 
 import pytest
@@ -48,7 +48,7 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
     taker = Taker(subscribing)
     taken: list[Taken] = []
     while len(taken) < 3:
-        taken += map(Taken._make, taker.take(subscription))
+        taken += map(Taken._make, taker.take(subscription, 10))
     taker.close()
     assert [deserialize_message(each.data, Int64).data for each in taken] == [0, 1, 2]
     assert all(before <= each.published <= after for each in taken)
@@ -61,8 +61,7 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
 def test_other_layouts_are_found_and_rclpys_own_take_is_used(
     nodes: tuple[Node, Node], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fields = (('shifted', c_int64), *polled._Info._fields_)  # noqa: SLF001
-    monkeypatch.setattr(polled, '_Info', type('Other', (Structure,), {'_fields_': fields}))
+    monkeypatch.setattr(polled, '_INFO', Struct('=8xqqQ16x16s'))
     publishing, subscribing = nodes
     taker = Taker(subscribing)
     subscription = subscribing.create_subscription(Int64, 'number', print, LATCHED, raw=True)
@@ -70,7 +69,7 @@ def test_other_layouts_are_found_and_rclpys_own_take_is_used(
     publisher.publish(Int64(data=7))
     taken: list[Taken] = []
     while not taken:
-        taken += map(Taken._make, taker.take(subscription))
+        taken += map(Taken._make, taker.take(subscription, 10))
     taker.close()
     assert [deserialize_message(each.data, Int64).data for each in taken] == [7]
     assert [each.number for each in taken] == [1]

@@ -48,7 +48,7 @@ subscription = node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda _: None, 10_
 taker = Taker(node)
 print(flush=True)
 while True:
-    for data, published, received, number, _ in taker.take(subscription):
+    for data, published, received, number, _ in taker.take(subscription, 10_000):
         print(json.dumps((data.hex(), published, received, number)), flush=True)
     time.sleep(0.01)
 """

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.bags.messages import Message, topic
+from barc_sim.bags.messages import topic
 from barc_sim.ros.local.context import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from barc_sim.ros.local.messages import message_type, store
 from barc_sim.ros.local.node import Subscription
@@ -14,6 +13,7 @@ from barc_sim.ros.local.node import Subscription
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from barc_sim.bags.messages import MessageFields
     from barc_sim.ros.local.node import Node
 
 #: Of a subscription that matches every publisher.
@@ -40,7 +40,7 @@ class LocalSubscriptions:
     def __init__(self, node: Node, wants: Callable[[str, Sequence[str]], bool], depth: int) -> None:
         self._node, self._wants, self._depth = node, wants, depth
         self._subscriptions: dict[str, Subscription] = {}
-        self._messages: deque[Message] = deque()
+        self._messages: deque[MessageFields] = deque()
         self.unknown: Mapping[str, str] = {}
 
     def expect(self, *_: object) -> None:
@@ -60,11 +60,10 @@ class LocalSubscriptions:
         """Return what keeps a message of a topic."""
         described, keep = topic(name, kind, store()), self._messages.append
         messages, depth, date = self._messages, self._depth, self._node.context.date
-        made = partial(tuple.__new__, Message)  # quicker than its own __new__
 
         def receive(msg: Any, number: int) -> None:
             now = date()
-            keep(made((described, msg.__serialize__(), now, now, number)))
+            keep((described, msg.__serialize__(), now, now, number))
             if len(messages) > depth:
                 self.on_full()
 
@@ -73,7 +72,7 @@ class LocalSubscriptions:
     def on_full(self) -> None:
         """Do nothing; a recorder replaces it to write what waits."""
 
-    def take(self) -> list[Message]:
+    def take(self) -> list[MessageFields]:
         """Return the messages since the last call, for one thread at a time."""
         return [self._messages.popleft() for _ in range(len(self._messages))]
 
