@@ -136,8 +136,6 @@ def add_arguments_submit(parser: Parser) -> None:
 
 def run_submit(options: Namespace) -> None:
     """Write the zip, and print a line for each of its parts."""
-    from barc_sim.lab import submit  # noqa: PLC0415
-
     folder = options.folder
     if not folder.is_dir():
         raise UserError(
@@ -145,6 +143,8 @@ def run_submit(options: Namespace) -> None:
             f'barc new {shlex.quote(str(folder))} writes one'
         )
     path = target(options.save or f'{folder.resolve().name}.zip', ARCHIVES)
+    from barc_sim.lab import submit  # noqa: PLC0415 (slow: not to refuse)
+
     engine = choose_engine(options)
     bags = (Path('bags'), folder / 'bags')
     teleop = options.teleop or submit.newest_drive(bags, 'teleop')

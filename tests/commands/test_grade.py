@@ -196,25 +196,6 @@ def test_what_is_printed_is_shown_and_not_run(graded: Graded) -> None:
     assert '[and more]' in page
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures('graded')  # where code can be confined
-def test_what_works_counts_where_the_rest_hangs_by_seed_and_rubric(tmp_path: Path) -> None:
-    rubric = tmp_path / 'rubric.yaml'
-    rubric.write_text('seed: 7\ncriteria: {pid.reset: 2, model.x: 1}')
-    (tmp_path / 'loops').mkdir()
-    (tmp_path / 'loops' / 'bike_model.py').write_text('def bikeFE(*_):\n    while True: pass')
-    (tmp_path / 'loops' / 'controller.py').write_text(CONTROLLER)
-    arguments = ['--out', str(tmp_path / 'out'), '--rubric', str(rubric)]
-
-    assert barc(['grade', str(tmp_path / 'loops'), *arguments]) == 0
-
-    content = results(tmp_path, 'out')
-    assert content['score'] == 2.0
-    assert 'endless loop' in messages(content)
-    assert [test['max_score'] for test in content['tests']] == [1.0, 2.0]
-    assert content['extra_data']['seed'] == 7
-
-
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [

@@ -25,12 +25,12 @@ from functools import cache
 from os import O_RDONLY, O_RDWR, O_TRUNC, O_WRONLY
 from pathlib import Path
 from struct import pack
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from system_calls import NotSupportedSystemCall, syscalls
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
 # Landlock. Its calls have the same numbers on all architectures.
 _CREATE_RULESET, _ADD_RULE = 444, 445
@@ -142,6 +142,7 @@ _NUMBER, _ARCHITECTURE, _ARGUMENTS = 0, 4, 16  # offsets in struct seccomp_data
 # Before Linux 6.2 Landlock lets a file that may be read be emptied, unless the call asks to write.
 _NO_MODE = O_WRONLY | O_RDWR  # neither to read nor to write; also the mask of the access modes
 _EMPTYING = (O_RDONLY | O_TRUNC, _NO_MODE | O_TRUNC)
+_FLAGS = {'open': 1, 'openat': 2}  # the argument with them
 _TABLES = syscalls()
 #: A younger architecture lacks some of them.
 _ALLOWED = """
@@ -157,47 +158,38 @@ _ALLOWED = """
 """
 
 
-class Machine(NamedTuple):
-    """A processor architecture."""
-
-    name: str  #: in the tables of system calls
-    audit: int  #: in struct seccomp_data
-
-    def number(self, call: str) -> int:
-        """Return the number of the system call named `call`."""
-        return int(_TABLES.get(call, self.name))
-
-    def allowed(self) -> list[int]:
-        """Return the numbers of the system calls that are always allowed."""
-        numbers = []
-        for call in _ALLOWED.split():
-            with suppress(NotSupportedSystemCall):
-                numbers.append(self.number(call))
-        return numbers
+#: The architectures: their names in the tables of system calls, and their numbers in seccomp_data.
+MACHINES = {'x86_64': ('x86_64', 0xC000003E), 'aarch64': ('arm64', 0xC00000B7)}
 
 
-MACHINES = {'x86_64': Machine('x86_64', 0xC000003E), 'aarch64': Machine('arm64', 0xC00000B7)}
+def numbers(machine: str, calls: Iterable[str]) -> dict[str, int]:
+    """Return the numbers of those system calls that a machine has."""
+    found = {}
+    for call in calls:
+        with suppress(NotSupportedSystemCall):
+            found[call] = int(_TABLES.get(call, MACHINES[machine][0]))
+    return found
 
 
-def program(machine: Machine | None = None) -> bytes:
+def program(machine: str = '') -> bytes:
     """Return the filter for `machine`, by default this one, as an array of `sock_filter`."""
-    machine = machine or MACHINES.get(platform.machine())
-    if machine is None:
+    machine = machine or platform.machine()
+    if machine not in MACHINES:
         raise OSError(
-            f'there is no filter of system calls for a {platform.machine()!r} machine, '
+            f'there is no filter of system calls for a {machine!r} machine, '
             f'only for {" and ".join(MACHINES)}'
         )
     return b''.join(
         [
             _instruction(_LOAD, _ARCHITECTURE),
-            _instruction(_JUMP_IF_EQUAL, machine.audit, if_equal=1),
+            _instruction(_JUMP_IF_EQUAL, MACHINES[machine][1], if_equal=1),
             _instruction(_RETURN, _KILL_PROCESS),
             _instruction(_LOAD, _NUMBER),
             # As for a file that is no terminal.
-            _instruction(_JUMP_IF_EQUAL, machine.number('ioctl'), otherwise=1),
+            _instruction(_JUMP_IF_EQUAL, numbers(machine, ['ioctl'])['ioctl'], otherwise=1),
             _instruction(_RETURN, _ERRNO | ENOTTY),
             *_opening(machine),
-            *_if_one_of(machine.allowed()),
+            *_if_one_of([*numbers(machine, _ALLOWED.split()).values()]),
             _instruction(_RETURN, _ERRNO | EPERM),
             _instruction(_RETURN, _ALLOW),
         ]
@@ -212,20 +204,19 @@ def _if_one_of(values: Sequence[int]) -> list[bytes]:
     ]
 
 
-def _opening(machine: Machine) -> list[bytes]:
+def _opening(machine: str) -> list[bytes]:
     """Return the instructions that allow `open` and `openat`, except to empty files."""
     instructions = []
-    for call, flags in (('open', 1), ('openat', 2)):
-        with suppress(NotSupportedSystemCall):
-            body = [
-                _instruction(_LOAD, _ARGUMENTS + 8 * flags),
-                _instruction(_AND, _NO_MODE | O_TRUNC),
-                *_if_one_of(_EMPTYING),
-                _instruction(_RETURN, _ALLOW),
-                _instruction(_RETURN, _ERRNO | EPERM),
-            ]
-            jump = _instruction(_JUMP_IF_EQUAL, machine.number(call), otherwise=len(body))
-            instructions += [jump, *body]
+    for call, number in numbers(machine, _FLAGS).items():
+        body = [
+            _instruction(_LOAD, _ARGUMENTS + 8 * _FLAGS[call]),
+            _instruction(_AND, _NO_MODE | O_TRUNC),
+            *_if_one_of(_EMPTYING),
+            _instruction(_RETURN, _ALLOW),
+            _instruction(_RETURN, _ERRNO | EPERM),
+        ]
+        jump = _instruction(_JUMP_IF_EQUAL, number, otherwise=len(body))
+        instructions += [jump, *body]
     return instructions
 
 
