@@ -53,17 +53,15 @@ class Entry:
     begin: Callable[[], bool]  #: claims its callback group, where that allows another callback
     end: Callable[[], None]  #: gives the group back
     pending: int = 0  #: takes that may find something
-    ahead: int = 0  #: those that were tried before their arrival was counted
     queued: bool = False
-    found: float = 0.0  #: [s] when it was queued
-    executed: float = 0.0  #: [s] when it was taken last
     lasting: bool = False  #: whether its last callback lasted
     descriptor: int = -1  #: the eventfd in which arrivals are counted
+    in_memory: Any = None  #: the counter of arrivals there, while none waits for them
+    counted: int = 0  #: arrivals in memory that were seen
     idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
     on_taken: Callable[[Entry], None] | None = None
-    kept: Any = None  #: a timer's watch on jumps; what stands in the wait set; an event's counts
-    take_message: Callable[[], Any] | None = None
-    end_use: Callable[[], None] | None = None  #: of the handle by `take_message`
+    kept: Any = None  #: a timer's watch on jumps; what stands in the wait set
+    take_message: Any = None  #: a subscription's faster way
 
     def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
         """Warn where rclpy itself cannot handle what has arrived; return False for other errors.
@@ -90,61 +88,43 @@ def entry_of(entity: Entity, kind: str, node: Node) -> Entry:
     known = type(group) in (MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup)
     begin = claim if known else lambda: group.can_execute(entity) and claim()
     end = partial(group.ending_execution, entity)
-    take = next((take for each, take in _TAKES.items() if isinstance(entity, each)), _take_waitable)
+    take = next(take for each, take in _TAKES.items() if isinstance(entity, each))
     return Entry(entity, kind, node, handle_of(entity), take, begin, end)
 
 
 def _take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take a message, the fast way if its callback wants nothing else."""
     subscription = entry.entity
-    if subscription.raw or subscription._callback_type is not _MESSAGE_ONLY:
-        taken = entry.handle.take_message(subscription.msg_type, subscription.raw)
-        if taken and subscription._callback_type is _MESSAGE_ONLY:
-            taken = taken[:1]
-    else:
-        if not entry.take_message:
-            entry.take_message, entry.end_use = message_taker(subscription)
-        taken = None if (message := entry.take_message()) is None else (message,)
-    if taken is None:
-        # Of a full queue, older messages are gone: so many at most can wait behind this one.
-        most = 0 if entry.idle_uses else subscription.qos_profile.depth or entry.pending
-        entry.pending = min(entry.pending, most)
-        return None
-    return subscription.callback, taken
-
-
-def _take_service(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
-    """Take a request; unlike rclpy's way, this returns whether there was one."""
-    service = entry.entity
+    message_only = subscription._callback_type is _MESSAGE_ONLY
     with entry.handle:
-        request, header = entry.handle.service_take_request(service.srv_type.Request)
-    if header is None:
-        entry.pending = 0
-        return None
-
-    async def execute() -> None:
-        response = await await_or_execute(service.callback, request, service.srv_type.Response())
-        service.send_response(response, header)
-
-    return execute, ()
+        if message_only and not subscription.raw:
+            take = entry.take_message = entry.take_message or message_taker(subscription)
+            taken = take()
+        elif taken := entry.handle.take_message(subscription.msg_type, subscription.raw):
+            taken = taken[:1] if message_only else taken
+    return taken and (subscription.callback, taken)
 
 
-def _take_client(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
-    """Take a response; unlike rclpy's way, this returns whether there was one."""
-    client = entry.entity
-    with entry.handle:
-        header, response = entry.handle.take_response(client.srv_type.Response)
-    if header is None:
-        entry.pending = 0
-        return None
+def _take_service(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
+    """Take a request or a response; unlike rclpy's way, this returns whether there was one."""
+    entity, handle = entry.entity, entry.handle
+    with handle:
+        if entry.kind == 'services':
+            message, header = handle.service_take_request(entity.srv_type.Request)
+        else:
+            header, message = handle.take_response(entity.srv_type.Response)
 
-    def execute() -> None:
+    async def answer() -> None:
+        response = await await_or_execute(entity.callback, message, entity.srv_type.Response())
+        entity.send_response(response, header)
+
+    def complete() -> None:
         with suppress(KeyError):  # the request was cancelled
-            future = client.get_pending_request(header.request_id.sequence_number)
+            future = entity.get_pending_request(header.request_id.sequence_number)
             future._set_executor(executor)
-            future.set_result(response)
+            future.set_result(message)
 
-    return execute, ()
+    return header and (answer if entry.kind == 'services' else complete, ())
 
 
 def _take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
@@ -157,20 +137,11 @@ def _take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
 
 
 def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
-    """Take the status of a QoS event, unless another one was meant that shares the descriptor."""
-    entry.pending = 0  # one status covers all
+    """Take the status of a QoS event; it says whether there was one since it was taken last."""
     with entry.handle:
         taken = entry.handle.take_event()
-    counts = {name: getattr(taken, name) for name in dir(taken) if name.endswith('_count')}
-    if counts == (entry.kept or dict.fromkeys(counts, 0)):
-        return None
-    entry.kept = counts
-    return entry.entity.execute, (taken,)
-
-
-def _take_waitable(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
-    """Take a waitable's data."""
-    return executor._take_waitable(entry.entity), ()
+    changes = [getattr(taken, name) for name in dir(taken) if name.endswith('_change')]
+    return (entry.entity.execute, (taken,)) if any(changes) else None
 
 
 _TAKES: dict[type[Any], Take] = {
@@ -178,6 +149,7 @@ _TAKES: dict[type[Any], Take] = {
     Timer: _take_timer,
     GuardCondition: lambda entry, _: (entry.entity.callback, ()),
     Service: _take_service,
-    Client: _take_client,
+    Client: _take_service,
     EventHandler: _take_event,
+    object: lambda entry, executor: (executor._take_waitable(entry.entity), ()),  # waitables
 }

@@ -22,6 +22,7 @@ from rclpy.timer import Timer
 from barc_sim.ros.executor.entities import KINDS, Entity, Entry, entry_of
 from barc_sim.ros.executor.rclpy_private import (
     StandIn,
+    memory_counter,
     notify_of_triggers,
     set_listener,
     was_triggered,
@@ -30,6 +31,7 @@ from barc_sim.ros.executor.waiting import Descriptors, counter, retire
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
+    from ctypes import c_uint32
 
     from rclpy.context import Context
     from rclpy.node import Node
@@ -40,16 +42,20 @@ _CHECK_PERIOD = 0.1
 _IDLE_USES = 8
 #: [s] While callbacks are executed without a pause, epoll is asked so seldom.
 _POLL_PERIOD = 0.25e-3
+#: Polls without a wait after which arrivals are counted in memory.
+_BUSY_POLLS = 16
 _ANY_JUMP = JumpThreshold(
     min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)
 )
+_spare_counters: list[c_uint32] = []  # never freed, as a listener may fire late: see `retire`
 
 
 class Events:
     """The entities of an executor's nodes, and which of them something has arrived for.
 
     Those that are hardly used share one descriptor: when something arrives for one, all of them are
-    tried. After a few uses it gets a descriptor of its own.
+    tried. After a few uses it gets a descriptor of its own. While no thread waits for descriptors,
+    what arrives is counted in memory: DDS then makes no system call, and nor does this.
 
     All but `wake` is for one thread at a time. `on_failure` is called in the wait set's thread with
     an exception of a waitable.
@@ -57,19 +63,19 @@ class Events:
 
     def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:
         self.ready: deque[Entry] = deque()  #: entries with something pending, in turn
-        self.recent: dict[Entry, int] = {}  #: what is tried, so often, before epoll is asked
         self.poll_due = 0.0  #: [s] when epoll is asked, even if something is ready
-        self.now = 0.0  #: [s] when it was polled last
         self.stale = True  #: whether the nodes are to be looked at again
         self.woken = True  #: whether `wake` was called, or it is time for a check
         self._entries: dict[Entity, Entry] = {}
         self._shared = counter()
-        self._counted: dict[int, list[Entry]] = {self._shared: []}  # by descriptor
+        self._wakeup = counter()  # which timers count their resets in, too
+        self._counted: dict[int, list[Entry]] = {self._wakeup: [], self._shared: []}
+        self._in_memory: list[Entry] = []  # whose arrivals are counted there
+        self._polls_at_once = 0  # since the last wait
         self._signalled: deque[Entry] = deque()  # by other threads
         self._due: dict[Entry, float] = {}  # [s] by timer; inf: not by itself
         self._next_due = inf
         self._next_check = 0.0
-        self._wakeup = counter()  # which timers count their resets in, too
         self._waiter = WaitSetThread(context, self._signal, on_failure)
         self._descriptors = Descriptors()
         self._descriptors.add(self._wakeup)
@@ -89,77 +95,77 @@ class Events:
         entry.pending += count
         if not entry.queued:
             entry.queued = True
-            entry.found = self.now
             self.ready.append(entry)
 
     def poll(self, deadline: float) -> float:
         """Wait until something arrives, `wake` is called or the deadline [s]; return the time.
 
-        Subscriptions with a message lately are tried first: an empty take is cheaper than epoll.
         A deadline of 0 means that something is ready to be executed.
         """
-        self.now = now = time.monotonic()
-        if self._try_recent() or not deadline:
-            if now < self.poll_due and now < self._next_due:
-                return now
-            deadline = 0.0
+        now, already = time.monotonic(), len(self.ready)
+        for entry in self._in_memory:
+            if arrived := entry.in_memory.value - entry.counted:
+                entry.counted += arrived
+                self.queue(entry, arrived)
+                deadline = 0.0
+        if not deadline and now < self.poll_due and now < self._next_due:
+            return now
         self.poll_due = now + _POLL_PERIOD
         descriptors = self._descriptors.ready()
+        self._polls_at_once += 1
         if not descriptors and now < deadline and now < self._next_due:
+            self._polls_at_once = 0
+            self._count_in_descriptors()
             soonest = min(deadline, self._next_due, now + _CHECK_PERIOD)
             descriptors = self._descriptors.wait(soonest - now)
-            self.now = now = time.monotonic()
+            now = time.monotonic()
         for descriptor in descriptors:
-            if descriptor == self._wakeup:
-                self._on_wake()
-            else:
-                self._queue_counted(descriptor)
-        if expired := now >= self._next_due:
+            self._queue_counted(descriptor)
+            if self._polls_at_once > _BUSY_POLLS:
+                self._count_in_memory(descriptor)
+        if now >= self._next_due:
             self._schedule([each for each, due in self._due.items() if due <= now])
-        if (descriptors or expired) and len(self.ready) > 1:
-            self._sort()
+        if len(self.ready) - already > 1:  # in rclpy's order
+            found = [self.ready.pop() for _ in range(len(self.ready) - already)][::-1]
+            self.ready.extend(sorted(found, key=lambda each: KINDS.index(each.kind)))
         if now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD
+            self._count_in_descriptors()  # which of them are busy may change
             self.woken = True
         return now
 
-    def _try_recent(self) -> bool:
-        """Queue what had a message lately; return whether there is any."""
-        tried = False
-        for entry, tries in self.recent.items():
-            if tries and not entry.queued:
-                self.recent[entry] = tries - 1
-                entry.ahead += 1
-                self.queue(entry)
-                tried = True
-        if not tried:
-            self.recent.clear()
-        return tried
-
     def _queue_counted(self, descriptor: int) -> None:
-        """Queue what has arrived for the entities that share a descriptor."""
-        count = self._descriptors.take_count(descriptor)
+        """Queue what has arrived for the entities that are counted in a descriptor."""
+        if count := self._descriptors.take_count(descriptor):
+            for entry in self._counted[descriptor]:
+                self.queue(entry, count)
+        if descriptor == self._wakeup:
+            while self._signalled:
+                entry = self._signalled.popleft()
+                if self._entries.get(entry.entity) is entry and not entry.pending:
+                    self.queue(entry)
+            self._schedule(list(self._due))  # as one may be reset, or a clock have jumped
+
+    def _count_in_memory(self, descriptor: int) -> None:
+        """Have what arrives for an entity counted in memory, if its descriptor is its own."""
         for entry in self._counted[descriptor]:
-            self.queue(entry, max(1 - entry.pending, count - entry.ahead))
-            entry.ahead = max(0, entry.ahead - count)
+            if not entry.idle_uses:
+                entry.in_memory = _spare_counters.pop() if _spare_counters else memory_counter()
+                self._in_memory.append(entry)
+                with suppress(InvalidHandle):  # destroyed
+                    set_listener(entry.entity, entry.in_memory)
+                self._queue_counted(descriptor)
 
-    def _sort(self) -> None:
-        """Sort what is ready as rclpy does; but none is executed twice before another one."""
-        oldest = min(entry.found for entry in self.ready)
-        turns = sorted(
-            self.ready,
-            key=lambda each: (each.executed >= oldest and each.executed, KINDS.index(each.kind)),
-        )
-        self.ready.clear()
-        self.ready.extend(turns)
-
-    def _on_wake(self) -> None:
-        self._descriptors.take_count(self._wakeup)
-        while self._signalled:
-            entry = self._signalled.popleft()
-            if self._entries.get(entry.entity) is entry and not entry.pending:
-                self.queue(entry)
-        self._schedule(list(self._due))  # as one may have been reset, or a clock have jumped
+    def _count_in_descriptors(self) -> None:
+        """Have what arrives counted in descriptors again, so that a thread can wait for it."""
+        while self._in_memory:
+            entry = self._in_memory.pop()
+            with suppress(InvalidHandle):  # destroyed
+                set_listener(entry.entity, entry.descriptor)
+            if left := entry.in_memory.value - entry.counted:
+                os.eventfd_write(entry.descriptor, left)
+            entry.in_memory.value = entry.counted = 0
+            _spare_counters.append(entry.in_memory)
 
     def _schedule(self, timers: Iterable[Entry]) -> None:
         """Find out when each of these timers is due."""
@@ -241,6 +247,7 @@ class Events:
     def _remove(self, entry: Entry) -> None:
         """Listen to an entity no longer."""
         entity = entry.entity
+        self._count_in_descriptors()
         if isinstance(entity, GuardCondition):
             notify_of_triggers(entity, None)
             with suppress(InvalidHandle):
@@ -256,14 +263,10 @@ class Events:
                 if entry.kept:
                     entry.kept.unregister()
             else:
-                if entry.end_use:
-                    entry.end_use()
                 self._leave(entry)
                 entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
-        self.recent.pop(entry, None)
         with suppress(ValueError):  # it waits for nothing
             self.ready.remove(entry)
-        entry.pending = 0
 
     def close(self) -> None:
         """Listen to nothing."""
@@ -288,7 +291,8 @@ class WaitSetThread(SingleThreadedExecutor):
         on_failure: Callable[[BaseException], None],
     ) -> None:
         super().__init__(context=context)
-        self._thread = Thread(target=self._run, args=(is_ready, on_failure), daemon=True)
+        self._is_ready, self._on_failure = is_ready, on_failure
+        self._thread = Thread(target=self._run, daemon=True)
         for kind in KINDS:  # it is waited for as if they were a node's
             setattr(self, kind, [])
 
@@ -321,15 +325,13 @@ class WaitSetThread(SingleThreadedExecutor):
             self.shutdown()
         self._sigint_gc = None
 
-    def _run(
-        self, is_ready: Callable[[Entry], None], on_failure: Callable[[BaseException], None]
-    ) -> None:
+    def _run(self) -> None:
         try:
             while True:
                 for task, waited, _ in self._wait_for_ready_callbacks(None, [self]):
                     task.cancel()
-                    is_ready(waited.entry)
+                    self._is_ready(waited.entry)
         except (ShutdownException, ExternalShutdownException):
             pass
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
-            on_failure(error)
+            self._on_failure(error)

@@ -1,9 +1,8 @@
 """The executor that runs use: rclpy's `MultiThreadedExecutor`, on events instead of wait sets.
 
 Jazzy's own submits a callback to its pool again and again until it has begun
-(https://github.com/ros2/rclpy/issues/1452), and builds a wait set for every callback. This one
-lets DDS count what arrives, waits with epoll, and calls each callback once, in the thread that
-polled; another thread polls when the callback lasts.
+(https://github.com/ros2/rclpy/issues/1452), and builds a wait set for every callback. Here DDS
+counts what arrives, epoll waits for it, and each callback is called once.
 """
 
 from __future__ import annotations
@@ -38,7 +37,6 @@ if TYPE_CHECKING:
 _CHECK_PERIOD, _CHECK_PERIOD_INSIDE = 0.5, 0.01
 #: [s] A thread that has stood by while nothing spun ends after this time.
 _LINGER = 0.05
-_TRIES = 2
 
 
 @dataclass(eq=False, slots=True)
@@ -186,7 +184,7 @@ class QuickExecutor(MultiThreadedExecutor):
                     self._lead(spin)
                 elif not spin.over.wait(max(1e-3, min(period, deadline - time.monotonic()))):
                     with self._lock:
-                        leading = self._standing_by or not self._leadership.is_free
+                        leading = self._standing_by or not self._leadership.free
                     self._end_spins(expired=-inf if leading else time.monotonic())
         finally:
             self._spins.discard(spin)
@@ -194,7 +192,7 @@ class QuickExecutor(MultiThreadedExecutor):
                 future.remove_done_callback(self._events.wake)  # rclpy leaves it behind
             self._events.wake()
             # No callback is to begin any more.
-            while not (self._spins or self._leadership.is_free):
+            while not (self._spins or self._leadership.free):
                 time.sleep(1e-4)
         if self._failures:
             raise self._failures.popleft()
@@ -212,9 +210,10 @@ class QuickExecutor(MultiThreadedExecutor):
             self._events.wake()
             self._leadership.wake_stand_by()
 
-    def _start_stand_by(self) -> None:
+    def _start_stand_by(self, instead: int = 0) -> None:
         """Have a thread of the pool stand by, unless one does or none is left."""
         with self._lock:
+            self._standing_by -= instead
             most = self._executor._max_workers  # noqa: SLF001
             if not (self._standing_by or self._is_shutdown or len(self._threads) >= most):
                 self._standing_by += 1
@@ -235,9 +234,7 @@ class QuickExecutor(MultiThreadedExecutor):
                 if waited:
                     self._leadership.wake_stand_by(_LINGER)  # another spin may follow
             if self._leadership.take_over(wanted=not waited):
-                with self._lock:
-                    self._standing_by -= 1
-                self._start_stand_by()
+                self._start_stand_by(instead=1)
                 self._lead()
                 with self._lock:
                     self._standing_by += 1
@@ -327,38 +324,28 @@ class QuickExecutor(MultiThreadedExecutor):
     def _take(self, entry: Entry) -> Call | None:
         """Return what is to be called for an entity whose group is claimed, or None for nothing."""
         call = None
-        entry.executed = self._events.now
         entry.pending -= 1
         try:
             call = entry.take(entry, self)
+            if call is None:
+                entry.pending = 0  # nothing is there
+        except InvalidHandle:
+            entry.pending = 0  # destroyed without its node
         except Exception as error:
-            if isinstance(error, InvalidHandle) or not getattr(entry.handle, 'pointer', True):
-                entry.pending = 0  # destroyed without its node
-            elif not entry.warns_of(error, taking=True):
+            if not entry.warns_of(error, taking=True):
                 raise
         finally:
             if call is None:
-                entry.ahead = max(0, entry.ahead - 1)
                 entry.end()
             elif entry.idle_uses:
                 self._events.note_use(entry)
             if entry.on_taken:
                 entry.on_taken(entry)
             if entry.pending:
-                entry.found = entry.executed
                 self._events.ready.append(entry)
             else:
                 entry.queued = False
-                if call is not None and entry.kind == 'subscriptions' and not entry.idle_uses:
-                    self._events.recent[entry] = _TRIES
         return call
-
-    def _begin_once(self) -> list[Spin]:
-        """Return the spins whose one callback begins now."""
-        spins = [spin for spin in list(self._spins) if spin.once and not spin.begun]
-        for spin in spins:
-            spin.begun = True
-        return spins
 
     def _run(self, entry: Entry | None, call: Call) -> None:
         """Call a callback whose group is claimed, or step a task.
@@ -367,7 +354,10 @@ class QuickExecutor(MultiThreadedExecutor):
         """
         callback, args = call
         claimed = entry
-        once = self._begin_once() if self._once else ()
+        spins = list(self._spins) if self._once else ()
+        once = [spin for spin in spins if spin.once and not spin.begun]
+        for spin in once:
+            spin.begun = True
         lent = self._leadership.lend(entry is not None and entry.lasting)
         try:
             result = callback(*args)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import os
 import select
-from ctypes import PYFUNCTYPE, c_char_p, c_void_p, py_object
+from ctypes import PYFUNCTYPE, c_char_p, c_uint32, c_uint64, c_void_p, py_object
 from functools import cache
 from importlib import import_module
 from pkgutil import resolve_name
@@ -20,7 +20,6 @@ from weakref import finalize
 
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
-from rclpy.exceptions import InvalidHandle
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -40,7 +39,7 @@ LISTENERS: dict[type[Any], str] = {
     EventHandler: 'event_set',
 }
 
-_NOTHING_THERE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
+_pointer_in = PYFUNCTYPE(c_void_p, py_object, c_char_p)(('PyCapsule_GetPointer', ctypes.pythonapi))
 
 #: By module and class, its private names: those that it has, or that its methods use.
 PRIVATE_NAMES = {
@@ -82,7 +81,9 @@ def missing() -> list[str]:
         try:
             for name in LISTENERS.values():
                 _setter(name)
-            _ = counting_listener(), ctypes.PyDLL('librcl.so').rcl_take
+            _ = _counting('eventfd_write'), ctypes.PyDLL('librcl.so').rcl_take
+            ctypes.CDLL(None).sem_post(ctypes.byref(counter := memory_counter()))
+            lacking = [] if counter.value == 1 else ['a semaphore with its value first']
             for opened in (os.eventfd(0), ctypes.CDLL(None).timerfd_create(1, 0)):
                 os.close(opened)
             select.epoll().close()
@@ -102,13 +103,19 @@ def _lacks(path: str, name: str) -> bool:
     return not (hasattr(owner, name) or any(name in code.co_names for code in codes))
 
 
-def counting_listener() -> c_void_p:
-    """Return libc's `eventfd_write(descriptor, number)`.
+@cache
+def _counting(name: str) -> c_void_p:
+    """Return libc's `eventfd_write(descriptor, number)` or `sem_post(semaphore)`.
 
-    It has the signature of a listener of DDS, `(user_data, number_of_events)`: as a listener it
-    counts arrivals without any code of ours.
+    They have the signature of a listener of DDS, `(user_data, number_of_events)`, or less of it: as
+    listeners they count arrivals without any code of ours.
     """
-    return ctypes.cast(ctypes.CDLL(None).eventfd_write, c_void_p)
+    return ctypes.cast(getattr(ctypes.CDLL(None), name), c_void_p)
+
+
+def memory_counter() -> c_uint32:
+    """Return a counter that `sem_post` adds to, without a system call: a semaphore's value."""
+    return c_uint32.from_buffer((c_uint64 * 4)())
 
 
 def handle_of(entity: Any) -> Any:  # noqa: ANN401 (a class of pybind11)
@@ -117,8 +124,8 @@ def handle_of(entity: Any) -> Any:  # noqa: ANN401 (a class of pybind11)
     return getattr(entity, attribute, entity)
 
 
-def set_listener(entity: Any, descriptor: int | None) -> bool:  # noqa: ANN401
-    """Have arrivals at an entity counted in an eventfd; with None, no longer.
+def set_listener(entity: Any, counter: int | c_uint32 | None) -> bool:  # noqa: ANN401
+    """Have arrivals at an entity counted in an eventfd or in memory; with None, no longer.
 
     Returns False where there is no listener. Raises InvalidHandle where the entity was destroyed:
     then it has none any longer. Once a listener is taken back, no thread is left in it. It is set
@@ -128,11 +135,14 @@ def set_listener(entity: Any, descriptor: int | None) -> bool:  # noqa: ANN401
     if not name:
         return False
     handle, set_ = handle_of(entity), _setter(name)
+    listener: tuple[Any, Any] = None, None
+    if isinstance(counter, int):
+        listener = _counting('eventfd_write'), counter
+    elif counter is not None:
+        listener = _counting('sem_post'), ctypes.byref(counter)
     with handle:
         pointer = handle.pointer
-        if descriptor is None:
-            set_(pointer, None, None)
-        elif any(set_(pointer, counting_listener(), descriptor) for _ in range(2)):
+        if any(set_(pointer, *listener) for _ in range(2)):
             ctypes.PyDLL('librcutils.so').rcutils_reset_error()
             return False
     return True
@@ -146,58 +156,32 @@ def _setter(name: str) -> Any:  # noqa: ANN401
     return function
 
 
-def message_taker(subscription: Subscription) -> tuple[Callable[[], Any], Callable[[], None]]:
-    """Return a function that takes the next message, or None, and one that ends its use.
+def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]:
+    """Return a function that takes the next message, while the subscription's handle is in use.
 
     rcl writes all messages into one of C that is kept; rclpy makes a new one for each take, and a
-    dictionary of its times. The handle is in use until the end, which `destroy` of the subscription
-    calls first. From then on a take raises InvalidHandle: it has no pointer any more, and none is
-    on its way, as PyDLL keeps the interpreter's lock.
+    dictionary of its times.
     """
-    message_type, handle = subscription.msg_type, subscription.handle
-    create, destroy, convert = map(
-        _function_in,
-        (
-            message_type._CREATE_ROS_MESSAGE,
-            message_type._DESTROY_ROS_MESSAGE,
-            message_type._CONVERT_TO_PY,
-        ),
-        (c_void_p, None, py_object),
+    create, destroy, convert = (
+        PYFUNCTYPE(result)(_pointer_in(getattr(subscription.msg_type, name), None))
+        for name, result in (
+            ('_CREATE_ROS_MESSAGE', c_void_p),
+            ('_DESTROY_ROS_MESSAGE', None),
+            ('_CONVERT_TO_PY', py_object),
+        )
     )
     kept = c_void_p(create())
     finalize(kept, destroy, c_void_p(kept.value)).atexit = False  # daemons go on until then
-    handle.__enter__()
-    pointer, take = c_void_p(handle.pointer), ctypes.PyDLL('librcl.so').rcl_take
+    pointer, take = c_void_p(subscription.handle.pointer), ctypes.PyDLL('librcl.so').rcl_take
 
-    def take_message() -> Any:  # noqa: ANN401 - of the subscription's type
+    def take_message() -> tuple[Any] | None:
         result = take(pointer, kept, None, None)  # without `argtypes`, which cost 0.3 us
-        if result == 0:
-            return convert(kept)
-        if not pointer:
-            raise InvalidHandle
-        if result != _NOTHING_THERE:
+        if result not in (0, 401):  # 401: nothing is there
             ctypes.PyDLL('librcutils.so').rcutils_reset_error()
             raise RuntimeError(f'rcl_take returned {result}')
-        return None
+        return None if result else (convert(kept),)
 
-    def end() -> None:
-        if vars(subscription).pop('destroy', None):
-            pointer.value = None
-            handle.__exit__(None, None, None)
-
-    def destroy_subscription() -> None:
-        end()
-        subscription.destroy()
-
-    vars(subscription)['destroy'] = destroy_subscription
-    return take_message, end
-
-
-def _function_in(capsule: object, result: Any) -> Any:  # noqa: ANN401
-    name = PYFUNCTYPE(c_char_p, py_object)(('PyCapsule_GetName', ctypes.pythonapi))(capsule)
-    pointer_in = PYFUNCTYPE(c_void_p, py_object, c_char_p)
-    address = pointer_in(('PyCapsule_GetPointer', ctypes.pythonapi))(capsule, name)
-    return PYFUNCTYPE(result)(address)
+    return take_message
 
 
 class StandIn:

@@ -1,9 +1,8 @@
 """How threads wait: for Linux's descriptors, and for the right to poll them.
 
-`select.epoll` gives up the interpreter's lock at each call. A busy executor then takes the lock
-back before another thread wakes up, every 20 us, and the other thread starves: Python makes the
-holder give way only after a whole switch interval without such a release. Here the lock is given up
-only to wait; what is there at once is found and read with the lock held.
+`select.epoll` gives up the interpreter's lock at each call. A busy executor then has it back before
+another thread wakes up, which starves. Here the lock is given up only to wait; what is there at
+once is found and read with the lock held.
 """
 
 from __future__ import annotations
@@ -46,12 +45,11 @@ class Descriptors:
         self._polled = ctypes.create_string_buffer(pack('ihh', self._number, select.POLLIN, 0))
         self.add = partial(self._epoll.register, eventmask=select.EPOLLIN)
         self.remove = self._epoll.unregister  #: of a descriptor that is open
+        self.close = self._epoll.close  #: those that were added stay open
 
     def ready(self) -> list[int]:
         """Return the descriptors that are readable now, without giving up the lock."""
         found = _epoll_wait(self._number, self._at_events, _MOST, 0)
-        if found == 1:
-            return [self._integers[_PLACE]]
         return self._integers[_PLACE : max(0, found) * _LENGTH : _LENGTH].tolist()
 
     def wait(self, seconds: float) -> list[int]:
@@ -62,10 +60,6 @@ class Descriptors:
     def take_count(self, descriptor: int) -> int:
         """Return what was counted in an eventfd, and count from 0 again."""
         return self._count.value if _read(descriptor, self._at_count, 8) > 0 else 0
-
-    def close(self) -> None:
-        """Close the epoll descriptor; those that were added stay open."""
-        self._epoll.close()
 
 
 def counter() -> int:
@@ -88,13 +82,6 @@ def retire(descriptor: int) -> None:
     _spare.append(descriptor)
 
 
-def timerfd() -> int:
-    """Return a descriptor that can be read when its time has come."""
-    timer = int(_LIBC.timerfd_create(_MONOTONIC, 0))
-    os.set_inheritable(timer, False)  # raises OSError where none could be opened
-    return timer
-
-
 def _timespec(seconds: float) -> bytes:
     return pack('ll', int(seconds), int(seconds % 1.0 * 1e9))
 
@@ -103,22 +90,22 @@ class Leadership:
     """The right to poll, to take what has arrived and to begin callbacks; one thread has it.
 
     The leader lends it for as long as it calls a callback, and takes it back after. When the call
-    lasts, the thread that stands by takes it first. `list.pop` decides who gets it, so that the
-    leader needs no lock, no system call and no other thread for a short callback. A timer wakes
-    the thread that stands by; the leader puts it off while its callbacks are short, and nothing
-    wakes while it waits.
+    lasts, the thread that stands by takes it first. `list.pop` decides who gets it, without a lock
+    or a system call. A timer wakes the thread that stands by; the leader puts it off while its
+    callbacks are short.
     """
 
     def __init__(self) -> None:
-        self._free = [0.0]  # when it was lent [s], unless a thread has it
+        self.free = [0.0]  #: when it was lent [s], unless a thread polls
         self._lent = 0.0  # [s] when it was lent
-        self._timer = _spare_timers.pop() if _spare_timers else timerfd()
+        self._timer = _spare_timers.pop() if _spare_timers else _LIBC.timerfd_create(_MONOTONIC, 0)
+        os.set_inheritable(self._timer, False)  # raises OSError where none could be opened
         self._put_off = 0.0  # [s] when the timer may be set again
 
     def take(self) -> bool:
         """Lead from now on; return False where another thread polls."""
         try:
-            self._free.pop()
+            self.free.pop()
         except IndexError:
             return False
         return True
@@ -130,7 +117,7 @@ class Leadership:
         """
         now = time.monotonic()
         self._lent = now - LASTING if lasting else now
-        self._free.append(now)
+        self.free.append(now)
         if lasting or now >= self._put_off:
             self.wake_stand_by(0.0 if lasting else LASTING + _PUT_OFF)
         return now
@@ -138,27 +125,22 @@ class Leadership:
     def take_back(self, lent: float) -> bool:
         """Take back what `lend` has lent; return False where another thread has led since."""
         try:
-            free = self._free.pop()
+            free = self.free.pop()
         except IndexError:
             return False
         if free is not lent:
-            self._free.append(free)
+            self.free.append(free)
         return free is lent
 
     def release(self, seconds: float = 0.0) -> None:
         """Have the thread that stands by wake up, so many seconds from now, and take it."""
         self._lent = 0.0
-        self._free.append(0.0)
+        self.free.append(0.0)
         self.wake_stand_by(seconds)
-
-    @property
-    def is_free(self) -> bool:
-        """Whether no thread polls."""
-        return bool(self._free)
 
     def take_over(self, *, wanted: bool) -> bool:
         """Take it from a callback that lasts, or else wait until this is worth another try."""
-        if wanted and self._free:
+        if wanted and self.free:
             left = self._lent + LASTING - time.monotonic()
             if left <= 0:
                 return self.take()

@@ -223,6 +223,36 @@ def test_idle_endpoints_share_descriptors_and_used_ones_do_not(
     assert sorted(received) == [3] * 20 + [70] * 20
 
 
+def test_what_arrives_while_busy_and_while_idle_is_received_once(
+    node: Node, executor: QuickExecutor, spinning: threading.Thread
+) -> None:
+    """Arrivals are counted in memory while the executor is busy, and it waits for none there."""
+    received: list[int] = []
+    paused = threading.Event()
+
+    def answer(message: Time) -> None:
+        received.append(message.sec)
+        if message.sec % 1000:
+            publisher.publish(Time(sec=message.sec + 1))
+            publisher.publish(Time())
+        elif message.sec:
+            paused.set()
+
+    node.create_subscription(Time, 'a', answer, 10)
+    publisher = node.create_publisher(Time, 'a', 10)
+    for round_ in range(3):
+        publisher.publish(Time(sec=1000 * round_ + 1))  # from outside, to one that waits
+        assert paused.wait(DEADLINE)
+        paused.clear()
+        done = threading.Event()
+        executor.create_task(done.set)
+        assert done.wait(DEADLINE)
+
+    assert spinning.is_alive()
+    assert [number for number in received if number] == list(range(1, 3001))
+    assert received.count(0) == 3 * 999
+
+
 def test_a_clock_before_1970_is_warned_of_and_dropped(
     make_node: Callable[..., Node], until: Until, capfd: pytest.CaptureFixture[str]
 ) -> None:
