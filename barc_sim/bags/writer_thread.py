@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import MessageFields
     from barc_sim.bags.writer import BagWriter
 
-#: [s] between two polls of the source.
-_PERIOD = 0.05
+#: [s] between two polls of the source, and after one that finds many messages: to publish takes
+#: longer the more wait in DDS, and a long poll makes the executor hand over to another thread.
+_PERIOD, _PERIOD_OF_MANY = 0.05, 0.01
+_MANY = 100
 #: [s] The longest sleep while nothing arrives; then the disk is checked.
 _LONGEST_SLEEP = 1.0
 #: [s] between the ends of two chunks. A kill loses the messages of this time, and of one poll.
@@ -76,7 +78,7 @@ class WriterThread:
         self._reserve = reserve
         self._on_failure = on_failure
         self._kept: deque[MessageFields] = deque()  # for a snapshot
-        self._arriving = False  # the last poll found messages
+        self._arrived = 0  # messages that the last poll found
         self._stuck = False  # until the disk accepts what it refused
         self._broken = False  # for good, as the source has failed
         self._chunk_due = time.monotonic()
@@ -88,7 +90,7 @@ class WriterThread:
         self._thread.start()
 
     def _run(self) -> None:
-        while not self._closing.wait(_PERIOD):
+        while not self._closing.wait(_PERIOD_OF_MANY if self._arrived > _MANY else _PERIOD):
             with self._lock:
                 self._run_once()
             if self._arrivals and self._is_idle:
@@ -112,7 +114,7 @@ class WriterThread:
 
     @property
     def _is_idle(self) -> bool:
-        busy = self._arriving or self._unflushed or self._late or self._stuck
+        busy = self._arrived or self._unflushed or self._late or self._stuck
         return not (busy or self._closing.is_set())
 
     def _run_once(self) -> None:
@@ -135,7 +137,7 @@ class WriterThread:
 
     def _drain(self) -> None:
         messages: Sequence[MessageFields] = self._take()
-        self._arriving = bool(messages)
+        self._arrived = len(messages)
         if self.paused:
             return
         if self.snapshot is not None:
