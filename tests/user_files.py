@@ -5,12 +5,13 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.lab.confined.child import CodeServer
 from barc_sim.lab.handout import FILES
 from barc_sim.lab.hills.code import HillsCode
 from barc_sim.lab.hills.lab import HILLS
+from barc_sim.lab.lane.functions import LaneCode
 from barc_sim.lab.user_code.calls import BUDGET
 from barc_sim.lab.user_code.code import UserCode, find_files
 
@@ -123,7 +124,54 @@ pid = PID(kp=30, ki=60, kd=0.1)
 """
 
 
-class LocalCode(HillsCode):
+LANE = """\
+from math import asin, atan, atan2, copysign, cos, hypot, pi, sin, sqrt
+
+L = 3.0
+l_r = 1.5
+
+
+def wrap(angle):
+    return atan2(sin(angle), cos(angle))
+
+
+def straight_errors(x, y, psi, x_0, y_0, psi_0):
+    e_y = (y - y_0) * cos(psi_0) - (x - x_0) * sin(psi_0)
+    e_psi = wrap(psi - psi_0)
+    return [e_y, e_psi]
+
+
+def arc_errors(x, y, psi, x_c, y_c, radius):
+    side = copysign(1.0, radius)
+    distance = hypot(x - x_c, y - y_c)
+    heading = atan2(y - y_c, x - x_c) + side * pi / 2
+    e_y = radius - side * distance
+    e_psi = wrap(psi - heading)
+    return [e_y, e_psi]
+
+
+def steady(curvature):
+    sine = l_r * curvature
+    delta = atan(L * curvature / sqrt(1 - sine**2))
+    e_psi = -asin(sine)
+    return [delta, e_psi]
+
+
+class Lane:
+    def __init__(self):
+        self.k_y = 0.22
+        self.k_psi = 0.95
+
+    def steer_calculate(self, e_y, e_psi, speed, curvature):
+        k = curvature(0.0)
+        delta, e_steady = steady(k)
+        e = e_psi - e_steady
+        steer = delta - self.k_y * e_y - self.k_psi * e
+        return steer
+"""
+
+
+class LocalCode(HillsCode, LaneCode):
     """User code that is called in this process: nothing stops an endless loop."""
 
     def __init__(self, code: Any) -> None:  # noqa: ANN401 (a UserCode, or what has its names)
@@ -174,3 +222,26 @@ def replaced(text: str, *pairs: tuple[str, str]) -> str:
         assert old in text, old
         text = text.replace(old, new)
     return text
+
+
+class Program(NamedTuple):
+    """A folder, and what is expected of it."""
+
+    points: float
+    line: str  #: a part of the line that the remark names; empty: none is asked for
+    sentence: str  #: a part of the remark
+    changes: tuple[tuple[str, str], ...] = ()
+
+
+def read_programs(table: str) -> dict[str, Program]:
+    """Return the programs: name, points, line and sentence, then what is replaced by what."""
+    programs: dict[str, Program] = {}
+    for line in table.strip().splitlines():
+        if not line.startswith(' '):
+            name, points, place, sentence = line.split(' | ')
+            programs[name] = Program(float(points), place.strip(), sentence)
+        else:
+            old, new = line.strip().replace('⏎', '\n').split(' -> ')
+            changes = (*programs[name].changes, (old, new))
+            programs[name] = programs[name]._replace(changes=changes)
+    return programs

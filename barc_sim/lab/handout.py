@@ -46,12 +46,16 @@ HILLS = Handout(
     drive='acc --lab',
     others=(COMPOSE,),
 )
+LANE = Handout(
+    folder='lane',
+    files={'lane': 'lane.py'},
+    rubrics=('lane',),
+    drive='acc --track L --speed 6 --laps 3 --lab',
+)
 #: By the word of `barc new --lab`.
-HANDOUTS = {'hills': HILLS}
+HANDOUTS = {'hills': HILLS, '3': LANE}
 #: The file of each part of any lab.
-FILES = {'lane': 'lane.py'} | {
-    part: name for each in HANDOUTS.values() for part, name in each.files.items()
-}
+FILES = {part: name for each in HANDOUTS.values() for part, name in each.files.items()}
 #: The names of the rubrics.
 RUBRICS = tuple(name for each in HANDOUTS.values() for name in each.rubrics)
 

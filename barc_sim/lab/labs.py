@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from barc_sim.lab.hills.lab import HILLS
+from barc_sim.lab.lane.lab import LANE
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from barc_sim.lab.check.lab import Lab
 
-LABS = (HILLS,)
+LABS = (HILLS, LANE)
 #: Every criterion, with its name for readers, in the order of a report.
 LABELS = {name: label for lab in LABS for name, label in lab.labels.items()}
 

@@ -405,10 +405,18 @@ def _figure_eight(radius: float) -> tuple[tuple[float, float], ...]:
     return (2.0 * radius, 0.0), (turn, radius), (2.0 * radius, 0.0), (turn, -radius)
 
 
-def _l_shape() -> tuple[tuple[float, float], ...]:
-    """Return an L of the proportions of BARC's own track, ten times as large."""
-    first, second, upper, lower = 10.2, 12.2, 11.5, 12.3  # [m] radii: two corners, two U-turns
-    straight, short, link = 22.5, 9.0, 1.5
+def l_shape(
+    first: float = 10.2,
+    second: float = 12.2,
+    upper: float = 11.5,
+    lower: float = 12.3,
+    straight: float = 22.5,
+) -> tuple[tuple[float, float], ...]:
+    """Return lengths and radii [m] of an L; by default ten times as large as BARC's own track.
+
+    The radii are those of two corners and two U-turns; then comes the length of the first straight.
+    """
+    short, link = 9.0, 1.5
     side = 2.0 * upper + first + link - second
     back = 2.0 * lower - second + first + short - straight
     return (
@@ -426,7 +434,7 @@ def _l_shape() -> tuple[tuple[float, float], ...]:
 
 #: The tracks with a name: length and radius [m] of each segment; 0: a straight.
 TRACKS = {
-    'L': _l_shape(),
+    'L': l_shape(),
     'oval': ((50.0, 0.0), (20.0 * pi, 20.0)) * 2,
     'circle': ((40.0 * pi, 20.0),),
     'figure-eight': _figure_eight(20.0),

@@ -22,6 +22,7 @@ from barc_sim.cli.parser import Parser
 from barc_sim.commands import GROUPS, functions
 from barc_sim.lab.hills.controller import PID_LAW
 from barc_sim.lab.hills.model import BIKE
+from barc_sim.lab.lane.functions import LAW as LANE
 from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:
@@ -155,7 +156,8 @@ def columns() -> Iterator[str]:
 
 def mistakes() -> Iterator[str]:
     """Yield every sentence of the tables of mistakes, by what it is about."""
-    for title, group in groupby((*BIKE.mistakes, *PID_LAW.mistakes), key=lambda each: each.topic):
+    every = (*BIKE.mistakes, *PID_LAW.mistakes, *LANE.mistakes)
+    for title, group in groupby(every, key=lambda each: each.topic):
         yield from (f'## {title}', '')
         sentences = (re.sub(r'(last|over) \d+', r'\1 n', each.sentence) for each in group)
         yield from (f'- {plain(sentence)}' for sentence in dict.fromkeys(sentences))

@@ -8,10 +8,10 @@ replaced in it. Those of relays, and of nodes that read the keys themselves, are
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import pytest
-from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, judged_file, replaced
+from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, Program, judged_file, read_programs, replaced
 
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.rubric import load
@@ -24,30 +24,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.check.code import Finding
 
 
-class Program(NamedTuple):
-    """A folder, and what is expected of it."""
-
-    points: float
-    line: str  #: a part of the line that the remark names; empty: none is asked for
-    sentence: str  #: a part of the remark
-    changes: tuple[tuple[str, str], ...] = ()
-
-
-def _read(table: str) -> dict[str, Program]:
-    """Return the programs: name, points, line and sentence, then what is replaced by what."""
-    programs: dict[str, Program] = {}
-    for line in table.strip().splitlines():
-        if not line.startswith(' '):
-            name, points, place, sentence = line.split(' | ')
-            programs[name] = Program(float(points), place.strip(), sentence)
-        else:
-            old, new = line.strip().replace('⏎', '\n').split(' -> ')
-            changes = (*programs[name].changes, (old, new))
-            programs[name] = programs[name]._replace(changes=changes)
-    return programs
-
-
-PROGRAMS = _read("""
+PROGRAMS = read_programs("""
 right | 100 |  | right in all 2,750 states
 g of 9.81 | 98 | g = 9.81 | g is 9.81: the lab has 9.8
     g = 9.8 -> g = 9.81

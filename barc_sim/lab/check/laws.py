@@ -27,6 +27,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from barc_sim.errors import UserError
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
@@ -44,6 +46,10 @@ Range = tuple[float, float]  #: uniform between the two
 _NUMPY = ('abs', 'arctan2', 'clip', 'cos', 'degrees', 'maximum', 'radians', 'sign', 'sin', 'tan')
 _FUNCTIONS = {'atan': np.arctan, 'pi': pi, **{name: getattr(np, name) for name in _NUMPY}}
 _SAMPLE = 100  #: inputs with which mistakes are tried first
+#: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
+_TOLERANCE = 1e-9
+#: After so many failures the code is not called again: each call can use its whole time budget.
+_MAX_FAILURES = 4
 
 
 class Mistake(NamedTuple):
@@ -193,6 +199,39 @@ class Trial(NamedTuple):
     def known(self) -> Inputs:
         """The inputs, and what the code returned."""
         return {**self.inputs, **{f'got_{name}': got for name, got in self.got.items()}}
+
+
+def close(got: Floats, expected: Floats) -> bool:
+    """Return whether `got` is finite, and equals `expected` to rounding."""
+    with np.errstate(invalid='ignore', over='ignore'):
+        near = np.abs(got - expected) <= _TOLERANCE * np.maximum(1.0, np.abs(expected))
+    return bool(np.all(near & np.isfinite(got)))
+
+
+def run(
+    call: Callable[[Inputs], Sequence[Sequence[float]]],
+    results: Sequence[str],
+    situations: Iterable[Situation],
+    seed: int,
+    count: int,
+) -> list[Trial]:
+    """Call a user's function `count` times in each situation; a row has its `results`."""
+    trials: list[Trial] = []
+    failures: list[str] = []
+    for situation in situations:
+        inputs = situation.inputs(seed, count)
+        found, failure = np.full((len(results), count), np.nan), ''
+        if len(failures) >= _MAX_FAILURES:
+            failure = failures[-1]
+        else:
+            try:
+                found = np.array(call(inputs)).T
+            except UserError as error:
+                failure = str(error)
+                failures.append(failure)
+        got = dict(zip(results, found, strict=True))
+        trials.append(Trial(situation.name, situation.tests, inputs, got, failure))
+    return trials
 
 
 class Verdict(NamedTuple):

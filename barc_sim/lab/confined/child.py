@@ -15,6 +15,7 @@ import os
 import re
 import signal
 import sys
+from bisect import bisect_right
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from types import FrameType, ModuleType
 
     from barc_sim.lab.user_code.calls import Command
-    from barc_sim.lab.user_code.code import UserCode, UserPid
+    from barc_sim.lab.user_code.code import UserCode
 
 MAX_TEXT = 4000  #: characters of an error; what is longer is cut
 NO_PIPES = 97  #: exit code of a process whose pipes have been closed
@@ -71,7 +72,7 @@ class CodeServer:
     def __init__(self, code: UserCode) -> None:
         """Call those of `code`."""
         self._code = code
-        self._controllers: dict[int, UserPid] = {}
+        self._controllers: dict[int, Any] = {}
 
     def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
         """Return what the method called `do` returns."""
@@ -104,7 +105,29 @@ class CodeServer:
 
     def reset(self, number: int) -> bool:
         """Call the `reset` of a controller; return whether there is one."""
-        return self._controller(number).reset()
+        return bool(self._controller(number).reset())
+
+    def functions(self, name: str, rows: Sequence[Sequence[float]]) -> list[list[float]]:
+        """Return the result of a function of `lane.py` for each row of its arguments."""
+        function = self._code.lane_function(name)
+        return [function(*row) for row in rows]
+
+    def new_lane(self, number: int, ends: Sequence[float], curvatures: Sequence[float]) -> None:
+        """Make the `Lane` `number`, for a track of these segments; its file is loaded again."""
+        self._controllers[number] = self._code.new_lane(fresh=True), ends, curvatures
+
+    def steer(self, number: int, rows: Sequence[tuple[float, float, float, float]]) -> list[float]:
+        """Return the outputs of a `Lane` for e_y, e_psi, speed and place on the track."""
+        steer, ends, curvatures = self._controller(number)
+
+        def ahead(place: float) -> Callable[[float], float]:
+            def curvature(d: float) -> float:
+                return float(curvatures[bisect_right(ends, (place + d) % ends[-1]) % len(ends)])
+
+            curvature.__qualname__ = 'curvature'  # as an error shows it
+            return curvature
+
+        return [steer(*errors, ahead(place)) for *errors, place in rows]
 
     def relay(
         self, twists: Sequence[Sequence[float]], duration: float, calls: Sequence[Sequence[float]]
@@ -151,7 +174,7 @@ class CodeServer:
         code = self._code
         return {'gains': code.gains, 'tolerated': code.tolerated, 'keys': code.relay_keys}
 
-    def _controller(self, number: int) -> UserPid:
+    def _controller(self, number: int) -> Any:  # noqa: ANN401 (a UserPid, or a Lane and its track)
         if number not in self._controllers:
             from barc_sim.errors import UserError  # noqa: PLC0415 (its folder is known by now)
 

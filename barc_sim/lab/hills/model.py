@@ -14,13 +14,13 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding
-from barc_sim.lab.check.laws import Judge, Trial, read
+from barc_sim.lab.check.laws import Judge, close, read, run
 from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from barc_sim.lab.check.laws import Floats, Index, Inputs, Situation, Verdict
+    from barc_sim.lab.check.laws import Index, Inputs, Situation, Trial, Verdict
     from barc_sim.lab.hills.code import HillsCode
 
 TS = 0.02  #: [s]
@@ -46,19 +46,8 @@ BIKE = read(
 )
 ROAD, REVERSE, GENERAL, LENGTHS = BIKE.situations.values()
 *ARGUMENTS, _, _ = ROAD[0].values  #: of bikeFE
-#: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
-_TOLERANCE = 1e-9
-#: After so many failures the code is not called again: each call can use its whole time budget.
-_MAX_FAILURES = 4
 _MIN_LOSS = 0.1  #: of an equation's points
 _STATES = 250  #: of each situation
-
-
-def close(got: Floats, expected: Floats) -> bool:
-    """Return whether `got` is finite, and equals `expected` to rounding."""
-    with np.errstate(invalid='ignore', over='ignore'):
-        near = np.abs(got - expected) <= _TOLERANCE * np.maximum(1.0, np.abs(expected))
-    return bool(np.all(near & np.isfinite(got)))
 
 
 @np.errstate(all='ignore')
@@ -88,22 +77,9 @@ def judge_model(
 
 def _run(code: HillsCode, seed: int, situations: Sequence[Situation]) -> list[Trial]:
     """Call `bikeFE` in all of the `situations`."""
-    trials: list[Trial] = []
-    failures: list[str] = []
-    for situation in situations:
-        inputs = situation.inputs(seed, _STATES)
-        results, failure = np.full((len(EQUATIONS), _STATES), np.nan), ''
-        if len(failures) >= _MAX_FAILURES:
-            failure = failures[-1]
-        else:
-            try:
-                results = np.array(code.bike_fe(*_arguments(inputs))).T
-            except UserError as error:
-                failure = str(error)
-                failures.append(failure)
-        got = dict(zip(EQUATIONS, results, strict=True))
-        trials.append(Trial(situation.name, situation.tests, inputs, got, failure))
-    return trials
+    return run(
+        lambda inputs: code.bike_fe(*_arguments(inputs)), EQUATIONS, situations, seed, _STATES
+    )
 
 
 def _arguments(inputs: Inputs, part: slice = slice(None)) -> tuple[list[list[float]], float, float]:

@@ -353,6 +353,8 @@ def _cause(folder: Folder, error: BaseException) -> str:
     own: dict[str, Any] = guarded(lambda: vars(frame.f_locals['self']), default={})
     if isinstance(error, NameError) and error.name in own:
         return f'did you mean self.{error.name}?'
+    if "'function'" in describe_error(error):
+        return 'is a call missing, as in f(0.0)?'
     if not isinstance(error, TypeError) or 'object is not callable' not in describe_error(error):
         return ''
     names = {**frame.f_globals, **frame.f_locals, **{f'self.{n}': v for n, v in own.items()}}

@@ -55,6 +55,12 @@ _LOADING = 20.0
 _BIKE_FE = ('x', 'y', 'psi', 'v', 'a', 'd_f', 'a0', 'm', 'Ff', 'theta', 'ts')
 _GAINS = ('kp', 'ki', 'kd')
 _SPEEDS = ('speed_reference', 'speed_current')
+#: The functions of `lane.py`: what they get, and what they return.
+_LANE_FUNCTIONS = {
+    'straight_errors': (('x', 'y', 'psi', 'x_0', 'y_0', 'psi_0'), '[e_y, e_psi]'),
+    'arc_errors': (('x', 'y', 'psi', 'x_c', 'y_c', 'radius'), '[e_y, e_psi]'),
+    'steady': (('curvature',), '[delta, e_psi]'),
+}
 _ERRORS = ('e_y', 'e_psi', 'speed', 'curvature')
 _TWIST = ('linear_x', 'angular_z')
 _STATE = 'four finite numbers, [x_next, y_next, psi_next, v_next]'
@@ -258,6 +264,14 @@ class UserCode:
         instance = new(**gains)
         method = new.attempt(getattr, instance, 'steer_calculate')
         return UserLaw(instance, UserFunction(new.folder, method, _ERRORS, _ANGLE, numbers=1))
+
+    def lane_function(self, name: str) -> UserFunction:
+        """Return a function of `lane.py`."""
+        path = self.paths['lane']
+        folder = self._folders[path.parent]
+        takes, returns = _LANE_FUNCTIONS[name]
+        function = self._named(folder, path, name)
+        return UserFunction(folder, function, takes, f'two finite numbers, {returns}', numbers=2)
 
     def new_relay(self) -> Relay:
         """Return a new relay, to be called for a Twist `dt` seconds after the last call."""

@@ -1,0 +1,156 @@
+"""Wrong and unusual programs of Lab 3: what a fair instructor says, of which line, and the points.
+
+The table was written before the code that is tested. A program is a right one, and what is
+replaced in it. All have 90 points at most: 10 are judged by eye.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+from user_files import LANE as RIGHT
+from user_files import LocalCode, read_programs, replaced
+
+from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.handout import files_in
+from barc_sim.lab.lane.lab import LANE
+from barc_sim.lab.user_code.code import UserCode
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barc_sim.lab.check.code import Finding
+
+PROGRAMS = read_programs("""
+right | 90 |  | the signs are right
+e_y's sign, straight | 87 | e_y = -(y | e_y of straight_errors has the wrong sign
+    e_y = (y - y_0) * cos(psi_0) - -> e_y = -(y - y_0) * cos(psi_0) +
+e_y's sign in both | 86 | e_y = -(y | e_y of straight_errors has the wrong sign
+    e_y = (y - y_0) * cos(psi_0) - -> e_y = -(y - y_0) * cos(psi_0) +
+    e_y = radius - side * distance -> e_y = side * distance - radius
+e_psi's sign in both | 86 | e_psi = wrap(psi_0 | e_psi of straight_errors has the wrong sign
+    wrap(psi - psi_0) -> wrap(psi_0 - psi)
+    wrap(psi - heading) -> wrap(heading - psi)
+e_psi not wrapped | 87 | e_psi = psi | e_psi of straight_errors is not wrapped
+    wrap(psi - psi_0) -> psi - psi_0
+    wrap(psi - heading) -> psi - heading
+errors in degrees | 87 | e_psi = | e_psi of straight_errors is in degrees
+    wrap(psi - psi_0) -> wrap(psi - psi_0) * 180 / pi
+    wrap(psi - heading) -> wrap(psi - heading) * 180 / pi
+sin and cos swapped | 86 | e_y = | sin and cos are swapped in e_y of straight_errors
+    (y - y_0) * cos(psi_0) - (x - x_0) * sin(psi_0) -> ACROSS
+turns to the right | 85 | side = | in a turn to the right
+    copysign(1.0, radius) -> 1.0
+atan for atan2 | 88 | heading = | atan is used in place of atan2
+    atan2(y - y_c, x - x_c) -> atan((y - y_c) / (x - x_c))
+no square root of the distance | 86 | distance = | the distance of the car to the centre
+    hypot(x - x_c, y - y_c) -> (x - x_c)**2 + (y - y_c)**2
+the circle of the rear axle | 86 | delta = | the circle is that of the rear axle
+    L * curvature / sqrt(1 - sine**2) -> L * curvature
+steady in degrees | 84 | delta = | steady returns degrees
+    sqrt(1 - sine**2)) -> sqrt(1 - sine**2)) * 180 / pi
+    e_psi = -asin(sine) -> e_psi = -asin(sine) * 180 / pi
+    delta, e_steady = steady(k) -> delta, e_steady = (pi / 180 * each for each in steady(k))
+the sign of steady's e_psi | 82 | e_psi = asin | e_psi of steady has the wrong sign
+    -asin(sine) -> asin(sine)
+    e_psi - e_steady -> e_psi + e_steady
+e_y's sign in Lane | 82 | steer = | is the sign of e_y right?
+    - self.k_y -> + self.k_y
+e_psi's sign in Lane | 82 | steer = | is the sign of e_psi right?
+    - self.k_psi -> + self.k_psi
+the curvature's sign | 82 | k = | is the sign of the curvature right?
+    k = curvature(0.0) -> k = -curvature(0.0)
+no feedforward | 76 | steer = | the curvature has no effect
+    steer = delta - self.k_y * e_y - self.k_psi * e -> steer = -self.k_y * e_y - self.k_psi * e_psi
+e_psi to 0 | 83 |  | in a turn e_psi is not to be 0
+    e = e_psi - e_steady -> e = e_psi
+degrees in Lane | 75 | steer = | is it in degrees?
+    return steer -> steer = steer * 180 / pi⏎        return steer
+e_psi alone | 74 | steer = | e_y has no effect
+    - self.k_y * e_y -> + 0.0
+e_y alone | 73 | steer = | e_psi has no effect
+    - self.k_psi * e -> + 0.0
+a late curvature | 80 | k = | the curvature is read 4 m too late
+    curvature(0.0) -> curvature(-4.0)
+always at the limit | 75 | steer = | the gains are too large
+    return steer -> steer = 30 * steer⏎        return steer
+gains too large | 75 | steer = | the gains are too large
+    - self.k_y * e_y - self.k_psi * e -> - 30 * (self.k_y * e_y + self.k_psi * e)
+a weak law | 74 | steer = | e_y counts too little
+    self.k_y = 0.22 -> self.k_y = 0.02
+a bias | 85 | steer = | the mirror image
+    steer = delta -> steer = 0.02 + delta
+nothing | 35 |  | the angle is the same
+    return steer -> return 0.0
+pure pursuit | 87 |  | the signs are right
+    k = curvature(0.0) -> PURE_PURSUIT
+Stanley | 85 |  | the signs are right
+    k = curvature(0.0) -> STANLEY
+a PID on e_y | 73 |  | the curvature has no effect
+    self.k_psi = 0.95 -> self.before = None
+    k = curvature(0.0) -> PID
+the template's Lane | 35 | raise | is not written yet (TODO)
+    k = curvature(0.0) -> raise NotImplementedError⏎        k = 0.0
+a function for the class | 35 |  | lane.py defines no Lane
+    class Lane: -> class Steering:
+a missing colon | 0 | class Lane | syntax error
+    class Lane: -> class Lane
+a misspelt function | 75 |  | lane.py defines no steady
+    def steady( -> def steadi(
+    steady(k) -> steadi(k)
+curvature as a number | 35 | delta = | is a call missing
+    k = curvature(0.0) -> k = curvature
+""")
+
+#: What stands in the table for longer texts.
+TEXTS = {
+    'ACROSS': '(y - y_0) * sin(psi_0) - (x - x_0) * cos(psi_0)',
+    'PURE_PURSUIT': """x, y, psi, ds = 0.0, 0.0, 0.0, 0.5
+        for i in range(8):
+            turn = ds * curvature((i + 0.5) * ds)
+            x, y = x + ds * cos(psi + turn / 2), y + ds * sin(psi + turn / 2)
+            psi += turn
+        x, y = x + l_r * cos(e_psi), y - e_y + l_r * sin(e_psi)
+        return atan(2 * L * sin(atan2(y, x) - e_psi) / hypot(x, y))
+        k = 0.0""",
+    'STANLEY': """front = e_y + l_r * sin(e_psi)
+        return l_r * curvature(l_r) - e_psi - atan(2.0 * front / (1.0 + speed))
+        k = 0.0""",
+    'PID': """change = 0.0 if self.before is None else (e_y - self.before) / 0.02
+        self.before = e_y
+        return -0.3 * e_y - 0.25 * change
+        k = 0.0""",
+}
+RUBRIC = load('lane')
+
+
+def text_of(name: str) -> str:
+    """Return the text of a program."""
+    text = replaced(RIGHT, *PROGRAMS[name].changes)
+    for short, long in TEXTS.items():
+        text = text.replace(short, long)
+    return text
+
+
+def judged(folder: Path) -> dict[str, Finding]:
+    """Return the findings on a folder, judged in this process."""
+    code = LocalCode(UserCode(files_in(folder), budget=None, packages=False))
+    return {each.criterion: each for each in LANE.judge(code, RUBRIC.settings)}
+
+
+@pytest.mark.parametrize('name', PROGRAMS)
+def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
+    program = PROGRAMS[name]
+    text = text_of(name)
+    (tmp_path / 'lane.py').write_text(text, encoding='utf-8')
+    findings = judged(tmp_path)
+    remarks = '\n'.join(each.message for each in findings.values())
+    assert program.sentence in remarks
+    points = sum(RUBRIC.points_for(each) for each in findings.values() if not each.open)
+    assert points == pytest.approx(program.points, abs=5.0), remarks
+    if program.line:
+        remark = next(m for m in remarks.splitlines() if program.sentence in m)
+        number = int(re.findall(r'lane\.py, line (\d+)', remark.partition(program.sentence)[0])[-1])
+        assert text.splitlines()[number - 1].strip().startswith(program.line)
