@@ -7,18 +7,24 @@ replaced in it. All have 90 points at most: 10 are judged by eye.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
 from user_files import LANE as RIGHT
 from user_files import LocalCode, read_programs, replaced
 
+from barc_sim import lap
+from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import files_in
+from barc_sim.lab.lane import functions
+from barc_sim.lab.lane.drive import hidden_track
 from barc_sim.lab.lane.lab import LANE
 from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
     from pathlib import Path
 
     from barc_sim.lab.check.code import Finding
@@ -41,7 +47,7 @@ errors in degrees | 87 | e_psi = | e_psi of straight_errors is in degrees
     wrap(psi - heading) -> wrap(psi - heading) * 180 / pi
 sin and cos swapped | 86 | e_y = | sin and cos are swapped in e_y of straight_errors
     (y - y_0) * cos(psi_0) - (x - x_0) * sin(psi_0) -> ACROSS
-turns to the right | 85 | side = | in a turn to the right
+turns to the right | 85 | e_y = | in a turn to the right
     copysign(1.0, radius) -> 1.0
 atan for atan2 | 88 | heading = | atan is used in place of atan2
     atan2(y - y_c, x - x_c) -> atan((y - y_c) / (x - x_c))
@@ -100,7 +106,7 @@ a missing colon | 0 | class Lane | syntax error
 a misspelt function | 75 |  | lane.py defines no steady
     def steady( -> def steadi(
     steady(k) -> steadi(k)
-curvature as a number | 35 | delta = | is a call missing
+curvature as a number | 35 | sine = | is a call missing
     k = curvature(0.0) -> k = curvature
 """)
 
@@ -134,10 +140,11 @@ def text_of(name: str) -> str:
     return text
 
 
-def judged(folder: Path) -> dict[str, Finding]:
+def judged(folder: Path, criteria: Collection[str]) -> dict[str, Finding]:
     """Return the findings on a folder, judged in this process."""
     code = LocalCode(UserCode(files_in(folder), budget=None, packages=False))
-    return {each.criterion: each for each in LANE.judge(code, RUBRIC.settings)}
+    settings = replace(RUBRIC.settings, criteria=criteria)
+    return {each.criterion: each for each in LANE.judge(code, settings)}
 
 
 @pytest.mark.parametrize('name', PROGRAMS)
@@ -145,12 +152,34 @@ def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
     program = PROGRAMS[name]
     text = text_of(name)
     (tmp_path / 'lane.py').write_text(text, encoding='utf-8')
-    findings = judged(tmp_path)
+    # What is wrong in a function alone does not change the drives.
+    drives = name == 'right' or text.partition('class ')[2] != RIGHT.partition('class ')[2]
+    criteria = [each for each in RUBRIC.points if drives or each in functions.LABELS]
+    findings = judged(tmp_path, criteria)
     remarks = '\n'.join(each.message for each in findings.values())
     assert program.sentence in remarks
     points = sum(RUBRIC.points_for(each) for each in findings.values() if not each.open)
-    assert points == pytest.approx(program.points, abs=5.0), remarks
+    assert points + 55.0 * (not drives) == pytest.approx(program.points, abs=5.0), remarks
     if program.line:
         remark = next(m for m in remarks.splitlines() if program.sentence in m)
         number = int(re.findall(r'lane\.py, line (\d+)', remark.partition(program.sentence)[0])[-1])
         assert text.splitlines()[number - 1].strip().startswith(program.line)
+
+
+def test_an_endless_loop_in_a_step_costs_the_drives_alone(tmp_path: Path) -> None:
+    text = replaced(RIGHT, ('k = curvature(0.0)', 'while True: k = curvature(0.0)'))
+    (tmp_path / 'lane.py').write_text(text, encoding='utf-8')
+    report = LANE.judge_folder(tmp_path, RUBRIC.settings, Limits(call=0.2))
+    assert sum(map(RUBRIC.points_for, report.findings)) == 35.0
+    assert all('endless loop' in each.message for each in report.judged if not each.passed)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_the_hidden_track_is_closed_and_can_be_driven(seed: int) -> None:
+    track = hidden_track(seed)
+    assert track.is_closed
+    assert track.curvature(30.0) < 0.0  # it turns to the right first
+    assert track != hidden_track(seed + 1)
+    if seed < 3:
+        log = lap(track=track, laps=1, dynamics='dynamic')
+        assert abs(log.e_y).max() < 0.25

@@ -7,20 +7,21 @@ returns, and what that gave.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from math import inf, pi
 from random import Random
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from barc_sim.control.lane import LaneLaw, steady_turn
+from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, steady_turn
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding
 from barc_sim.lab.check.lab import Table
 from barc_sim.lab.user_code.calls import BY_EYE
-from barc_sim.simulation.closed_loop import closed_loop, plant_of
+from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
 from barc_sim.simulation.log import TrackLog
+from barc_sim.simulation.metrics import track_laps_of
 from barc_sim.vehicle.bike_model import State
 from barc_sim.vehicle.track import Track, l_shape
 
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
 
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from barc_sim.lab.check.lab import Settings, Thresholds
     from barc_sim.lab.lane.functions import LaneCode
@@ -131,7 +131,6 @@ class _Law(LaneLaw):
         assert plant.track  # noqa: S101 (there is one)
         self._track, self._plant, self._change = plant.track, plant, change
         self._steer = partial(code.steer, code.new_lane(plant.track, change.inputs[2]))
-        self.outputs: list[float] = []  #: [rad] before the limit
 
     def steer_calculate(self, e_y: float, e_psi: float, speed: float, _: object) -> float:
         """Return the steering angle [rad]."""
@@ -141,7 +140,6 @@ class _Law(LaneLaw):
         output = by.factor * self._steer((*own, speed, place + by.ahead))
         added = zip(by.added, (e_y, e_psi, steer), strict=True)
         output += sum(gain * value for gain, value in added)
-        self.outputs.append(output)
         return min(max(output, -self.output_max), self.output_max)
 
 
@@ -150,9 +148,7 @@ class Drive:
     """A drive with a user's law."""
 
     log: TrackLog
-    track: Track
     is_whole: bool  #: whether the car stayed on the track
-    saturated: NDArray[np.bool_]  #: whether each angle was at the limit of the steering
 
     @property
     def errors(self) -> tuple[float, float]:
@@ -172,45 +168,33 @@ class Drive:
     @property
     def table(self) -> Table:
         """The laps, as text."""
-        rows = []
-        for number in np.unique(self.log.lap):
-            own = self.log.lap == number
-            e_y = self.log.e_y[own]
-            times = self.log.lap_times
-            time = f'{times[int(number)]:.2f} s' if number < len(times) else ''
-            rows.append(
-                (
-                    f'{number + 1:g}',
-                    time,
-                    f'{np.sqrt(np.mean(e_y**2)):.2f} m',
-                    f'{np.abs(e_y).max():.2f} m',
-                    f'{np.mean(self.saturated[own]):.0%} of the steps at the limit of the steering',
-                )
+        laps, _ = track_laps_of(self.log)
+        rows = [
+            (
+                f'{lap.number + 1}',
+                f'{lap.time:.2f} s',
+                f'{lap.rms:.2f} m',
+                f'{lap.maximum:.2f} m',
+                f'{lap.at_limit:.0%} of the steps at its limit',
             )
-        return Table(
-            f'laps of {self.track.name}', ('lap', 'time', 'RMS', 'at most', 'the steering'), rows
-        )
+            for lap in [*laps.finished, laps.current][:_LAPS]
+        ]
+        return Table('lap by lap', ('lap', 'time', 'RMS', 'at most', 'the steering'), rows)
 
     def figure(self, title: str = '') -> Figure:
-        """Draw e_y over s, and the path on the track."""
-        from matplotlib.figure import Figure  # noqa: PLC0415 (slow)
+        """Draw the best lap beside that with barc_sim's law."""
+        from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
 
-        figure = Figure(figsize=(8.0, 8.0), layout='constrained')
-        errors, above = figure.subplots(2, height_ratios=(1, 2))
-        log, length = self.log, self.track.length
-        for number in np.unique(log.lap):
-            own = log.lap == number
-            errors.plot(log.s[own] - number * length, log.e_y[own], label=f'lap {number + 1:g}')
-        errors.set(xlabel='s [m]', ylabel='e_y [m]', xlim=(0.0, length))
-        errors.legend(loc='upper right', ncols=3)
-        errors.set_title(title, loc='left')
-        places = np.linspace(0.0, length, 2000)
-        for side in (-0.5, 0.0, 0.5):
-            edge = self.track.place(places, np.full(len(places), side * self.track.width))
-            above.plot(edge.x, edge.y, color='0.6', linestyle='-' if side else '--', linewidth=1)
-        above.plot(log.x, log.y, color='C0')
-        above.set(xlabel='x [m]', ylabel='y [m]', aspect='equal')
+        runs = {'your Lane': self.log, 'LaneLQR': _usual()}
+        figure = cast('Figure', plot(*runs.values(), labels=[*runs]))
+        figure.axes[0].set_title(title, loc='left', pad=24.0)
         return figure
+
+
+@cache
+def _usual() -> TrackLog:
+    """Return a lap with barc_sim's law."""
+    return lap(speed=SPEED, laps=_LAPS, dynamics='dynamic')
 
 
 def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
@@ -253,9 +237,9 @@ class _Probes:
         turn = Track((2.0 * pi * _CIRCLE,), (1.0 / _CIRCLE,))
         rows = {'e_y': (_PROBED, 0.0), 'e_psi': (0.0, _PROBED), 'curvature': (0.0, steady)}
         self.rows = {name: (*row, SPEED, 0.0) for name, row in rows.items()}
-        tracks = {'e_y': _STRAIGHT, 'e_psi': _STRAIGHT, 'curvature': turn}
-        self.outputs = {name: self._output(name, track) for name, track in tracks.items()}
-        self.mirrored = {name: self._output(name, track, -1.0) for name, track in tracks.items()}
+        self.tracks = {'e_y': _STRAIGHT, 'e_psi': _STRAIGHT, 'curvature': turn}
+        self.outputs = {name: self._output(name) for name in self.rows}
+        self.mirrored = {name: self._output(name, -1.0) for name in self.rows}
         against = code.steer(code.new_lane(turn, -1.0), self.rows['curvature'])
         bend = self.outputs['curvature'] - against
         if abs(self.outputs['curvature'] - self.steer) <= abs(against - self.steer):
@@ -264,12 +248,11 @@ class _Probes:
         self.effects = {
             name: 0.5 * (self.mirrored[name] - self.outputs[name]) for name in ('e_y', 'e_psi')
         } | {'curvature': bend}
-        self.track = turn
 
-    def _output(self, name: str, track: Track, sign: float = 1.0) -> float:
+    def _output(self, name: str, sign: float = 1.0) -> float:
         e_y, e_psi, *rest = self.rows[name]
         row = (sign * e_y, sign * e_psi, *rest)
-        return self.code.steer(self.code.new_lane(track, sign), row)
+        return self.code.steer(self.code.new_lane(self.tracks[name], sign), row)
 
     @property
     def wrong(self) -> list[str]:
@@ -286,7 +269,7 @@ class _Probes:
     def place(self, name: str, *, reads: bool = False) -> str:
         """Return the line that makes the output for an input, or reads the curvature, as a text."""
         values = [1.0 / _CIRCLE, -1.0 / _CIRCLE] if reads else [self.outputs[name]]
-        arguments = self.code.new_lane(self.track), [self.rows[name]]
+        arguments = self.code.new_lane(self.tracks[name]), [self.rows[name]]
         line = self.code.line_of('steer', arguments, values, [])
         return f'{line}: ' if line else ''
 
@@ -326,9 +309,8 @@ def _drive(
     log = closed_loop(
         plant, speed_reference=SPEED, distance=distance, max_duration=_MAX_DURATION, lane=law
     )
-    saturated = np.abs(law.outputs) > law.output_max
     assert isinstance(log, TrackLog)  # noqa: S101 (it has a track)
-    return Drive(log, track, bool(log.s[-1] >= distance), saturated)
+    return Drive(log, bool(log.s[-1] >= distance))
 
 
 def _share(value: float, full: float, zero: float) -> float:
@@ -343,7 +325,7 @@ def _returned(code: LaneCode, change: Change) -> tuple[float, str]:
         log = drive.log
         away = log.s[np.abs(log.e_y) > _BACK]
         over = max(float(np.max(-np.sign(start) * log.e_y)), 0.0) / _OFF
-        limited = float(np.mean(drive.saturated[log.s < _DISTANCE[0]]))
+        limited = float(np.mean(np.abs(log.servo[log.s < _DISTANCE[0]]) >= STEERING_LIMIT))
         back = float(away[-1]) if drive.is_whole and away[-1] < log.s[-1] - 1.0 else inf
         score = _share(back, *_DISTANCE) * _share(over, *_OVERSHOOT) * _share(limited, *_SATURATED)
         way = f'back after {back:.0f} m' if back < inf else f'not back within {_SEEN:g} m'
@@ -367,7 +349,8 @@ def _judge_return(code: LaneCode, probes: _Probes) -> tuple[list[Change], Findin
     found = {each: _returned(code, each.on(used)) for each in tries}
     best = max(found, key=lambda each: found[each][0], default=None)
     if best and found[best][0] > score + _BETTER:
-        text += f'. {probes.place("e_y")}{best.sentence}. With that: {found[best][1]}'
+        shown = 'e_psi' if best.fits == 'no e_y' else 'e_y'  # with an output other than 0
+        text += f'. {probes.place(shown)}{best.sentence}. With that: {found[best][1]}'
         equal = (each for each in tries if found[each][0] == found[best][0])
         changes += [each.on(used)._replace(sentence='lane.return') for each in equal]
     return changes, Finding('lane.return', score, text)
@@ -402,6 +385,8 @@ def _judge_laps(
         }
         best = max(tries, key=lambda each: by.score(*tries[each].errors))
         if by.score(*tries[best].errors) > score + _BETTER:
-            place = probes.place('curvature', reads=bool(best.ahead or best.steady))
+            place = probes.place(
+                'curvature', reads=bool(best.ahead or (best.steady and not best.fits))
+            )
             text += f'. {place}{best.sentence}. With that, in a lap: {tries[best].describe()}'
     return Finding(criterion, score, text, drive if probes else None)
