@@ -54,9 +54,13 @@ def steady(curvature):
 class Lane:
     """A steering law that keeps a car on the centre line of a track."""
 
-    def __init__(self):
-        """Store the gains, and the first values of what is stored between calls."""
-        # TODO
+    def __init__(self, k_e_y=0.0, k_e_psi=0.0):
+        """Store the gains, and the first values of what is stored between calls.
+
+        The defaults drive: write your tuned gains there, by any names.
+        """
+        self.k_e_y = k_e_y
+        self.k_e_psi = k_e_psi
 
     def steer_calculate(self, e_y, e_psi, speed, curvature):
         """Return the steering angle of the front wheels [rad]; called once each 0.02 s.
