@@ -154,22 +154,6 @@ def test_bash_completes_commands_and_options(keys: str, completed: str) -> None:
     assert completed in typed_in_bash(keys, completed)
 
 
-@installed
-@pytest.mark.parametrize(('line', 'completed'), [('barc plo', 'plot'), ('barc acc --di', '--dis')])
-def test_fish_completes_commands_and_options(tmp_path: Path, line: str, completed: str) -> None:
-    if not shutil.which('fish'):
-        pytest.skip('fish is not installed')
-    done = subprocess.run(
-        ['fish', '-c', f"barc --completion fish | source; complete -C '{line}'"],  # noqa: S607
-        env={'PATH': f'{SCRIPT.parent}:/usr/bin:/bin', 'HOME': str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
-    assert done.stdout.startswith(completed)
-
-
 # What is installed
 
 
@@ -207,11 +191,3 @@ def test_an_executable_of_ros2_run_runs_the_command(words: list[str], code: int,
     )
     assert done.returncode == code, done.stderr
     assert done.stdout.startswith(out)
-
-
-@installed
-@pytest.mark.parametrize(
-    'path', ['share/ament_index/resource_index/packages/barc_sim', 'share/barc_sim/package.xml']
-)
-def test_ament_finds_the_package(path: str) -> None:
-    assert (Path(sys.prefix) / path).exists()

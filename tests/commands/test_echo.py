@@ -12,13 +12,12 @@ pytest.importorskip('rclpy')
 import yaml
 from barc_interfaces.msg import ECU
 from command_line import barc, refused, spinning, started
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from rclpy.context import Context
@@ -69,28 +68,6 @@ def test_ctrl_c_ends_it_in_order() -> None:
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=20)
         assert (process.returncode, err) == (0, '')
-
-
-@pytest.mark.usefixtures('talker')
-def test_reader_that_goes_away_ends_it_silently() -> None:
-    with started('echo', '/car/ecu') as process:
-        assert process.stdout
-        assert process.stderr
-        process.stdout.readline()
-        process.stdout.close()
-        assert (process.wait(timeout=20), process.stderr.read()) == (0, '')
-
-
-def test_signal_while_it_waits_for_the_topic_is_silent(
-    ros: Context, spin_until: Callable[..., None]
-) -> None:
-    here = Node('here', context=ros)
-    with started('echo', 'nothing') as process:
-        spin_until(SingleThreadedExecutor(context=ros), lambda: '_echo' in here.get_node_names())
-        process.send_signal(signal.SIGTERM)
-        assert process.communicate(timeout=20) == ('', '')
-        assert process.returncode == 130
-    here.destroy_node()
 
 
 @pytest.mark.parametrize(

@@ -9,19 +9,15 @@ import pytest
 pytest.importorskip('rclpy')
 
 import yaml
-from command_line import barc, call, refused, spinning
+from command_line import barc, refused, spinning
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from barc_sim.bags import reader as bag
-from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.node_helpers import declare
 from barc_sim.vehicle.limits import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from rclpy.context import Context
 
@@ -141,67 +137,3 @@ def test_dump_is_a_file_of_parameters(car: Node) -> None:
     (found,) = (each['ros__parameters'] for node, each in dump.items() if node == '/one/car')
     assert {name: found[name] for name in given} == given
     assert found['motor'] == {'delay': 0.02}
-
-
-SIMULATOR = {
-    'realtime_factor': 0.0,
-    'distance': 60.0,
-    'mass': 1234.5678901234567,
-    'noise_v_x': 0.01,
-    'seed': 3,
-}
-CONTROLLER = {'kp': 7.123456789012345, 'ki': 1e-7, 'speed_reference': 6.0}
-
-
-def overrides(values: dict[str, object]) -> list[RosParameter]:
-    return [RosParameter(name, value=one) for name, one in values.items()]
-
-
-def states(path: Path) -> list[tuple[float, ...]]:
-    """Return what a bag has of the course and the commands, without when it was."""
-    log = bag.read(path)
-    return [
-        tuple(map(float, row)) for row in zip(log.x, log.v_x, log.e_v_x, log.motor, strict=True)
-    ]
-
-
-@pytest.fixture
-def dumped(ros: Context, tmp_path: Path) -> Path:
-    """Return a file with the parameters of a simulator and a controller that are not the usual."""
-    nodes = (
-        CruiseController(context=ros, parameter_overrides=overrides(CONTROLLER)),
-        VehicleSimulator(
-            context=ros,
-            parameter_overrides=overrides(SIMULATOR | {'wait_for_controller': True}),
-        ),
-    )
-    path = tmp_path / 'dump.yaml'
-    with spinning(ros, *nodes):
-        path.write_text(''.join(barc('param', 'dump', node.get_name()).stdout for node in nodes))
-    return path
-
-
-def drive(folder: Path, *ros_args: str) -> list[tuple[float, ...]]:
-    """Drive, and return the states and commands."""
-    done = call('acc', '-q', '--bag-dir', str(folder), '--ros-args', *ros_args)
-    assert done.returncode == 0, done.stderr
-    return states(folder / done.stdout.strip())
-
-
-def settings(values: dict[str, dict[str, object]]) -> list[str]:
-    """Return the ROS arguments that set these, node by node."""
-    return [
-        word
-        for node, parameters in values.items()
-        for name, one in parameters.items()
-        for word in ('-p', f'{node}:{name}:={one!r}')
-    ]
-
-
-@pytest.mark.slow
-def test_run_with_a_dump_is_the_same_to_the_last_bit(dumped: Path, tmp_path: Path) -> None:
-    given = settings({'vehicle_simulator': SIMULATOR, 'controller': CONTROLLER})
-    first = drive(tmp_path / 'first', *given)
-    assert first[-1][0] >= 60.0
-    assert drive(tmp_path / 'again', '--params-file', str(dumped)) == first
-    assert drive(tmp_path / 'other', *given, '-p', 'vehicle_simulator:seed:=4') != first

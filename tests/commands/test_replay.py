@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import imageio_ffmpeg
 import pytest
 from command_line import refused
-from PIL import Image
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
@@ -47,18 +46,6 @@ def test_an_mp4_has_a_frame_per_state_and_lasts_as_long_as_the_run(
     assert capsys.readouterr().out == f'{path}\n'
 
 
-def test_a_gif_lasts_as_long_as_the_run(directory: Path, tmp_path: Path, log: Log) -> None:
-    path = tmp_path / 'run.gif'
-    assert barc(['replay', str(directory), '--save', str(path)]) == 0
-    with Image.open(path) as gif:
-        assert gif.size == (960, 540)
-        duration = 0
-        for i in range(gif.n_frames):
-            gif.seek(i)
-            duration += gif.info['duration']
-    assert duration / 1000 == pytest.approx(log.t[-1] + 0.04, abs=0.021)
-
-
 def test_without_ffmpeg_a_gif_is_made_and_an_mp4_refused_in_one_sentence(
     directory: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -79,20 +66,6 @@ def test_the_ffmpeg_of_the_path_is_used_and_its_error_is_the_reason(
     monkeypatch.setenv('PATH', str(tmp_path), prepend=':')
     name = str(tmp_path / 'run.mp4')
     assert f'{program}: Unknown encoder' in refused('replay', str(directory), '--save', name)
-
-
-@pytest.mark.parametrize(
-    ('name', 'complaint'),
-    [
-        ('run.avi', "'run.avi': the name must end in .mp4 or .gif"),
-        ('nowhere/run.mp4', "'nowhere/run.mp4': No such file or directory"),
-    ],
-)
-def test_what_cannot_be_saved_is_one_sentence(
-    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, complaint: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert complaint in refused('replay', str(directory), '--save', name)
 
 
 def test_ctrl_c_leaves_no_half_a_video(

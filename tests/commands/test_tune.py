@@ -85,12 +85,6 @@ def test_of_several_roads_each_has_a_table_and_a_line(tmp_path: Path) -> None:
     ]
 
 
-def test_a_range_of_one_number_holds_the_gain() -> None:
-    line = command_of(printed('tune', *QUICK, '--kp-range', '12.5', '12.5'))
-    assert line[line.index('--kp') + 1] == '12.5'
-    assert line[line.index('--kd') + 1] == '0'
-
-
 def test_an_own_controller_is_tuned(tmp_path: Path) -> None:
     path = tmp_path / 'my controller.py'
     path.write_text(

@@ -49,17 +49,6 @@ def test_another_process_and_its_claim_are_known_until_it_is_killed(
     claim(node, 'z_vhcl').close()
 
 
-def test_topic_is_claimed_once_until_it_is_closed(ros: Context, ros_domain: int) -> None:
-    node = Node('car', context=ros)
-    held = claim(node, 'z_vhcl')
-    with pytest.raises(UserError, match='another simulator publishes /z_vhcl in ROS domain') as no:
-        claim(node, 'z_vhcl')
-    assert '--ros-args -r __ns:=/car2' in str(no.value)
-    assert f'ROS_DOMAIN_ID={ros_domain + 1}' in str(no.value)
-    held.close()
-    claim(node, 'z_vhcl').close()
-
-
 def test_topics_of_other_namespaces_are_free_however_long(ros: Context) -> None:
     namespaces = ['', 'a', 'b', *(letter * 150 for letter in 'ab')]
     nodes = [Node('car', namespace=namespace, context=ros) for namespace in namespaces]

@@ -170,29 +170,3 @@ def test_a_run_on_one_machine_is_driven_from_another(
         controller=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0
     )
     assert log.v_x.tolist() == expected.v_x.tolist()
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures('ros_domain')
-def test_without_network_a_run_is_not_seen_from_another_machine(
-    machines: list[tuple[str, ...]], start: Start
-) -> None:
-    here, elsewhere = machines
-    hidden = start(*RUN, '--no-bag', before=here)
-    assert hidden.stderr
-    assert 'waiting for a controller' in hidden.stderr.readline()
-    seen = ('--network', '--no-bag', '--ros-args', '-r', '__ns:=/seen')
-    start(*RUN, *seen, before=here)
-    look = (
-        'import rclpy\n'
-        'rclpy.init()\n'
-        "node = rclpy.create_node('look')\n"
-        "while not node.count_publishers('/seen/z_vhcl'):\n"
-        '    rclpy.spin_once(node, timeout_sec=0.05)\n'
-        "print('seen', node.count_publishers('/z_vhcl'))\n"
-    )
-    subnet = ('env', 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET')
-    other = start('-c', look, before=(*elsewhere, *subnet))
-    assert other.communicate(timeout=DEADLINE)[0] == 'seen 0\n'
-    hidden.send_signal(signal.SIGINT)
-    ended(hidden)

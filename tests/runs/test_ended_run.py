@@ -70,10 +70,9 @@ def test_report_and_bag_can_be_downloaded_and_the_run_before_is_compared(tmp_pat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('engine', ['local', 'ros'])
 @pytest.mark.usefixtures('ros_domain')
-def test_page_ends_the_run_and_drives_again_with_other_gains(tmp_path: Path, engine: str) -> None:
-    words = ('acc', '--engine', engine, '--view', 'web', '--laps', '0')
+def test_page_ends_the_run_and_drives_again_with_other_gains(tmp_path: Path) -> None:
+    words = ('acc', '--view', 'web', '--laps', '0')
     environment = os.environ | ENVIRONMENT | {'XDG_STATE_HOME': str(tmp_path / 'state')}
     with started(*words, cwd=tmp_path, env=environment, stderr=None) as process:
         assert process.stdout
