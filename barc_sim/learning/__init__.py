@@ -25,5 +25,6 @@ if find_spec('gymnasium'):
             entry_point='barc_sim.learning.environments:CarEnv',
             vector_entry_point='barc_sim.learning.environments:CarVectorEnv',
             max_episode_steps=3000,
+            disable_env_checker=True,  # of each step; the tests run it whole
             kwargs={'task': _task},
         )

@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from barc_sim.control.pid import KD, KI, KP, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.learning.tasks import AHEAD, TASKS, Car, Seen, Task
+from barc_sim.learning.tasks import AHEAD, TASKS, Seen, Task
 from barc_sim.simulation.batch import PIDs
 from barc_sim.vehicle.bike_model import Command, State
 
@@ -81,22 +81,20 @@ class CarEnv(gymnasium.Env[Any, Any]):
 
     def step(self, action: Any) -> tuple[Floats, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """Go one step of the plant."""
-        task, plant = self.task, self._plant
-        commands = {
-            name: min(max(float(share), -1.0), 1.0) * task.limits[name]
-            for name, share in zip(task.actions, action, strict=True)
-        }
-        if 'motor' not in commands:
-            commands['motor'] = self._pid.acc_calculate(task.speed, self._speed, task.ts)
-        self._command = Command(commands['motor'], commands.get('servo', 0.0))
-        if isnan(sum(self._command)):
+        task, plant, before = self.task, self._plant, self._s
+        shares = [min(max(float(share), -1.0), 1.0) for share in action]
+        motor, servo = task.commands(shares)
+        if motor is None:
+            motor = self._pid.acc_calculate(task.speed, self._speed, task.ts)
+        if isnan(motor + servo):
             raise UserError(_NO_NUMBER.format(action))
-        before = plant.distance
+        self._command = Command(motor, servo)
         plant.advance(self._command)
         self._steps += 1
-        observation, on_track = self._observe(), plant.on_track
-        car = Car(plant.distance, on_track.e_y if on_track else 0.0, plant.state.v)
-        return observation, task.reward(before, car), task.is_over(car), False, self._info()
+        observation, info = self._observe(), self._info()
+        s, e_y, v = self._s, info.get('e_y', 0.0), plant.state.v
+        reward = task.reward(s - before, e_y, v)
+        return observation, reward, task.is_over(s, e_y, v), False, info
 
     def _observe(self) -> Floats:
         task, plant = self.task, self._plant
@@ -117,14 +115,21 @@ class CarEnv(gymnasium.Env[Any, Any]):
     def _info(self) -> dict[str, Any]:
         plant = self._plant
         if not (on_track := plant.on_track):
-            return {'s': plant.distance}
-        s, e_y, _, _, lap, lap_time = on_track
+            self._s = plant.state.x
+            return {'s': self._s}
+        self._s, e_y, _, _, lap, lap_time = on_track
         if lap > self._lap:
             began = self._steps * plant.ts - lap_time
             if self._lap_began is not None:
                 self._lap_times = *self._lap_times, began - self._lap_began
             self._lap, self._lap_began = lap, began
-        return {'s': s, 'e_y': e_y, 'lap': lap, 'lap_time': lap_time, 'lap_times': self._lap_times}
+        return {
+            's': self._s,
+            'e_y': e_y,
+            'lap': lap,
+            'lap_time': lap_time,
+            'lap_times': self._lap_times,
+        }
 
 
 class CarVectorEnv(VectorEnv[Any, Any, Any]):
@@ -177,14 +182,11 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         shares = np.maximum(-1.0, np.minimum(np.asarray(actions, np.float64).T, 1.0))
         if np.isnan(shares).any():
             raise UserError(_NO_NUMBER.format(actions))
-        commands = {
-            name: share * task.limits[name]
-            for name, share in zip(task.actions, shares, strict=True)
-        }
-        if 'motor' not in commands:
-            commands['motor'] = self._pids.control(self._speed, task.speed, self._interval)
+        motor, servo = task.commands(shares)
+        if motor is None:
+            motor = self._pids.control(self._speed, task.speed, self._interval)
         self._interval = task.ts
-        self._motor, self._servo = commands['motor'], commands.get('servo', self._servo)
+        self._motor, self._servo = motor, servo + 0.0 * motor
         before = plants.s if task.track else plants.x
         plants.advance(self._motor, self._servo)
         restarted = np.flatnonzero(self._over)
@@ -192,9 +194,8 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
             self._begin(restarted)
         observation = self._observe()
         s, e_y = (plants.s, plants.e_y) if task.track else (plants.x, plants.y)
-        car = Car(s, e_y, plants.v)
-        rewards = task.reward(before, car)
-        terminated = task.is_over(car)
+        rewards = task.reward(s - before, e_y, plants.v)
+        terminated = task.is_over(s, e_y, plants.v)
         truncated = plants.steps >= self._max_steps
         if restarted.size:
             self._pids.previous[restarted] = self._speed[restarted]

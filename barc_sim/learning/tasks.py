@@ -61,14 +61,6 @@ class Seen(NamedTuple):
     ahead: Any  #: curvature [1/m], or incline [rad], at each of `AHEAD`
 
 
-class Car(NamedTuple):
-    """The true place and speed of a car; arrays, of many."""
-
-    s: Any  #: [m] along track or road
-    e_y: Any  #: [m]
-    v: Any  #: [m/s]
-
-
 class Task:
     """The options that all environments have, and what each makes of them."""
 
@@ -168,6 +160,11 @@ class Task:
         pairs = zip(self.ranges.items(), shares, strict=True)
         return {name: low + (high - low) * share for (name, (low, high)), share in pairs}
 
+    def commands(self, shares: Any) -> tuple[Any, Any]:  # noqa: ANN401 (of numbers or arrays)
+        """Return acceleration, None for the PID's, and steering of an action's shares."""
+        motor = shares[0] * self.limits['motor'] if 'motor' in self.actions else None
+        return motor, shares[-1] * self.limits['servo'] if 'servo' in self.actions else 0.0
+
     def start(self, shares: Any) -> dict[str, Any]:  # noqa: ANN401 (numbers or arrays)
         """Return where an episode begins, and how fast, of four random shares."""
         assert self.track  # noqa: S101 (the hills have another)
@@ -194,14 +191,14 @@ class Task:
         within: Floats = np.minimum(np.maximum(values, self._low), self.high)
         return within
 
-    def is_over(self, car: Car) -> Any:  # noqa: ANN401 (flags of arrays)
+    def is_over(self, s: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401 (flags of arrays)
         """Return whether the car is off the track, or beyond the limits."""
         assert self.track  # noqa: S101 (the hills have another)
-        over = (abs(car.e_y) > 0.5 * self.track.width) | (abs(car.v) > MAX_SPEED)
-        return over if self.track.is_closed else over | (car.s >= self.track.length)
+        over = (abs(e_y) > 0.5 * self.track.width) | (abs(v) > MAX_SPEED)
+        return over if self.track.is_closed else over | (s >= self.track.length)
 
-    def reward(self, before: Any, car: Car) -> Any:  # noqa: ANN401
-        """Return the reward of a step from `before` [m] along the course."""
+    def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401
+        """Return the reward of a step of `way` [m] that ended there."""
         raise NotImplementedError
 
 
@@ -236,13 +233,13 @@ class Hills(Task):
         """Return the pose on the road."""
         return Pose(start['s'], 0.0 * start['s'], 0.0 * start['s'])
 
-    def is_over(self, car: Car) -> Any:  # noqa: ANN401
+    def is_over(self, s: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
         """Return whether the car is beyond the limits."""
-        return (abs(car.v) > MAX_SPEED) | (car.s < BEHIND)
+        return (abs(v) > MAX_SPEED) | (s < BEHIND)
 
-    def reward(self, before: Any, car: Car) -> Any:  # noqa: ANN401, ARG002
-        """Return the reward of a step from `before` [m] along the course."""
-        return 1.0 - abs(self.speed - car.v) / self.speed
+    def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
+        """Return the reward of a step of `way` [m] that ended there."""
+        return 1.0 - abs(self.speed - v) / self.speed
 
 
 class Lane(Task):
@@ -271,10 +268,10 @@ class Lane(Task):
         """Return the speed to hold [m/s]."""
         return self.speed + 0.0 * share
 
-    def reward(self, before: Any, car: Car) -> Any:  # noqa: ANN401, ARG002
-        """Return the reward of a step from `before` [m] along the course."""
+    def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
+        """Return the reward of a step of `way` [m] that ended there."""
         assert self.track  # noqa: S101 (as any but the hills)
-        return 1.0 - abs(car.e_y) / (0.5 * self.track.width)
+        return 1.0 - abs(e_y) / (0.5 * self.track.width)
 
 
 class Race(Task):
@@ -297,9 +294,9 @@ class Race(Task):
     )
     actions = ('motor', 'servo')
 
-    def reward(self, before: Any, car: Car) -> Any:  # noqa: ANN401
-        """Return the reward of a step from `before` [m] along the course."""
-        return car.s - before
+    def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
+        """Return the reward of a step of `way` [m] that ended there."""
+        return way
 
 
 TASKS: Mapping[str, type[Task]] = {each.__name__: each for each in (Hills, Lane, Race)}

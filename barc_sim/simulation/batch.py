@@ -342,8 +342,6 @@ class Plants:
         track, before = self.track, self.s
         assert track  # noqa: S101 (the caller has asked)
         self.s, self.e_y, self.e_psi, _ = track.frenet(self.x, self.y, self.psi, before)  # type: ignore[assignment]
-        if not track.is_closed:
-            return
         for car in np.flatnonzero(self.s >= (self.lap + 1.0) * track.length).tolist():
             lap = np.floor(self.s[car] / track.length)
             over = (self.s[car] - lap * track.length) / (self.s[car] - before[car])

@@ -43,8 +43,6 @@ class Actuator(NamedTuple):
         The solution is exact: a ramp at `rate` as long as the lag alone would be faster, and
         the exponential from there on.
         """
-        if not self.lag and self.rate == inf:
-            return target, target
         error = target - value
         excess = abs(error) - (self.rate * self.lag if self.lag else 0.0)
         ramp = min(max(excess, 0.0) / self.rate, t)
@@ -101,6 +99,7 @@ class ActuatorState:
         acts now acts meanwhile.
         """
         self._actuator = actuator
+        self._is_ideal = actuator == Actuator()
         whole, self.early = in_steps(actuator.delay, self._ts)
         size = whole + 2
         _, acting, *waiting = self._queue
@@ -109,6 +108,9 @@ class ActuatorState:
     def advance(self, command: float) -> float:
         """Go one step after `command`; return the mean of the value over the step."""
         self._queue.append(command)
+        if self._is_ideal:
+            self.value = command
+            return command + 0.0  # as the sum below, which is never -0
         newer = self._cut(self._queue[1])
         early, mean = self.early, 0.0
         if early:

@@ -178,7 +178,10 @@ class Track:
     def curvature(self, s: Places) -> Places:
         """Return the curvature [1/m] at `s` metres; an array, of an array."""
         if isinstance(s, (float, int)):
-            return self.curvatures[self.segment(s)[0]]
+            starts = self.starts
+            if self.is_closed and not 0.0 <= s < starts[-1]:
+                s -= floor(s / starts[-1]) * starts[-1]
+            return self.curvatures[bisect_right(starts, s, 1, len(starts) - 1) - 1]
         found: Floats = self._columns[2, self._segments(s)[0]]
         return found
 
@@ -206,7 +209,8 @@ class Track:
         n, starts = len(self.lengths), self.starts
         i, _ = self.segment(near)
         for _ in range(n):
-            s, e_y = self._project(i, x, y)
+            ahead, e_y = _project(self._poses[i], self.curvatures[i], self.lengths[i], x, y)
+            s = starts[i] + ahead
             step = (s >= starts[i + 1]) - (s < starts[i])
             if not step or not (self.is_closed or 0 <= i + step < n):
                 break
@@ -223,11 +227,6 @@ class Track:
             s -= floor(s / self.length) * self.length
         i = bisect_right(self.starts, s, 1, len(self.lengths)) - 1
         return i, s - self.starts[i]
-
-    def _project(self, i: int, x: float, y: float) -> tuple[float, float]:
-        """Return s and e_y in the frame of segment `i`, beyond its ends, too."""
-        ahead, e_y = _project(self._poses[i], self.curvatures[i], self.lengths[i], x, y)
-        return self.starts[i] + ahead, e_y
 
     @cached_property
     def _columns(self) -> Floats:
@@ -301,7 +300,7 @@ def _ahead(pose: Pose, curvature: float, distance: float) -> Pose:
 def _project(
     pose: Pose, curvature: float, length: float, x: float, y: float
 ) -> tuple[float, float]:
-    """Return s and e_y in the frame of a segment that begins at `pose`."""
+    """Return s and e_y in the frame of a segment that begins at `pose`, beyond its ends, too."""
     cosine, sine = cos(pose.psi), sin(pose.psi)
     dx, dy = x - pose.x, y - pose.y
     a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
