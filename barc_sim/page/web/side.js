@@ -67,7 +67,7 @@ export function drawSide(surface, road, facts, state, ghosts) {
   ghosts.forEach((ghost, k) => {
     const [[h, e]] = wheelsAt(ghost.x);
     const [x, y] = toScreen([h, e + 2.6]);
-    write(surface, ghost.name, x, y - 16 * k);
+    if (x > 0 && x < width) write(surface, ghost.name, x, y - 16 * k); // where it is seen
   });
 }
 

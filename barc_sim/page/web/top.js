@@ -150,7 +150,7 @@ function drawCar(context, axles, servo, scale) {
 }
 
 function drawScaleBar(context, scale) {
-  const metres = niceStep(100 / scale, 1);
+  const metres = niceStep(50 / scale, 1);
   const [x, y] = [16, 22];
   context.fillStyle = colours.panel;
   context.globalAlpha = 0.85;
