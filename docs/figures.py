@@ -24,6 +24,7 @@ from barc_sim.control.pid import ACCELERATION_LIMIT, KI, KP, PID
 from barc_sim.figures.run_figures import speed_figure
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
 from barc_sim.figures.style import VERMILLION as RED
+from barc_sim.figures.track_figure import TRACK_GROUND, track_figure
 from barc_sim.figures.video import frames
 from barc_sim.figures.views import SIZE, SideView, TopView
 from barc_sim.simulation.closed_loop import simulate
@@ -51,6 +52,7 @@ DARK = {
     GREEN: '#2FC49A',
     EARTH: '#3A3833',
     SURFACE: '#A8A294',
+    TRACK_GROUND: '#242628',
     '#E9E9E9': '#3A3A3A',
     '#000000': '#E8E8E8',
     '#FFFFFF': '#131416',
@@ -310,6 +312,13 @@ def hill() -> Figure:
     return figure
 
 
+def laps_of_the_l() -> Figure:
+    """Draw laps of the L with two steering laws."""
+    log = barc_sim.lap(barc_sim.Stanley(), speed=6.0, laps=2, dynamics='dynamic')
+    other = barc_sim.lap(speed=6.0, laps=2, dynamics='dynamic')
+    return track_figure(log, other, labels=['Stanley', 'LaneLQR'])
+
+
 def windup() -> Figure:
     """Draw the start from standstill with and without anti-windup."""
     figure = Figure(figsize=(9.0, 5.0))
@@ -338,6 +347,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     'drive': drive_of_the_lab,
     'forces': forces_on_the_hill,
     'hill': hill,
+    'laps': laps_of_the_l,
     'kinematic-dynamic': kinematic_and_dynamic,
     'windup': windup,
 }

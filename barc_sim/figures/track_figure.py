@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 TRACK_SIZE = (12.0, 7.6)  #: [inch]
+TRACK_GROUND = '#F1F1EE'
 _SPACING = 0.5  #: [m] between two points of a track that is drawn
 _MOST_LAPS = 8  #: in the table
 _OTHER = '#A9B4BD'  #: of the laps beside the best
@@ -221,7 +222,7 @@ def draw_course(axes: Axes, course: Course, **line: Any) -> None:  # noqa: ANN40
     """Draw the edges, the centre line and the finish line of a track from above."""
     half = course.width / 2.0
     (u, v), (x, y) = course.beside(half), course.beside(-half)
-    axes.fill(np.append(u, x[::-1]), np.append(v, y[::-1]), color='#F1F1EE', lw=0.0, **line)
+    axes.fill(np.append(u, x[::-1]), np.append(v, y[::-1]), color=TRACK_GROUND, lw=0.0, **line)
     for edge in ((u, v), (x, y)):
         axes.plot(*edge, color=INK, lw=1.2, **line)
     axes.plot(course.x, course.y, color=GREY, lw=0.8, ls=DASHES, **line)

@@ -66,8 +66,8 @@ export function drawSide(surface, road, facts, state, ghosts) {
   context.font = font(12);
   ghosts.forEach((ghost, k) => {
     const [[h, e]] = wheelsAt(ghost.x);
-    const [x, y] = toScreen([h, e + 2.6]);
-    if (x > 0 && x < width) write(surface, ghost.name, x, y - 16 * k); // where it is seen
+    const [x] = toScreen([h, e]);
+    if (x > 0 && x < width) write(surface, ghost.name, x, 14 + 16 * k); // above it, where it is seen
   });
 }
 
