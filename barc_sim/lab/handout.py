@@ -50,7 +50,7 @@ LANE = Handout(
     folder='lane',
     files={'lane': 'lane.py'},
     rubrics=('lane',),
-    drive='acc --track L --speed 6 --laps 3 --lab',
+    drive='acc --track L --speed 6 --laps 3 --dynamics dynamic --lab',
 )
 #: By the word of `barc new --lab`.
 HANDOUTS = {'hills': HILLS, '3': LANE}

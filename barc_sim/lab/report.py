@@ -29,8 +29,10 @@ from barc_sim.figures.run_figures import (
     terms_figure,
 )
 from barc_sim.figures.style import STYLE, use_measurement
+from barc_sim.figures.track_figure import track_figure
 from barc_sim.lab.html import data_url, render
 from barc_sim.lab.user_code.code import attached
+from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import RUN_UP, SETTLING_BAND, laps_of
 
 if TYPE_CHECKING:
@@ -183,6 +185,14 @@ def _highlighted(text: str) -> str:
 
 
 def _figures(log: Log) -> Iterator[_Figure]:
+    if isinstance(log, TrackLog):
+        yield _drawn(
+            track_figure(log),
+            'Laps of the track',
+            'The path on the track from above, and a table of laps; beside it the errors e_y and '
+            'e_psi, speed and steering over the place in the lap.',
+        )
+        return
     steered = np.isnan(log.reference).all() and np.any(np.abs(log.across) > _VISIBLE)
     if steered or is_by_hand(log):
         yield _drawn(

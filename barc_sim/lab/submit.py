@@ -6,6 +6,8 @@ import shutil
 import zipfile
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from barc_sim.bags import reader, records
 from barc_sim.cli.files import open_regular
 from barc_sim.control.pid import PID
@@ -15,6 +17,7 @@ from barc_sim.lab.handout import files_in, handout_of, names_of
 from barc_sim.lab.report import Facts, page, read
 from barc_sim.lab.user_code.source import compiled, find_gains
 from barc_sim.lab.user_code.source import read as read_source
+from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import RUN_UP
 
 if TYPE_CHECKING:
@@ -175,6 +178,8 @@ def _course(bag: Path, facts: Facts, folder: Path) -> Part:
             f'; after the first {RUN_UP:g} m the RMS error is {result.rms_error_after_run_up:.3f} '
             f'm/s, the greatest {result.max_error_after_run_up:.3f} m/s'
         )
+    if isinstance(log, TrackLog):
+        text = f'{len(log.lap_times)} laps; e_y at most {np.abs(log.e_y).max():.2f} m'
     own = {name: text for name, text in facts.sources.items() if (folder / name).is_file()}
     now = {name: _start(folder / name).decode(errors='replace') for name in own}
     if changed := [name for name, text in own.items() if now[name] != text]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 from command_line import barc
 from terminal_session import READY, Session
-from user_files import MODEL
+from user_files import LANE, MODEL
 
 from barc_sim.bags.reader import newest, read
 
@@ -121,3 +121,33 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     assert (bob['score'], bob['remark'].endswith('there is no controller.py')) == ('0.0', True)
     results = json.loads((tmp_path / 'grades' / 'ada.zip' / 'results.json').read_text())
     assert 'gains: kp 10, ki 20, kd 0.1 (controller.py, line 15)' in results['output']
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures('confinement')
+def test_lab_3_from_the_template_to_the_grade(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert 'write lane.py' in done('new', '--lab', '3', 'my_lane')
+    fresh = barc('check', 'my_lane')
+    assert fresh.returncode == 1
+    assert '0 of 10 criteria are met in full: 0 of 100 points, 10 still open' in fresh.stdout
+
+    (tmp_path / 'my_lane' / 'lane.py').write_text(LANE)
+    checked = done('check', 'my_lane')
+    assert '10 of 10 criteria are met in full: 90 of 100 points, 10 still open' in checked
+    assert (tmp_path / 'my_lane' / 'check.png').is_file()
+    (tmp_path / 'my_lane' / 'description.md').write_text('The delay adds an error in each turn.')
+    summary = done('submit', 'my_lane', '--engine', 'local')
+    assert 'missing' not in summary
+    assert re.search(r'3 laps; e_y at most 0.1\d m', summary)
+
+    (tmp_path / 'class').mkdir()
+    (tmp_path / 'my_lane.zip').rename(tmp_path / 'class' / 'ada.zip')
+    assert 'Score   90.00 of 90' in done('grade', 'class', '--jobs', '1')
+    by_hand = tmp_path / 'grades' / 'ada.zip' / 'by_hand.yaml'
+    by_hand.write_text('points:\n  lane.delay: 8 and the phase?\n')
+    assert 'By eye  8.00 of 10' in done('grade', 'class', '--jobs', '1')
+    results = json.loads(by_hand.with_name('results.json').read_text())
+    assert results['score'] == 98.0

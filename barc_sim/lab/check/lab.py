@@ -113,6 +113,7 @@ class Lab:
     handout: Handout
     code: type[JudgedCode]  #: its requests
     parts: Mapping[str, Part]
+    by_eye: frozenset[str] = frozenset()  #: criteria that a person judges, with a sum of their own
 
     @property
     def labels(self) -> dict[str, str]:

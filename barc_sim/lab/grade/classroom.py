@@ -253,10 +253,18 @@ class _Task(NamedTuple):
 
 
 def _tasks(rubric: Rubric, title: str) -> list[_Task]:
-    kinds = {title: False, f'{title}: Task 3' if title != 'Score' else 'Task 3': True}
+    def named(task: str) -> str:
+        return f'{title}: {task}' if title != 'Score' else task
+
+    eye = rubric.lab.by_eye - rubric.optional
+    kinds = {
+        title: rubric.points.keys() - rubric.optional - eye,
+        named('Task 3'): rubric.optional,
+        named('By eye'): eye,
+    }
     found = []
-    for name, is_optional in kinds.items():
-        own = [each for each in rubric.points if (each in rubric.optional) == is_optional]
+    for name, criteria in kinds.items():
+        own = [each for each in rubric.points if each in criteria]
         found.append(_Task(name, own, round(sum(rubric.points[each] for each in own), 2)))
     return [task for task in found if task.worth]
 

@@ -350,7 +350,7 @@ def _judge_return(code: LaneCode, probes: _Probes) -> tuple[list[Change], Findin
     best = max(found, key=lambda each: found[each][0], default=None)
     if best and found[best][0] > score + _BETTER:
         shown = 'e_psi' if best.fits == 'no e_y' else 'e_y'  # with an output other than 0
-        text += f'. {probes.place(shown)}{best.sentence}. With that: {found[best][1]}'
+        text = f'{probes.place(shown)}{best.sentence}. {text}. Put right: {found[best][1]}'
         equal = (each for each in tries if found[each][0] == found[best][0])
         changes += [each.on(used)._replace(sentence='lane.return') for each in equal]
     return changes, Finding('lane.return', score, text)
@@ -388,5 +388,6 @@ def _judge_laps(
             place = probes.place(
                 'curvature', reads=bool(best.ahead or (best.steady and not best.fits))
             )
-            text += f'. {place}{best.sentence}. With that, in a lap: {tries[best].describe()}'
+            other = tries[best].describe()
+            text = f'{place}{best.sentence}. {text}. Put right, in a lap: {other}'
     return Finding(criterion, score, text, drive if probes else None)

@@ -26,4 +26,5 @@ LANE = Lab(
     handout.LANE,
     functions.LaneCode,
     {'lane': Part({**functions.LABELS, **drive.LABELS}, _judge)},
+    by_eye=frozenset({'lane.delay'}),
 )
