@@ -96,9 +96,8 @@ def add_arguments_acc(parser: Parser) -> None:
         help="start no controller of barc_sim's, and wait for another that publishes ecu",
     )
     run_options.add_arguments(
-        parser, 'model', 'controller', road='lab; on a track flat', view='offer'
+        parser, 'model', 'controller', 'lane', road='lab; on a track flat', view='offer'
     )
-    parser.set_defaults(parts=('model', 'controller', 'lane'))
     accept_ros_args(parser)
     gains = (f'--{name}' for name in PID.gains)
     own = ('--speed', *gains, '--acceleration-limit', '--track', '--lane', '--distance', '--laps')
@@ -155,7 +154,7 @@ def _add_track_options(parser: Parser) -> None:
     )
     parser.add_argument(
         '--lane-gain',
-        type=_value,
+        type=_lane_gain,
         action='append',
         default=[],
         metavar='NAME=VALUE',
@@ -179,10 +178,10 @@ def _lane(text: str) -> str | Path:
     return text if text in LANE_TYPES else Path(text)
 
 
-def _value(text: str) -> tuple[str, float]:
-    """Return a name and its number."""
+def _lane_gain(text: str) -> tuple[str, float]:
+    """Return name and value of a gain; that the law has it, the run checks."""
     name, equals, value = text.partition('=')
-    if not (equals and name.isidentifier()):
+    if not equals:
         raise ArgumentTypeError(f'{text!r} is no gain: expected NAME=VALUE')
     return name, number(-inf, inf)(value)
 

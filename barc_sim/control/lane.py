@@ -249,7 +249,6 @@ class LaneKeeping:
         """Begin anew, with the present gains."""
         self.place = Frenet(0.0, 0.0, 0.0, 0.0)  #: of the latest pose
         self.output, self.saturated = 0.0, False
-        self.states = self.saturated_states = 0
         if callable(getattr(self.lane, 'reset', None)):
             self.lane.reset()
         else:
@@ -274,8 +273,6 @@ class LaneKeeping:
         limit = getattr(self.lane, 'output_max', STEERING_LIMIT)
         self.output = float(min(max(raw, -limit), limit))
         self.saturated = self.output != raw or getattr(self.lane, 'saturated', False) is True
-        self.states += 1
-        self.saturated_states += self.saturated
         return self.output
 
     def computed(self) -> dict[str, Any]:

@@ -189,13 +189,10 @@ def _check(options: Namespace, inputs: Inputs) -> None:
         inputs.track.check_laps(1 if options.laps is None else options.laps)
         _check_lane(options, user_code)
     else:
-        of_track = {'lane': options.lane, 'speed-profile': options.speed_profile}
-        for name, value in (
-            *of_track.items(),
-            *(('lane-gain', each) for each in options.lane_gain),
-        ):
-            if value is not None:
-                raise UserError(f'--{name} is for a track: give one, as in --track L')
+        for name in ('lane', 'lane_gain', 'speed_profile'):
+            if getattr(options, name):
+                option = name.replace('_', '-')
+                raise UserError(f'--{option} is for a track: give one, as in --track L')
         if user_code.lane and not (user_code.model or user_code.controller):
             raise UserError('lane.py is for a track: give one, as in --track L')
     if options.controller_type and user_code.controller:

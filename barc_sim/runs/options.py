@@ -30,8 +30,8 @@ _ROS_OPTIONS = {'no_controller': False, 'no_relay': False, 'foxglove': None, 'ne
 def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view: str) -> None:
     """Add the options of a run, whose `road` is that without `--road`.
 
-    Files of a user's can replace the `parts`: `model`, `controller`, `relay`. `view` is what
-    `--view auto` stands for: `web`, `none`, or `offer`, a page that does not open itself.
+    Files of a user's can replace the `parts`: `model`, `controller`, `relay`, `lane`. `view` is
+    what `--view auto` stands for: `web`, `none`, or `offer`, a page that does not open itself.
     """
     parser.add_argument(
         '--road',
@@ -44,9 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         metavar='FACTOR',
         help='simulated seconds per second; max: at full speed (1)',
     )
-    files = ' and '.join(FILES[part] for part in parts)
+    files = ', '.join(FILES[part] for part in parts)
     parser.add_argument('--lab', type=Path, metavar='DIR', help=f'a folder with {files}')
     for part in parts:
+        if part == 'lane':
+            continue  # `--lane` takes names, too
         parser.add_argument(
             f'--{part}',
             type=Path,
