@@ -50,12 +50,16 @@ class Blocker(Node):
 
     def __init__(self, blocks: str) -> None:
         super().__init__('blocker')
-        self.create_timer(0.2, self._compute if blocks == 'computes' else lambda: time.sleep(0.1))
+        self.create_timer(0.2, _BLOCKS[blocks])
 
-    def _compute(self) -> None:
-        end = time.perf_counter() + 0.1
-        while time.perf_counter() < end:
-            pass
+
+def _compute() -> None:
+    end = time.perf_counter() + 0.1
+    while time.perf_counter() < end:
+        pass
+
+
+_BLOCKS = {'sleeps': lambda: time.sleep(0.1), 'computes': _compute}
 
 
 class Clock:
@@ -81,6 +85,8 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
     if beside == 'counts':
         threading.Thread(target=_count, args=(counted,), daemon=True).start()
     if name == 'loop':
+        if beside in _BLOCKS:
+            threading.Thread(target=_block, args=(_BLOCKS[beside],), daemon=True).start()
         _loop(clock, _WARM_UP + task['seconds'])
     else:
         _spin(clock, name, beside, _WARM_UP + task['seconds'])
@@ -105,6 +111,13 @@ def _count(counted: list[int]) -> None:
         counted[0] += 1
 
 
+def _block(block: Callable[[], None]) -> None:
+    """Block for 100 ms in every 200 ms for ever, as the node does."""
+    while True:
+        block()
+        time.sleep(0.1)
+
+
 def _loop(clock: Clock, seconds: float) -> None:
     due = time.perf_counter()
     end = due + seconds
@@ -118,7 +131,7 @@ def _spin(clock: Clock, name: str, blocks: str, seconds: float) -> None:
     rclpy.init(args=[], domain_id=os.getpid() % 100 + 1)
     with tempfile.TemporaryDirectory() as folder:
         nodes: list[Any] = [Ticker(clock), BagRecorder(Path(folder))]
-        if blocks in ('sleeps', 'computes'):
+        if blocks in _BLOCKS:
             nodes.append(Blocker(blocks))
         executor = {
             'single': SingleThreadedExecutor,
