@@ -80,7 +80,7 @@ class QuickExecutor(MultiThreadedExecutor):
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
         super().__init__(num_threads, context=context)
         self._spins: set[Spin] = set()  # those that are not over
-        self._once = False  # whether one of them waits for its one callback to begin
+        self._once: list[Spin] = []  # those of them that wait for their one callback to begin
         self._failures: deque[BaseException] = deque()  # for the spinning threads to raise
         self._threads: set[Thread] = set()  # daemons, so that a program can end while they spin
         self._standing_by = 0  # those of them that neither lead nor call a callback
@@ -258,7 +258,7 @@ class QuickExecutor(MultiThreadedExecutor):
                     spins = list(self._spins)
                     if not spins or (within and within.over.is_set()):
                         break
-                    self._once = any(spin.once and not spin.begun for spin in spins)
+                    self._once = [spin for spin in spins if spin.once and not spin.begun]
                     deadline = min(spin.deadline for spin in spins)
                     if events.stale:
                         events.refresh(self.get_nodes())
@@ -285,10 +285,11 @@ class QuickExecutor(MultiThreadedExecutor):
                 each for each in self._tasks if not (each[0].done() or each[0].cancelled())
             ]
             tasks = [task for task, _, node in reversed(self._tasks) if node in nodes]
+        once = self._once
         for task in tasks:
             if not task.executing() and getattr(task, 'seen', None) is not self._change:
                 self._run(None, (self._step, (task,)))
-                if self._once:
+                if once:
                     break
 
     def _step(self, task: Task, entry: Entry | None = None) -> None:
@@ -354,8 +355,7 @@ class QuickExecutor(MultiThreadedExecutor):
         """
         callback, args = call
         claimed = entry
-        spins = list(self._spins) if self._once else ()
-        once = [spin for spin in spins if spin.once and not spin.begun]
+        once, self._once = self._once, []
         for spin in once:
             spin.begun = True
         lent = self._leadership.lend(entry is not None and entry.lasting)
@@ -376,7 +376,7 @@ class QuickExecutor(MultiThreadedExecutor):
         if entry:
             self._change = lent  # a coroutine in another thread may wait for this, but be no task
             entry.lasting = not leads and time.monotonic() - lent > LASTING
-        if self._tasks or self._once:
+        if self._tasks or once:
             self._events.woken = True
         if not leads:
             self._events.wake()  # its group is free
