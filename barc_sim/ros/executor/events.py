@@ -57,8 +57,7 @@ class Events:
     tried. After a few uses it gets a descriptor of its own. While no thread waits for descriptors,
     what arrives is counted in memory: DDS then makes no system call, and nor does this.
 
-    All but `wake` is for one thread at a time. `on_failure` is called in the wait set's thread with
-    an exception of a waitable.
+    All but `wake` is for one thread at a time. `on_failure` gets an exception of a waitable.
     """
 
     def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:

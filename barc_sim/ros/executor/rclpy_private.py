@@ -39,6 +39,7 @@ LISTENERS: dict[type[Any], str] = {
     EventHandler: 'event_set',
 }
 
+_library, _returning = cache(ctypes.PyDLL), cache(PYFUNCTYPE)  # each makes classes
 _pointer_in = PYFUNCTYPE(c_void_p, py_object, c_char_p)(('PyCapsule_GetPointer', ctypes.pythonapi))
 
 #: By module and class, its private names: those that it has, or that its methods use.
@@ -81,7 +82,7 @@ def missing() -> list[str]:
         try:
             for name in LISTENERS.values():
                 _setter(name)
-            _ = _counting('eventfd_write'), ctypes.PyDLL('librcl.so').rcl_take
+            _ = _counting('eventfd_write'), _library('librcl.so').rcl_take
             ctypes.CDLL(None).sem_post(ctypes.byref(counter := memory_counter()))
             lacking = [] if counter.value == 1 else ['a semaphore with its value first']
             for opened in (os.eventfd(0), ctypes.CDLL(None).timerfd_create(1, 0)):
@@ -143,7 +144,7 @@ def set_listener(entity: Any, counter: int | c_uint32 | None) -> bool:  # noqa: 
     with handle:
         pointer = handle.pointer
         if any(set_(pointer, *listener) for _ in range(2)):
-            ctypes.PyDLL('librcutils.so').rcutils_reset_error()
+            _library('librcutils.so').rcutils_reset_error()
             return False
     return True
 
@@ -151,7 +152,7 @@ def set_listener(entity: Any, counter: int | c_uint32 | None) -> bool:  # noqa: 
 @cache
 def _setter(name: str) -> Any:  # noqa: ANN401
     # PyDLL keeps the interpreter's lock, which guards rcl's timers. No listener needs it.
-    function = getattr(ctypes.PyDLL('librcl.so'), f'rcl_{name}_callback')
+    function = getattr(_library('librcl.so'), f'rcl_{name}_callback')
     function.argtypes = (c_void_p, c_void_p, c_void_p)
     return function
 
@@ -163,7 +164,7 @@ def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]
     dictionary of its times.
     """
     create, destroy, convert = (
-        PYFUNCTYPE(result)(_pointer_in(getattr(subscription.msg_type, name), None))
+        _returning(result)(_pointer_in(getattr(subscription.msg_type, name), None))
         for name, result in (
             ('_CREATE_ROS_MESSAGE', c_void_p),
             ('_DESTROY_ROS_MESSAGE', None),
@@ -172,12 +173,12 @@ def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]
     )
     kept = c_void_p(create())
     finalize(kept, destroy, c_void_p(kept.value)).atexit = False  # daemons go on until then
-    pointer, take = c_void_p(subscription.handle.pointer), ctypes.PyDLL('librcl.so').rcl_take
+    pointer, take = c_void_p(subscription.handle.pointer), _library('librcl.so').rcl_take
 
     def take_message() -> tuple[Any] | None:
         result = take(pointer, kept, None, None)  # without `argtypes`, which cost 0.3 us
         if result not in (0, 401):  # 401: nothing is there
-            ctypes.PyDLL('librcutils.so').rcutils_reset_error()
+            _library('librcutils.so').rcutils_reset_error()
             raise RuntimeError(f'rcl_take returned {result}')
         return None if result else (convert(kept),)
 
