@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import array
 from enum import Enum
+from functools import partial
+from math import isclose
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_sim.ros.local.messages import LACKS, message_type
@@ -206,7 +208,16 @@ def _fault(parameter: Parameter, descriptor: Any) -> str:
     is_whole = kind is Type.INTEGER
     for allowed in descriptor.integer_range if is_whole else descriptor.floating_point_range:
         low, high = sorted((allowed.from_value, allowed.to_value))
-        if not low <= value <= high:
-            mark = '.' if is_whole else ''
+        is_at = partial(isclose, value, rel_tol=0.0 if is_whole else 1e-6)  # as in rclpy
+        if is_at(low) or is_at(high):
+            continue
+        mark, close = ('.', 'a') if is_whole else ('', 'close enough to a')
+        if not low < value < high:
             return f'Parameter {name} out of range{mark} Min: {low}, Max: {high}, value: {value}'
+        step = allowed.step
+        if step and not is_at(low + round((value - low) / step) * step):
+            return (
+                f'The parameter value for {name} is not {close} valid step. '
+                f'Min: {low}, max: {high}, value: {value}, step: {step}'
+            )
     return ''
