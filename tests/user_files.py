@@ -198,7 +198,7 @@ def judged_file(
     with TemporaryDirectory() as folder:
         path = Path(folder, name)
         path.write_text(text, encoding='utf-8')
-        code = LocalCode(UserCode({part: path}, budget=None, packages=False))
+        code = LocalCode(UserCode({part: path}, budget=None))
         own = HILLS.parts[part].labels
         found = [each for each in HILLS.judge(code, settings) if each.criterion in own]
         assert folder not in ''.join(each.message for each in found)

@@ -197,7 +197,7 @@ def _handler(seconds: float) -> Callable[..., Any]:
         from barc_sim.lab.user_code import relay_program  # noqa: PLC0415
 
         relay_program.prepare()
-    call = CodeServer(UserCode(files, budget=None, packages=False)).call
+    call = CodeServer(UserCode(files, budget=None)).call
     if not hasattr(signal, 'setitimer'):  # Windows: the grader ends the process
         return call
 

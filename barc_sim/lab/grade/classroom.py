@@ -237,10 +237,10 @@ def _cell(text: str) -> str:
 
 
 class _Task(NamedTuple):
-    """The required criteria of a rubric, or the optional ones of Task 3."""
+    """Criteria whose points count together: the required ones, those of Task 3, or a single one."""
 
     title: str
-    criteria: list[str]
+    criteria: tuple[str, ...]
     worth: float
 
     def score(self, grade: Grade | None) -> float | None:
@@ -264,7 +264,7 @@ def _tasks(rubric: Rubric, title: str) -> list[_Task]:
     }
     found = []
     for name, criteria in kinds.items():
-        own = [each for each in rubric.points if each in criteria]
+        own = tuple(each for each in rubric.points if each in criteria)
         found.append(_Task(name, own, round(sum(rubric.points[each] for each in own), 2)))
     return [task for task in found if task.worth]
 
@@ -327,22 +327,13 @@ class _Row(NamedTuple):
         return f'median {median(self.scores):g}, {low:g} to {high:g}'
 
 
-def _task_rows(grades: Sequence[Grade], rubric: Rubric) -> list[_Row]:
-    rows = []
-    for task in _tasks(rubric, 'Score'):
-        scores = [score for grade in grades if (score := task.score(grade)) is not None]
-        rows.append(_Row(task.title, task.worth, scores))
-    return [row for row in rows if row.scores]
-
-
-def _criterion_rows(grades: Sequence[Grade], rubric: Rubric) -> list[_Row]:
-    points = {
-        name: [grade.points[name] for grade in grades if name in grade.points]
-        for name in rubric.points
+def _rows(tasks: Sequence[_Task], grades: Sequence[Grade]) -> list[_Row]:
+    """Return the points for each task that somebody has points for."""
+    scores = {
+        task: [score for grade in grades if (score := task.score(grade)) is not None]
+        for task in tasks
     }
-    return [
-        _Row(LABELS[name], rubric.points[name], points[name]) for name in points if points[name]
-    ]
+    return [_Row(task.title, task.worth, found) for task, found in scores.items() if found]
 
 
 def summary(grades: Sequence[Grade], rubric: Rubric) -> list[str]:
@@ -350,14 +341,15 @@ def summary(grades: Sequence[Grade], rubric: Rubric) -> list[str]:
     return [
         f'{row.title:6}  {row.mean:.2f} of {row.worth:g}'
         + (f'  ({row.words})' if len(grades) > 1 else '')
-        for row in _task_rows(grades, rubric)
+        for row in _rows(_tasks(rubric, 'Score'), grades)
     ]
 
 
 def page(found: Sequence[Entry], rubric: Rubric) -> str:
     """Return the class as one HTML page, with links to the reports beside it."""
     counted = [each.grade for each in found if each.grade and not each.newer]
-    tasks = _task_rows(counted, rubric)
+    tasks = _rows(_tasks(rubric, 'Score'), counted)
+    criteria = [_Task(LABELS[name], (name,), worth) for name, worth in rubric.points.items()]
     bins = Counter(
         min(int(_BINS * score / task.worth), _BINS - 1)
         for task in tasks[:1]
@@ -376,7 +368,7 @@ def page(found: Sequence[Entry], rubric: Rubric) -> str:
         tasks=tasks,
         bins=[(k * 100 // _BINS, (k + 1) * 100 // _BINS, bins[k]) for k in range(_BINS)],
         tallest=max(bins.values(), default=1),
-        criteria=_criterion_rows(counted, rubric),
+        criteria=_rows(criteria, counted),
         mistakes=_mistakes(counted),
         sections=sorted({each.section for each in found} - {''}),
         entries=found,

@@ -82,7 +82,6 @@ class UserCode:
         *,
         budget: float | None = BUDGET,
         output: Callable[[str], object] | None = None,
-        packages: bool = True,
     ) -> None:
         """Use `files` by part (see `FILES`), of any folders.
 
@@ -91,12 +90,10 @@ class UserCode:
         files
             The files.
         budget
-            [s] Time budget of each call; None: no limit, and no thread.
+            [s] Time budget of each call; None in the process of a submission, as in `check` and
+            `grade`: no thread, and the code can import no package but NumPy.
         output
             Receives the text that user code prints; without it, that goes to stdout.
-        packages
-            Whether the code can import any installed package; else NumPy alone, as in `check` and
-            `grade`.
         """
         # Without `..`, for the names of folders.
         self.paths = {part: Path(os.path.abspath(file)) for part, file in (files or {}).items()}  # noqa: PTH100
@@ -106,7 +103,6 @@ class UserCode:
                 parent,
                 output,
                 f'{count}_{parent.name}/' if len(parents) > 1 else '',
-                packages=packages,
                 budget=budget,
             )
             for count, parent in enumerate(parents, 1)

@@ -108,16 +108,14 @@ class Folder:
         output: Callable[[str], object] | None = None,
         prefix: str = '',
         *,
-        packages: bool = True,
         budget: float | None = None,
     ) -> None:
         """Pass the modules' printed text to `output`, or to stdout without it.
 
-        `prefix` is put before the names of the folder's files in messages. Without `packages`,
-        of the installed packages only NumPy is here. `budget` [s] is that of each call.
+        `prefix` is put before the names of the folder's files in messages. `budget` [s] is that of
+        each call; None in the process of a submission: of packages only NumPy is here.
         """
-        self.path, self._output, self._prefix, self._packages = path, output, prefix, packages
-        self.budget = budget
+        self.path, self._output, self._prefix, self.budget = path, output, prefix, budget
         self._numbers: Mapping[str, float] = {}
         self._guarded: dict[str, frozenset[int]] = {}
         self._uses_rclpy = False
@@ -135,8 +133,7 @@ class Folder:
 
     def again(self, numbers: Mapping[str, float] | None = None) -> Folder:
         """Return the same folder with nothing loaded; its files assign `numbers`, if any."""
-        options: dict[str, Any] = {'packages': self._packages, 'budget': self.budget}
-        folder = Folder(self.path, self._output, self._prefix, **options)
+        folder = Folder(self.path, self._output, self._prefix, budget=self.budget)
         folder._numbers = numbers or {}
         return folder
 
@@ -253,7 +250,7 @@ class Folder:
         path, line = self._importing_line()
         source = self.sources.get(path)
         here = source is None or top in sys.stdlib_module_names or top == 'numpy'
-        if not here and self._packages:
+        if not here and self.budget is not None:
             here = not _is_ros(name) or (self._uses_rclpy and not _is_ros_1(name))
         missing = name
         if here:

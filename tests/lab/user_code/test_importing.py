@@ -19,7 +19,7 @@ def folder(path: Path, **files: str) -> Folder:
     path.mkdir(exist_ok=True)
     for name, text in files.items():
         (path / f'{name}.py').write_text(text)
-    return Folder(path)
+    return Folder(path, budget=1.0)
 
 
 def test_helpers_of_one_name_are_not_mixed(tmp_path: Path) -> None:
@@ -156,9 +156,9 @@ def test_the_labs_files_for_ros_1_are_loaded_as_they_are(tmp_path: Path) -> None
         module.clock()
 
 
-def test_without_packages_only_numpy_is_here(tmp_path: Path) -> None:
+def test_in_the_process_of_a_submission_only_numpy_is_here(tmp_path: Path) -> None:
     folder(tmp_path, main='import numpy, yaml\ndef f(): return 1 + yaml.load("1")')
-    own = Folder(tmp_path, packages=False)
+    own = Folder(tmp_path, budget=None)
     module = own.load(tmp_path / 'main.py')
     assert module.numpy.pi > 3.0
     assert own.tolerated == ['main.py, line 1: import numpy, yaml: not here']
@@ -171,6 +171,6 @@ def test_without_packages_only_numpy_is_here(tmp_path: Path) -> None:
 def test_an_import_that_has_a_replacement_fails_where_it_is_not_here(tmp_path: Path) -> None:
     text = 'try:\n    import yaml\nexcept ImportError:\n    yaml = 3\n'
     folder(tmp_path, main=text)
-    own = Folder(tmp_path, packages=False)
+    own = Folder(tmp_path, budget=None)
     assert own.load(tmp_path / 'main.py').yaml == 3
     assert own.tolerated == []
