@@ -12,7 +12,6 @@ from barc_sim.lab.check.lab import Settings
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import report
 from barc_sim.lab.grade.rubric import ByHand, load
-from barc_sim.lab.handout import RUBRICS
 from barc_sim.lab.hills.lab import HILLS
 from barc_sim.lab.hills.relay import LABELS as RELAY
 
@@ -36,7 +35,7 @@ def test_points_by_each_rubric_and_the_sentence(name: str) -> None:
     findings = [finding for found, _ in judged for finding in found]
     points = [
         sum(rubric.points_for(f) for f in findings if f.criterion in rubric.points)
-        for rubric in map(load, RUBRICS)
+        for rubric in map(load, HILLS.handout.rubrics)
     ]
     assert points == pytest.approx(work.points, abs=0.006)
     messages = [finding.message for finding in findings]

@@ -23,7 +23,7 @@ import barc_sim.lab
 from barc_sim.lab.check.code import Finding
 from barc_sim.lab.check.lab import Settings
 from barc_sim.lab.grade.rubric import load
-from barc_sim.lab.handout import FILES, RUBRICS
+from barc_sim.lab.handout import FILES
 from barc_sim.lab.hills.lab import HILLS
 from barc_sim.lab.hills.relay import LABELS as RELAY
 
@@ -181,7 +181,7 @@ def test_without_task_3_the_points_are_of_100_and_with_it_of_120() -> None:
             task_3 = [Finding(name, 0.0, 'there is none', skipped=True) for name in RELAY]
         else:
             task_3 = findings_on('relay', relay)
-        for rubric in map(load, RUBRICS):
+        for rubric in map(load, HILLS.handout.rubrics):
             worth = rubric.worth([*written, *task_3])
             total = sum(
                 rubric.points_for(each) for each in (*written, *task_3) if each.criterion in worth
