@@ -100,7 +100,7 @@ def add_arguments_acc(parser: Parser) -> None:
     )
     accept_ros_args(parser)
     gains = (f'--{name}' for name in PID.gains)
-    own = ('--speed', *gains, '--acceleration-limit', '--track', '--lane', '--distance', '--laps')
+    own = ('--speed', *gains, '--track', '--distance')
     parser.shorten_help(*own, *run_options.USUAL)
 
 

@@ -19,7 +19,7 @@ from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
 
 #: Those that `--help` shows; `--help-all` shows the others, too.
-USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--bag-dir', '--no-bag', '--quiet')
+USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--no-bag', '--quiet')
 _PAGES = {'web': 'web', 'none': 'none', 'offer': 'at a desktop, the link to a page'}
 _MAX_SIZE = 2.0**60  #: [B]
 _MAX_DURATION = 1e9  #: [s]
