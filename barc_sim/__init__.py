@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import summary
     from barc_sim.tuning.goal import sweep
+    from barc_sim.tuning.identification import identify
     from barc_sim.vehicle.actuators import Actuator
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.road import Road
@@ -81,6 +82,7 @@ __all__ = [
     'Stanley',
     'Track',
     'Vehicle',
+    'identify',
     'lap',
     'plot',
     'read_bag',
@@ -102,6 +104,7 @@ _EXPORTS = {
     'Stanley': ('control.lane', 'Stanley'),
     'Track': ('vehicle.track', 'Track'),
     'Vehicle': ('vehicle.limits', 'Vehicle'),
+    'identify': ('tuning.identification', 'identify'),
     'lap': ('simulation.closed_loop', 'lap'),
     'plot': ('figures.run_figures', 'plot'),
     'read_bag': ('bags.reader', 'read'),

@@ -18,9 +18,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from barc_sim.bags.contents import Contents, selected, types_of
 from barc_sim.errors import UserError
+from barc_sim.simulation.log import COLUMNS, Log
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from barc_sim.bags.recording import Topic
@@ -121,6 +122,46 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 (any type)
     if isinstance(value, np.ndarray):
         return value.tolist()
     return [_plain(each) for each in value] if isinstance(value, list) else value
+
+
+def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
+    """Return the log of any car: columns by name, each from a field such as `/odom.pose.x`.
+
+    There must be `v_x`, at whose period the log is; each other column has the value that was
+    received last. Times are those of reception.
+
+    Raises
+    ------
+    UserError
+        The bag cannot be read, or a name is no column, topic or field of a number.
+    """
+    if unknown := ', '.join(fields.keys() - COLUMNS.keys()):
+        raise UserError(f'{unknown}: a log has no such column, but {", ".join(COLUMNS)}')
+    contents = Contents(path)
+    wanted = {column: text.partition('.')[::2] for column, text in fields.items()}
+    rows: dict[str, tuple[list[float], list[Any]]] = {column: ([], []) for column in wanted}
+    for topic, cells in _rows(contents, [topic for topic, _ in wanted.values()]):
+        for column, (name, field) in wanted.items():
+            if name == topic and field in cells:
+                rows[column][0].append(cells['t'])
+                rows[column][1].append(cells[field])
+    for column, (times, values) in rows.items():
+        if len(times) < 2 or not isinstance(values[0], (int, float)):  # noqa: PLR2004
+            raise UserError(
+                f'{column}={fields[column]}: {str(path)!r} has no numbers there; '
+                f'`barc convert` shows the fields of its topics {", ".join(contents.topics)}'
+            )
+    seen, speeds = (np.array(each, np.float64) for each in rows['v_x'])
+    ts = float(np.median(np.diff(seen)))
+    t = ts * np.arange(round((seen[-1] - seen[0]) / ts) + 1)
+    never = np.zeros(len(t), np.bool_)
+    columns: dict[str, Any] = dict.fromkeys(COLUMNS, np.full(len(t), np.nan))
+    for column, (received, values) in rows.items():
+        # A command that follows its state at once counts for that state.
+        at = np.searchsorted(np.array(received) - seen[0], t + 0.5 * ts) - 1
+        columns[column] = np.where(at < 0, np.nan, np.array(values, np.float64)[at])
+    columns |= {'t': t, 'v_x': np.interp(t, seen - seen[0], speeds)}
+    return Log(**columns | {'missed': never, 'saturated': never})
 
 
 def _file_name(topic: str) -> str:

@@ -25,6 +25,7 @@ GROUPS = {
     'look': {
         'plot': 'draw speed, grade and command of a run',
         'replay': 'play a run on a web page, or save a video',
+        'identify': 'find drag, friction, delay and tyres of the car that made a bag',
     },
     'lab': {
         'new': 'make a folder with templates: model, controller, relay and compose.py',
@@ -53,7 +54,7 @@ GROUPS = {
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
 #: The modules that several commands share, by command.
 _SHARED = dict.fromkeys(GROUPS['drive'], 'drive')
-_SHARED |= dict.fromkeys(GROUPS['look'], 'figures')
+_SHARED |= dict.fromkeys(('plot', 'replay'), 'figures')
 _SHARED |= dict.fromkeys(('new', 'report', 'submit'), 'lab')
 _SHARED |= dict.fromkeys(('info', 'convert', 'recover'), 'bags')
 _SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')

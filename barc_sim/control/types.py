@@ -8,6 +8,7 @@ from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.controller import read_term
+from barc_sim.control.excitation import PRBS, CoastDown, Steps
 from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 TYPES: Mapping[str, type[Controller]] = {
     'pid': PID,
     'lqr': LQR,
+    'prbs': PRBS,
+    'steps': Steps,
+    'coast-down': CoastDown,
 }
 DEFAULT_TYPE = 'pid'
 #: The gains of all of them, by name.

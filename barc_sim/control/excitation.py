@@ -1,0 +1,171 @@
+"""Test signals that show what a car is: what `identify` reads its parameters from.
+
+Each is a controller, so that it drives a run as any other: ``--controller-type prbs``. After Ljung,
+"System Identification", 2nd ed., section 13.3.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from math import inf, pi, sin
+from typing import TYPE_CHECKING
+
+from barc_sim.control.controller import Gain, check_gains
+from barc_sim.control.lane import LaneLQR
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from barc_sim.control.lane import Curvature
+
+_AMPLITUDE = Gain(2.0, 'm/s²', 'acceleration of the test signal, either way', 8.0, (0.0, 1e3))
+_HOLD = Gain(0.5, '1/s', 'gain that keeps the speed near its reference', 5.0, (0.0, 1e3))
+
+
+class TestSignal(ABC):
+    """What the signals of the motor have in common: a slow P controller, and a signal upon it."""
+
+    __test__ = False  # for pytest
+    gains: Mapping[str, Gain] = {}
+    terms: Mapping[str, str] = {
+        'test_signal': 'what shows the car',
+        'holding': 'what keeps the speed near its reference',
+    }
+    amplitude: float
+    hold: float
+
+    def __init__(
+        self, *, output_min: float = -inf, output_max: float = inf, **gains: float
+    ) -> None:
+        """Take the gains by name, and limits of the output [m/s²]."""
+        for name, gain in self.gains.items():
+            setattr(self, name, gains.pop(name, gain.default))
+        if gains:
+            raise TypeError(f'no such gain: {", ".join(gains)}')
+        check_gains(self)
+        self.output_min, self.output_max = output_min, output_max
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin the signal anew."""
+        self.t = -1.0  #: [s] since the first call
+        self.test_signal = self.holding = 0.0
+        self.saturated = False
+
+    def acc_calculate(
+        self, speed_reference: float, speed_current: float, dt: float = 0.02
+    ) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+        self.t = 0.0 if self.t < 0.0 else self.t + dt
+        self.holding = self.hold * (speed_reference - speed_current)
+        self.test_signal = self.signal(speed_reference, speed_current)
+        raw = self.holding + self.test_signal
+        self.saturated = not self.output_min <= raw <= self.output_max
+        return min(max(raw, self.output_min), self.output_max)
+
+    @abstractmethod
+    def signal(self, speed_reference: float, speed_current: float, /) -> float:
+        """Return the signal [m/s²] at `t`."""
+
+    def _intervals(self, length: float) -> int:
+        """Return how many whole intervals of `length` [s] have passed."""
+        return int(self.t / length + 1e-9)
+
+
+class PRBS(TestSignal):
+    """A pseudorandom binary sequence, of period 1,023: it shows delay and lag of the motor.
+
+    Examples
+    --------
+    >>> from barc_sim import identify, simulate
+    >>> log = simulate(controller=PRBS(), delay=0.1, noise=0.02, road='flat', distance=40.0)
+    >>> print(identify(log)['motor_delay'])
+    0.10045 ± 0.00087 s
+    """
+
+    gains: Mapping[str, Gain] = {
+        'amplitude': _AMPLITUDE,
+        'hold': _HOLD,
+        'interval': Gain(0.3, 's', 'how long the signal stays at least', 2.0, (1e-3, 100.0)),
+    }
+    interval: float
+    _register: int
+    _drawn: int
+
+    def signal(self, _: float, __: float) -> float:
+        """Return plus or minus the amplitude."""
+        while self._drawn < self._intervals(self.interval):
+            # A shift register of ten bits, whose primitive polynomial is x¹⁰ + x⁷ + 1.
+            bit = (self._register >> 9 ^ self._register >> 6) & 1
+            self._register = (self._register << 1 | bit) & 0x3FF
+            self._drawn += 1
+        return self.amplitude if self._register & 1 else -self.amplitude
+
+    def reset(self) -> None:
+        """Begin the signal anew."""
+        super().reset()
+        self._register, self._drawn = 0x2A5, 0
+
+
+class Steps(TestSignal):
+    """Steps up, back, down and back: what a delay and a lag look like by eye."""
+
+    gains: Mapping[str, Gain] = {
+        'amplitude': _AMPLITUDE,
+        'hold': _HOLD,
+        'interval': Gain(2.0, 's', 'between two steps', 20.0, (1e-3, 1e3)),
+    }
+    interval: float
+
+    def signal(self, _: float, __: float) -> float:
+        """Return the step of now."""
+        return self.amplitude * (0.0, 1.0, 0.0, -1.0)[self._intervals(self.interval) % 4]
+
+
+class CoastDown(TestSignal):
+    """Goes up to the reference, and rolls down to a share of it: it shows drag and friction."""
+
+    gains: Mapping[str, Gain] = {
+        'amplitude': _AMPLITUDE,
+        'hold': _HOLD._replace(default=0.0),
+        'share': Gain(0.3, '-', 'of the reference, to which it rolls', 1.0, (0.0, 1.0)),
+    }
+    share: float
+    _rolls = False
+
+    def signal(self, speed_reference: float, speed_current: float) -> float:
+        """Return the amplitude on the way up, and 0 on the way down."""
+        end = self.share * speed_reference if self._rolls else speed_reference
+        self._rolls = speed_current > end
+        return 0.0 if self._rolls else self.amplitude
+
+    def reset(self) -> None:
+        """Begin the signal anew."""
+        super().reset()
+        self._rolls = False
+
+
+class SineSteer(LaneLQR):
+    """Keeps the lane with a sine upon the steering: it shows tyres and yaw inertia."""
+
+    gains: Mapping[str, Gain] = {
+        **LaneLQR.gains,
+        'amplitude': Gain(0.05, 'rad', 'of the sine', 0.5, (0.0, 1.0)),
+        'frequency': Gain(0.5, 'Hz', 'of the sine', 5.0, (0.0, 100.0)),
+    }
+    amplitude: float
+    frequency: float
+    dt = 0.02  #: [s] between two calls
+
+    def reset(self) -> None:
+        """Begin the sine anew."""
+        super().reset()
+        self._calls = 0
+
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
+        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
+        sine = self.amplitude * sin(2.0 * pi * self.frequency * self._calls * self.dt)
+        self._calls += 1
+        return super().steer_calculate(e_y, e_psi, speed, curvature) + sine
