@@ -60,7 +60,7 @@ class Entry:
     counted: int = 0  #: arrivals in memory that were seen
     idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
     on_taken: Callable[[Entry], None] | None = None
-    kept: Any = None  #: a timer's watch on jumps; what stands in the wait set
+    kept: Any = None  #: a timer's watch on jumps; what stands in the wait set; counts
     take_message: Any = None  #: a subscription's faster way
 
     def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
@@ -137,11 +137,12 @@ def _take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
 
 
 def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
-    """Take the status of a QoS event; it says whether there was one since it was taken last."""
+    """Take the status of a QoS event, unless another one was meant that shares the descriptor."""
     with entry.handle:
         taken = entry.handle.take_event()
-    changes = [getattr(taken, name) for name in dir(taken) if name.endswith('_change')]
-    return (entry.entity.execute, (taken,)) if any(changes) else None
+    counts = [getattr(taken, name) for name in dir(taken) if name.endswith('_count')]
+    former, entry.kept = entry.kept or [0] * len(counts), counts
+    return (entry.entity.execute, (taken,)) if counts != former else None
 
 
 _TAKES: dict[type[Any], Take] = {

@@ -104,11 +104,10 @@ class Leadership:
 
     def take(self) -> bool:
         """Lead from now on; return False where another thread polls."""
-        try:
+        with suppress(IndexError):
             self.free.pop()
-        except IndexError:
-            return False
-        return True
+            return True
+        return False
 
     def lend(self, lasting: bool) -> float:
         """Let others take it while this thread calls a callback; return the time [s].
