@@ -142,7 +142,7 @@ def text_of(name: str) -> str:
 
 def judged(folder: Path, criteria: Collection[str]) -> dict[str, Finding]:
     """Return the findings on a folder, judged in this process."""
-    code = LocalCode(UserCode(files_in(folder), budget=None, packages=False))
+    code = LocalCode(UserCode(files_in(folder), budget=None))
     settings = replace(RUBRIC.settings, criteria=criteria)
     return {each.criterion: each for each in LANE.judge(code, settings)}
 
