@@ -315,7 +315,10 @@ def _fit(
     while moves:
         for i, k in (whole | moves).items():
             low[i], high[i] = k * ts, (k + 1) * ts
-        begin = np.clip(p, low, high)
+        # Not from a bend: there the search would hardly move.
+        begin = p.copy()
+        for i in delays:
+            begin[i] = p[i] if low[i] < p[i] < high[i] else (whole | moves)[i] * ts + 0.5 * ts
         found = optimize.least_squares(
             weighted, begin, slopes, (low, high), x_scale='jac', max_nfev=_STEPS
         )
