@@ -21,8 +21,6 @@ from math import atan2, cos, floor, hypot, isfinite, pi, remainder, sin, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from barc_sim.errors import UserError
 from barc_sim.vehicle.road import read_lines, read_pairs
 
@@ -30,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from os import PathLike
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from barc_sim.vehicle.road import Places
@@ -187,6 +186,8 @@ class Track:
 
     def place(self, s: Any, e_y: Any = 0.0, e_psi: Any = 0.0) -> Pose:  # noqa: ANN401 (or arrays)
         """Return the pose on the map of a pose on the track; arrays, of arrays."""
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
         i, s_in_lap = self._segments(np.asarray(s, np.float64))
         start, _, curvature, x, y, psi, _, _ = self._columns[:, i]
         half = 0.5 * curvature * (s_in_lap - start)
@@ -202,6 +203,8 @@ class Track:
         segment by segment, so that neither a crossing nor a part of the track nearby takes the
         place of the right one, and s grows over the finish line. Without it the nearest counts.
         """
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
         if not isinstance(x, (float, int)):
             return self._frenet_many(x, y, psi, self._nearest(x, y) if near is None else near)
         if near is None:
@@ -230,21 +233,29 @@ class Track:
 
     @cached_property
     def _columns(self) -> Floats:
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
         x, y, psi = np.array(self._poses[:-1]).T
         rows = self.starts[:-1], self.lengths, self.curvatures, x, y, psi, np.cos(psi), np.sin(psi)
         return np.array(rows)
 
     @cached_property
     def _inner(self) -> Floats:
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
         return np.array(self.starts[1:-1])
 
     def _segments(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
         s = s - np.floor(s / self.length) * self.length if self.is_closed else s
         i = self._inner.searchsorted(s, side='right')
         return i, s
 
     def _project_many(self, i: Any, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:  # noqa: ANN401
         """Return s, e_y and heading of the centre line in the frames of segments `i`."""
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
         start, length, curvature, x0, y0, psi, cosine, sine = self._columns[:, i]
         dx, dy = x - x0, y - y0
         a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
@@ -256,6 +267,8 @@ class Track:
         return start + ahead, e_y, psi + curvature * ahead
 
     def _frenet_many(self, x: Floats, y: Floats, psi: Floats, near: Floats) -> Frenet:
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
         n, ends = len(self.lengths), np.array(self.starts)
         i, _ = self._segments(near)
         s, e_y, heading = self._project_many(i, x, y)
@@ -275,6 +288,8 @@ class Track:
 
     def _nearest(self, x: Floats, y: Floats) -> Floats:
         """Return s of the nearest points of the centre line."""
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
         near, minimum = np.zeros(len(x)), np.full(len(x), np.inf)
         for i, (start, end) in enumerate(pairwise(self.starts)):
             s = np.clip(self._project_many(i, x, y)[0], start, end)
@@ -286,6 +301,8 @@ class Track:
 
 
 def _wrapped(angle: Floats) -> Floats:
+    import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
     return angle - _TURN * np.round(angle / _TURN)
 
 
@@ -327,6 +344,8 @@ def beside_arc(curvature: float, a: float, b: float) -> tuple[float, float]:
 
 def _read_centre_line(lines: Sequence[str], name: str) -> Track:
     """Return the closed track of a file's points, and of half its least width either way."""
+    import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
     rows = [line for line in lines if line.strip() and line.lstrip()[0] != '#']
     table = np.array([[float(cell) for cell in row] for row in csv.reader(rows)])
     if table.ndim != 2 or table.shape[1] != 4 or not np.isfinite(table).all():  # noqa: PLR2004
