@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from contextlib import suppress
 from heapq import heappop, heappush
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
+import zstandard
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import dump_qos_v9
@@ -75,6 +77,8 @@ class Contents:
         of_others = (each.iterdir() if each.is_dir() else [each] for each in self._others)
         self.sources = sorted(chain(*of_others)) or files(path)
         self._budget = Budget(self.sources, timed=run)
+        for source in self.sources if self._others else ():
+            self._charge_unpacked(source)
         for source in self._others:
             self._describe_other(source)
         for file in [] if self._others else self.sources:
@@ -91,6 +95,14 @@ class Contents:
         bounds.check_topics(self.path, len(self.topics))
         bounds.check_entries(self.path, self.metadata)
         bounds.check_attached(self.path, sum(map(len, self.attachments.values())))
+
+    def _charge_unpacked(self, source: Path) -> None:
+        """Charge what a file unpacks to that rosbags unpacks whole, on the disk."""
+        if source.suffix != '.zstd':
+            return
+        with source.open('rb') as file, suppress(zstandard.ZstdError):
+            for piece in zstandard.ZstdDecompressor().read_to_iter(file):
+                self._budget.charge(len(piece))
 
     def _describe_other(self, source: Path) -> None:
         try:

@@ -16,6 +16,7 @@ from barc_sim.bags.contents import Contents, types_of
 from barc_sim.bags.messages import Message, topic
 from barc_sim.bags.recording import COMPRESSIONS, Topic
 from barc_sim.bags.writer import BagWriter
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -134,3 +135,16 @@ def test_info_of_what_is_no_bag_is_one_sentence(tmp_path: Path) -> None:
     assert refused('info', str(tmp_path)).endswith('name the directory of a bag')
     (tmp_path / 'bag.db3').write_text('no database, though it is long enough')
     assert refused('info', str(tmp_path)).endswith('name another bag')
+
+
+def test_a_file_that_unpacks_to_far_more_is_refused(ours: Path, tmp_path: Path) -> None:
+    """Of zeros, zstd makes a ten-thousandth; rosbags unpacks the file onto the disk."""
+    made = tmp_path / 'made'
+    convert([ours], made, 'sqlite3', 9, 'zstd', 'file', None, None, (), (), (), ())
+    (packed,) = made.glob('*.zstd')
+    zeros = bytes(1 << 20)
+    compressor = zstandard.ZstdCompressor().compressobj()
+    pieces = [compressor.compress(zeros) for _ in range(400)]
+    packed.write_bytes(b''.join(pieces) + compressor.flush())
+    with pytest.raises(UserError, match='unpacks to more than a recording of its size can hold'):
+        Contents(made)
