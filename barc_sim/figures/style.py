@@ -187,8 +187,15 @@ def window(size: tuple[float, float], title: str) -> Figure | None:
     return figure
 
 
-def show() -> None:
-    """Show the windows until the user has closed them."""
+def show(*, block: bool = True) -> None:
+    """Show the windows, until the user has closed them."""
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
-    plt.show()
+    plt.show(block=block)
+
+
+def close(figure: Figure) -> None:
+    """Close the window of a figure."""
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    plt.close(figure)

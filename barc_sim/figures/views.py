@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from matplotlib import style
@@ -76,12 +76,16 @@ class RunView(ABC):
     charted_name = 'Speed [m/s]'
     chart_limits: tuple[float, float]
 
-    def __init__(self, log: Log, figure: Figure, *, title: str = '') -> None:
-        """Draw the fixed parts on `figure`, which is empty, and show the first state."""
+    def __init__(
+        self, log: Log, figure: Figure, *, title: str = '', way: Course | Terrain | None = None
+    ) -> None:
+        """Draw the fixed parts on `figure`, which is empty, and show the first state.
+
+        `way` is the whole track, or road; without it, as much of it as was driven.
+        """
         self.figure = figure
-        self.duration = float(log.t[-1])  #: [s] from the run's first state to its last
-        self._log = use_measurement(log)
-        self.charted = self._log.speed
+        self._way: Any = way
+        self.read(log)
         with style.context(STYLE):
             scene, course, chart = (figure.add_axes(place) for place in self.PLACES)
             # Equal scales, so that 30° look like 30°; a window of another shape shows more.
@@ -100,6 +104,12 @@ class RunView(ABC):
         for order, artist in enumerate(self.artists, start=10):
             artist.set(animated=True, zorder=order)
         self.update(0.0)
+
+    def read(self, log: Log) -> None:
+        """Take the run, or from now on another one on the same fixed parts."""
+        self.duration = float(log.t[-1])  #: [s] from the run's first state to its last
+        self._log = use_measurement(log)
+        self.charted = self._log.speed
 
     @abstractmethod
     def _draw_scene(self, axes: Axes) -> list[Artist]:
@@ -131,10 +141,9 @@ class RunView(ABC):
         for name, text in readings.items():
             self._readings[name].set_text(text)
 
+    @abstractmethod
     def _draw_course(self, axes: Axes) -> None:
-        x, y = self.course
-        axes.plot(x, y, color=SURFACE, lw=1.2)
-        axes.set_axis_off()
+        """Draw the whole way."""
 
     def _draw_chart(self, axes: Axes) -> list[Line2D]:
         """Return the lines of the chart so far, of its reference and of the time shown."""
@@ -183,12 +192,17 @@ class SideView(RunView):
     )
     VIEW_WIDTH = 30.0
 
+    along_name = 'Position along the road [m]'
+
+    def read(self, log: Log) -> None:
+        """Take the run, or from now on another one on the same fixed parts."""
+        super().read(log)
+        self._road: Terrain = self._way or Terrain(self._log)
+        self.along = self._log.distance
+        self.course = self.along, self._road.at(self.along)[1]
+
     def _draw_scene(self, axes: Axes) -> list[Artist]:
-        log = self._log
-        self._road = Terrain(log)
-        self.along, self.along_name = log.distance, 'Position along the road [m]'
-        self.course = log.distance, self._road.at(log.distance)[1]
-        self.chart_limits = speed_limits(log)
+        self.chart_limits = speed_limits(self._log)
         axes.set(facecolor='#F4F8FB')
         self._camera, self._body, self._wheel = Affine2D(), Affine2D(), Affine2D()
         ground = self._camera + axes.transData
@@ -211,8 +225,9 @@ class SideView(RunView):
 
     def _draw_course(self, axes: Axes) -> None:
         """Draw the whole road, its heights enlarged."""
-        super()._draw_course(axes)
-        x, y = self.course
+        x, y = self._road.distance[1:-1], self._road.elevation[1:-1]
+        axes.plot(x, y, color=SURFACE, lw=1.2)
+        axes.set_axis_off()
         axes.fill_between(x, y, y.min() - 2.0, color=EARTH)
         axes.set_ylim(y.min() - 2.0, y.max() + max(2.0, 0.3 * float(np.ptp(y))))
         axes.set_xlim(*limits(x, share=0.01, minimum=1.0))
@@ -249,7 +264,7 @@ class Terrain:
     between them, and 60 m longer at both ends.
     """
 
-    def __init__(self, log: Log) -> None:
+    def __init__(self, log: Any) -> None:  # noqa: ANN401 (a log, or its columns of a road)
         """Take the road from a run of at least one state; without a recorded road it is flat."""
         known = np.isfinite(log.theta_deg) & np.isfinite(log.elevation)
         rows = np.flatnonzero(known if known.any() else ~known)
@@ -321,16 +336,21 @@ class TopView(RunView):
     PLACES: ClassVar = ((0.0, 0.28, 1.0, 0.62), (0.8, 0.03, 0.19, 0.22), (0.06, 0.09, 0.7, 0.165))
     VIEW_WIDTH = 44.0
 
-    def _draw_scene(self, axes: Axes) -> list[Artist]:
-        log = self._log
-        self.along, self.along_name = log.t, 'Time [s]'
-        self.chart_limits = limits(log.speed, share=0.15, minimum=1.0)
-        x, y, self._psi = true_pose(log)
+    along_name = 'Time [s]'
+
+    def read(self, log: Log) -> None:
+        """Take the run, or from now on another one on the same fixed parts."""
+        super().read(log)
+        self.along = self._log.t
+        x, y, self._psi = true_pose(self._log)
         self._path = np.column_stack([x, y])
         jumps = np.hypot(*np.diff(self._path, axis=0).T) > JUMP
         # A jump is not drawn: the state after it begins a new line.
         self._path[:-1][jumps] = np.nan
         self.course = x, y
+
+    def _draw_scene(self, axes: Axes) -> list[Artist]:
+        self.chart_limits = limits(self._log.speed, share=0.15, minimum=1.0)
         axes.set(facecolor='#F7F7F4')
         self._axes = axes
         self._grid, self._world, self._body, self._steering = (Affine2D() for _ in range(4))
@@ -395,18 +415,20 @@ class TrackView(TopView):
     PLACES: ClassVar = ((0.0, 0.28, 1.0, 0.62), (0.76, 0.02, 0.23, 0.25), (0.06, 0.09, 0.66, 0.165))
     VIEW_WIDTH = 56.0
 
-    def __init__(self, log: TrackLog, figure: Figure, *, title: str = '') -> None:
-        """Draw the fixed parts on `figure`, which is empty, and show the first state."""
-        self._on_track = log
+    along_name = 'Distance along the track, over all laps [m]'
+    charted_name = 'e_y [m]'
+
+    def read(self, log: Any) -> None:  # noqa: ANN401 (a TrackLog)
+        """Take the run, or from now on another one on the same fixed parts."""
+        super().read(log)
+        self._on_track: TrackLog = log
+        self.along, self.charted = log.s, log.e_y
         self._laps, self._numbers = track_laps_of(log)
-        self._line = Course.driven(log)
-        super().__init__(log, figure, title=title)
 
     def _draw_scene(self, axes: Axes) -> list[Artist]:
         moving = super()._draw_scene(axes)
+        self._line: Course = self._way or Course.driven(self._on_track)
         log, half = self._on_track, self._line.width / 2.0
-        self.along, self.along_name = log.s, 'Distance along the track, over all laps [m]'
-        self.charted, self.charted_name = log.e_y, 'e_y [m]'
         self.chart_limits = limits(log.e_y, share=0.15, minimum=0.1)
         world = self._world + axes.transData
         edges = [
@@ -499,8 +521,8 @@ def _car_from_above(body: Transform, steering: Affine2D) -> list[Artist]:
     ]
 
 
-def view_of(log: Log, figure: Figure, title: str) -> RunView:
+def view_of(log: Log, figure: Figure, title: str, way: Course | Terrain | None = None) -> RunView:
     """Return the view for this run: from above on a track, and if a driver steered."""
     if isinstance(log, TrackLog):
-        return TrackView(log, figure, title=title)
-    return (TopView if is_by_hand(log) else SideView)(log, figure, title=title)
+        return TrackView(log, figure, title=title, way=way)
+    return (TopView if is_by_hand(log) else SideView)(log, figure, title=title, way=way)

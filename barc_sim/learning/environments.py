@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isnan, radians
+from math import isnan, nan, radians
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
@@ -23,28 +23,20 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from barc_sim.learning.rendering import Picture
+
     Floats = NDArray[np.float64]
     Options = Mapping[str, Any] | None
 
 #: Random numbers of an episode before those of its `ranges`: the start, and the noise's seed.
 _DRAWS = 5
-_NO_NUMBER = 'action {}: expected numbers from -1 to 1, and not NaN'
+_NO_NUMBER = 'action {}: each car takes a list of {}, from -1 to 1 and not NaN'
 _AHEAD = np.array(AHEAD)[:, None]
 
 
 def spaces(task: Task) -> tuple[Box, Box]:
     """Return the spaces of the observations and of the actions."""
     return Box(-task.high, task.high, dtype=np.float64), Box(-1.0, 1.0, (len(task.actions),))
-
-
-def start_of(task: Task, shares: Any, options: Options) -> dict[str, Any]:  # noqa: ANN401
-    """Return where an episode begins: by chance, unless the options of `reset` say where."""
-    start = task.start(shares)
-    for name, value in (options or {}).items():
-        if name not in start:
-            raise UserError(f'options: {name!r} must be one of {", ".join(start)}')
-        start[name] = value + 0.0 * start[name]
-    return start
 
 
 class CarEnv(gymnasium.Env[Any, Any]):
@@ -54,15 +46,20 @@ class CarEnv(gymnasium.Env[Any, Any]):
     `info` has s [m] and, on a track, e_y [m], the number of the lap, the time since it began [s],
     and the times of the laps so far; a lap ends no episode. `reset` takes where the car starts as
     options: `{'s': 0.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 0.0}`, or some of these.
+
+    `render` returns the picture of a replay, of shape (360, 640, 3), or shows it in a window.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {'render_modes': []}
+    metadata: dict[str, Any] = {'render_modes': ['human', 'rgb_array'], 'render_fps': 50}  # noqa: RUF012
 
     def __init__(self, task: str, render_mode: str | None = None, **options: Any) -> None:  # noqa: ANN401
         """Take the name of a task, and its options."""
         self.task = TASKS[task](**options)
         self.observation_space, self.action_space = spaces(self.task)
-        self.render_mode = render_mode
+        self._count = len(self.task.actions)
+        self.render_mode, self._is_shown = render_mode, render_mode == 'human'
+        self._picture: Picture | None = None
+        self.metadata = self.metadata | {'render_fps': round(1.0 / self.task.ts)}
         self._pid = speed_controller(limit=self.task.limits['motor'])
 
     def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Floats, Any]:
@@ -70,31 +67,54 @@ class CarEnv(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         task = self.task
         shares = self.np_random.random(_DRAWS + len(task.ranges)).tolist()
-        start = {name: float(x) for name, x in start_of(task, shares[:4], options).items()}
+        start = {name: float(x) for name, x in task.start(shares[:4], options).items()}
         self._plant = task.plant(task.draw(shares[_DRAWS:]), int(shares[4] * 2.0**53))
         self._plant.place(State(*task.pose(start), start['v']), near=start['s'])
         self._pid.reset()
         self._command, self._near, self._steps = Command(), start['s'], 0
         self._lap, self._lap_began = 0, None if start['s'] else 0.0
         self._lap_times: tuple[float, ...] = ()
-        return self._observe(), self._info()
+        observation, info = self._observe(), self._info()
+        if self._is_shown:
+            self.render()
+        return observation, info
 
     def step(self, action: Any) -> tuple[Floats, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """Go one step of the plant."""
         task, plant, before = self.task, self._plant, self._s
-        shares = [min(max(float(share), -1.0), 1.0) for share in action]
-        motor, servo = task.commands(shares)
+        try:
+            shares = [min(max(float(share), -1.0), 1.0) for share in action]
+        except (TypeError, ValueError):
+            shares = []
+        motor, servo = task.commands(shares) if len(shares) == self._count else (nan, nan)
         if motor is None:
             motor = self._pid.acc_calculate(task.speed, self._speed, task.ts)
         if isnan(motor + servo):
-            raise UserError(_NO_NUMBER.format(action))
+            raise UserError(_NO_NUMBER.format(action, ' and '.join(task.actions)))
         self._command = Command(motor, servo)
         plant.advance(self._command)
         self._steps += 1
         observation, info = self._observe(), self._info()
         s, e_y, v = self._s, info.get('e_y', 0.0), plant.state.v
         reward = task.reward(s - before, e_y, v)
+        if self._is_shown:
+            self.render()
         return observation, reward, task.is_over(s, e_y, v), False, info
+
+    def render(self) -> Any:  # noqa: ANN401 (as Gymnasium's)
+        """Return a picture of the car where it is now, or show it in a window."""
+        if not self.render_mode:
+            return None
+        if not self._picture:
+            from barc_sim.learning.rendering import Picture  # noqa: PLC0415 (slow)
+
+            self._picture = Picture(self.task, in_window=self._is_shown)
+        return self._picture.draw(self._plant, self._command, self._steps * self.task.ts)
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._picture:
+            self._picture.close()
 
     def _observe(self) -> Floats:
         task, plant = self.task, self._plant
@@ -180,8 +200,8 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         """Go one step with each car; those whose episode is over begin a new one instead."""
         task, plants = self.task, self._plants
         shares = np.maximum(-1.0, np.minimum(np.asarray(actions, np.float64).T, 1.0))
-        if np.isnan(shares).any():
-            raise UserError(_NO_NUMBER.format(actions))
+        if shares.shape != self.action_space.shape[::-1] or np.isnan(shares).any():
+            raise UserError(_NO_NUMBER.format(actions, ' and '.join(task.actions)))
         motor, servo = task.commands(shares)
         if motor is None:
             motor = self._pids.control(self._speed, task.speed, self._interval)
@@ -210,7 +230,7 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         task, plants = self.task, self._plants
         count = _DRAWS + len(task.ranges)
         shares = np.array([self._generators[car].random(count) for car in cars.tolist()]).T
-        start = start_of(task, shares[:4], options)
+        start = task.start(shares[:4], options)
         drawn = task.draw(shares[_DRAWS:])
         plants.vary(cars, drawn)
         if 'delay' in drawn:

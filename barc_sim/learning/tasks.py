@@ -41,6 +41,9 @@ AHEAD = (0.0, 5.0, 10.0, 15.0, 20.0)
 MAX_SPEED = 50.0  #: [m/s] A faster car's episode ends.
 BEHIND = -10.0  #: [m] So does that of a car that rolls so far back, before the start of the hills.
 _START_E_PSI = 0.2  #: [rad] either way
+#: The options of `simulate` and `lap` that an environment has.
+OPTIONS = 'road', 'track', 'vehicle', 'dynamics', 'lateral', 'noise', 'delay', 'servo', 'ts'
+_DEFAULTS = {'dynamics': 'kinematic', 'noise': 0.0, 'delay': 0.0}
 #: What may be drawn anew for each episode, and its limits.
 _VARIED = {
     **{name: ROWS[name] for name in (*Vehicle._fields, *LateralParameters._fields)},
@@ -70,63 +73,59 @@ class Task:
     actions: ClassVar[tuple[str, ...]]
     course: ClassVar[Mapping[str, str]] = {'track': 'L', 'road': 'flat'}
     default_speed: ClassVar[float] = 6.0
+    start_speeds: ClassVar[tuple[float, float]] = (0.0, 2.0)  #: from and to, as shares of it
 
     def __init__(
         self,
         *,
-        road: Any = None,  # noqa: ANN401 (as in `simulate`)
-        track: Any = None,  # noqa: ANN401
-        vehicle: Vehicle | None = None,
-        dynamics: str = 'kinematic',
-        lateral: LateralParameters | None = None,
-        noise: float | NoiseLevels = 0.0,
-        delay: float = 0.0,
-        servo: Actuator | None = None,
         speed: float | None = None,
         acceleration_limit: float = ACCELERATION_LIMIT,
-        ts: float = 0.02,
         ranges: Mapping[str, tuple[float, float]] | None = None,
+        **options: Any,  # noqa: ANN401 (of `simulate` and `lap`)
     ) -> None:
-        """Take options by the names that they have in `simulate` and `lap`.
+        """Take `OPTIONS` by the names that they have in `simulate` and `lap`.
 
         `ranges` has the limits of what each episode draws anew, by the name of the option or of
         the parameter of vehicle or tyres: `{'mass': (1500.0, 2500.0), 'delay': (0.0, 0.1)}`.
 
         UserError: an option is unknown, or out of its limits.
         """
+        for name in options.keys() - {*OPTIONS}:
+            all_names = *OPTIONS, 'speed', 'acceleration_limit', 'ranges'
+            raise UserError(f'option {name!r} must be one of {", ".join(all_names)}')
+        if options.get('track') and 'track' not in self.course:
+            raise UserError(
+                f'track {options["track"]!r}: these hills are on a straight road: leave it out'
+            )
         self.speed = self.default_speed if speed is None else speed
         SPEED.check(self.speed, 'speed')
+        given = {name: each for name, each in options.items() if each not in (None, '')}
+        self._options: dict[str, Any] = {**_DEFAULTS, **self.course, **given}
+        noise = self._options['noise']
         check_arguments(noise=noise, acceleration_limit=acceleration_limit)
-        if track is not None and 'track' not in self.course:
-            raise UserError(f'track {track!r}: these hills are on a straight road: leave it out')
         self.limits = {'motor': acceleration_limit, 'servo': STEERING_LIMIT}
-        self.ranges = check_ranges(ranges or {})
-        chosen = {name: given for name, given in (('road', road), ('track', track)) if given}
-        self.servo = servo
+        self.ranges = dict(ranges or {})
+        for name, (low, high) in self.ranges.items():
+            if name not in _VARIED:
+                raise UserError(f'ranges: {name!r} must be one of {", ".join(_VARIED)}')
+            for value in (low, high):
+                _VARIED[name].check(value, f'ranges: {name}')
+            if low > high:
+                raise UserError(
+                    f'ranges: {name} from {low:g} to {high:g} must be the other way round'
+                )
+        self.servo: Actuator | None = self._options.get('servo')
         self.noise = noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise)
-        self._options: dict[str, Any] = {
-            **self.course,
-            **chosen,
-            'vehicle': vehicle,
-            'dynamics': dynamics,
-            'lateral': lateral,
-            'noise': self.noise,
-            'delay': delay,
-            'servo': servo,
-            'ts': ts,
-        }
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
         like = self.plant({})
         self.road, self.track, self.ts = like.road, like.track, like.ts
+        self.length = self.track.length if self.track else self.road.starts[-1]  # [m]
         self._options |= {'road': self.road, 'track': self.track}  # read once
         ahead = [2.0 / self.track.width if self.track else 0.5 * pi] * len(AHEAD)
-        self.high = np.array([*self.observed.values(), *ahead])
-        for i, name in enumerate(self.observed):
-            if name in self.limits:
-                self.high[i] = self.limits[name]
-            elif name == 'e_y' and self.track:
-                self.high[i] = self.track.width
+        known = {**self.limits, 'e_y': self.track.width if self.track else 0.0}
+        bounds = [known.get(name, bound) for name, bound in self.observed.items()]
+        self.high = np.array([*bounds, *ahead])
         self._low, self._own = -self.high, attrgetter(*self.observed)
 
     def plant(self, drawn: Mapping[str, float], seed: int = 0) -> Plant:
@@ -134,7 +133,7 @@ class Task:
         options = self._options | {'seed': seed}
         for name, kind in (('vehicle', Vehicle), ('lateral', LateralParameters)):
             if mine := {each: drawn[each] for each in drawn.keys() & {*kind._fields}}:
-                options[name] = (options[name] or kind())._replace(**mine)
+                options[name] = (options.get(name) or kind())._replace(**mine)
         if 'delay' in drawn:
             options['delay'] = drawn['delay']
         if 'noise' in drawn:
@@ -146,7 +145,7 @@ class Task:
         like, options = self.plant({}), self._options
         delay = options['delay']
         servo = self.servo or (SERVO._replace(delay=delay) if self.track else Actuator())
-        lateral = (options['lateral'] or LateralParameters()) if self.is_dynamic else None
+        lateral = (options.get('lateral') or LateralParameters()) if self.is_dynamic else None
         most = max(self.ranges.get('delay', (delay,)))
         return Plants(n, like, Actuator(delay=delay), servo, lateral, most)
 
@@ -165,25 +164,26 @@ class Task:
         motor = shares[0] * self.limits['motor'] if 'motor' in self.actions else None
         return motor, shares[-1] * self.limits['servo'] if 'servo' in self.actions else 0.0
 
-    def start(self, shares: Any) -> dict[str, Any]:  # noqa: ANN401 (numbers or arrays)
-        """Return where an episode begins, and how fast, of four random shares."""
-        assert self.track  # noqa: S101 (the hills have another)
+    def start(self, shares: Any, options: Mapping[str, Any] | None) -> dict[str, Any]:  # noqa: ANN401
+        """Return where an episode begins: by four shares, unless the options of `reset` say it."""
         s, e_y, e_psi, v = shares
-        return {
-            's': s * self.track.length,
-            'e_y': (2.0 * e_y - 1.0) * self.track.width / 6.0,
-            'e_psi': (2.0 * e_psi - 1.0) * _START_E_PSI,
-            'v': self.start_speed(v),
-        }
+        least, most = self.start_speeds
+        start = {'s': s * self.length}
+        if self.track:
+            start['e_y'] = (2.0 * e_y - 1.0) * self.track.width / 6.0
+            start['e_psi'] = (2.0 * e_psi - 1.0) * _START_E_PSI
+        start['v'] = self.speed * (least + (most - least) * v)
+        for name, value in (options or {}).items():
+            if name not in start:
+                raise UserError(f'options: {name!r} must be one of {", ".join(start)}')
+            start[name] = value + 0.0 * start[name]
+        return start
 
     def pose(self, start: Mapping[str, Any]) -> Pose:
         """Return the pose on the map at which an episode begins."""
-        assert self.track  # noqa: S101 (the hills have another)
-        return self.track.place(start['s'], start['e_y'], start['e_psi'])
-
-    def start_speed(self, share: Any) -> Any:  # noqa: ANN401
-        """Return the speed [m/s] of a random share: any up to twice the given one."""
-        return 2.0 * self.speed * share
+        if self.track:
+            return self.track.place(start['s'], start['e_y'], start['e_psi'])
+        return Pose(start['s'], 0.0 * start['s'], 0.0 * start['s'])
 
     def observe(self, seen: Seen) -> Floats:
         """Return the observation, of shape (numbers,), or (cars, numbers)."""
@@ -193,9 +193,10 @@ class Task:
 
     def is_over(self, s: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401 (flags of arrays)
         """Return whether the car is off the track, or beyond the limits."""
-        assert self.track  # noqa: S101 (the hills have another)
+        if not self.track:
+            return (abs(v) > MAX_SPEED) | (s < BEHIND)
         over = (abs(e_y) > 0.5 * self.track.width) | (abs(v) > MAX_SPEED)
-        return over if self.track.is_closed else over | (s >= self.track.length)
+        return over if self.track.is_closed else over | (s >= self.length)
 
     def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401
         """Return the reward of a step of `way` [m] that ended there."""
@@ -225,18 +226,6 @@ class Hills(Task):
     course = MappingProxyType({'road': 'lab'})
     default_speed = SPEED_REFERENCE
 
-    def start(self, shares: Any) -> dict[str, Any]:  # noqa: ANN401
-        """Return where on the road an episode begins, and how fast."""
-        return {'s': shares[0] * self.road.starts[-1], 'v': self.start_speed(shares[3])}
-
-    def pose(self, start: Mapping[str, Any]) -> Pose:
-        """Return the pose on the road."""
-        return Pose(start['s'], 0.0 * start['s'], 0.0 * start['s'])
-
-    def is_over(self, s: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
-        """Return whether the car is beyond the limits."""
-        return (abs(v) > MAX_SPEED) | (s < BEHIND)
-
     def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
         """Return the reward of a step of `way` [m] that ended there."""
         return 1.0 - abs(self.speed - v) / self.speed
@@ -263,10 +252,7 @@ class Lane(Task):
 
     observed = MappingProxyType({'e_y': 0.0, 'e_psi': pi, 'speed': MAX_SPEED, 'servo': 0.0})
     actions = ('servo',)
-
-    def start_speed(self, share: Any) -> Any:  # noqa: ANN401
-        """Return the speed to hold [m/s]."""
-        return self.speed + 0.0 * share
+    start_speeds = (1.0, 1.0)
 
     def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
         """Return the reward of a step of `way` [m] that ended there."""
@@ -300,15 +286,3 @@ class Race(Task):
 
 
 TASKS: Mapping[str, type[Task]] = {each.__name__: each for each in (Hills, Lane, Race)}
-
-
-def check_ranges(ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """Return ranges; UserError: one is of nothing that can be drawn, or out of its limits."""
-    for name, (low, high) in ranges.items():
-        if name not in _VARIED:
-            raise UserError(f'ranges: {name!r} must be one of {", ".join(_VARIED)}')
-        for value in (low, high):
-            _VARIED[name].check(value, f'ranges: {name}')
-        if low > high:
-            raise UserError(f'ranges: {name} from {low:g} to {high:g} must be the other way round')
-    return dict(ranges)

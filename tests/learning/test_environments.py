@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 from barc_sim.control.lane import LaneLQR
 from barc_sim.errors import UserError
+from barc_sim.figures import style
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Vehicle
@@ -21,6 +25,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 import barc_sim.learning  # noqa: E402, F401 (registers)
 
+COURSE = slice(220, 360)  #: the rows of a picture that have the course and the chart
 IDS = {name: f'barc_sim/{name}-v0' for name in ('Hills', 'Lane', 'Race')}
 NOISE = NoiseLevels(s=0.02, ey=0.02, epsi=0.01, v_x=0.05)
 RANGES = {'mass': (1000.0, 3000.0), 'delay': (0.0, 0.1), 'noise': (0.0, 0.1), 'l_r': (1.0, 2.0)}
@@ -46,6 +51,76 @@ def test_gymnasium_accepts_each_environment_with_each_option(
     name: str, options: dict[str, Any]
 ) -> None:
     check_env(gymnasium.make(IDS[name], **options).unwrapped, skip_render_check=True)
+
+
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Return the windows that open, each without a display; none is shown at once."""
+    windows: list[Figure] = []
+
+    def window(size: tuple[float, float], _: str) -> Figure:
+        windows.append(Figure(size))
+        return windows[-1]
+
+    monkeypatch.setattr(style, 'window', window)
+    for name in ('show', 'close'):
+        monkeypatch.setattr(style, name, lambda *_, **__: None)
+    return windows
+
+
+@pytest.mark.parametrize(('name', 'mode'), [*product(IDS, (None, 'rgb_array')), ('Lane', 'human')])
+def test_gymnasium_accepts_each_picture(name: str, mode: str, shown: list[Figure]) -> None:
+    env = gymnasium.make(IDS[name], render_mode=mode, ts=0.01)
+    check_env(env.unwrapped)
+    assert env.metadata['render_fps'] == 100
+    assert len(shown) == 1 + (mode == 'human')
+
+
+def place_of(frame: Any) -> Any:  # noqa: ANN401 (an array)
+    """Return column and row of the dot that is the car on its whole course."""
+    assert (frame.shape, frame.dtype) == ((360, 640, 3), np.uint8)
+    colour = np.multiply(to_rgb(style.VERMILLION), 255.0)
+    is_dot = (abs(frame[COURSE] - colour) < 30.0).all(axis=2)
+    return np.argwhere(is_dot).mean(axis=0)[::-1]
+
+
+@pytest.mark.parametrize('name', IDS)
+def test_a_picture_shows_where_the_car_is_and_changes_nothing(name: str) -> None:
+    modes = 'rgb_array', None
+    env, blind = (gymnasium.make(IDS[name], render_mode=mode, noise=0.1) for mode in modes)
+    for seed in (1, 2):
+        places = []
+        for car in (env, blind):
+            car.reset(seed=seed, options={'s': 2.0, 'v': 5.0})
+        for _ in range(3):
+            places.append(place_of(env.render()))
+            for _ in range(20):
+                action = np.zeros(env.action_space.shape)
+                np.testing.assert_equal(env.step(action), blind.step(action))
+        assert (np.diff(places, axis=0)[:, 0] > 1.0).all()  # each course begins to the right
+    assert blind.render() is None
+
+
+def test_a_window_shows_each_step_until_it_is_closed(shown: list[Figure]) -> None:
+    env = gymnasium.make(IDS['Race'], render_mode='human')
+    env.reset(seed=1)
+    (window,) = shown
+    pictures: list[Any] = [window.images[0].get_array()]
+    env.step([0.0, 0.0])
+    pictures.append(window.images[0].get_array())
+    assert not np.array_equal(*pictures)
+    window.canvas.callbacks.process('close_event', None)
+    env.step([0.0, 0.0])
+    assert window.images[0].get_array() is pictures[1]
+    env.close()
+
+
+def test_no_display_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(style, 'window', lambda *_: None)
+    env = gymnasium.make(IDS['Hills'], render_mode='human')
+    with pytest.warns(UserWarning, match='no window opens, as there is no display'):
+        env.reset()
+    env.step([0.0])
 
 
 def actions_of(shape: tuple[int, ...], steps: int) -> Any:  # noqa: ANN401 (arrays)
@@ -144,6 +219,7 @@ def test_a_lap_ends_no_episode_and_the_edge_does() -> None:
     [
         ({'noise': -1.0}, 'noise: -1 is not a number'),
         ({'speed': 'fast'}, "speed: 'fast' is not a number"),
+        ({'colour': 'red'}, "option 'colour' must be one of road,"),
         ({'vehicle': {'mass': 1.0}}, 'must be of type Vehicle'),
         ({'track': 'nowhere'}, "track 'nowhere' is neither"),
         ({'ranges': {'colour': (0.0, 1.0)}}, "ranges: 'colour' must be one of mass,"),
@@ -164,8 +240,9 @@ def test_an_action_or_a_start_that_makes_no_sense_is_refused(mode: str) -> None:
         env.reset(options={'x': 0.0})
     env = gymnasium.make_vec(IDS['Race'], 2, vectorization_mode=mode)
     env.reset()
-    with pytest.raises(UserError, match='and not NaN'):
-        env.step(np.array([[0.0, 0.0], [np.nan, 0.0]], np.float32))
+    for action in ([0.0, np.nan], [0.0], [0.0, 0.0, 0.0]):
+        with pytest.raises(UserError, match='takes a list of motor and servo, from -1 to 1'):
+            env.step(np.array([action, action], np.float32))
 
 
 def test_hills_are_on_a_road_alone() -> None:

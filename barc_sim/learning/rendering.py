@@ -1,0 +1,101 @@
+"""The picture of an environment: the view of a replay, of the car where it is now."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+from math import nan
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+from warnings import warn
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from barc_sim.figures import style
+from barc_sim.figures.track_figure import Course
+from barc_sim.figures.video import frames
+from barc_sim.figures.views import SIZE, Terrain, view_of
+from barc_sim.simulation.closed_loop import log_of_rows
+from barc_sim.simulation.log import LANE_STATE, columns_of
+from barc_sim.vehicle.sensor import Sensor
+
+if TYPE_CHECKING:
+    from barc_sim.figures.views import RunView
+    from barc_sim.learning.tasks import Task
+    from barc_sim.simulation.log import Log
+    from barc_sim.vehicle.bike_model import Command
+
+_DPI = 50  # 640 x 360
+_SHORTEST, _MARGIN = 100.0, 60.0  # [m] of a road that is drawn at once, and at its ends
+_NO_WINDOW = "no window opens, as there is no display: nothing is shown; 'rgb_array' needs none"
+
+
+class Picture:
+    """The car of one environment, with its way since the episode's first picture."""
+
+    def __init__(self, task: Task, *, in_window: bool) -> None:
+        """Open a window, if asked for; where there is no display, say so."""
+        self._task, self._plant, self._in_window = task, None, in_window
+        self._title = type(task).__name__
+        self._window = style.window(SIZE, self._title) if in_window else None
+        if self._window:
+            self._window.canvas.mpl_connect('close_event', lambda _: self.close())
+        elif in_window:
+            warn(_NO_WINDOW, stacklevel=3)
+
+    def close(self) -> None:
+        """Close the window for good."""
+        window, self._window = self._window, None
+        if window:
+            style.close(window)
+
+    def draw(self, plant: Any, command: Command, t: float) -> Any:  # noqa: ANN401 (an array)
+        """Return the picture at `t` [s]; None where a window shows it, or should."""
+        if self._in_window and not self._window:
+            return None
+        if plant is not self._plant:
+            self._plant, self._rows, self._times, self._stretch = plant, [], [], nan
+        still = copy(plant)
+        still.sensor = Sensor()  # the run's own would draw other noise after it
+        self._rows.append((still.observe(), command, (0.0,)))
+        self._times.append(t)
+        lane = columns_of(LANE_STATE).values() if plant.track else ()
+        unknown: Any = dict.fromkeys(lane, np.full(len(self._rows), nan))
+        log = log_of_rows(self._rows, plant.period_ns, self._task.speed, **unknown)
+        log = replace(log, t=np.array(self._times))
+        length = max(self._task.length, _SHORTEST)
+        if (stretch := plant.distance // length) == self._stretch:
+            self._view.read(log)
+        else:
+            self._stretch = stretch
+            self._begin(log, stretch * length, (stretch + 1.0) * length)
+        frame = next(self._frames)
+        if not self._window:
+            return frame[..., :3].copy()
+        self._window.clear()
+        self._window.figimage(frame, resize=True)
+        style.show(block=False)
+        self._window.canvas.draw()
+        self._window.canvas.flush_events()
+        return None
+
+    def _begin(self, log: Log, first: float, last: float) -> None:
+        """Draw what stands still: the track with its lap, or the road between two places [m]."""
+        task, figure = self._task, Figure(SIZE, _DPI)
+        way: Course | Terrain
+        if task.track:
+            half = 0.5 * task.track.width
+            way, limits = Course.of(task.track), (-half, half)
+        else:
+            s: Any = np.arange(first - _MARGIN, last + _MARGIN)
+            way = Terrain(SimpleNamespace(distance=s, **task.road.at(s)._asdict()))
+            limits = 0.0, 2.0 * task.speed
+        self._view: RunView = view_of(log, figure, self._title, way)
+        _, course, chart = figure.axes[:3]
+        chart.set(xlim=(first, last), ylim=limits)
+        if not task.track:
+            course.set_xlim(first, last)
+            chart.axhline(task.speed, color=style.INK, lw=1.0, ls=style.DASHES)
+        # A view's picture at a time: the latest, whenever one is asked for.
+        self._frames = frames(self._view, iter(lambda: self._times[-1], None))
