@@ -6,6 +6,7 @@ import os
 import time
 from collections import deque
 from contextlib import suppress
+from ctypes import c_int32
 from functools import partial
 from math import inf
 from threading import Thread
@@ -22,7 +23,6 @@ from rclpy.timer import Timer
 from barc_sim.ros.executor.entities import KINDS, Entity, Entry, entry_of
 from barc_sim.ros.executor.rclpy_private import (
     StandIn,
-    memory_counter,
     notify_of_triggers,
     set_listener,
     was_triggered,
@@ -31,7 +31,6 @@ from barc_sim.ros.executor.waiting import Descriptors, counter, retire
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
-    from ctypes import c_uint32
 
     from rclpy.context import Context
     from rclpy.node import Node
@@ -47,7 +46,7 @@ _BUSY_POLLS = 16
 _ANY_JUMP = JumpThreshold(
     min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)
 )
-_spare_counters: list[c_uint32] = []  # never freed, as a listener may fire late: see `retire`
+_spare_counters: list[c_int32] = []  # never freed, as a listener may fire late: see `retire`
 
 
 class Events:
@@ -149,7 +148,7 @@ class Events:
         """Have what arrives for an entity counted in memory, if its descriptor is its own."""
         for entry in self._counted[descriptor]:
             if not entry.idle_uses:
-                entry.in_memory = _spare_counters.pop() if _spare_counters else memory_counter()
+                entry.in_memory = _spare_counters.pop() if _spare_counters else c_int32()
                 self._in_memory.append(entry)
                 with suppress(InvalidHandle):  # destroyed
                     set_listener(entry.entity, entry.in_memory)

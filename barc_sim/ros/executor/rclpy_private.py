@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import os
 import select
-from ctypes import PYFUNCTYPE, c_char_p, c_uint32, c_uint64, c_void_p, py_object
+from ctypes import PYFUNCTYPE, c_char_p, c_int32, c_void_p, py_object
 from functools import cache
 from importlib import import_module
 from pkgutil import resolve_name
@@ -82,9 +82,7 @@ def missing() -> list[str]:
         try:
             for name in LISTENERS.values():
                 _setter(name)
-            _ = _counting('eventfd_write'), _library('librcl.so').rcl_take
-            ctypes.CDLL(None).sem_post(ctypes.byref(counter := memory_counter()))
-            lacking = [] if counter.value == 1 else ['a semaphore with its value first']
+            _ = _counting(_TO_DESCRIPTOR), _counting(_TO_MEMORY), _library('librcl.so').rcl_take
             for opened in (os.eventfd(0), ctypes.CDLL(None).timerfd_create(1, 0)):
                 os.close(opened)
             select.epoll().close()
@@ -104,19 +102,21 @@ def _lacks(path: str, name: str) -> bool:
     return not (hasattr(owner, name) or any(name in code.co_names for code in codes))
 
 
+#: By library, the functions that add a number to an eventfd, and to an integer in memory, without
+#: a system call: libc's `eventfd_write`, and `__gnu_cxx::__atomic_add`, which DDS itself links.
+_TO_DESCRIPTOR = (None, 'eventfd_write')
+_TO_MEMORY = ('libstdc++.so.6', '_ZN9__gnu_cxx12__atomic_addEPVii')
+
+
 @cache
-def _counting(name: str) -> c_void_p:
-    """Return libc's `eventfd_write(descriptor, number)` or `sem_post(semaphore)`.
+def _counting(function: tuple[str | None, str]) -> c_void_p:
+    """Return one that adds to a counter.
 
-    They have the signature of a listener of DDS, `(user_data, number_of_events)`, or less of it: as
-    listeners they count arrivals without any code of ours.
+    They have the signature of a listener of DDS, `(user_data, number_of_events)`: as listeners they
+    count arrivals, several at once where they come so, without any code of ours.
     """
-    return ctypes.cast(getattr(ctypes.CDLL(None), name), c_void_p)
-
-
-def memory_counter() -> c_uint32:
-    """Return a counter that `sem_post` adds to, without a system call: a semaphore's value."""
-    return c_uint32.from_buffer((c_uint64 * 4)())
+    library, name = function
+    return ctypes.cast(getattr(ctypes.CDLL(library), name), c_void_p)
 
 
 def handle_of(entity: Any) -> Any:  # noqa: ANN401 (a class of pybind11)
@@ -125,7 +125,7 @@ def handle_of(entity: Any) -> Any:  # noqa: ANN401 (a class of pybind11)
     return getattr(entity, attribute, entity)
 
 
-def set_listener(entity: Any, counter: int | c_uint32 | None) -> bool:  # noqa: ANN401
+def set_listener(entity: Any, counter: int | c_int32 | None) -> bool:  # noqa: ANN401
     """Have arrivals at an entity counted in an eventfd or in memory; with None, no longer.
 
     Returns False where there is no listener. Raises InvalidHandle where the entity was destroyed:
@@ -138,9 +138,9 @@ def set_listener(entity: Any, counter: int | c_uint32 | None) -> bool:  # noqa: 
     handle, set_ = handle_of(entity), _setter(name)
     listener: tuple[Any, Any] = None, None
     if isinstance(counter, int):
-        listener = _counting('eventfd_write'), counter
+        listener = _counting(_TO_DESCRIPTOR), counter
     elif counter is not None:
-        listener = _counting('sem_post'), ctypes.byref(counter)
+        listener = _counting(_TO_MEMORY), ctypes.byref(counter)
     with handle:
         pointer = handle.pointer
         if any(set_(pointer, *listener) for _ in range(2)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from contextlib import suppress
+from ctypes import c_int32
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,8 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from barc_sim.ros.executor import QuickExecutor
+from barc_sim.ros.executor.rclpy_private import set_listener
+from barc_sim.ros.polled import PolledCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -251,6 +254,22 @@ def test_what_arrives_while_busy_and_while_idle_is_received_once(
     assert spinning.is_alive()
     assert [number for number in received if number] == list(range(1, 3001))
     assert received.count(0) == 3 * 999
+
+
+def test_messages_that_are_told_of_together_are_counted_one_by_one(node: Node) -> None:
+    """DDS tells once of all that a reliable reader held back until a lost one came again."""
+    subscription = node.create_subscription(
+        Time, 'a', lambda _: None, 10, callback_group=PolledCallbackGroup()
+    )
+    publisher = node.create_publisher(Time, 'a', 10)
+    for number in range(3):
+        publisher.publish(Time(sec=number))
+    counter = c_int32()
+
+    set_listener(subscription, counter)
+    set_listener(subscription, None)
+
+    assert counter.value == 3
 
 
 def test_a_clock_before_1970_is_warned_of_and_dropped(
