@@ -147,7 +147,7 @@ class Events:
     def _count_in_memory(self, descriptor: int) -> None:
         """Have what arrives for an entity counted in memory, if its descriptor is its own."""
         for entry in self._counted[descriptor]:
-            if not entry.idle_uses:
+            if not entry.idle_uses and descriptor != self._shared:
                 entry.in_memory = _spare_counters.pop() if _spare_counters else c_int32()
                 self._in_memory.append(entry)
                 with suppress(InvalidHandle):  # destroyed
