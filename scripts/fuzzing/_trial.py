@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import multiprocessing
 import resource
@@ -50,7 +51,9 @@ def trials(kind: Any, seed: int, numbers: range) -> Iterator[Trial]:  # noqa: AN
         process = multiprocessing.get_context('fork').Process(
             target=_try_all, args=(kind, seed, todo[:_AT_ONCE], sender)
         )
+        gc.freeze()  # the new process must destroy nothing of this one, such as handles of ROS
         process.start()
+        gc.unfreeze()
         sender.close()
         yield from _received(receiver, todo, min(_AT_ONCE, len(todo)))
         process.kill()
