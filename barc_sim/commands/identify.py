@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from barc_sim.cli.files import saving, target
 from barc_sim.cli.parser import number
 from barc_sim.errors import UserError
+from barc_sim.vehicle.parameters import ROWS
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 _FIGURES = ('png', 'pdf', 'svg')
 _DPI = 150
-_MASS = 2000.0
 
 
 def add_arguments(parser: Parser) -> None:
@@ -44,14 +44,18 @@ def add_arguments(parser: Parser) -> None:
         metavar='COLUMN=/TOPIC.FIELD',
         help='where a bag of another robot has v_x, motor, servo, psi_dot, v_y or theta_deg',
     )
+    mass = ROWS['mass']
     parser.add_argument(
-        '--mass', type=number(1e-3, 1e6), default=_MASS, help='[kg] of the car (2000)'
+        '--mass',
+        type=number(*mass.between),
+        default=mass.default,
+        help=f'[kg] of the car ({mass.default:g})',
     )
     parser.add_argument(
         '--integrator',
         choices=('euler', 'rk4'),
         default='euler',
-        help='euler: as the simulator drives unless told otherwise; rk4: for a real car (euler)',
+        help='euler: as the simulator by default; rk4: for a real car (euler)',
     )
     parser.add_argument('--save', metavar='FILE', help='save a figure as .png, .pdf or .svg')
     parser.add_argument('--json', action='store_true', help='print JSON')
@@ -86,14 +90,14 @@ def run(options: Namespace) -> None:
     ]
     found = identify(*logs, vehicle=Vehicle(mass=options.mass), integrator=options.integrator)
     if options.json:
-        told = {
+        result = {
             'parameters': {
                 name: _in_json(each._asdict()) for name, each in found.estimates.items()
             },
             'whiteness': _in_json(found.whiteness),
             'remarks': found.remarks,
         }
-        print(json.dumps(told, indent=2))  # noqa: T201
+        print(json.dumps(result, indent=2))  # noqa: T201
     else:
         width = max(map(len, found.estimates))
         for name, each in found.estimates.items():

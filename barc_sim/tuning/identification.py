@@ -35,7 +35,7 @@ _AT_REST = 0.25  #: [m/s]
 _WARM_UP = 1.0  #: [s] of a car in motion, whose earlier commands are unknown
 _SHORTEST = 2.0  #: [s] of a stretch without a gap
 _EDGE = 0.02  #: share of a step
-_STEPS = 30  #: of a search: what the logs can tell is found in fewer
+_STEPS = 30  #: of a search: what the logs show is found in fewer
 _NO_NOISE = 1e-6  #: errors below are those of rounding
 _LAGS = 20  #: of the autocorrelation
 _CHANGE = 10  #: steps over which errors change
@@ -65,7 +65,7 @@ class _Unknown(NamedTuple):
 
 
 _SHARE = 1e-3  #: of a direction in which the errors do not change
-_TOGETHER = 0.9  #: correlation of two parameters that are hard to tell apart
+_TOGETHER = 0.9  #: correlation of two parameters that are hard to separate
 _SIGNALS = ('v_x', 'psi_dot', 'v_y')
 _ALONG = {
     'drag_per_mass': _Unknown(0.0, 1e-6, '1/m', 'air_drag_coeff / mass'),
@@ -112,7 +112,7 @@ class Identified:
     signals: Mapping[str, tuple[Floats, Floats, Floats]]
     #: By signal, how likely residuals of white noise are as correlated as these; NaN: no noise.
     whiteness: Mapping[str, float]
-    remarks: tuple[str, ...]  #: what the logs cannot tell
+    remarks: tuple[str, ...]  #: what the logs do not show
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the estimate of this name."""
@@ -177,7 +177,7 @@ def identify(
     vehicle
         Its mass and lengths; the lab's where it is not given.
     integrator
-        'euler', as the simulator drives unless told otherwise, or 'rk4' for a real car.
+        'euler', the default of the simulator, or 'rk4' for a real car.
     steering
         Whether to fit servo, tyres and yaw inertia, too; where the car steered, unless given.
 
@@ -229,9 +229,9 @@ def identify(
         else:
             remarks.append(f'{lag} is not seen: there is none, or it counts as delay')
     fit = _fit(stretches, fit.values, car, optimize, fit)
-    names = [*fit.values]
-    spread = _inverse(fit.slopes) * (2.0 * fit.cost / (fit.errors.size - fit.slopes.shape[1]))
-    half = special.stdtrit(fit.errors.size - len(names), 0.975) * np.sqrt(np.diag(spread))
+    degrees = fit.errors.size - fit.slopes.shape[1]
+    spread = _inverse(fit.slopes) * (2.0 * fit.cost / degrees)
+    half = special.stdtrit(degrees, 0.975) * np.sqrt(np.diag(spread))
     estimates = {
         name: Estimate(value, float(interval), _UNKNOWN[name].unit, _UNKNOWN[name].meaning)
         for (name, value), interval in zip(fit.values.items(), half, strict=False)
@@ -246,7 +246,7 @@ def identify(
         signal: _whiteness(errors, special)
         for signal, errors in zip(_SIGNALS, fit.errors, strict=False)
     }
-    remarks += [*_untold(estimates, spread), *_correlated(whiteness)]
+    remarks += [*_unidentified(estimates, spread), *_correlated(whiteness)]
     return Identified(estimates, signals, whiteness, tuple(remarks))
 
 
@@ -419,14 +419,14 @@ def _whiteness(errors: Floats, special: Any) -> float:  # noqa: ANN401 (a module
     return float(special.gammaincc(_LAGS / 2.0, statistic / 2.0))
 
 
-def _untold(estimates: Mapping[str, Estimate], covariance: Floats) -> Iterator[str]:
-    """Yield a sentence for each parameter that the logs cannot tell."""
+def _unidentified(estimates: Mapping[str, Estimate], covariance: Floats) -> Iterator[str]:
+    """Yield a sentence for each parameter that the logs do not show."""
     names, deviations = [*estimates], np.sqrt(np.diag(covariance))
     for i, (name, (value, interval, unit, _)) in enumerate(estimates.items()):
         if name.endswith('_delay') or interval < 0.5 * abs(value):
             continue
         if not interval < np.inf:
-            yield f'{name} cannot be told: nothing that was measured depends on it alone'
+            yield f'{name} cannot be identified: nothing that was measured depends on it alone'
             continue
         together = covariance[i] / (deviations[i] * deviations)
         together[i] = 0.0
@@ -434,7 +434,7 @@ def _untold(estimates: Mapping[str, Estimate], covariance: Floats) -> Iterator[s
         cause = ''
         if abs(together[other]) > _TOGETHER:
             cause = f', as {names[other]} has the same effect in this drive'
-        yield f'{name} cannot be told: it is known to ±{interval:.2g} {unit} only{cause}'
+        yield f'{name} cannot be identified: it is known to ±{interval:.2g} {unit} only{cause}'
 
 
 def _correlated(whiteness: Mapping[str, float]) -> list[str]:

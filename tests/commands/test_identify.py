@@ -31,7 +31,7 @@ def test_parameters_and_remarks_are_printed_and_drawn(bag: Path, tmp_path: Path)
     figure = tmp_path / 'prediction.png'
     lines = printed('identify', str(bag), '--save', str(figure))
     assert 'motor_delay ' in lines
-    assert '- drag_per_mass cannot be told' in lines
+    assert '- drag_per_mass cannot be identified' in lines
     assert figure.read_bytes().startswith(b'\x89PNG')
 
 

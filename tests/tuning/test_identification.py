@@ -69,7 +69,7 @@ def test_the_labs_own_resistance_cannot_be_told() -> None:
     found = identify(simulate(noise=0.05, delay=0.1, distance=80.0))
     assert found['motor_delay'].value == pytest.approx(0.1, abs=0.002)
     for name in ('drag_per_mass', 'friction_per_mass'):
-        assert any(remark.startswith(f'{name} cannot be told') for remark in found.remarks)
+        assert any(remark.startswith(f'{name} cannot be identified') for remark in found.remarks)
 
 
 @pytest.mark.slow
