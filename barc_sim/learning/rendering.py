@@ -35,7 +35,7 @@ class Picture:
     """The car of one environment, with its way since the episode's first picture."""
 
     def __init__(self, task: Task, *, in_window: bool) -> None:
-        """Open a window, if asked for; where there is no display, say so."""
+        """Open a window `in_window`; warn where there is no display."""
         self._task, self._plant, self._in_window = task, None, in_window
         self._title = type(task).__name__
         self._window = style.window(SIZE, self._title) if in_window else None

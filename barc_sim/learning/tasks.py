@@ -165,7 +165,7 @@ class Task:
         return motor, shares[-1] * self.limits['servo'] if 'servo' in self.actions else 0.0
 
     def start(self, shares: Any, options: Mapping[str, Any] | None) -> dict[str, Any]:  # noqa: ANN401
-        """Return where an episode begins: by four shares, unless the options of `reset` say it."""
+        """Return where an episode begins: at random `shares`, or as the `options` give it."""
         s, e_y, e_psi, v = shares
         least, most = self.start_speeds
         start = {'s': s * self.length}

@@ -38,7 +38,7 @@ LABELS = {
     'lane.signs': 'Lane: signs and symmetry',
     'lane.return': 'Lane: back from 1 m beside the line',
     'lane.laps': 'Lane: three laps of L',
-    'lane.hidden': 'Lane: a track that nobody knows',
+    'lane.hidden': 'Lane: a hidden track',
     'lane.delay': 'Lane: what a delay does',
 }
 SPEED = 6.0  #: [m/s]
