@@ -56,7 +56,8 @@ if TYPE_CHECKING:
     from barc_sim.runs.terminal import Display
 
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
-#: long; the default, 5 ms, is a quarter of a step.
+#: long; the default, 5 ms, is a quarter of a step. In lock-step nothing is due, and the recorder
+#: is faster when it is interrupted less often.
 _SWITCH_INTERVAL = 1e-4
 #: [s] for mirrors and pages to read the last states.
 _READING_TIMEOUT = 2.0
@@ -234,7 +235,8 @@ class Run:
         # A full garbage collection takes half a step: exclude what lives as long as the run.
         gc.collect()
         gc.freeze()
-        sys.setswitchinterval(_SWITCH_INTERVAL)
+        if any(each.values['realtime_factor'] for each in self.simulators):
+            sys.setswitchinterval(_SWITCH_INTERVAL)
         self._stop.then(self.finish)
 
     def _record_graph(self, recorder: BagRecorder) -> None:
