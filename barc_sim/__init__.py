@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from barc_sim.tuning.identification import identify
     from barc_sim.vehicle.actuators import Actuator
     from barc_sim.vehicle.bike_model import Vehicle
+    from barc_sim.vehicle.racing_line import racing_line
     from barc_sim.vehicle.road import Road
     from barc_sim.vehicle.track import Track
 
@@ -85,6 +86,7 @@ __all__ = [
     'identify',
     'lap',
     'plot',
+    'racing_line',
     'read_bag',
     'simulate',
     'speed_profile',
@@ -107,6 +109,7 @@ _EXPORTS = {
     'identify': ('tuning.identification', 'identify'),
     'lap': ('simulation.closed_loop', 'lap'),
     'plot': ('figures.run_figures', 'plot'),
+    'racing_line': ('vehicle.racing_line', 'racing_line'),
     'read_bag': ('bags.reader', 'read'),
     'simulate': ('simulation.closed_loop', 'simulate'),
     'speed_profile': ('control.lane', 'speed_profile'),

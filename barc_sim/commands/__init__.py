@@ -25,6 +25,7 @@ GROUPS = {
     'look': {
         'plot': 'draw speed, grade and command of a run',
         'replay': 'play a run on a web page, or save a video',
+        'raceline': 'find the racing line of a track, and the time of a lap on it',
         'identify': 'find drag, friction, delay and tyres of the car that made a bag',
     },
     'lab': {

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib import style
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -25,10 +26,11 @@ from barc_sim.figures.style import (
     use_measurement,
 )
 from barc_sim.simulation.metrics import track_laps_of
+from barc_sim.vehicle.racing_line import lap_time
 from barc_sim.vehicle.track import WIDTH
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
@@ -282,6 +284,44 @@ def _finish(charts: list[Axes], curves: list[_Curve], course: Course) -> None:
     steering.set_xlabel('Place in the lap [m]; arcs are shaded')
     end = course.length if np.isfinite(course.length) else float(log.s.max())
     steering.set_xlim(0.0, max(end, 1.0))
+
+
+@style.context(STYLE)
+def line_figure(track: Track, line: Track, *speeds: Callable[[float, float], float]) -> Figure:
+    """Draw a racing line in colours of its speed; and speed and curvature, with the centre line's.
+
+    `speeds` [m/s] are functions of time and place, on the centre line and on the racing line.
+    """
+    figure = Figure(figsize=TRACK_SIZE, layout='constrained')
+    grid = figure.add_gridspec(2, 2, width_ratios=[1.25, 1.0])
+    seen, above, below = (figure.add_subplot(cell) for cell in (grid[:, 0], grid[0, 1], grid[1, 1]))
+    course, way = Course.of(track), Course.of(line)
+    draw_course(seen, course)
+    planned = [
+        np.array([speed(0.0, s) for s in each.s.tolist()])
+        for each, speed in zip((course, way), speeds, strict=True)
+    ]
+    points = np.column_stack([way.x, way.y])
+    coloured = LineCollection([*np.stack([points[:-1], points[1:]], axis=1)], lw=3.5)
+    coloured.set_array(planned[1][:-1])
+    seen.add_collection(coloured)
+    figure.colorbar(coloured, ax=seen, label='Speed [m/s]', orientation='horizontal', shrink=0.7)
+    seen.set(xlabel='x [m]', ylabel='y [m]')
+    # The line's points over the place on the centre line beside them.
+    beside = np.asarray(track.frenet(way.x, way.y, way.psi).s) % track.length
+    order = np.argsort(beside)
+    bends = course.curvature, way.curvature
+    times = [f'{lap_time(*each):.2f} s' for each in zip((track, line), speeds, strict=True)]
+    for axes, (of_centre, of_line) in zip((above, below), (planned, bends), strict=True):
+        axes.plot(course.s, of_centre, color=_OTHER, lw=1.2, label=f'centre line, {times[0]}')
+        axes.plot(
+            beside[order], of_line[order], color=BLUE, lw=1.8, label=f'racing line, {times[1]}'
+        )
+        axes.set_xlim(0.0, track.length)
+    above.set(ylabel='Speed [m/s]')
+    above.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
+    below.set(ylabel='Curvature [1/m]', xlabel='Place along the centre line [m]')
+    return figure
 
 
 def lap_rows(laps: TrackLaps) -> list[TrackLap]:

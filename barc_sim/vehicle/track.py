@@ -39,7 +39,7 @@ WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
 _TOLERANCE = 0.05  #: [m] A fitted arc passes the points of a file within this.
 _MIN_POINTS, _MAX_POINTS = 3, 10_000  #: of a file with a centre line
-_CENTRE_LINE = 'x_m,y_m,w_tr_right_m,w_tr_left_m'
+_CENTRE_LINE, _SPEED = 'x_m,y_m,w_tr_right_m,w_tr_left_m', ',speed_mps'
 
 
 class Pose(NamedTuple):
@@ -129,7 +129,8 @@ class Track:
 
         The file has the columns `length_m,radius_m` (radius 0: a straight; positive: to the left),
         or those of the public racetrack database, `x_m,y_m,w_tr_right_m,w_tr_left_m`, to which arcs
-        are fitted. Such a track is closed, and as wide as at its narrowest place.
+        are fitted: within 5 cm, or through each point where `speed_mps` follows, as in a racing
+        line's file. Such a track is closed, and as wide as at its narrowest place.
 
         Raises
         ------
@@ -147,11 +148,18 @@ class Track:
             ) from None
         try:
             if _CENTRE_LINE in ''.join(lines[:1]).replace(' ', ''):
-                return _read_centre_line(lines[1:], name)
+                return _read_centre_line(lines, name)
             _, lengths, radii = read_pairs(lines, 'length_m,radius_m')
             return cls._of_rows(zip(lengths, radii, strict=True), name)
         except (ValueError, csv.Error) as error:
             raise UserError(f'track file {name!r} describes no track: {error}') from None
+
+    @classmethod
+    def through(
+        cls, x: Iterable[float], y: Iterable[float], width: float = WIDTH, name: str = 'track'
+    ) -> Track:
+        """Return the closed track of arcs through these points [m], which are in order."""
+        return _through([*map(complex, x, y)], width, name, tolerance=0.0)
 
     @classmethod
     def _of_rows(cls, rows: Iterable[tuple[float, float]], name: str) -> Track:
@@ -346,17 +354,26 @@ def _read_centre_line(lines: Sequence[str], name: str) -> Track:
     """Return the closed track of a file's points, and of half its least width either way."""
     import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
-    rows = [line for line in lines if line.strip() and line.lstrip()[0] != '#']
+    is_exact = lines[0].rstrip().endswith(_SPEED)
+    columns = _CENTRE_LINE + _SPEED * is_exact
+    rows = [line for line in lines[1:] if line.strip() and line.lstrip()[0] != '#']
     table = np.array([[float(cell) for cell in row] for row in csv.reader(rows)])
-    if table.ndim != 2 or table.shape[1] != 4 or not np.isfinite(table).all():  # noqa: PLR2004
-        raise ValueError(f'each line must have four numbers, {_CENTRE_LINE}')
+    if table.ndim != 2 or table.shape[1] != 4 + is_exact or not np.isfinite(table).all():  # noqa: PLR2004
+        numbers = 'five' if is_exact else 'four'
+        raise ValueError(f'each line must have {numbers} numbers, {columns}')
     if not _MIN_POINTS <= len(table) <= _MAX_POINTS:
         raise ValueError(f'{len(table)} points, not {_MIN_POINTS} to {_MAX_POINTS}')
     points = [complex(*row) for row in table[:, :2]]
     if abs(points[0] - points[-1]) < _TOLERANCE:  # the first once more
         points.pop()
+    width = 2.0 * float(table[:, 2:4].min())
+    return _through(points, width, name, 0.0 if is_exact else _TOLERANCE)
+
+
+def _through(points: list[complex], width: float, name: str, tolerance: float) -> Track:
+    """Return the closed track of arcs past points, as few as stay within `tolerance` [m]."""
     before, after = [points[-1], *points[:-1]], [*points[1:], points[0]]
-    if not all(map(abs, np.subtract(points, before))):
+    if any(p == a for p, a in zip(points, before, strict=True)):
         raise ValueError('two points in a row are the same')
     # The heading of the circle through a point and its neighbours.
     headings = [
@@ -369,17 +386,16 @@ def _read_centre_line(lines: Sequence[str], name: str) -> Track:
     deviation, i = 0.0, 0
     while i < len(points) - 1:
         j, found, off = i + 1, _biarc(points[i], tangents[i], points[i + 1], tangents[i + 1]), 0.0
-        while j + 1 < len(points):
+        while tolerance and j + 1 < len(points):
             trial = _biarc(points[i], tangents[i], points[j + 1], tangents[j + 1])
             further = _deviation(points[i], tangents[i], trial, points[i + 1 : j + 1])
-            if further > _TOLERANCE:
+            if further > tolerance:
                 break
             j, found, off = j + 1, trial, further
         arcs += found
         deviation, i = max(deviation, off), j
     lengths, curvatures = zip(*arcs, strict=True)
     start = Pose(points[0].real, points[0].imag, phase(tangents[0]))
-    width = 2.0 * float(table[:, 2:].min())
     return Track(lengths, curvatures, width, name, start, deviation)
 
 
