@@ -1,25 +1,24 @@
 """The definitions of message and service types: as a bag has them, and as one reads them.
 
-They come from the files installed with their packages or with barc_sim, or from type descriptions.
+They come from the files installed with their packages or with barc_sim.
 """
 
 from __future__ import annotations
 
 import importlib.util
-import json
 import os
 import re
 from contextlib import suppress
 from functools import cache
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Iterator
 
 _NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
 PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
@@ -29,52 +28,50 @@ _SHIPPED = Path(__file__).with_name('msg')
 # In a checkout the lab's own lie beside the package; in a wheel, with the others.
 _CHECKOUT = Path(__file__).parents[2] / 'barc_interfaces' / 'msg'
 _OURS = 'barc_interfaces'
-_FIELD = re.compile(r'\s*([a-zA-Z]\w*(?:/\w+)?)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+')
+_FIELD = re.compile(r'\s*([a-zA-Z]\w*(?:/\w+)?)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+\b(?!\s*=)')
 _COMMENT = re.compile(r'\s*#.*')
+_OF_ITS_PACKAGE = re.compile(r'(?m)^(\s*)([A-Z]\w*\b)(?!/)')
 _DELIMITER = '=' * 80
-_NESTED = 1
-# type_description_interfaces/msg/FieldType: the plain types below 48; in steps of 48, arrays,
-# bounded and unbounded sequences of them.
-_PLAIN = {
-    2: 'int8',
-    3: 'uint8',
-    4: 'int16',
-    5: 'uint16',
-    6: 'int32',
-    7: 'uint32',
-    8: 'int64',
-    9: 'uint64',
-    10: 'float32',
-    11: 'float64',
-    13: 'char',
-    15: 'bool',
-    16: 'byte',
-    17: 'string',
-    18: 'wstring',
-    21: 'string<={string_capacity}',
-    22: 'wstring<={string_capacity}',
+_PARTS = {'srv': ('Request', 'Response'), 'action': ('Goal', 'Result', 'Feedback')}
+#: Types that ROS derives from an action, and from any service, by the end of their name.
+_GOAL = 'unique_identifier_msgs/UUID goal_id\n'
+_DERIVED = {
+    'FeedbackMessage': _GOAL + '{0}_Feedback feedback\n',
+    'SendGoal_Request': _GOAL + '{0}_Goal goal\n',
+    'SendGoal_Response': 'bool accepted\nbuiltin_interfaces/Time stamp\n',
+    'GetResult_Request': _GOAL,
+    'GetResult_Response': 'int8 status\n{0}_Result result\n',
 }
-_MANY = ('', '[{capacity}]', '[<={capacity}]', '[]')
+_EVENT = """\
+service_msgs/ServiceEventInfo info
+{0}_Request[<=1] request
+{0}_Response[<=1] response
+"""
 
 
 @cache
 def definition(type_name: str) -> str:
     """Return the `ros2msg` schema of a type: its definition and those of all that it refers to.
 
-    A message's definition is the text of its `.msg` file; a type of a service or an action has no
-    such file, so that its definition is made from its type description. The layout is rosbag2's:
-    the type's own text first; then, depth first and by name, each dependency once, under a line of
-    80 `=` and its name as `MSG: std_msgs/Header`. LookupError: one of them is not installed.
+    The layout is rosbag2's: the type's own text first; then, depth first and by name, each
+    dependency once, under a line of 80 `=` and its name as `MSG: std_msgs/Header`. LookupError: one
+    of them is not installed.
     """
-    package, kind, base = _parts(type_name)
-    if kind != 'msg':
-        return _described(package, kind, base)
+    package, _, rest = type_name.partition('/')
+    kind, _, base = rest.partition('/')
+    if not (package.isidentifier() and kind.isidentifier() and base.isidentifier()):
+        raise LookupError(f'{type_name!r} is not the name of a type')
+    seen = {type_name}
 
-    def described(name: str) -> tuple[str, set[str]]:
+    def expand(name: str) -> str:
         text = _text(name)
-        return text, _dependencies(text, name.partition('/')[0])
+        for dependency in sorted(_dependencies(text, name.partition('/')[0])):
+            if dependency not in seen:
+                seen.add(dependency)
+                text += f'\n{_DELIMITER}\nMSG: {dependency}\n{expand(dependency)}'
+        return text
 
-    return _with_dependencies(type_name, described)
+    return expand(type_name)
 
 
 def shipped() -> Iterator[tuple[str, Path]]:
@@ -85,8 +82,10 @@ def shipped() -> Iterator[tuple[str, Path]]:
 
 
 def _text(name: str) -> str:
-    """Return the text of a message's definition: the installed one, else that of barc_sim."""
-    package, _, base = name.replace('/msg/', '/').partition('/')
+    """Return the text of a type's definition: the installed one, else that of barc_sim."""
+    package, *kinds, base = name.split('/')
+    if kinds not in ([], ['msg']):
+        return _text_of_part(package, kinds[0], base)
     brought = dict(shipped()).get(f'{package}/msg/{base}')
     try:
         path = share(package) / 'msg' / f'{base}.msg'
@@ -94,29 +93,30 @@ def _text(name: str) -> str:
         if brought is None:
             raise
         path = brought
+    return _read(name, path)
+
+
+def _text_of_part(package: str, kind: str, base: str) -> str:
+    """Return what ROS makes of a part of a service or an action, as in `SetBool_Request`."""
+    stem, _, end = base.partition('_')
+    of, last = f'{package}/{kind}/{base}'.rpartition('_')[::2]
+    text = _read(f'{package}/{kind}/{base}', share(package) / kind / f'{stem}.{kind}')
+    if last == 'Event':
+        return _EVENT.format(of)
+    if end in _DERIVED:
+        return _DERIVED[end].format(f'{package}/{kind}/{stem}')
+    parts = dict(zip(_PARTS.get(kind, ()), re.split(r'(?m)^---$\n?', text), strict=False))
+    if end not in parts:
+        raise LookupError(f'{package}/{kind}/{base} is no part of a service or an action')
+    if not any(_FIELD.match(_COMMENT.sub('', line)) for line in parts[end].splitlines()):
+        return 'uint8 structure_needs_at_least_one_member\n'
+    return _OF_ITS_PACKAGE.sub(rf'\1{package}/\2', parts[end])
+
+
+def _read(name: str, path: Path) -> str:
     if path.is_file():
         return path.read_text(encoding='utf-8')
     raise LookupError(f'{name!r} has no definition at {str(path)!r}')
-
-
-def _parts(type_name: str) -> tuple[str, str, str]:
-    package, _, rest = type_name.partition('/')
-    kind, _, base = rest.partition('/')
-    if not (package.isidentifier() and kind.isidentifier() and base.isidentifier()):
-        raise LookupError(f'{type_name!r} is not the name of a type')
-    return package, kind, base
-
-
-def _described(package: str, kind: str, base: str) -> str:
-    """Return the schema of a type such as `std_srvs/srv/SetBool_Event`, from `SetBool.json`."""
-    file = share(package) / kind / f'{base.partition("_")[0]}.json'
-    if not file.is_file():
-        raise LookupError(f'{package}/{kind}/{base} has no description at {str(file)!r}')
-    content = json.loads(file.read_text(encoding='utf-8'))['type_description_msg']
-    return definition_of(
-        f'{package}/{kind}/{base}',
-        [content['type_description'], *content['referenced_type_descriptions']],
-    )
 
 
 def _dependencies(text: str, package: str) -> set[str]:
@@ -143,57 +143,6 @@ def share(package: str) -> Path:
         if share.is_dir():
             return share
     raise LookupError(f'no share/{package} is installed above {spec.origin!r}')
-
-
-def definition_of(name: str, descriptions: Iterable[Mapping[str, Any]]) -> str:
-    """Return the `ros2msg` schema of a type, from its description and those that it refers to.
-
-    They are JSON of type_description_interfaces/msg/IndividualTypeDescription.
-    """
-    by_name = {description['type_name']: description for description in descriptions}
-
-    def described(name: str) -> tuple[str, set[str]]:
-        if name not in by_name:
-            raise LookupError(f'no description of {name!r}')
-        fields = by_name[name]['fields']
-        text = ''.join(f'{_type(field["type"])} {field["name"]}\n' for field in fields)
-        return text, {field['type']['nested_type_name'] for field in fields} - {''}
-
-    return _with_dependencies(name, described)
-
-
-def _with_dependencies(name: str, described: Callable[[str], tuple[str, set[str]]]) -> str:
-    """Return a type's text; then, depth first and by name, that of each dependency once.
-
-    `described` returns the text of a type alone, and the types that it refers to.
-    """
-    seen = {name}
-
-    def expand(name: str) -> str:
-        text, dependencies = described(name)
-        for dependency in sorted(dependencies):
-            if dependency not in seen:
-                seen.add(dependency)
-                text += f'\n{_DELIMITER}\nMSG: {_short(dependency)}\n{expand(dependency)}'
-        return text
-
-    return expand(name)
-
-
-def _type(field_type: Mapping[str, Any]) -> str:
-    many, plain = divmod(field_type['type_id'], 48)
-    if plain == _NESTED:
-        base = _short(field_type['nested_type_name'])
-    elif plain in _PLAIN:
-        base = _PLAIN[plain].format_map(field_type)
-    else:
-        raise LookupError(f'no ros2msg name for the field type {field_type["type_id"]}')
-    return base + _MANY[many].format_map(field_type)
-
-
-def _short(name: str) -> str:
-    """Return `std_msgs/Header` for `std_msgs/msg/Header`; a service's or action's name is kept."""
-    return name.replace('/msg/', '/')
 
 
 def installed() -> dict[str, Path]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import re
 from importlib.machinery import ModuleSpec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from command_line import barc
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags import schemas
-from barc_sim.bags.schemas import definition, definition_of, share
+from barc_sim.bags.schemas import definition, share
 from barc_sim.bags.schemas import definition_lines as lines
 from barc_sim.bags.schemas import find_type as find
 from barc_sim.cli.process import has_ros
@@ -57,7 +57,9 @@ def test_dependencies_follow_depth_first_and_by_name_under_their_headings() -> N
 @needs_ros
 @pytest.mark.parametrize('name', TYPES)
 def test_definition_has_the_hash_of_the_installed_type(name: str) -> None:
-    _, hashes = installed(*name.split('/'))
+    package, kind, base = name.split('/')
+    content = json.loads((share(package) / kind / f'{base.partition("_")[0]}.json').read_text())
+    hashes = {entry['type_name']: entry['hash_string'] for entry in content['type_hashes']}
     types = get_typestore(Stores.EMPTY)
     types.register(get_types_from_msg(definition(name), name))
     assert types.hash_rihs01(name) == hashes[name]
@@ -74,39 +76,12 @@ def test_definition_has_the_hash_of_the_installed_type(name: str) -> None:
         ),
         ('json/msg/Header', 'share/json'),
         ('../msg/Header', 'is not the name of a type'),
+        pytest.param('std_srvs/srv/SetBool_Part', 'is no part of a service', marks=needs_ros),
     ],
 )
 def test_what_is_not_installed_is_named(name: str, reason: str) -> None:
     with pytest.raises(LookupError, match=re.escape(reason)):
         definition(name)
-
-
-def installed(package: str, kind: str, base: str) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Return the descriptions of a type and of those it refers to, and their hashes."""
-    content = json.loads((share(package) / kind / f'{base}.json').read_text())
-    found = content['type_description_msg']
-    hashes = {entry['type_name']: entry['hash_string'] for entry in content['type_hashes']}
-    return [found['type_description'], *found['referenced_type_descriptions']], hashes
-
-
-@needs_ros
-@pytest.mark.parametrize(
-    'name',
-    [
-        'barc_interfaces/msg/ZDynBkMdl',
-        'geometry_msgs/msg/PoseWithCovariance',
-        'nav_msgs/msg/Odometry',
-        'rcl_interfaces/msg/ParameterEvent',
-        'rcl_interfaces/msg/ParameterDescriptor',
-        'type_description_interfaces/msg/TypeDescription',
-    ],
-)
-def test_schema_has_the_hash_of_the_described_type(name: str) -> None:
-    package, kind, base = name.split('/')
-    descriptions, hashes = installed(package, kind, base)
-    types = get_typestore(Stores.EMPTY)
-    types.register(get_types_from_msg(definition_of(name, descriptions), name))
-    assert types.hash_rihs01(name) == hashes[name]
 
 
 @needs_ros
@@ -116,22 +91,21 @@ def test_parts_of_a_service_keep_their_full_names() -> None:
         'std_srvs/srv/SetBool_Request[<=1] request',
         'std_srvs/srv/SetBool_Response[<=1] response',
     ]
-    assert 'MSG: std_srvs/srv/SetBool_Response\nbool success\nstring message\n' in definition(
-        'std_srvs/srv/SetBool_Event'
-    )
+    text = definition('rcl_interfaces/srv/SetParameters_Event')
+    assert 'MSG: rcl_interfaces/srv/SetParameters_Response\n# Indicates whether' in text
+    assert '\nrcl_interfaces/SetParametersResult[] results\n' in text
+    assert 'MSG: rcl_interfaces/SetParametersResult\n' in text
+    assert definition('std_srvs/srv/Empty_Request').startswith('uint8 structure_needs')
 
 
 @needs_ros
-def test_a_missing_part_is_named() -> None:
-    descriptions, _ = installed('std_msgs', 'msg', 'Header')
-    with pytest.raises(LookupError, match="no description of 'builtin_interfaces/msg/Time'"):
-        definition_of('std_msgs/msg/Header', descriptions[:1])
-
-
-def test_a_field_that_ros2msg_cannot_express_is_named() -> None:
-    field = {'name': 'x', 'type': {'type_id': 12, 'nested_type_name': ''}}
-    with pytest.raises(LookupError, match='no ros2msg name for the field type 12'):
-        definition_of('a/msg/B', [{'type_name': 'a/msg/B', 'fields': [field]}])
+def test_parts_of_an_action_are_those_that_ros_derives() -> None:
+    name = 'test_msgs/action/Fibonacci'
+    assert definition(f'{name}_FeedbackMessage').startswith(
+        'unique_identifier_msgs/UUID goal_id\n'
+        f'{name}_Feedback feedback\n\n{"=" * 80}\nMSG: {name}_Feedback\n#feedback\nint32[] '
+    )
+    assert f'{name}_SendGoal_Request[<=1] request\n' in definition(f'{name}_SendGoal_Event')
 
 
 ECU = """\
