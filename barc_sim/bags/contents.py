@@ -120,13 +120,23 @@ class Contents:
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in the order of the bag, up to its damage."""
-        self.counts, self.span = Counter(), Span()
-        self._budget.renew()
+        by_file = self.by_file()
         for source in self._others:
             yield from self._counted(self._of_other(source))
-        for file in self.files:
-            yield from self._counted(file.messages())
-            self._describe(file)
+        for _, messages in by_file:
+            yield from messages
+
+    def by_file(self) -> Iterator[tuple[McapFile, Iterator[Message]]]:
+        """Begin a reading; return an iterator of the MCAP files, each with its messages."""
+        self.counts, self.span = Counter(), Span()
+        self._budget.renew()
+
+        def read() -> Iterator[tuple[McapFile, Iterator[Message]]]:
+            for file in self.files:
+                yield file, self._counted(file.messages())
+                self._describe(file)
+
+        return read()
 
     def _counted(self, messages: Iterable[Message]) -> Iterator[Message]:
         for message in messages:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from math import inf
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.file import BagFile
 from barc_sim.bags.recording import Span, information, write_metadata
@@ -16,13 +16,6 @@ if TYPE_CHECKING:
 
     from barc_sim.bags.messages import MessageFields
     from barc_sim.bags.recording import Topic
-
-
-class FileLimits(NamedTuple):
-    """The limits of a bag's file: a new file begins after the message that reaches one."""
-
-    size: float = inf  #: [B]
-    duration: float = inf  #: [s]
 
 
 class BagWriter:
@@ -39,8 +32,8 @@ class BagWriter:
         Where to write; the files in it are named after it, as rosbag2 does.
     metadata
         The run's own, kept in the files and in `custom_data` of metadata.yaml.
-    limits
-        Those of each file.
+    max_size, max_duration
+        Of a file [B], [s]: a new one begins after the message that reaches one of them.
     compression
         One of `COMPRESSIONS`.
 
@@ -67,12 +60,13 @@ class BagWriter:
         directory: Path,
         *,
         metadata: Mapping[str, str] | None = None,
-        limits: FileLimits | None = None,
+        max_size: float = inf,
+        max_duration: float = inf,
         compression: str = 'zstd',
     ) -> None:
         self.directory = directory
         self._compression = compression
-        self._limits = limits or FileLimits()
+        self._max_size, self._max_span = max_size, max_duration * 1e9
         self._files: list[BagFile] = []
         self._span = Span()  # of the last file, where there are limits
         self._metadata: dict[str, str] = {}
@@ -119,7 +113,7 @@ class BagWriter:
 
     def write(self, messages: Sequence[MessageFields]) -> None:
         """Append messages; those of one name have the same topic each time."""
-        if self._limits == FileLimits():
+        if min(self._max_size, self._max_span) == inf:
             self._files[-1].add(messages)
         else:
             self._write_within_limits(messages)
@@ -129,7 +123,7 @@ class BagWriter:
         failure = None
         for message in messages:
             size, span = self._files[-1].appender.position, self._span.duration
-            full = size >= self._limits.size or span >= self._limits.duration * 1e9
+            full = size >= self._max_size or span >= self._max_span
             try:
                 if full and not failure:
                     self.split()

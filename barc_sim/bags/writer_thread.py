@@ -69,7 +69,7 @@ class WriterThread:
         self.snapshot: float | None = None  #: [s] to keep until `write_snapshot`; None: write all
         self._snapshot_due = False
         self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
-        self._clock = SimulatedClock()
+        self._now: int | None = None  # [ns] of the latest `/clock`
         self._late: list[MessageFields] = []
         self.failure: str | None = None  #: the first one
         self.unwritten: dict[str, int] = {}  #: messages that are lost, by topic, once closed
@@ -171,7 +171,23 @@ class WriterThread:
         closing = self._closing.is_set()
         number = len(messages) if closing else bisect_left(messages, now, key=_RECEIVED)
         self._late = messages[number:]
-        return self._clock.stamp(messages[:number])
+        return self._stamped(messages[:number])
+
+    def _stamped(self, messages: Iterable[MessageFields]) -> list[MessageFields]:
+        """Return messages, in order of reception, as received at the latest `/clock` before them.
+
+        Messages before the first `/clock` keep their time. `ros2 bag record --use-sim-time` does
+        the same, but in the order of its executor. A clock that jumps back is followed.
+        """
+        now = self._now
+        stamped: list[MessageFields] = []
+        for topic, data, received, published, number in messages:
+            if topic.name == CLOCK:
+                now = leading_time(data)
+            at = received if now is None else now
+            stamped.append((topic, data, at, published, number))
+        self._now = now
+        return stamped
 
     def _check_disk(self) -> None:
         """Check what the system does not report, or reports too late.
@@ -251,27 +267,3 @@ class WriterThread:
         if self._snapshot_due:
             left.update(topic.name for topic, *_ in self._kept)
         self.unwritten = {topic: count for topic, count in left.items() if count > 0}
-
-
-class SimulatedClock:
-    """Stamps messages with the latest `/clock` received before them.
-
-    Messages before the first `/clock` keep their time. `ros2 bag record --use-sim-time` does the
-    same, but in the order of its executor; here the order is that of reception. A clock that jumps
-    back is followed.
-    """
-
-    def __init__(self) -> None:
-        self._now: int | None = None
-
-    def stamp(self, messages: Iterable[MessageFields]) -> list[MessageFields]:
-        """Return the next messages, in order of reception, as received at the simulated time."""
-        now = self._now
-        stamped: list[MessageFields] = []
-        for topic, data, received, published, number in messages:
-            if topic.name == CLOCK:
-                now = leading_time(data)
-            at = received if now is None else now
-            stamped.append((topic, data, at, published, number))
-        self._now = now
-        return stamped

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Iterator
 
-    from barc_sim.bags.recovery import Recovered
+    from barc_sim.bags.contents import Contents
     from barc_sim.cli.parser import Parser
 
 
@@ -102,20 +102,19 @@ def run_recover(options: Namespace) -> None:
     """Repair the bag and print what it holds."""
     from barc_sim.bags.recovery import recover  # noqa: PLC0415 (slow: not for --help)
 
-    for line in _recovered(recover(options.bag)):
+    for line in _recovered(*recover(options.bag)):
         print(escaped(line))  # noqa: T201
 
 
-def _recovered(recovered: Recovered) -> Iterator[str]:
+def _recovered(contents: Contents, kept: list[Path]) -> Iterator[str]:
     """Yield the lines of the summary: damages, kept files, messages by topic."""
-    for name, damage in recovered.damages.items():
+    for name, damage in contents.damages.items():
         if damage.unreadable_chunks:
             yield f'{name}: {damage.unreadable_chunks} damaged chunks were left out'
         if damage.unfinished:
             yield f'{name}: was unfinished; {damage.unread} bytes at its end could not be read'
-    for path in recovered.kept:
+    for path in kept:
         yield f'kept as it was: {path}'
-    for name, count in sorted(recovered.counts.items()):
+    for name, count in sorted(contents.counts.items()):
         yield f'{count:9} {name}'
-    span = recovered.span
-    yield f'{span.count:9} messages in {span.duration / 1e9:.3f} s'
+    yield f'{contents.span.count:9} messages in {contents.span.duration / 1e9:.3f} s'

@@ -22,7 +22,7 @@ from barc_sim.bags.recording import (
     make_directory,
     new_directory,
 )
-from barc_sim.bags.writer import BagWriter, FileLimits
+from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import declare
@@ -163,9 +163,12 @@ class BagRecorder(Node):
         check_space(path or self._root, reserve)
         path = make_directory(path) if path else new_directory(self._root)
         settings = self._recording
-        limits = FileLimits(settings.max_bag_size, settings.max_bag_duration)
         self._writer = BagWriter(
-            path, metadata=self._metadata, limits=limits, compression=settings.compression
+            path,
+            metadata=self._metadata,
+            max_size=settings.max_bag_size,
+            max_duration=settings.max_bag_duration,
+            compression=settings.compression,
         )
         self._writers.append(self._writer)
         arrivals = self._topics if has_dds() else None

@@ -16,7 +16,7 @@ from barc_sim.bags.contents import Contents
 from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import Topic
 from barc_sim.bags.writer import BagWriter
-from barc_sim.bags.writer_thread import SimulatedClock, WriterThread
+from barc_sim.bags.writer_thread import WriterThread
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -85,32 +85,6 @@ def test_messages_are_written_in_order_of_reception(
     wait_for(lambda: recorded(tmp_path) == [1, 2, 3])  # before it is closed
     thread.close()
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
-
-
-def test_messages_during_a_pause_are_dropped(
-    thread: WriterThread, source: Source, tmp_path: Path
-) -> None:
-    thread.paused = True
-    source.put(1)
-    wait_for(lambda: not source)
-    thread.paused = False
-    source.put(2)
-    thread.close()
-    assert recorded(tmp_path) == [2]
-
-
-def test_final_metadata_is_requested_after_the_last_message(
-    thread: WriterThread, source: Source
-) -> None:
-    waiting: list[int] = []
-
-    def final_metadata() -> dict[str, str]:
-        waiting.append(len(source))
-        return {'lost': '0'}
-
-    source.put(1)
-    thread.close(final_metadata)
-    assert waiting == [0]
 
 
 @pytest.mark.parametrize('messages', [3, 5000], ids=['less than a chunk', 'several chunks'])
@@ -294,11 +268,18 @@ def clock(received: int, sec: int, nanosec: int = 0) -> Message:
     return Message(topic, data, received, received, 1)
 
 
-def test_simulated_clock_stamps_messages_with_the_latest_clock() -> None:
+def test_messages_have_the_time_of_the_latest_clock_before_them(
+    tmp_path: Path, source: Source
+) -> None:
+    (tmp_path / 'run').mkdir()
+    thread = WriterThread(BagWriter(tmp_path / 'run'), source.take, 0, lambda _: None)
+    thread.use_sim_time = True
     messages = [message(1), clock(2, 7), message(3), clock(4, 8, 5), message(9)]
-    simulated = SimulatedClock()
-    stamped = [*simulated.stamp(messages[:3]), *simulated.stamp(messages[3:])]
-    times = [received for _, _, received, _, _ in stamped]
+    for waiting in (messages[:3], messages[3:]):
+        source.extend(waiting)
+        thread.write_now()
+    thread.close()
+    times = [each.received for each in Contents(tmp_path / 'run').messages()]
     assert times == [1, 7 * SECOND, 7 * SECOND, 8 * SECOND + 5, 8 * SECOND + 5]
 
 
