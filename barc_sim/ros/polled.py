@@ -6,7 +6,6 @@ import ctypes
 import os
 import select
 import weakref
-from contextlib import suppress
 from ctypes import c_size_t, c_void_p
 from itertools import islice
 from struct import Struct
@@ -15,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import InvalidHandle
 from rclpy.qos import QoSProfile
 
 from barc_sim.ros.executor.rclpy_private import set_listener
@@ -67,14 +65,12 @@ class Arrivals:
 
     def listen(self, subscriptions: Iterable[Subscription]) -> None:
         """Count what arrives at these subscriptions, and at no others."""
-        while self._subscriptions:
-            with suppress(InvalidHandle):  # destroyed
-                set_listener(self._subscriptions.pop(), None)
-        for subscription in subscriptions:
-            with suppress(InvalidHandle):
-                self._subscriptions.append(subscription)
-                if not set_listener(subscription, self._descriptor):
-                    self.wake()  # the middleware has no listeners: no sleep
+        for subscription in self._subscriptions:
+            set_listener(subscription, None)
+        self._subscriptions = [*subscriptions]
+        for subscription in self._subscriptions:
+            if not set_listener(subscription, self._descriptor):
+                self.wake()  # the middleware has no listeners: no sleep
 
     def wait(self, timeout_sec: float) -> None:
         """Sleep until something has arrived, `wake` is called or the time is over."""

@@ -10,7 +10,7 @@ from functools import partial
 from traceback import walk_tb
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
 from rclpy.executors import await_or_execute
@@ -84,24 +84,32 @@ class Entry:
 def entry_of(entity: Entity, kind: str, node: Node) -> Entry:
     """Return the entry of a node's entity."""
     group = entity.callback_group
-    claim = partial(group.beginning_execution, entity)
-    known = type(group) in (MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup)
-    begin = claim if known else lambda: group.can_execute(entity) and claim()
+    begin = lambda: group.can_execute(entity) and group.beginning_execution(entity)  # noqa: E731
     end = partial(group.ending_execution, entity)
+    if type(group) is MutuallyExclusiveCallbackGroup:  # its own methods take longer
+        begin, end = partial(_claim, group, entity), partial(setattr, group, '_active_entity', None)
     take = next(take for each, take in _TAKES.items() if isinstance(entity, each))
     return Entry(entity, kind, node, handle_of(entity), take, begin, end)
+
+
+def _claim(group: MutuallyExclusiveCallbackGroup, entity: Entity) -> bool:
+    with group._lock:
+        if free := group._active_entity is None:
+            group._active_entity = entity
+        return free
 
 
 def _take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take a message, the fast way if its callback wants nothing else."""
     subscription = entry.entity
     message_only = subscription._callback_type is _MESSAGE_ONLY
-    with entry.handle:
-        if message_only and not subscription.raw:
-            take = entry.take_message = entry.take_message or message_taker(subscription)
-            taken = take()
-        elif taken := entry.handle.take_message(subscription.msg_type, subscription.raw):
-            taken = taken[:1] if message_only else taken
+    if message_only and not subscription.raw:
+        take = entry.take_message = entry.take_message or message_taker(subscription)
+        taken = take()
+    else:
+        with entry.handle:
+            taken = entry.handle.take_message(subscription.msg_type, subscription.raw)
+        taken = taken and taken[:1] if message_only else taken
     return taken and (subscription.callback, taken)
 
 

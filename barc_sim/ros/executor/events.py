@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections import deque
+from collections import defaultdict, deque
 from contextlib import suppress
 from ctypes import c_int32
 from functools import partial
@@ -46,7 +46,8 @@ _BUSY_POLLS = 16
 _ANY_JUMP = JumpThreshold(
     min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)
 )
-_spare_counters: list[c_int32] = []  # never freed, as a listener may fire late: see `retire`
+#: By descriptor, what is counted in memory; never freed, as a listener may fire late: see `retire`.
+_counters: defaultdict[int, c_int32] = defaultdict(c_int32)
 
 
 class Events:
@@ -148,22 +149,19 @@ class Events:
         """Have what arrives for an entity counted in memory, if its descriptor is its own."""
         for entry in self._counted[descriptor]:
             if not entry.idle_uses and descriptor != self._shared:
-                entry.in_memory = _spare_counters.pop() if _spare_counters else c_int32()
+                entry.in_memory = _counters[descriptor]
                 self._in_memory.append(entry)
-                with suppress(InvalidHandle):  # destroyed
-                    set_listener(entry.entity, entry.in_memory)
+                set_listener(entry.entity, entry.in_memory)
                 self._queue_counted(descriptor)
 
     def _count_in_descriptors(self) -> None:
         """Have what arrives counted in descriptors again, so that a thread can wait for it."""
         while self._in_memory:
             entry = self._in_memory.pop()
-            with suppress(InvalidHandle):  # destroyed
-                set_listener(entry.entity, entry.descriptor)
+            set_listener(entry.entity, entry.descriptor)
             if left := entry.in_memory.value - entry.counted:
                 os.eventfd_write(entry.descriptor, left)
             entry.in_memory.value = entry.counted = 0
-            _spare_counters.append(entry.in_memory)
 
     def _schedule(self, timers: Iterable[Entry]) -> None:
         """Find out when each of these timers is due."""
@@ -226,8 +224,7 @@ class Events:
         if not entry.idle_uses:
             with suppress(OSError):  # no descriptor is left
                 own = counter()
-                with suppress(InvalidHandle):  # destroyed
-                    set_listener(entry.entity, own)
+                set_listener(entry.entity, own)
                 self._leave(entry)
                 entry.descriptor, self._counted[own] = own, [entry]
                 self._descriptors.add(own)
@@ -254,8 +251,7 @@ class Events:
         elif entry.descriptor < 0:
             self._waiter.remove(entry)
         else:
-            with suppress(InvalidHandle):  # destroyed
-                set_listener(entity, None)
+            set_listener(entity, None)
             if isinstance(entity, Timer):
                 del self._due[entry]
                 if entry.kept:

@@ -1,9 +1,4 @@
-"""The executor that runs use: rclpy's `MultiThreadedExecutor`, on events instead of wait sets.
-
-Jazzy's own submits a callback to its pool again and again until it has begun
-(https://github.com/ros2/rclpy/issues/1452), and builds a wait set for every callback. Here DDS
-counts what arrives, epoll waits for it, and each callback is called once.
-"""
+"""The executor that runs use: rclpy's `MultiThreadedExecutor`, on events instead of wait sets."""
 
 from __future__ import annotations
 
@@ -248,8 +243,6 @@ class QuickExecutor(MultiThreadedExecutor):
         ready = events.ready
         events.woken = True
         events.poll_due = 0.0
-        deadline = inf
-        executed = True
         try:
             while True:
                 if events.woken:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes
 import os
 import select
+from contextlib import suppress
 from ctypes import PYFUNCTYPE, c_char_p, c_int32, c_void_p, py_object
 from functools import cache
 from importlib import import_module
@@ -20,6 +21,7 @@ from weakref import finalize
 
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
+from rclpy.exceptions import InvalidHandle
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -48,6 +50,7 @@ PRIVATE_NAMES = {
     'rclpy.executors:Executor': '_guard _is_shutdown _tasks _tasks_lock _sigint_gc '
     '_executor_event _wait_for_ready_callbacks',
     'rclpy.executors:MultiThreadedExecutor': '_executor _take_waitable',
+    'rclpy.callback_groups:MutuallyExclusiveCallbackGroup': '_lock _active_entity',
     'concurrent.futures:ThreadPoolExecutor': '_max_workers',
     'rclpy.task:Future': 'remove_done_callback _set_executor',
     'rclpy.client:Client': 'get_pending_request',
@@ -128,9 +131,9 @@ def handle_of(entity: Any) -> Any:  # noqa: ANN401 (a class of pybind11)
 def set_listener(entity: Any, counter: int | c_int32 | None) -> bool:  # noqa: ANN401
     """Have arrivals at an entity counted in an eventfd or in memory; with None, no longer.
 
-    Returns False where there is no listener. Raises InvalidHandle where the entity was destroyed:
-    then it has none any longer. Once a listener is taken back, no thread is left in it. It is set
-    twice, as what arrives during the first call may be missed: the second counts it.
+    Returns False where there is no listener; what was destroyed needs none. Once one is taken
+    back, no thread is left in it. It is set twice, as what arrives during the first call may be
+    missed: the second counts it.
     """
     name = next((name for each, name in LISTENERS.items() if isinstance(entity, each)), '')
     if not name:
@@ -141,9 +144,8 @@ def set_listener(entity: Any, counter: int | c_int32 | None) -> bool:  # noqa: A
         listener = _counting(_TO_DESCRIPTOR), counter
     elif counter is not None:
         listener = _counting(_TO_MEMORY), ctypes.byref(counter)
-    with handle:
-        pointer = handle.pointer
-        if any(set_(pointer, *listener) for _ in range(2)):
+    with suppress(InvalidHandle), handle:  # destroyed
+        if any(set_(handle.pointer, *listener) for _ in range(2)):
             _library('librcutils.so').rcutils_reset_error()
             return False
     return True
@@ -158,7 +160,7 @@ def _setter(name: str) -> Any:  # noqa: ANN401
 
 
 def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]:
-    """Return a function that takes the next message, while the subscription's handle is in use.
+    """Return a function that takes the next message, or raises InvalidHandle: none will come.
 
     rcl writes all messages into one of C that is kept; rclpy makes a new one for each take, and a
     dictionary of its times.
@@ -173,13 +175,16 @@ def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]
     )
     kept = c_void_p(create())
     finalize(kept, destroy, c_void_p(kept.value)).atexit = False  # daemons go on until then
-    pointer, take = c_void_p(subscription.handle.pointer), _library('librcl.so').rcl_take
+    handle, take = subscription.handle, _library('librcl.so').rcl_take
+    pointer = c_void_p(handle.pointer)
 
     def take_message() -> tuple[Any] | None:
-        result = take(pointer, kept, None, None)  # without `argtypes`, which cost 0.3 us
+        # No other thread runs from the look at the handle to the end of rcl's take: the lock of the
+        # interpreter is kept. Without `argtypes`, which cost 0.3 us.
+        result = take(pointer if handle.pointer else None, kept, None, None)
         if result not in (0, 401):  # 401: nothing is there
             _library('librcutils.so').rcutils_reset_error()
-            raise RuntimeError(f'rcl_take returned {result}')
+            raise RuntimeError(f'rcl_take returned {result}') if handle.pointer else InvalidHandle
         return None if result else (convert(kept),)
 
     return take_message

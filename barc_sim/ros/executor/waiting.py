@@ -124,12 +124,10 @@ class Leadership:
     def take_back(self, lent: float) -> bool:
         """Take back what `lend` has lent; return False where another thread has led since."""
         try:
-            free = self.free.pop()
-        except IndexError:
+            self.free.remove(lent)
+        except ValueError:
             return False
-        if free is not lent:
-            self.free.append(free)
-        return free is lent
+        return True
 
     def release(self, seconds: float = 0.0) -> None:
         """Have the thread that stands by wake up, so many seconds from now, and take it."""
