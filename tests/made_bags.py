@@ -13,6 +13,7 @@ from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import Topic
 from barc_sim.bags.schemas import definition
 from barc_sim.bags.writer import BagWriter
+from barc_sim.control.lane import LANE
 from barc_sim.control.pid import PID
 from barc_sim.simulation.log import (
     CONTROLLER_STATE,
@@ -119,7 +120,10 @@ def encoded(log: Log, k: int, topic: str) -> bytes:
     if source == PID_STATE:
         values |= {'measurement': 0.0, 'error': 0.0, 'output': 0.0}
     if topic == LANE_STATE:
+        own = {name: each for name, each in log.own_terms.items() if name.startswith(LANE)}
         values |= {'e_y': 0.0, 'e_psi': 0.0, 'output': 0.0}
+        values['names'] = [name.removeprefix(LANE) for name in own]
+        values['values'] = np.array([each[k] for each in own.values()])
     if topic == CONTROLLER_STATE:
         values = {field: value for field, value in values.items() if field not in PID.terms} | {
             'names': [*log.terms],
@@ -131,7 +135,7 @@ def encoded(log: Log, k: int, topic: str) -> bytes:
 
 def fill(writer: BagWriter, log: Log, namespace: str = '') -> None:
     """Write the messages of a log as the recorder does, in chunks."""
-    unused = PID_STATE if log.own_terms else CONTROLLER_STATE
+    unused = CONTROLLER_STATE if log.terms.keys() == PID.terms.keys() else PID_STATE
     topics = {
         name: Topic(
             name=f'{namespace}/{name}',

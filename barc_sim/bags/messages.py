@@ -84,20 +84,22 @@ def fixed_reader(
     """Return a function that reads the `wanted` fields, two or more, of a message.
 
     It takes the message in CDR, and returns None for one whose header has a frame. There is none
-    for fields, with rosbags' descriptions, that are not a header, then doubles, and then flags:
-    others have no fixed place in the bytes.
+    for fields, with rosbags' descriptions, that do not begin with a header, doubles and flags:
+    others have no fixed place in the bytes. Those behind them must be empty.
     """
     (header, first), *others = fields
     names = [name for name, _ in others]
-    codes = ''.join(_CODES.get(of[0], ' ') for _, (_, of) in others)
+    codes = ''.join(_CODES.get(of[0], ' ') for _, (_, of) in others).rstrip()
     fixed = first[1] == _HEADER and re.fullmatch(r'd+\?*', codes)
-    if not fixed or header != 'header' or not set(wanted) <= set(names):
+    if not fixed or header != 'header' or not set(wanted) <= set(names[: len(codes)]):
         return None
     struct = Struct(_LEADING + codes)
     select = itemgetter(*(4 + names.index(name) for name in wanted))
 
     def read(data: bytes) -> tuple[float, ...] | None:
         if data[:4] != _LITTLE_ENDIAN or data[_FRAME] != _NO_FRAME or len(data) < struct.size:
+            return None
+        if any(data[struct.size :]):
             return None
         values: tuple[float, ...] = select(struct.unpack_from(data))
         return values

@@ -15,10 +15,12 @@ from rosbags.typesys import Stores, get_typestore
 from barc_sim.bags import bounds
 from barc_sim.bags.contents import Contents, types_of
 from barc_sim.bags.messages import field_types, fixed_reader, leading_time
+from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import (
     COMMAND,
     CONTROLLER_STATE,
+    LANE_STATE,
     MESSAGE_TYPES,
     PID_STATE,
     STATE,
@@ -204,8 +206,9 @@ class _Decoder:
         self._type = topic.type
         self._store = get_typestore(Stores.EMPTY)
         self._store.register(types)
-        self._named = name == CONTROLLER_STATE  # the message names its terms
-        self._fields = [*TOPICS[PID_STATE if self._named else name]]
+        #: Where a message names its terms, what precedes their names in the log.
+        self._prefix = {CONTROLLER_STATE: '', LANE_STATE: LANE}.get(name)
+        self._fields = [*TOPICS[PID_STATE if name == CONTROLLER_STATE else name]]
         self._fixed = fixed_reader(types[self._type][1], self._fields)
 
     def decode(self, data: bytes) -> tuple[int, Iterable[float], Mapping[str, float]]:
@@ -216,8 +219,9 @@ class _Decoder:
             raise ValueError('message')
         decoded: Any = self._store.deserialize_cdr(data, self._type)
         terms: dict[str, float] = {}
-        if self._named:
-            named = dict(zip(decoded.names, decoded.values.tolist(), strict=True))
+        if self._prefix is not None:
+            found = zip(decoded.names, decoded.values.tolist(), strict=True)
+            named = {self._prefix + name: value for name, value in found}
             terms = {name: named[name] for name in recordable(named)}
         # A bag of an earlier version may lack a field.
         values = [
@@ -325,7 +329,9 @@ def join(samples: Mapping[str, Samples]) -> Log:
         columns |= zip(fields.values(), rows, strict=True)
     columns |= {name: columns[name] == 1.0 for name in columns if name.endswith('saturated')}
     columns['missed'] = missed
-    terms = samples[PID_STATE].terms(places[PID_STATE]) if PID_STATE in samples else {}
+    terms: dict[str, Floats] = {}
+    for topic in samples:
+        terms |= samples[topic].terms(places[topic])
     kind = TrackLog if TRACK_STATE in samples else Log
     return kind(**{name: columns[name] for name in kind.declared}, own_terms=terms)
 

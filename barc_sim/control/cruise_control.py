@@ -6,7 +6,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.controller import gain_parameters
-from barc_sim.control.lane import DEFAULT_LANE, LANE_TYPES, LaneKeeping, speed_profile
+from barc_sim.control.lane import DEFAULT_LANE, LANE, LANE_TYPES, LaneKeeping, speed_profile
 from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES, as_controller
 from barc_sim.errors import UserError
@@ -31,8 +31,6 @@ _TYPE = Parameter(
 _LANE_TYPE = Parameter(
     'lane_type', DEFAULT_LANE, f'what steers on a track: {", ".join(LANE_TYPES)}', read_only=True
 )
-#: Before the names of the lane controller's gains among the parameters.
-LANE = 'lane.'
 #: Of the speed on a track.
 PROFILE = [
     Parameter(

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 #: Distance ahead [m] to the curvature of the centre line [1/m].
 Curvature = Callable[[float], float]
 STEERING_LIMIT = 0.5  #: [rad]
+#: Before the names of a lane controller's gains among parameters, and of its terms in a log.
+LANE = 'lane.'
 _POINTS = 8  #: of the centre line between the car and the point that it pursues
 
 
@@ -243,6 +245,9 @@ class LaneKeeping:
         """Begin at the start of the track."""
         self.track, self.lane, self._first = track, lane, lane
         self.gains: Mapping[str, Gain] = getattr(lane, 'gains', {})
+        declared = getattr(lane, 'terms', ())
+        #: The terms that `LaneLaw` does not have.
+        self.own_terms = [name for name in declared if name not in LaneLaw.terms]
         self.reset()
 
     def reset(self) -> None:
@@ -283,6 +288,8 @@ class LaneKeeping:
             **{name: read_term(self.lane, name) for name in LaneLaw.terms},
             'output': self.output,
             'saturated': self.saturated,
+            'names': self.own_terms,
+            'values': [read_term(self.lane, name) for name in self.own_terms],
         }
 
     def _curvature(self, ahead: float) -> float:

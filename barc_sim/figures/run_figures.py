@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from contextlib import suppress
 from functools import partial
 from io import BytesIO
 from itertools import cycle
@@ -43,7 +42,6 @@ from barc_sim.figures.track_figure import TRACK_SIZE, track_figure
 from barc_sim.simulation import metrics
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import laps_of
-from barc_sim.vehicle.track import WIDTH, Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -173,10 +171,7 @@ def figure_of(
 ) -> tuple[Callable[..., Figure], tuple[float, float]]:
     """Return the function that draws a run with this metadata, and the figure's size [inch]."""
     if isinstance(log, TrackLog):
-        width = WIDTH
-        with suppress(UserError):  # a file that is not here
-            width = Track.named(info.get('track', '')).width
-        return partial(track_figure, settings=settings(info), width=width), TRACK_SIZE
+        return partial(track_figure, settings=settings(info)), TRACK_SIZE
     if is_by_hand(log):
         return drive_figure, DRIVE_SIZE
     return partial(speed_figure, settings=settings(info)), SIZE

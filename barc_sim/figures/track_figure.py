@@ -73,7 +73,7 @@ class Course(NamedTuple):
         return cls(s, x, y, psi, curvature, track.length, track.width)
 
     @classmethod
-    def driven(cls, log: TrackLog, width: float = WIDTH) -> Course:
+    def driven(cls, log: TrackLog) -> Course:
         """Return the centre line of a track as far as a run has driven along it."""
         x, y, heading = true_pose(log)
         psi = heading - log.e_psi
@@ -91,7 +91,8 @@ class Course(NamedTuple):
         if np.isfinite(length) and len(rows):
             points = _closed(length, *points)
         s, x, y, psi, curvature = points
-        return cls(s, x, y, psi, curvature, length, width)
+        width = float(log.width[0])  # NaN in an earlier version's bag
+        return cls(s, x, y, psi, curvature, length, width if width > 0.0 else WIDTH)
 
     def beside(self, e_y: float) -> tuple[Floats, Floats]:
         """Return the line so far to the left of the centre line [m]."""
@@ -162,14 +163,12 @@ def track_figure(
     labels: Sequence[str] = (),
     title: str = '',
     settings: str = '',
-    width: float = WIDTH,
     figure: Figure | None = None,
 ) -> Figure:
     """Draw a run's way from above, and errors, speed and steering of its laps over their place.
 
     The best lap is in front; a table has the laps. Of several runs, with their `labels`, the best
-    laps are drawn. `title` and `settings` are the two lines of the heading, `width` [m] is that of
-    the track, and `figure` is empty.
+    laps are drawn. `title` and `settings` are the two lines of the heading, and `figure` is empty.
     """
     log = logs[0]
     alone = len(logs) == 1
@@ -180,7 +179,7 @@ def track_figure(
     seen, table = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3, 0])
     charts = [figure.add_subplot(grid[0, 1])]
     charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
-    course = Course.driven(log, width)
+    course = Course.driven(log)
     _draw_map(seen, course, curves)
     if alone:
         rows = [(f'{lap.number + 1}', lap) for lap in lap_rows(track_laps_of(log)[0])]

@@ -137,7 +137,7 @@ class CarEnv(gymnasium.Env[Any, Any]):
         if not (on_track := plant.on_track):
             self._s = plant.state.x
             return {'s': self._s}
-        self._s, e_y, _, _, lap, lap_time = on_track
+        self._s, e_y, _, _, _, lap, lap_time = on_track
         if lap > self._lap:
             began = self._steps * plant.ts - lap_time
             if self._lap_began is not None:

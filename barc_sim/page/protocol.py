@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import numpy as np
 
 from barc_sim.control.controller import Gain
-from barc_sim.control.cruise_control import LANE
-from barc_sim.control.lane import LANE_TYPES, LaneLaw
+from barc_sim.control.lane import LANE, LANE_TYPES, LaneLaw
 from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TERMS, TYPES
 from barc_sim.errors import UserError

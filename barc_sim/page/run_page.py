@@ -7,8 +7,7 @@ from functools import partial
 from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol
 
-from barc_sim.control.cruise_control import LANE
-from barc_sim.control.lane import LANE_TYPES
+from barc_sim.control.lane import LANE, LANE_TYPES
 from barc_sim.control.pid import PID
 from barc_sim.control.types import TYPES
 from barc_sim.page.protocol import (

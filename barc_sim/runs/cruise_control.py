@@ -9,8 +9,8 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.controller import gain_parameters
-from barc_sim.control.cruise_control import LANE, PROFILE
-from barc_sim.control.lane import DEFAULT_LANE, LANE_TYPES
+from barc_sim.control.cruise_control import PROFILE
+from barc_sim.control.lane import DEFAULT_LANE, LANE, LANE_TYPES
 from barc_sim.control.pid import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES
 from barc_sim.errors import UserError

@@ -15,7 +15,7 @@ import numpy as np
 
 from barc_sim.cli.parser import ROS_ARGS
 from barc_sim.cli.process import NO_BROWSER
-from barc_sim.control.cruise_control import LANE
+from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
 from barc_sim.page.protocol import CAR, OTHERS, SIMULATOR, File, encode
 from barc_sim.page.server import kept_token

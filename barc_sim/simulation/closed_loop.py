@@ -15,7 +15,7 @@ import numpy as np
 
 from barc_sim.control.controller import check_gains
 from barc_sim.control.cruise_control import LIMIT, SPEED, reference_of
-from barc_sim.control.lane import LaneKeeping, LaneLQR
+from barc_sim.control.lane import LANE, LaneKeeping, LaneLQR
 from barc_sim.control.pid import (
     ACCELERATION_LIMIT,
     FIRST_DT,
@@ -25,7 +25,7 @@ from barc_sim.control.pid import (
 )
 from barc_sim.control.types import as_controller
 from barc_sim.errors import UserError
-from barc_sim.simulation.log import LANE_STATE, columns_of, log_of, recordable
+from barc_sim.simulation.log import LANE_STATE, TrackLog, columns_of, log_of, recordable
 from barc_sim.simulation.pid_loop import pid_log
 from barc_sim.simulation.stepper import DISTANCE as END
 from barc_sim.simulation.stepper import LAPS
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     from barc_sim.control.controller import Controller
     from barc_sim.control.lane import LaneController
-    from barc_sim.simulation.log import Log, TrackLog
+    from barc_sim.simulation.log import Log
     from barc_sim.simulation.progress import Progress
     from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.plant import Observation
@@ -399,6 +399,8 @@ def closed_loop(
         for name, column in columns_of(LANE_STATE).items()
         if keeping
     }
+    for i, name in enumerate(keeping.own_terms if keeping else ()):
+        of_lane[LANE + name] = np.array([each['values'][i] for each in steering])
     return log_of_rows(rows, plant.period_ns, references, terms, **of_lane)
 
 
@@ -409,12 +411,17 @@ def log_of_rows(
     terms: Sequence[str] = (),
     **columns: Any,  # noqa: ANN401 (arrays)
 ) -> Log:
-    """Return the log of states and their commands, in steps of `period_ns`, with more `columns`."""
+    """Return the log of states and their commands, in steps of `period_ns`.
+
+    Of `columns`, those that a log does not declare are own terms.
+    """
     seen, commands, values = zip(*rows, strict=True)
     _, measured, errors, around, _, on_track = zip(*seen, strict=True)
     saturated, *of_terms = np.array(values, dtype=np.float64).T.copy()
     recorded = dict(zip(terms, of_terms, strict=True))
     unknown = np.full(len(rows), nan)
+    for name in [name for name in columns if name not in TrackLog.declared]:
+        recorded[name] = columns.pop(name)
     return log_of(
         period_ns,
         _arrays(measured),

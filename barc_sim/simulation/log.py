@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from barc_sim.cli.files import read_regular, replacing
-from barc_sim.control.lane import LaneLaw
+from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError, one_line
 
@@ -112,7 +112,8 @@ class Log:
     integral: Annotated[Floats, Column('m/s²', PID.terms['integral'], PID_STATE)]
     derivative: Annotated[Floats, Column('m/s²', PID.terms['derivative'], PID_STATE)]
     saturated: Annotated[Flags, Column('', 'whether a limit cut the command', PID_STATE)]
-    #: The terms of a controller that is no PID [m/s²], by name, each of shape `(n,)`.
+    #: The terms of a controller that is no PID [m/s²], by name, each of shape `(n,)`; and those of
+    #: a steering law beyond a `TrackLog`'s columns, whose names begin with 'lane.'.
     own_terms: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -141,7 +142,8 @@ class Log:
         """Terms of the controller [m/s²] by name; a PID's, unknown, where there was none."""
         pid = {name: getattr(self, name) for name in PID.terms}
         recorded = {name: values for name, values in pid.items() if not np.isnan(values).all()}
-        return (recorded | dict(self.own_terms)) if self.own_terms else pid
+        own = {name: each for name, each in self.own_terms.items() if not name.startswith(LANE)}
+        return (recorded | own) if own else pid
 
     @property
     def speed(self) -> Floats:
@@ -178,7 +180,8 @@ class Log:
         """
         frame: pd.DataFrame = import_pandas().DataFrame(self.columns())
         units = {name: column.unit for name, column in self.declared.items()}
-        frame.attrs['units'] = dict.fromkeys(self.own_terms, _TERM_UNIT) | units
+        own = {name: '' if name.startswith(LANE) else 'm/s²' for name in self.own_terms}
+        frame.attrs['units'] = own | units
         return frame
 
     def plot(
@@ -254,6 +257,7 @@ class TrackLog(Log):
     e_y: Annotated[Floats, Column('m', 'distance to the left of the centre line', TRACK_STATE)]
     e_psi: Annotated[Floats, Column('rad', 'heading less that of the centre line', TRACK_STATE)]
     curvature: Annotated[Floats, Column('1/m', 'curvature of the centre line', TRACK_STATE)]
+    width: Annotated[Floats, Column('m', 'width of the track there', TRACK_STATE)]
     lap: Annotated[Floats, Column('', 'number of the lap, from 0', TRACK_STATE)]
     lap_time: Annotated[Floats, Column('s', 'time since the lap began', TRACK_STATE)]
     # The lane controller.
@@ -292,7 +296,6 @@ class TrackLog(Log):
         return float(np.min(times[1:] if len(times) > 1 else times, initial=np.inf))
 
 
-_TERM_UNIT = 'm/s²'
 _OWN = 'own_terms/'  #: before the names of own terms in a file
 _MAX_SIZE = 1 << 30  #: [B] of a file, and of what it holds
 

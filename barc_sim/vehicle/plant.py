@@ -33,6 +33,7 @@ class TrackState(NamedTuple):
     e_y: float  #: [m] to the left of the centre line
     e_psi: float  #: [rad] heading less that of the centre line
     curvature: float  #: [1/m] of the centre line there
+    width: float  #: [m] of the track there, from edge to edge
     lap: int  #: laps before this one; the car has passed their end, s = k · length
     lap_time: float  #: [s] since the lap began, between two states
 
@@ -185,7 +186,7 @@ class Plant:
             self._lap_began = t - over * self.ts
         else:
             lap = before.lap
-        self.on_track = TrackState(*found, lap, t - self._lap_began)
+        self.on_track = TrackState(*found, track.width, lap, t - self._lap_began)
 
     def _step(self, held: Command) -> None:
         if self.force or self.disturbance:

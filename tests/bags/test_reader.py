@@ -74,8 +74,15 @@ def test_terms_that_are_no_pids_are_read_back_by_name(tmp_path: Path) -> None:
     assert_same(bag.read(written(tmp_path, expected)), expected)
 
 
-def test_a_run_on_a_track_is_read_back_with_the_places(tmp_path: Path) -> None:
-    expected = closed_loop(Plant(track=Track.named('oval')), distance=25.0, lane=LaneLQR())
+class _Weighing(LaneLQR):
+    terms: Mapping[str, str] = {**LaneLQR.terms, 'weight': 'that of e_y'}
+    weight = 0.05
+
+
+@pytest.mark.parametrize('law', [LaneLQR, _Weighing])
+def test_a_run_on_a_track_is_read_back_with_the_places(tmp_path: Path, law: type[LaneLQR]) -> None:
+    plant = Plant(track=replace(Track.named('oval'), width=4.0))
+    expected = closed_loop(plant, distance=25.0, lane=law())
     read = bag.read(written(tmp_path, expected))
     assert isinstance(read, TrackLog)
     assert_same(read, expected)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,8 +34,9 @@ def log() -> TrackLog:
 
 @pytest.mark.parametrize('name', ['L', 'figure-eight'])
 def test_edges_are_half_the_width_from_the_line(name: str) -> None:
-    track = Track.named(name)
-    driven = Course.driven(lap(track=name, laps=2), width=track.width)
+    track = replace(Track.named(name), width=4.0)
+    driven = Course.driven(lap(track=track, laps=2))
+    assert driven.width == track.width
     assert driven.length == pytest.approx(track.length, abs=1e-6)
     for course in (driven, Course.of(track)):
         for e_y in (-3.0, 0.0, 3.0):

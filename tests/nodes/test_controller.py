@@ -27,7 +27,7 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros.node_helpers import to_header, to_nanoseconds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from rclpy.context import Context
@@ -47,10 +47,14 @@ class Bench(NodeBench):
         context: Context,
         spin_until: Callable[..., None],
         controller: Controller | None = None,
+        lane: object = None,
         **parameters: float | str | bool,
     ) -> None:
         self.controller = CruiseController(
-            controller=controller, context=context, parameter_overrides=overrides(**parameters)
+            controller=controller,
+            lane=lane,
+            context=context,
+            parameter_overrides=overrides(**parameters),
         )
         super().__init__(context, spin_until, self.controller)
         self.commands: list[ECU] = []
@@ -254,6 +258,21 @@ def test_on_a_track_both_commands_answer_and_gains_can_be_changed(bench: Make) -
     assert one.controller.refused.count == 1
     k1, _ = LaneLQR(q_e_y=0.2, q_e_psi=0.0).feedback()
     assert one.commands[1].servo == pytest.approx(-0.5 * k1)
+
+
+def test_a_laws_own_terms_are_published_by_name(bench: Make) -> None:
+    class Weighing(LaneLQR):
+        terms: Mapping[str, str] = {**LaneLQR.terms, 'weight': 'that of e_y'}
+        weight = 0.5
+
+    one = bench(track='oval', lane=Weighing())
+    told: list[LaneState] = []
+    one.peer.create_subscription(LaneState, names.LANE_STATE, told.append, names.QOS)
+    one.until(lambda: one.controller.count_subscribers(names.LANE_STATE) == 1)
+    one.send_state(0, 7.9, x=10.0, y=0.5)
+    one.until(lambda: len(told) == 1)
+    assert (told[0].names, told[0].values.tolist()) == (['weight'], [0.5])
+    assert told[0].of_e_y < 0.0
 
 
 def test_limits_of_the_acceleration_make_a_profile_of_the_speed(bench: Make) -> None:

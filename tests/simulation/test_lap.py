@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import degrees, nan, radians, sin
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLQR
 from barc_sim.control.lqr import LQR
+from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import lap, simulate
 from barc_sim.simulation.log import Log, TrackLog
@@ -22,6 +24,7 @@ from barc_sim.vehicle.sensor import NoiseLevels
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from barc_sim.control.lane import Curvature
@@ -65,7 +68,7 @@ def test_laps_are_flying_and_split_where_s_passes_the_line(three: TrackLog) -> N
 def test_the_log_is_a_log_with_the_place_on_the_track(three: TrackLog, tmp_path: Path) -> None:
     terms = {f'steer_{name}' for name in LaneLQR.terms}
     assert three.columns().keys() - Log.declared.keys() == terms | {
-        *('s', 'e_y', 'e_psi', 'curvature', 'lap', 'lap_time', 'steer_saturated')
+        *('s', 'e_y', 'e_psi', 'curvature', 'width', 'lap', 'lap_time', 'steer_saturated')
     }
     steering = sum(three.columns()[name] for name in sorted(terms))
     assert np.abs(steering - three.servo).max() < 1e-12
@@ -115,6 +118,26 @@ def test_a_law_of_ones_own_begins_anew_in_each_run() -> None:
     assert log == lap(law, 'oval', laps=1)
     assert law.sum == 0.0
     assert np.isnan(log.steer_of_e_y).all()  # it has no terms
+
+
+def test_a_laws_own_terms_are_in_the_log(tmp_path: Path) -> None:
+    class Counting(LaneLQR):
+        terms: Mapping[str, str] = {**LaneLQR.terms, 'calls': 'how many'}
+        calls = 0
+
+        def steer_calculate(self, *seen: Any) -> float:  # noqa: ANN401
+            self.calls += 1
+            return super().steer_calculate(*seen)
+
+    narrow = replace(Track.named('oval'), width=4.0)
+    log = lap(Counting(), narrow, laps=1)
+    assert log.own_terms['lane.calls'].tolist() == [*range(1, len(log) + 1)]
+    assert set(log.width) == {4.0}
+    assert [*log.terms] == [*PID.terms]
+    assert (log.steer_of_e_y == lap(LaneLQR(), narrow, laps=1).steer_of_e_y).all()
+    log.save(tmp_path / 'laps.npz')
+    assert Log.read(tmp_path / 'laps.npz') == log
+    assert log.to_frame().attrs['units']['lane.calls'] == ''
 
 
 def test_a_law_in_degrees_is_cut_at_the_limit_of_the_steering() -> None:
