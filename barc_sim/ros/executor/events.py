@@ -77,8 +77,8 @@ class Events:
         self._next_check = 0.0
         self._waiter = WaitSetThread(context, self._signal, on_failure)
         self._descriptors = Descriptors()
-        self._descriptors.add(self._wakeup)
-        self._descriptors.add(self._shared)
+        for descriptor in self._counted:
+            self._descriptors.add(descriptor)
 
     def wake(self, _: object = None) -> None:
         """End a wait, from any thread, also when this is closed."""

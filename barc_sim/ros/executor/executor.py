@@ -335,10 +335,9 @@ class QuickExecutor(MultiThreadedExecutor):
                 self._events.note_use(entry)
             if entry.on_taken:
                 entry.on_taken(entry)
-            if entry.pending:
+            entry.queued = entry.pending > 0
+            if entry.queued:
                 self._events.ready.append(entry)
-            else:
-                entry.queued = False
         return call
 
     def _run(self, entry: Entry | None, call: Call) -> None:

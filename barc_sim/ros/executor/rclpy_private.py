@@ -179,8 +179,7 @@ def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]
     pointer = c_void_p(handle.pointer)
 
     def take_message() -> tuple[Any] | None:
-        # No other thread runs from the look at the handle to the end of rcl's take: the lock of the
-        # interpreter is kept. Without `argtypes`, which cost 0.3 us.
+        # No other thread runs from the look at the handle to the end. `argtypes` would cost 0.3 us.
         result = take(pointer if handle.pointer else None, kept, None, None)
         if result not in (0, 401):  # 401: nothing is there
             _library('librcutils.so').rcutils_reset_error()

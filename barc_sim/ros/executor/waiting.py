@@ -24,12 +24,14 @@ _MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
 
 #: [s] A callback that takes longer lasts: another thread polls meanwhile.
 LASTING = 1e-3
-_PUT_OFF = 0.5e-3  # s; the timer is set so often at most
+#: [s] The timer is set so seldom, after a pause and while busy: it takes a virtual machine 20 us.
+_PUT_OFF, _PUT_OFF_BUSY = 0.5e-3, 2e-3
 
 _LIBC = ctypes.PyDLL(None)  # keeps the interpreter's lock
 _spare: list[int] = []  # eventfds that nothing uses
 _spare_timers: list[int] = []
 _epoll_wait, _read = _LIBC.epoll_wait, _LIBC.read  # without `argtypes`, which cost 0.3 us
+_set_timer = _LIBC.timerfd_settime
 _wait = ctypes.CDLL(None).ppoll  # gives the lock up; `select`'s functions round to milliseconds
 
 
@@ -90,9 +92,8 @@ class Leadership:
     """The right to poll, to take what has arrived and to begin callbacks; one thread has it.
 
     The leader lends it for as long as it calls a callback, and takes it back after. When the call
-    lasts, the thread that stands by takes it first. `list.pop` decides who gets it, without a lock
-    or a system call. A timer wakes the thread that stands by; the leader puts it off while its
-    callbacks are short.
+    lasts, the thread that stands by takes it first. A timer wakes it, and is put off while calls
+    are short. A list decides who gets it, without a lock or a system call.
     """
 
     def __init__(self) -> None:
@@ -110,15 +111,15 @@ class Leadership:
         return False
 
     def lend(self, lasting: bool) -> float:
-        """Let others take it while this thread calls a callback; return the time [s].
-
-        If the callback is expected to be `lasting`, the thread that stands by takes it at once.
-        """
+        """Let others take it during a call, at once if that is `lasting`; return the time [s]."""
         now = time.monotonic()
         self._lent = now - LASTING if lasting else now
         self.free.append(now)
-        if lasting or now >= self._put_off:
-            self.wake_stand_by(0.0 if lasting else LASTING + _PUT_OFF)
+        if lasting:
+            self.wake_stand_by()
+        elif now >= self._put_off:
+            put_off = _PUT_OFF_BUSY if now - self._put_off < _PUT_OFF else _PUT_OFF
+            self.wake_stand_by(LASTING + put_off, put_off)
         return now
 
     def take_back(self, lent: float) -> bool:
@@ -145,13 +146,15 @@ class Leadership:
         os.read(self._timer, 8)
         return False
 
-    def wake_stand_by(self, seconds: float = 0.0) -> None:
-        """End the wait of the thread that stands by, so many seconds from now."""
+    def wake_stand_by(self, seconds: float = 0.0, put_off: float = 0.0) -> None:
+        """End the wait of the thread that stands by, so many seconds from now.
+
+        A `lend` in the next `put_off` seconds need not set the timer: it expires later than that.
+        """
         now = time.monotonic()
-        # A `lend` before `_put_off` need not set the timer, as it expires soon after that.
-        self._put_off = now + min(seconds, _PUT_OFF) if seconds < 2 * LASTING else now
         due = bytes(16) + _timespec(now + seconds)
-        _LIBC.timerfd_settime(self._timer, _ABSOLUTE, due, None)
+        self._put_off = now + put_off  # no other thread runs from here to the end of the call
+        _set_timer(self._timer, _ABSOLUTE, due, None)
 
     def close(self) -> None:
         """Give it back for good, once no thread stands by."""
