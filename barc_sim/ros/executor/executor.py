@@ -224,6 +224,8 @@ class QuickExecutor(MultiThreadedExecutor):
                 if not self._spins and (waited or self._is_shutdown):
                     self._standing_by -= 1
                     self._threads.discard(current_thread())
+                    if self._is_shutdown and not self._threads:
+                        self._close()
                     break
                 waited = not self._spins
                 if waited:
@@ -233,8 +235,6 @@ class QuickExecutor(MultiThreadedExecutor):
                 self._lead()
                 with self._lock:
                     self._standing_by += 1
-        if self._is_shutdown and not self._threads:
-            self._close()
         self._leadership.wake_stand_by()  # for another thread to end
 
     def _lead(self, within: Spin | None = None) -> None:

@@ -164,19 +164,28 @@ def test_an_exception_that_no_spin_is_left_to_raise_is_printed(
 
 
 def test_a_coroutine_that_still_waits_gives_its_group_back_at_shutdown(
-    node: Node, executor: QuickExecutor, until: Until
+    node: Node, executor: QuickExecutor, until: Until, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     group = MutuallyExclusiveCallbackGroup()
     begun = []
+    end_spins = executor._end_spins  # noqa: SLF001
+
+    def end_spins_and_wait() -> None:
+        end_spins()
+        time.sleep(0.02)  # until the pool's last thread closes the executor
 
     async def wait() -> None:
         begun.append(1)
-        await Future()
+        try:
+            await Future()
+        finally:
+            time.sleep(0.04)  # noqa: ASYNC251
 
     guard = node.create_guard_condition(wait, callback_group=group)
     guard.trigger()
     until(lambda: begun)
     assert not group.can_execute(guard)
+    monkeypatch.setattr(executor, '_end_spins', end_spins_and_wait)
     executor.shutdown()
     assert group.can_execute(guard)
 
