@@ -83,7 +83,8 @@ class CarEnv(gymnasium.Env[Any, Any]):
         """Go one step of the plant."""
         task, plant, before = self.task, self._plant, self._s
         try:
-            shares = [min(max(float(share), -1.0), 1.0) for share in action]
+            values = np.asarray(action).tolist()
+            shares = [1.0 if x > 1.0 else max(x, -1.0) for x in values]
         except (TypeError, ValueError):
             shares = []
         motor, servo = task.commands(shares) if len(shares) == self._count else (nan, nan)
@@ -118,19 +119,19 @@ class CarEnv(gymnasium.Env[Any, Any]):
 
     def _observe(self) -> Floats:
         task, plant = self.task, self._plant
-        x, y, psi, self._speed, *_ = plant.sensor.measure(plant.motion())[0]
-        track, e_y, e_psi = task.track, 0.0, 0.0
+        x, y, psi, speed, _, _ = plant.sensor.measure(plant.motion())[0]
+        motor, servo = self._command
+        track, near, e_y, e_psi = task.track, x, 0.0, 0.0
         if track:
             found: Any = plant.on_track
             if plant.sensor.is_noisy:
                 found = track.frenet(x, y, psi, self._near)
-            self._near, e_y, e_psi, *_ = found
-            ahead = [track.curvature(self._near + d) for d in AHEAD]
+            near, e_y, e_psi = found[:3]
+            ahead = track.preview(near, AHEAD)
         else:
-            self._near = x
             ahead = [radians(task.road.grade_deg(x + d)) for d in AHEAD]
-        error = task.speed - self._speed
-        return task.observe(Seen(error, e_y, e_psi, self._speed, *self._command, ahead))
+        self._near, self._speed = near, speed
+        return task.observe(Seen(task.speed - speed, e_y, e_psi, speed, motor, servo, ahead))
 
     def _info(self) -> dict[str, Any]:
         plant = self._plant

@@ -43,15 +43,16 @@ class Actuator(NamedTuple):
         The solution is exact: a ramp at `rate` as long as the lag alone would be faster, and
         the exponential from there on.
         """
+        _, lag, rate, _ = self
         error = target - value
-        excess = abs(error) - (self.rate * self.lag if self.lag else 0.0)
-        ramp = min(max(excess, 0.0) / self.rate, t)
-        ramp_end = value + copysign(self.rate, error) * ramp if ramp else value
+        excess = abs(error) - (rate * lag if lag else 0.0)
+        ramp = min(excess / rate, t) if excess > 0.0 else 0.0
+        ramp_end = value + copysign(rate, error) * ramp if ramp else value
         remaining, error = t - ramp, target - ramp_end
         if not remaining:
             return ramp_end, 0.5 * (value + ramp_end)
-        decayed = -expm1(-remaining / self.lag) if self.lag else 1.0
-        mean_of_decay = target - error * decayed * self.lag / remaining
+        decayed = -expm1(-remaining / lag) if lag else 1.0
+        mean_of_decay = target - error * decayed * lag / remaining
         ramp_share = ramp / t
         mean = ramp_share * 0.5 * (value + ramp_end) + (1.0 - ramp_share) * mean_of_decay
         return target - error * (1.0 - decayed), mean
@@ -112,10 +113,12 @@ class ActuatorState:
             self.value = command
             return command + 0.0  # as the sum below, which is never -0
         newer = self._cut(self._queue[1])
-        early, mean = self.early, 0.0
-        if early:
-            older = self._cut(self._queue[0])
-            self.value, mean = self._actuator.respond(self.value, older, early * self._ts)
+        early = self.early
+        if not early:
+            self.value, mean = self._actuator.respond(self.value, newer, self._ts)
+            return mean + 0.0
+        older = self._cut(self._queue[0])
+        self.value, mean = self._actuator.respond(self.value, older, early * self._ts)
         self.value, late = self._actuator.respond(self.value, newer, (1.0 - early) * self._ts)
         return early * mean + (1.0 - early) * late
 
@@ -125,7 +128,8 @@ class ActuatorState:
         self._queue.extend([value] * len(self._queue))
 
     def _cut(self, command: float) -> float:
-        return max(-self._actuator.limit, min(command, self._actuator.limit))
+        limit = self._actuator.limit
+        return command if -limit <= command <= limit else copysign(limit, command)
 
 
 class Actuators:

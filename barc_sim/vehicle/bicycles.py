@@ -139,16 +139,12 @@ class KinematicBicycle:
             raise UserError(f"integrator {integrator!r} must be 'euler' or 'rk4'")
         self.integrator = INTEGRATORS[integrator]
         self._model = model if integrator == 'euler' else None
+        self.is_lab = self._model is bikeFE  #: `bikeFE` makes the steps
         if not self._model and model is not bikeFE:
             raise UserError(
                 f'integrator {integrator!r} does not go with a model of your own, which makes its '
                 "steps itself: leave the integrator at 'euler'"
             )
-
-    @property
-    def is_lab(self) -> bool:
-        """Whether `bikeFE` makes the steps."""
-        return self._model is bikeFE
 
     def step(self, state: State, held: Command, grade: Grade, vehicle: Vehicle, ts: float) -> State:
         """Return the state `ts` seconds later, with acceleration and steering `held`."""

@@ -171,22 +171,26 @@ class Plant:
 
     def _grade(self, x: float) -> float:
         """Return the incline [rad] at `x`."""
-        return radians(self.road.grades_deg[self.road.stretch(self._on_road(x))])
+        grades_deg = self.road.grades_deg
+        if len(grades_deg) == 1:
+            return radians(grades_deg[0])
+        return radians(grades_deg[self.road.stretch(self._on_road(x))])
 
     def _locate(self, near: float | None) -> None:
         """Find the car on the track, `near` that s [m]; where it was nowhere, a lap begins."""
         track, state, t, before = self.track, self.state, self._steps * self.ts, self.on_track
         assert track  # noqa: S101 (a caller has checked)
         found = track.frenet(state.x, state.y, state.psi, near)
-        lap = max(floor(found.s / track.length), 0)
+        s, e_y, e_psi, curvature = found
+        lap = floor(s / track.length)
         if before is None:
-            self._lap_began = t
+            lap, self._lap_began = max(lap, 0), t
         elif lap > before.lap:
-            over = (found.s - lap * track.length) / (found.s - before.s)
-            self._lap_began = t - over * self.ts
+            self._lap_began = t - (s - lap * track.length) / (s - before.s) * self.ts
         else:
             lap = before.lap
-        self.on_track = TrackState(*found, track.width, lap, t - self._lap_began)
+        width = track.width
+        self.on_track = TrackState(s, e_y, e_psi, curvature, width, lap, t - self._lap_began)
 
     def _step(self, held: Command) -> None:
         if self.force or self.disturbance:

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.road import Places
 
     Floats = NDArray[np.float64]
+    #: Of a segment: x, y [m], cosine and sine of its start, its curvature [1/m], half its turn.
+    _Frame = tuple[float, float, float, float, float, float]
 
 WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
@@ -185,11 +187,19 @@ class Track:
     def curvature(self, s: Places) -> Places:
         """Return the curvature [1/m] at `s` metres; an array, of an array."""
         if isinstance(s, (float, int)):
-            starts = self.starts
-            if self.is_closed and not 0.0 <= s < starts[-1]:
-                s -= floor(s / starts[-1]) * starts[-1]
-            return self.curvatures[bisect_right(starts, s, 1, len(starts) - 1) - 1]
+            return self.curvatures[self.segment(s)[0]]
         found: Floats = self._columns[2, self._segments(s)[0]]
+        return found
+
+    def preview(self, s: float, distances: Iterable[float]) -> list[float]:
+        """Return the curvature [1/m] at `s` plus each of the distances [m]: `curvature`, faster."""
+        starts, curvatures, is_closed = self.starts, self.curvatures, self.is_closed
+        length, n, found = starts[-1], len(curvatures), []
+        for distance in distances:
+            there = s + distance
+            if is_closed and not 0.0 <= there < length:
+                there -= floor(there / length) * length
+            found.append(curvatures[bisect_right(starts, there, 1, n) - 1])
         return found
 
     def place(self, s: Any, e_y: Any = 0.0, e_psi: Any = 0.0) -> Pose:  # noqa: ANN401 (or arrays)
@@ -217,27 +227,35 @@ class Track:
             return self._frenet_many(x, y, psi, self._nearest(x, y) if near is None else near)
         if near is None:
             near = float(self._nearest(np.array([x]), np.array([y]))[0])
-        n, starts = len(self.lengths), self.starts
+        n, length, is_closed = len(self.lengths), self.starts[-1], self.is_closed
         i, _ = self.segment(near)
         for _ in range(n):
-            ahead, e_y = _project(self._poses[i], self.curvatures[i], self.lengths[i], x, y)
-            s = starts[i] + ahead
-            step = (s >= starts[i + 1]) - (s < starts[i])
-            if not step or not (self.is_closed or 0 <= i + step < n):
+            start, end, arc = self._rows[i]
+            ahead, e_y = _project(arc, x, y)
+            s = start + ahead
+            step = (s >= end) - (s < start)
+            if not step or not (is_closed or 0 <= i + step < n):
                 break
             i = (i + step) % n
         curvature = self.curvatures[i]
-        e_psi = remainder(psi - self._poses[i].psi - curvature * (s - starts[i]), _TURN)
-        if self.is_closed:
-            s += self.length * round((near - s) / self.length)
+        e_psi = remainder(psi - self._poses[i].psi - curvature * (s - start), _TURN)
+        if is_closed:
+            s += length * round((near - s) / length)
         return Frenet(s, e_y, e_psi, curvature)
 
     def segment(self, s: float) -> tuple[int, float]:
         """Return the number of the segment at `s`, and how far into it that is [m]."""
-        if self.is_closed and not 0.0 <= s < self.starts[-1]:
-            s -= floor(s / self.length) * self.length
-        i = bisect_right(self.starts, s, 1, len(self.lengths)) - 1
-        return i, s - self.starts[i]
+        starts = self.starts
+        if self.is_closed and not 0.0 <= s < starts[-1]:
+            s -= floor(s / starts[-1]) * starts[-1]
+        i = bisect_right(starts, s, 1, len(starts) - 1) - 1
+        return i, s - starts[i]
+
+    @cached_property
+    def _rows(self) -> list[tuple[float, float, _Frame]]:
+        """Where each segment begins and ends [m], and its frame."""
+        frames = map(_frame, self._poses, self.curvatures, self.lengths)
+        return [*zip(self.starts, self.starts[1:], frames, strict=False)]
 
     @cached_property
     def _columns(self) -> Floats:
@@ -322,16 +340,18 @@ def _ahead(pose: Pose, curvature: float, distance: float) -> Pose:
     return Pose(pose.x + chord * cos(psi), pose.y + chord * sin(psi), psi + half)
 
 
-def _project(
-    pose: Pose, curvature: float, length: float, x: float, y: float
-) -> tuple[float, float]:
-    """Return s and e_y in the frame of a segment that begins at `pose`, beyond its ends, too."""
-    cosine, sine = cos(pose.psi), sin(pose.psi)
-    dx, dy = x - pose.x, y - pose.y
+def _frame(pose: Pose, curvature: float, length: float) -> _Frame:
+    """Return the frame of a segment that begins at `pose`, as `_project` takes it."""
+    return pose.x, pose.y, cos(pose.psi), sin(pose.psi), curvature, 0.5 * curvature * length
+
+
+def _project(frame: _Frame, x: float, y: float) -> tuple[float, float]:
+    """Return s and e_y in the frame of a segment, beyond its ends, too."""
+    x_0, y_0, cosine, sine, curvature, middle = frame
+    dx, dy = x - x_0, y - y_0
     a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
     e_y, turned = beside_arc(curvature, a, b)
     if curvature:
-        middle = 0.5 * curvature * length
         a = (middle + remainder(turned - middle, _TURN)) / curvature
     return a, e_y
 
@@ -424,11 +444,10 @@ def _deviation(
     poses = [Pose(p.real, p.imag, phase(t))]
     poses.append(_ahead(poses[0], arcs[0][1], arcs[0][0]))
 
+    frames = [_frame(pose, bend, length) for pose, (length, bend) in zip(poses, arcs, strict=True)]
+
     def off(point: complex) -> float:
-        found = [
-            _project(pose, curvature, length, point.real, point.imag)
-            for pose, (length, curvature) in zip(poses, arcs, strict=True)
-        ]
+        found = [_project(frame, point.real, point.imag) for frame in frames]
         return abs(found[found[0][0] > arcs[0][0]][1])
 
     return max(map(off, points))
