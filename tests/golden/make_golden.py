@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import signal
 import struct
 import subprocess
 import sys
@@ -26,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
-from command_line import started
+from command_line import ENVIRONMENT, started
 from golden import drivers, loops
 from golden.scenarios import SCENARIOS
 from rosbags.highlevel import AnyReader
@@ -113,12 +114,17 @@ def _run(scenario: Scenario, folder: Path) -> None:
     Raises
     ------
     RuntimeError
-        where it fails.
+        where it fails, or does not end: then with the place of each thread.
     """
-    with started(*scenario.arguments(), cwd=folder, stderr=subprocess.STDOUT) as process:
+    env = os.environ | ENVIRONMENT | {'PYTHONFAULTHANDLER': '1'}
+    with started(*scenario.arguments(), cwd=folder, env=env, stderr=subprocess.STDOUT) as process:
         if scenario.driver:
             drivers.drive(scenario.driver, process)
-        output, _ = process.communicate(timeout=drivers.TIMEOUT)
+        try:
+            output, _ = process.communicate(timeout=drivers.TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGABRT)
+            output, _ = process.communicate()
     if process.returncode:
         raise RuntimeError(f'{scenario} ended with {process.returncode}: {output}')
 
