@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _MEBIBYTE = 2**20
 #: Name of the MCAP metadata records with the run's own metadata.
 METADATA_NAME = 'barc_sim'
-_TRIES = 10
+_TRIES = 1000
 BAG_DIR = Parameter(
     'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
 )
@@ -256,23 +256,22 @@ def new_directory(root: Path) -> Path:
     """
     check_root(root)
     name = time.strftime('%Y-%m-%d_%H-%M-%S')
-    suffix, vanished = 1, 0
-    while True:
-        directory = root / (name if suffix == 1 else f'{name}_{suffix}')
+    failure: OSError | None = None
+    for number in range(1, _TRIES):
+        directory = root / (name if number == 1 else f'{name}_{number}')
         try:
             root.mkdir(parents=True, exist_ok=True)
             directory.mkdir()
-        except FileExistsError:
-            suffix += 1
         except OSError as error:
-            # A run that began together with this one, and ended at once, may have removed the root.
-            vanished += isinstance(error, FileNotFoundError)
-            if not 0 < vanished < _TRIES:
-                raise UserError(
-                    f'no bag can be made in {str(root)!r} ({error.strerror}): name another folder'
-                ) from error
+            failure = error
+            # Taken; or a run that ended at once has removed the root, which it had made, too.
+            if not isinstance(error, (FileExistsError, FileNotFoundError)):
+                break
         else:
             return directory
+    raise UserError(
+        f'no bag can be made in {str(root)!r} ({failure and failure.strerror}): name another folder'
+    ) from failure
 
 
 class Losses:

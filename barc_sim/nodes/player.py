@@ -61,7 +61,7 @@ class PlaybackClock:
 
     def __init__(self, rate: float, *, paused: bool) -> None:
         self._rate = rate
-        self._paused = paused
+        self.paused = paused  #: whether time stands still
         self._steps = 0
         self._closed = False
         self._time, self._since = 0, time.monotonic_ns()  # the bag's time then
@@ -75,26 +75,21 @@ class PlaybackClock:
     @property
     def now(self) -> int:
         """The time in the bag [ns]."""
-        passed = 0 if self._paused else time.monotonic_ns() - self._since
+        passed = 0 if self.paused else time.monotonic_ns() - self._since
         return self._time + int(passed * self._rate)
-
-    @property
-    def paused(self) -> bool:
-        """Whether time stands still."""
-        return self._paused
 
     def toggle(self) -> None:
         """Pause, or go on."""
         with self._changed:
             self._time, self._since = self.now, time.monotonic_ns()
-            self._paused = not self._paused
+            self.paused = not self.paused
             self._steps = 0
             self._changed.notify_all()
 
     def step(self) -> None:
         """Let one message go while time is paused."""
         with self._changed:
-            self._steps += self._paused
+            self._steps += self.paused
             self._changed.notify_all()
 
     def close(self) -> None:
@@ -110,11 +105,11 @@ class PlaybackClock:
         """
         with self._changed:
             while not self._closed:
-                if self._paused and self._steps:
+                if self.paused and self._steps:
                     self._steps -= is_message
                     self._time = max(at, self._time)
                     return True
-                remaining = None if self._paused else (at - self.now) / self._rate / 1e9
+                remaining = None if self.paused else (at - self.now) / self._rate / 1e9
                 if remaining is not None and remaining <= 0.0:
                     return True
                 if remaining is None or remaining > _SPIN:

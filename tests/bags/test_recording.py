@@ -55,6 +55,12 @@ def test_what_the_system_refuses_is_one_sentence(
         new_directory(tmp_path / 'bags')
 
 
+def test_a_link_to_nothing_is_no_folder_for_bags(tmp_path: Path) -> None:
+    (tmp_path / 'bags').symlink_to(tmp_path / 'gone')
+    with pytest.raises(UserError, match=r'\(File exists\): name another folder'):
+        new_directory(tmp_path / 'bags')
+
+
 def test_a_root_that_another_run_removes_is_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
