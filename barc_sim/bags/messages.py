@@ -26,10 +26,6 @@ _STAMP = slice(4, 12)
 _LAST = 2**31 - 1  #: [s]
 _TIMES = (Struct('>iI'), Struct('<iI'))  # big-endian, little-endian
 _HEADER = 'std_msgs/msg/Header'
-_NO_FRAME = b'\1\0\0\0\0'  # an empty string: its length with the final zero, and that zero
-_FRAME = slice(12, 17)
-#: Encoding, header, and what fills up to a multiple of 8 behind the encoding's four bytes.
-_LEADING = '<4siI5s3x'
 _CODES = {'float64': 'd', 'bool': '?'}
 
 #: The QoS that ROS reports of a publisher of another participant, in rosbag2's terms.
@@ -83,25 +79,27 @@ def fixed_reader(
 ) -> Callable[[bytes], tuple[float, ...] | None] | None:
     """Return a function that reads the `wanted` fields, two or more, of a message.
 
-    It takes the message in CDR, and returns None for one whose header has a frame. There is none
+    It takes the message in CDR, and returns None for one in the other order of bytes. There is none
     for fields, with rosbags' descriptions, that do not begin with a header, doubles and flags:
     others have no fixed place in the bytes. Those behind them must be empty.
     """
-    (header, first), *others = fields
+    (_, first), *others = fields
     names = [name for name, _ in others]
     codes = ''.join(_CODES.get(of[0], ' ') for _, (_, of) in others).rstrip()
     fixed = first[1] == _HEADER and re.fullmatch(r'd+\?*', codes)
-    if not fixed or header != 'header' or not set(wanted) <= set(names[: len(codes)]):
+    if not fixed or not set(wanted) <= set(names[: len(codes)]):
         return None
-    struct = Struct(_LEADING + codes)
-    select = itemgetter(*(4 + names.index(name) for name in wanted))
+    struct, select = Struct('<' + codes), itemgetter(*map(names.index, wanted))
 
     def read(data: bytes) -> tuple[float, ...] | None:
-        if data[:4] != _LITTLE_ENDIAN or data[_FRAME] != _NO_FRAME or len(data) < struct.size:
+        if data[:4] != _LITTLE_ENDIAN:
             return None
-        if any(data[struct.size :]):
+        # The frame's length is behind the stamp; what follows begins at a multiple of 8, counted
+        # from behind the encoding's four bytes.
+        at = 4 + (int.from_bytes(data[12:16], 'little') + 19 & ~7)
+        if any(data[at + struct.size :]):
             return None
-        values: tuple[float, ...] = select(struct.unpack_from(data))
+        values: tuple[float, ...] = select(struct.unpack_from(data, at))
         return values
 
     return read
