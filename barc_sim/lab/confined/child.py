@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from types import FrameType, ModuleType
 
     from barc_sim.lab.user_code.calls import Command
@@ -78,17 +78,19 @@ class CodeServer:
         """Return what the method called `do` returns."""
         return getattr(self, do)(*arguments)
 
-    def model(self, rows: Sequence[Sequence[float]], l_f: float, l_r: float) -> list[list[float]]:
-        """Return the result of `bikeFE` for each row of its arguments."""
-        model: Any = self._code.model
-        return [model(*row, l_f=l_f, l_r=l_r) for row in rows]
-
-    def model_at(
-        self, rows: Sequence[Sequence[float]], l_f: float, l_r: float
+    def functions(
+        self,
+        name: str,
+        rows: Sequence[Sequence[float]],
+        options: Mapping[str, float] = {},
+        again: Mapping[str, float] | None = None,
     ) -> list[list[float]]:
-        """Return the same of the file in which its own lengths are changed, too."""
-        model = self._code.model_with(lf=l_f, lr=l_r)
-        return [model(*row, l_f=l_f, l_r=l_r) for row in rows]
+        """Return the result of a function for each row of its arguments.
+
+        With `again`, its file is loaded again, and its names get these numbers.
+        """
+        function = self._code.function(name, again=again)
+        return [function(*row, **options) for row in rows]
 
     def new_pid(
         self, number: int, kp: float, ki: float, kd: float, limit: float, fresh: bool
@@ -107,14 +109,9 @@ class CodeServer:
         """Call the `reset` of a controller; return whether there is one."""
         return bool(self._controller(number).reset())
 
-    def functions(self, name: str, rows: Sequence[Sequence[float]]) -> list[list[float]]:
-        """Return the result of a function of `lane.py` for each row of its arguments."""
-        function = self._code.lane_function(name)
-        return [function(*row) for row in rows]
-
     def new_lane(self, number: int, ends: Sequence[float], curvatures: Sequence[float]) -> None:
         """Make the `Lane` `number`, for a track of these segments; its file is loaded again."""
-        self._controllers[number] = self._code.new_lane(fresh=True), ends, curvatures
+        self._controllers[number] = self._code.new('lane', fresh=True), ends, curvatures
 
     def steer(self, number: int, rows: Sequence[tuple[float, float, float, float]]) -> list[float]:
         """Return the outputs of a `Lane` for e_y, e_psi, speed and place on the track."""
@@ -174,7 +171,7 @@ class CodeServer:
         code = self._code
         return {'gains': code.gains, 'tolerated': code.tolerated, 'keys': code.relay_keys}
 
-    def _controller(self, number: int) -> Any:  # noqa: ANN401 (a UserPid, or a Lane and its track)
+    def _controller(self, number: int) -> Any:  # noqa: ANN401 (a UserObject, or one and its track)
         if number not in self._controllers:
             from barc_sim.errors import UserError  # noqa: PLC0415 (its folder is known by now)
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
 #: The user's name for what a request calls; others call a PID.
-_CALLED = {'model': 'bikeFE', 'model_at': 'bikeFE', 'relay': 'relay', 'notes': 'notes'}
+_CALLED = {'functions': 'bikeFE', 'relay': 'relay', 'notes': 'notes'}
 _STATE = 4  # numbers
 _numbers = count()  # of the controllers
 
@@ -37,8 +37,15 @@ class HillsCode(JudgedCode):
 
         Lengths [m] that are not the lab's are passed if it takes them, and replace the file's own.
         """
-        do = 'model' if (l_f, l_r) == (L_F, L_R) else 'model_at'
-        return rows_of('bikeFE', self.call(do, rows, l_f, l_r), len(rows), _STATE)
+        request = self.request(rows, l_f, l_r)
+        if (l_f, l_r) == (L_F, L_R):
+            request = request[:-1]
+        return rows_of('bikeFE', self.call('functions', *request), len(rows), _STATE)
+
+    @staticmethod
+    def request(rows: Sequence[Sequence[float]], l_f: float, l_r: float) -> tuple[Any, ...]:
+        """Return the arguments of a request for `bikeFE`, whose file gets these lengths, too."""
+        return 'bikeFE', rows, {'l_f': l_f, 'l_r': l_r}, {'lf': l_f, 'lr': l_r}
 
     def new_pid(
         self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True

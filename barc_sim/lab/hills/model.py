@@ -139,7 +139,8 @@ def _line(code: HillsCode, trial: Trial, name: str, index: Index, wrong: list[fl
         rate = (values['got_v_next'] - values['v']) / values['ts']
         wrong = [*wrong, values['m'] * (rate - values['a'])]
     right = [float(BIKE.right(trial.inputs, each)[0][k]) for each in EQUATIONS]
-    return code.line_of('model_at', _arguments(trial.inputs, slice(k, k + 1)), wrong, right)
+    request = code.request(*_arguments(trial.inputs, slice(k, k + 1)))
+    return code.line_of('functions', request, wrong, right)
 
 
 def _call(trial: Trial, index: Index) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.control.lane import Curvature
-    from barc_sim.lab.user_code.code import UserPid
+    from barc_sim.lab.user_code.code import UserObject
 
 
 class UserController(Adapter):
@@ -30,7 +30,7 @@ class UserController(Adapter):
     kp: float
     ki: float
     kd: float
-    _controller: UserPid
+    _controller: UserObject
 
     def __init__(self, code: UserCode) -> None:
         """Make a controller with the gains that its file chooses, else those of a run."""
@@ -38,9 +38,9 @@ class UserController(Adapter):
         values = dict(zip(PID.gains, chosen[:3], strict=True)) if chosen else None
         super().__init__(code.new_pid, values=values)
 
-    def _make(self, values: Mapping[str, float]) -> UserPid:
+    def _make(self, values: Mapping[str, float]) -> UserObject:
         limits = {'output_min': self.output_min, 'output_max': self.output_max}
-        made: UserPid = self._new(*values.values(), **limits)
+        made: UserObject = self._new(*values.values(), **limits)
         return made
 
     def _set(self, values: Mapping[str, float]) -> None:
@@ -66,17 +66,18 @@ class UserLane:
     def __init__(self, code: UserCode) -> None:
         """Begin with the gains that are the defaults of its constructor."""
         self._code = code
+        defaults = code.lane_gains
         self.gains = {
             name: Gain(value, '-', f'{name} of lane.py', 2.0 * abs(value) or 1.0, (-1e6, 1e6))
-            for name, value in code.lane_gains.items()
+            for name, value in defaults.items()
         }
-        self.__dict__.update(code.lane_gains)
+        self.__dict__.update(defaults)
         self.reset()
 
     def reset(self) -> None:
         """Begin with a fresh object."""
         self._held = {name: self.__dict__[name] for name in self.gains}
-        self._law = self._code.new_lane(**self._held)
+        self._law = self._code.new('lane', **self._held)
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
@@ -86,7 +87,7 @@ class UserLane:
         if values != self._held:
             self._held = values
             self._law.set_gains(values)
-        output = self._law(e_y, e_psi, speed, curvature)
+        output: float = self._law(e_y, e_psi, speed, curvature)
         self.__dict__.update({name: self._law.read(name) for name in self.terms})
         return output
 

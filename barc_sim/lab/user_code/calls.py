@@ -22,7 +22,7 @@ from barc_sim.lab.user_code.importing import AbsentModuleError
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from barc_sim.lab.user_code.importing import Folder
 
@@ -57,6 +57,17 @@ class Command(NamedTuple):
     t: float  #: [s]
     motor: float
     servo: float
+
+
+class Called(NamedTuple):
+    """A function, class or method of a user's that barc_sim calls."""
+
+    part: str  #: its file, see `FILES`
+    takes: tuple[str, ...] | None  #: None: any arguments
+    numbers: int = 0  #: that it returns; 0: any object
+    returns: str = 'an object'  #: the same in words
+    method: str = ''  #: of a class: what is called of its objects
+    timed: bool = False  #: it may require the time step as one more argument, of any name
 
 
 class OutOfTime(BaseException):
@@ -150,23 +161,9 @@ class UserFunction:
     sentence with the file, the line and the values.
     """
 
-    def __init__(
-        self,
-        folder: Folder,
-        function: Any,  # noqa: ANN401 (a user's)
-        takes: Sequence[str],
-        expected: str,
-        *,
-        numbers: int = 0,
-        timed: bool = False,
-    ) -> None:
-        """Check that `function` takes the arguments `takes`.
-
-        It must return so many `numbers`, described by `expected`; 0: any object. A `timed` one may
-        require the time step as one more argument of any name.
-        """
-        self.folder, self.function = folder, function
-        self._expected, self._numbers = expected, numbers
+    def __init__(self, folder: Folder, function: Any, called: Called) -> None:  # noqa: ANN401 (a user's)
+        """Check that `function` takes the arguments of `called`."""
+        self.folder, self.function, self.called = folder, function, called
         self._call = Budget(folder.budget).call if folder.budget else _call
         found = self._signature()
         #: The names of its arguments.
@@ -175,8 +172,9 @@ class UserFunction:
         self._takes_all = Parameter.VAR_KEYWORD in kinds
         self._positions = {name: position for position, name in enumerate(self.parameters)}
         self._dt = 'dt'  # its name of the time step
+        takes = self.parameters if called.takes is None else called.takes
         if not _binds(found, len(takes)):
-            further = self.parameters[len(takes) :] if timed else ()
+            further = self.parameters[len(takes) :] if called.timed else ()
             steps = [name for name in further if _binds(found, len(takes), **{name: 0.0})]
             if not steps:
                 raise UserCodeError(
@@ -196,16 +194,17 @@ class UserFunction:
             result = self._call(self.function, *args, **options)
         except (Exception, SystemExit, OutOfTime) as error:
             raise self._raised(error, args, options) from error
-        if not self._numbers:
+        numbers = self.called.numbers
+        if not numbers:
             return result
-        found = _plain(result, self._numbers)
+        found = _plain(result, numbers)
         if found is None:
-            found = self.attempt(_converted, result, self._numbers)
+            found = self.attempt(_converted, result, numbers)
         if found is None:
             hint = ': is its return missing?' if result is None else ''
             raise UserCodeError(
                 f'{self.place()}: {self._call_text(args, options)} returned '
-                f'{short_repr(result)}; expected {self._expected}{hint}'
+                f'{short_repr(result)}; expected {self.called.returns}{hint}'
             )
         return found
 
@@ -239,7 +238,7 @@ class UserFunction:
         if isinstance(error, OutOfTime):
             return UserCodeError(
                 f'{place}: {call} did not return within {self.folder.budget or error.seconds:g} s; '
-                f'expected {self._expected}: is there an endless loop?'
+                f'expected {self.called.returns}: is there an endless loop?'
             )
         if isinstance(error, AbsentModuleError):
             return UserCodeError(f'{place}: {call} uses {error}')
@@ -249,7 +248,7 @@ class UserFunction:
         text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
         hint = _cause(self.folder, error)
         text = f'{text}: {hint}' if hint else text
-        return UserCodeError(f'{place}: {call} raised {text}; expected {self._expected}')
+        return UserCodeError(f'{place}: {call} raised {text}; expected {self.called.returns}')
 
     def _call_text(self, args: tuple[Any, ...], options: Mapping[str, Any]) -> str:
         names = [name for name in self.parameters if name not in options]

@@ -8,17 +8,17 @@ from __future__ import annotations
 import json
 import os
 import shlex
-from functools import cached_property
 from inspect import signature
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.errors import UserError
 from barc_sim.lab.handout import FILES, files_in
 from barc_sim.lab.user_code.calls import (
     BUDGET,
     Budget,
+    Called,
     Command,
     OutOfTime,
     UserFunction,
@@ -40,6 +40,7 @@ from barc_sim.lab.user_code.source import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
+    from types import ModuleType
 
     from typing_extensions import Self
 
@@ -47,30 +48,51 @@ if TYPE_CHECKING:
 
     Relay = Callable[..., Sequence[float]]  #: of linear_x, angular_z and dt=; motor and servo
 
-_T = TypeVar('_T')
 #: The start of the names of the user's files, as attachments of a bag.
 _ATTACHED = 'student/'
+_GAINS = 3  # of a PID
 #: [s] Time budget to load a file: it might import SciPy.
 _LOADING = 20.0
-_BIKE_FE = ('x', 'y', 'psi', 'v', 'a', 'd_f', 'a0', 'm', 'Ff', 'theta', 'ts')
-_GAINS = ('kp', 'ki', 'kd')
-_SPEEDS = ('speed_reference', 'speed_current')
-#: The functions of `lane.py`: what they get, and what they return.
-_LANE_FUNCTIONS = {
-    'straight_errors': (('x', 'y', 'psi', 'x_0', 'y_0', 'psi_0'), '[e_y, e_psi]'),
-    'arc_errors': (('x', 'y', 'psi', 'x_c', 'y_c', 'radius'), '[e_y, e_psi]'),
-    'steady': (('curvature',), '[delta, e_psi]'),
+
+
+def _called(part: str, takes: str | None, *more: Any, **named: Any) -> Called:  # noqa: ANN401
+    return Called(part, None if takes is None else tuple(takes.split()), *more, **named)
+
+
+_RELAY = _called('relay', 'linear_x angular_z', 2, 'two finite numbers, [motor, servo]', timed=True)
+_ERRORS = 'two finite numbers, [e_y, e_psi]'
+#: What is called of a user's files.
+_CALLED = {
+    'bikeFE': _called(
+        'model',
+        'x y psi v a d_f a0 m Ff theta ts',
+        4,
+        'four finite numbers, [x_next, y_next, psi_next, v_next]',
+    ),
+    'PID': _called('controller', 'kp ki kd', method='acc_calculate'),
+    'acc_calculate': _called(
+        'controller',
+        'speed_reference speed_current',
+        1,
+        'a finite number, the acceleration [m/s²]',
+        timed=True,
+    ),
+    'Relay': _called('relay', '', method='relay'),
+    'relay': _RELAY,
+    'Lane': _called('lane', None, method='steer_calculate'),
+    'steer_calculate': _called(
+        'lane', 'e_y e_psi speed curvature', 1, 'a finite number, the steering angle [rad]'
+    ),
+    'straight_errors': _called('lane', 'x y psi x_0 y_0 psi_0', 2, _ERRORS),
+    'arc_errors': _called('lane', 'x y psi x_c y_c radius', 2, _ERRORS),
+    'steady': _called('lane', 'curvature', 2, 'two finite numbers, [delta, e_psi]'),
 }
-_ERRORS = ('e_y', 'e_psi', 'speed', 'curvature')
-_TWIST = ('linear_x', 'angular_z')
-_STATE = 'four finite numbers, [x_next, y_next, psi_next, v_next]'
-_ACCELERATION = 'a finite number, the acceleration [m/s²]'
-_ANGLE = 'a finite number, the steering angle [rad]'
-_COMMAND = 'two finite numbers, [motor, servo]'
+#: What a part is loaded for: the first of these that its file defines.
+_MAIN = {'model': ['bikeFE'], 'controller': ['PID'], 'relay': ['Relay', 'relay'], 'lane': ['Lane']}
 
 
 class UserCode:
-    """A user's model, controller and relay, each loaded when it is first used.
+    """A user's model, controller, relay and lane, each loaded when it is first used.
 
     What a file lacks, what fails and what takes too long is a UserCodeError; the same one each time
     where a file cannot be loaded.
@@ -107,167 +129,115 @@ class UserCode:
             )
             for count, parent in enumerate(parents, 1)
         }
-        self._faults: dict[str, UserError] = {}
-        self.lane_gains: dict[str, float] = {}  #: of `lane.py`, which is loaded, by name
+        self._loaded: dict[str, Any] = {}  # by part: a UserFunction, a RelayProgram, or its error
 
     def load(self) -> Self:
         """Load all parts now; return this object."""
         for part in self.paths:
-            getattr(self, part)
+            self._part(part)
         return self
 
-    @cached_property
+    @property
     def model(self) -> UserFunction | None:
         """Their `bikeFE`; it also gets `l_f`, `l_r` and `g` if it takes them."""
-        return self._loaded('model', self._model)
+        return self._part('model')  # type: ignore[no-any-return]
 
-    @cached_property
+    @property
     def controller(self) -> UserFunction | None:
         """Their class `PID`; it also gets `output_min` and `output_max` if it takes them."""
-        return self._loaded('controller', self._controller)
+        return self._part('controller')  # type: ignore[no-any-return]
 
-    @cached_property
+    @property
     def lane(self) -> UserFunction | None:
         """Their class `Lane`; the arguments of its constructor are its gains."""
-        return self._loaded('lane', self._lane)
+        return self._part('lane')  # type: ignore[no-any-return]
 
-    @cached_property
+    @property
     def relay(self) -> UserFunction | RelayProgram | None:
         """Their function `relay`, their class `Relay`, or a whole program of ROS."""
-        return self._loaded('relay', self._relay)
+        return self._part('relay')  # type: ignore[no-any-return]
 
-    def _loaded(self, part: str, load: Callable[[Folder, Path], _T]) -> _T | None:
-        if part not in self.paths:
-            return None
-        if part not in self._faults:
+    def _part(self, part: str) -> Any:  # noqa: ANN401 (see `_loaded`)
+        if part in self.paths and part not in self._loaded:
             try:
-                return load(self._folders[self.paths[part].parent], self.paths[part])
+                program = self._program() if part == 'relay' else None
+                self._loaded[part] = program or self.function(*_MAIN[part])
             except UserError as error:
-                self._faults[part] = error
-        raise self._faults[part]
+                self._loaded[part] = error
+        found = self._loaded.get(part)
+        if isinstance(found, UserError):
+            raise found
+        return found
 
-    def _model(self, folder: Folder, path: Path) -> UserFunction:
-        function = self._named(folder, path, 'bikeFE')
-        if not callable(function):
+    def _program(self) -> RelayProgram | None:
+        """Return the relay, if its file is a whole program of ROS."""
+        path = self.paths['relay']
+        folder = self._folders[path.parent]
+        ros = ros_of_program(folder.parse(path))
+        if not ros:
+            return None
+        from barc_sim.lab.user_code.relay_program import RelayProgram  # noqa: PLC0415 (200 ms)
+
+        if ros == 'rospy':
+            folder.tolerated.append(f'{path.name}: a program of ROS 1, which runs here without it')
+        return RelayProgram(folder, path, ros)
+
+    def function(self, *names: str, again: Mapping[str, float] | None = None) -> UserFunction:
+        """Return the first of these functions or classes that its file defines.
+
+        With `again`, the file is loaded again, so that no global variable has an old value, and
+        names get these numbers.
+        """
+        part = _CALLED[names[0]].part
+        path = self.paths[part]
+        folder = self._folders[path.parent]
+        if again is not None:
+            self._part(part)  # raises what its first loading has raised
+            folder = folder.again(again)
+        name, value = _defined(folder, path, names)
+        called = _CALLED[name]
+        if not (isinstance(value, type) if called.method else callable(value)):
+            expected = 'class' if called.method else 'function'
             raise UserCodeError(
-                f'{path.name}: bikeFE is {short_repr(function)}; expected a function'
+                f'{path.name}: {name} is {short_repr(value)}; expected a {expected}'
             )
-        return UserFunction(folder, function, _BIKE_FE, _STATE, numbers=4)
-
-    def _controller(self, folder: Folder, path: Path) -> UserFunction:
-        cls = self._named(folder, path, 'PID')
-        if not isinstance(cls, type):
-            raise UserCodeError(f'{path.name}: PID is {short_repr(cls)}; expected a class')
-        return self._class(folder, cls, _GAINS, 'acc_calculate', _SPEEDS)
-
-    def _lane(self, folder: Folder, path: Path) -> UserFunction:
-        cls = self._named(folder, path, 'Lane')
-        if not isinstance(cls, type):
-            raise UserCodeError(f'{path.name}: Lane is {short_repr(cls)}; expected a class')
-        found = guarded(signature, cls, default=None)
-        takes = tuple(found.parameters) if found else ()
-        new = self._class(folder, cls, takes, 'steer_calculate', _ERRORS)
-        self.lane_gains = _defaults(new, path.name)
-        return new
-
-    def _class(
-        self, folder: Folder, cls: type, takes: tuple[str, ...], method: str, of: tuple[str, ...]
-    ) -> UserFunction:
-        new = UserFunction(folder, cls, takes, 'an object')
-        if not callable(guarded(getattr, cls, method, default=None)):
+        found = UserFunction(folder, value, called)
+        if called.method and not callable(guarded(getattr, value, called.method, default=None)):
+            arguments = ', '.join(('self', *(_CALLED[called.method].takes or ())))
             raise UserCodeError(
-                f'{new.place()}: the class {cls.__name__} has no method '
-                f'{method}(self, {", ".join(of)})'
+                f'{found.place()}: the class {name} has no method {called.method}({arguments})'
             )
-        return new
+        if called.takes is None:
+            _defaults(found)
+        return found
 
-    def _relay(self, folder: Folder, path: Path) -> UserFunction | RelayProgram:
-        if ros := ros_of_program(folder.parse(path)):
-            from barc_sim.lab.user_code.relay_program import RelayProgram  # noqa: PLC0415 (200 ms)
-
-            if ros == 'rospy':
-                folder.tolerated.append(
-                    f'{path.name}: a program of ROS 1, which runs here without it'
-                )
-            return RelayProgram(folder, path, ros)
-        relay = self._named(folder, path, 'Relay', 'relay')
-        if isinstance(relay, type):
-            return self._class(folder, relay, (), 'relay', _TWIST)
-        if not callable(relay):
-            raise UserCodeError(f'{path.name}: relay is {short_repr(relay)}; expected a function')
-        return self._relay_function(folder, relay)
-
-    def _relay_function(self, folder: Folder, function: Any) -> UserFunction:  # noqa: ANN401
-        return UserFunction(folder, function, _TWIST, _COMMAND, numbers=2, timed=True)
-
-    def _named(self, folder: Folder, path: Path, *names: str) -> Any:  # noqa: ANN401 (a user's)
-        """Return the first of `names` that the file at `path` defines."""
-        loading = Budget(_LOADING) if folder.budget else None
-        try:
-            module = loading.call(folder.load, path) if loading else folder.load(path)
-        except UserError:
-            raise
-        except (Exception, SystemExit, OutOfTime) as error:
-            fault = f'loading the file raised {describe_error(error)}'
-            if isinstance(error, ModuleNotFoundError):
-                fault = (
-                    f'there is no module {error.name!r} here: install it, put it into the folder, '
-                    'or do without it'
-                )
-            elif isinstance(error, OutOfTime):
-                fault = (
-                    f'loading the file took longer than {_LOADING if loading else error.seconds:g} '
-                    's: is there an endless loop outside its functions?'
-                )
-            raise UserCodeError(f'{raised_at(folder, error) or path.name}: {fault}') from error
-        for name in names:
-            if hasattr(module, name):
-                return getattr(module, name)
-        raise UserCodeError(f'{path.name} defines no {" nor ".join(reversed(names))}')
-
-    def model_with(self, **numbers: float) -> UserFunction:
-        """Return `bikeFE` of its file loaded again, in which names get these numbers."""
-        assert self.model  # noqa: S101 (there is the file)
-        return self._model(self.model.folder.again(numbers), self.paths['model'])
-
-    def new_pid(
-        self, kp: float, ki: float, kd: float, *, fresh: bool = False, **limits: float
-    ) -> UserPid:
-        """Return a new object of their class `PID`.
+    def new(self, part: str, *args: float, fresh: bool = False, **options: float) -> UserObject:
+        """Return a new object of the class of a part.
 
         With `fresh`, its file is loaded again, so that no global variable has an old value.
         """
-        new = self.controller
-        assert new  # noqa: S101 (there is the file)
-        if fresh:
-            new = self._controller(new.folder.again(), self.paths['controller'])
+        new = self.function(*_MAIN[part], again={}) if fresh else self._part(part)
+        name = new.called.method
+        instance = new(*args, **options)
+        method = new.attempt(getattr, instance, name)
+        return UserObject(instance, UserFunction(new.folder, method, _CALLED[name]))
+
+    def new_pid(
+        self, kp: float, ki: float, kd: float, *, fresh: bool = False, **limits: float
+    ) -> UserObject:
+        """Return a new object of their class `PID`, which can have other names for its gains."""
+        parameters = self._part('controller').parameters
         # A constructor of fewer arguments takes any three.
-        names = gain_names(new.parameters) if len(new.parameters) >= len(_GAINS) else ()
-        if not names or names == tuple(new.parameters[:3]):
-            instance = new(kp, ki, kd, **limits)
-        else:
-            instance = new(**dict(zip(names, (kp, ki, kd), strict=True)), **limits)
-        method = new.attempt(getattr, instance, 'acc_calculate')
-        step = UserFunction(new.folder, method, _SPEEDS, _ACCELERATION, numbers=1, timed=True)
-        return UserPid(instance, step)
+        names = gain_names(parameters) if len(parameters) >= _GAINS else ()
+        if not names or names == tuple(parameters[:_GAINS]):
+            return self.new('controller', kp, ki, kd, fresh=fresh, **limits)
+        gains = dict(zip(names, (kp, ki, kd), strict=True))
+        return self.new('controller', fresh=fresh, **gains, **limits)
 
-    def new_lane(self, *, fresh: bool = False, **gains: float) -> UserLaw:
-        """Return a new object of their class `Lane`, with these gains; `fresh` as in `new_pid`."""
-        new = self.lane
-        assert new  # noqa: S101 (there is the file)
-        if fresh:
-            new = self._lane(new.folder.again(), self.paths['lane'])
-        instance = new(**gains)
-        method = new.attempt(getattr, instance, 'steer_calculate')
-        return UserLaw(instance, UserFunction(new.folder, method, _ERRORS, _ANGLE, numbers=1))
-
-    def lane_function(self, name: str) -> UserFunction:
-        """Return a function of `lane.py`."""
-        path = self.paths['lane']
-        folder = self._folders[path.parent]
-        takes, returns = _LANE_FUNCTIONS[name]
-        function = self._named(folder, path, name)
-        return UserFunction(folder, function, takes, f'two finite numbers, {returns}', numbers=2)
+    @property
+    def lane_gains(self) -> dict[str, float]:
+        """The gains of their class `Lane`: the defaults of its arguments."""
+        return _defaults(self._part('lane'))
 
     def new_relay(self) -> Relay:
         """Return a new relay, to be called for a Twist `dt` seconds after the last call."""
@@ -275,9 +245,7 @@ class UserCode:
         assert relay  # noqa: S101 (there is the file)
         if not isinstance(relay, UserFunction):
             return relay.start()
-        if not isinstance(relay.function, type):
-            return relay
-        return self._relay_function(relay.folder, relay.attempt(getattr, relay(), 'relay'))
+        return self.new('relay') if relay.called.method else relay
 
     def relay_commands(
         self,
@@ -294,7 +262,7 @@ class UserCode:
     @property
     def gains(self) -> ChosenGains | None:
         """The gains that `controller.py`, which is loaded, chooses."""
-        if 'controller' not in self.__dict__ or not self.controller:
+        if 'controller' not in self._loaded or not self.controller:
             return None
         folder, path = self.controller.folder, str(self.paths['controller'])
         return find_gains(folder.trees[path], folder.sources[path].name)
@@ -302,7 +270,7 @@ class UserCode:
     @property
     def relay_keys(self) -> str:
         """The keys that were typed for a relay that reads them itself; empty: it reads none."""
-        return str(vars(self.__dict__.get('relay', self)).get('layout', ''))
+        return str(vars(self._loaded.get('relay', self)).get('layout', ''))
 
     @property
     def tolerated(self) -> tuple[str, ...]:
@@ -344,30 +312,25 @@ class UserCode:
         return {_ATTACHED + source.name: source.text.encode() for source in self.sources}
 
 
-def _defaults(new: UserFunction, file: str) -> dict[str, float]:
-    """Return the arguments of a user's constructor with their defaults, which must be numbers."""
-    given = signature(new.function).parameters
-    found = {name: new.attempt(number, each.default) for name, each in given.items()}
-    for name, value in found.items():
-        if value is None:
-            raise UserCodeError(
-                f'{file}: Lane takes ({", ".join(found)}), and each is a gain: expected a '
-                f'number as its default, as in {name}=0.2'
-            )
-    return {name: value for name, value in found.items() if value is not None}
-
-
 class UserObject:
     """An object of a user's class that is called step by step."""
 
     def __init__(self, instance: Any, step: UserFunction) -> None:  # noqa: ANN401 (a user's)
         """Use `step`, a method of the `instance`."""
-        self.instance = instance  #: the object itself
-        self._step = step
+        self._instance, self._step = instance, step
+
+    def __call__(self, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (as its class defines)
+        """Return the result of a step."""
+        return self._step(*args, **options)
+
+    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+        found: float = self._step(speed_reference, speed_current, dt=dt)
+        return found
 
     def read(self, name: str) -> float:
         """Return the object's attribute `name`; NaN if it is not a number."""
-        value = self._step.attempt(getattr, self.instance, name, nan)
+        value = self._step.attempt(getattr, self._instance, name, nan)
         if type(value) is not float:
             value = self._step.attempt(number, value)
         return nan if value is None else value
@@ -375,36 +338,61 @@ class UserObject:
     def set_gains(self, gains: Mapping[str, float]) -> None:
         """Change those gains that the object has as attributes."""
         for name, value in gains.items():
-            if self._step.attempt(hasattr, self.instance, name):
-                self._step.attempt(setattr, self.instance, name, value)
+            if self._step.attempt(hasattr, self._instance, name):
+                self._step.attempt(setattr, self._instance, name, value)
 
     def reset(self) -> bool:
         """Call the object's `reset`; return whether there is one."""
-        reset = self._step.attempt(getattr, self.instance, 'reset')
+        reset = self._step.attempt(getattr, self._instance, 'reset')
         if reset is None:
             return False
-        UserFunction(self._step.folder, reset, (), 'it to clear the PID')()
+        called = Called('controller', (), returns='it to clear the PID')
+        UserFunction(self._step.folder, reset, called)()
         return True
 
 
-class UserPid(UserObject):
-    """An object of a user's class `PID`."""
+def _defaults(new: UserFunction) -> dict[str, float]:
+    """Return the arguments of a user's class with their defaults, which must be numbers."""
+    given = signature(new.function).parameters
+    found = {name: new.attempt(number, each.default) for name, each in given.items()}
+    for name, value in found.items():
+        if value is None:
+            raise UserCodeError(
+                f'{new.place()}: Lane takes ({", ".join(found)}), and each is a gain: expected a '
+                f'number as its default, as in {name}=0.2'
+            )
+    return {name: value for name, value in found.items() if value is not None}
 
-    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
-        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
-        found: float = self._step(speed_reference, speed_current, dt=dt)
-        return found
+
+def _defined(folder: Folder, path: Path, names: Sequence[str]) -> tuple[str, Any]:
+    """Return the first of `names` that the file at `path` defines, and its value."""
+    module = _load(folder, path)
+    for name in names:
+        if hasattr(module, name):
+            return name, getattr(module, name)
+    raise UserCodeError(f'{path.name} defines no {" nor ".join(reversed(names))}')
 
 
-class UserLaw(UserObject):
-    """An object of a user's class `Lane`, called as its `steer_calculate`."""
-
-    def __call__(
-        self, e_y: float, e_psi: float, speed: float, curvature: Callable[[float], float]
-    ) -> float:
-        """Return the front angle [rad], as a `LaneController` does."""
-        found: float = self._step(e_y, e_psi, speed, curvature)
-        return found
+def _load(folder: Folder, path: Path) -> ModuleType:
+    """Return the module of a file; a UserCodeError names why it cannot be loaded."""
+    loading = Budget(_LOADING) if folder.budget else None
+    try:
+        return loading.call(folder.load, path) if loading else folder.load(path)
+    except UserError:
+        raise
+    except (Exception, SystemExit, OutOfTime) as error:
+        fault = f'loading the file raised {describe_error(error)}'
+        if isinstance(error, ModuleNotFoundError):
+            fault = (
+                f'there is no module {error.name!r} here: install it, put it into the folder, '
+                'or do without it'
+            )
+        elif isinstance(error, OutOfTime):
+            fault = (
+                f'loading the file took longer than {_LOADING if loading else error.seconds:g} '
+                's: is there an endless loop outside its functions?'
+            )
+        raise UserCodeError(f'{raised_at(folder, error) or path.name}: {fault}') from error
 
 
 def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.lab.user_code.calls import UserFunction
-    from barc_sim.lab.user_code.code import UserPid
+    from barc_sim.lab.user_code.code import UserObject
 
 #: A request for each part.
 CALLS = {
-    'model': ('model', [], 1.5, 1.5),
+    'model': ('functions', 'bikeFE', []),
     'controller': ('new_pid', 1, 1.0, 1.0, 1.0, 8.0, True),
     'relay': ('relay', [], 1.0, []),
 }
@@ -229,7 +229,7 @@ class PID:
 """
 
 
-def controller(tmp_path: Path, text: str) -> Callable[..., UserPid]:
+def controller(tmp_path: Path, text: str) -> Callable[..., UserObject]:
     return load(lab(tmp_path, controller=text) / 'controller.py', budget=SHORT).new_pid
 
 
