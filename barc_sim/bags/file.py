@@ -7,7 +7,6 @@ The records are those of https://mcap.dev/spec. mcap's writer takes 2.5 us for a
 from __future__ import annotations
 
 import os
-import time
 import zlib
 from collections import Counter, defaultdict
 from contextlib import suppress
@@ -289,24 +288,17 @@ class BagFile:
         self._list(MetadataIndex(offset=self.appender.position, length=len(data), name=name))
         self._put(data)
 
-    def attach(self, name: str, media_type: str, data: bytes, modified: int = 0) -> None:
-        """Attach a file with its time `modified` [ns] since the epoch; 0: unknown."""
-        attachment = Attachment(
-            create_time=modified,
-            log_time=time.time_ns(),
-            name=name,
-            media_type=media_type,
-            data=data,
-        )
-        record = to_bytes(attachment)
+    def attach(self, file: Attachment) -> None:
+        """Attach a file."""
+        record = to_bytes(file)
         index = AttachmentIndex(
             offset=self.appender.position,
             length=len(record),
-            log_time=attachment.log_time,
-            create_time=attachment.create_time,
-            data_size=len(data),
-            name=name,
-            media_type=media_type,
+            log_time=file.log_time,
+            create_time=file.create_time,
+            data_size=len(file.data),
+            name=file.name,
+            media_type=file.media_type,
         )
         self._list(index)
         self._put(record)

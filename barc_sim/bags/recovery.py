@@ -63,7 +63,7 @@ def _recover_file(
     try:
         copy.add_metadata(file.metadata)
         for each in file.attachments.values():
-            copy.attach(each.name, each.media_type, each.data, each.create_time)
+            copy.attach(each)
         for message in messages:
             copy.add([message])
             copy.commit()

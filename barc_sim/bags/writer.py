@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from math import inf
 from typing import TYPE_CHECKING, Any
+
+from mcap.records import Attachment
 
 from barc_sim.bags.file import BagFile
 from barc_sim.bags.recording import Span, information, write_metadata
@@ -104,11 +107,12 @@ class BagWriter:
             self._files[-1].add_metadata(entries)
         self.flush()
 
-    def attach(self, files: Mapping[str, bytes], media_type: str = 'text/plain') -> None:
-        """Attach files, by name, to the bag's current file."""
+    def attach(self, files: Mapping[str, bytes]) -> None:
+        """Attach text files, by name, to the bag's current file."""
         self._files[-1].end_chunk()
         for name, data in files.items():
-            self._files[-1].attach(name, media_type, data)
+            # The time of its last change is unknown.
+            self._files[-1].attach(Attachment(0, time.time_ns(), name, 'text/plain', data))
         self.flush()
 
     def write(self, messages: Sequence[MessageFields]) -> None:

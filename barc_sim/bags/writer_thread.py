@@ -71,7 +71,6 @@ class WriterThread:
         self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
         self._now: int | None = None  # [ns] of the latest `/clock`
         self._late: list[MessageFields] = []
-        self.failure: str | None = None  #: the first one
         self.unwritten: dict[str, int] = {}  #: messages that are lost, by topic, once closed
         self._writer = writer
         self._source = source
@@ -206,29 +205,17 @@ class WriterThread:
         if not self._stuck:
             self._stuck = True
             reason = getattr(error, 'strerror', None) or repr(error)
-            failure = f'writing to {str(self._writer.directory)!r} failed: {reason}'
-            self.failure = self.failure or failure
-            self._on_failure(failure)
+            self._on_failure(f'writing to {str(self._writer.directory)!r} failed: {reason}')
 
-    def add_metadata(self, entries: Mapping[str, str]) -> None:
-        """Add metadata to the bag."""
+    def do(self, action: Callable[[BagWriter], None]) -> None:
+        """Do something with the bag's writer between two polls; nothing once the bag is closed."""
         with self._lock:
-            self._try(lambda: self._writer.add_metadata(entries))
+            self._try(action)
 
-    def attach(self, files: Mapping[str, bytes]) -> None:
-        """Attach files, by name, to the bag."""
-        with self._lock:
-            self._try(lambda: self._writer.attach(files))
-
-    def split(self) -> None:
-        """Continue in the bag's next file."""
-        with self._lock:
-            self._try(self._writer.split)
-
-    def _try(self, action: Callable[[], None]) -> None:
+    def _try(self, action: Callable[[BagWriter], None]) -> None:
         try:
             if not self._writer.closed:
-                action()
+                action(self._writer)
         except OSError as error:
             self._fail(error)
 
@@ -254,8 +241,8 @@ class WriterThread:
             self._chunk_due = 0.0
             self._run_once()
             if not self._stuck:
-                self._try(lambda: self._writer.add_metadata(final_metadata()))
-            self._try(self._writer.close)
+                self._try(lambda writer: writer.add_metadata(final_metadata()))
+            self._try(lambda writer: writer.close())
             self._count_unwritten()
 
     def _count_unwritten(self) -> None:

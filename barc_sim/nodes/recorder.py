@@ -140,7 +140,8 @@ class BagRecorder(Node):
         size = len(self.get_node_names()) + len(self.get_topic_names_and_types())
         if size > self._graph_size:
             self._graph_size = size
-            self._thread.add_metadata({'graph': node_graph(self).to_json()})
+            graph = node_graph(self).to_json()
+            self._thread.do(lambda writer: writer.add_metadata({'graph': graph}))
 
     def _subscribe(self) -> None:
         self._topics = _subscriptions(self, self._recording)
@@ -177,7 +178,7 @@ class BagRecorder(Node):
         )
         if not arrivals:
             self._topics.on_full = self._thread.write_now
-        self._thread.attach(self._attachments)
+        self._thread.do(lambda writer: writer.attach(self._attachments))
         self._thread.use_sim_time = self._use_sim_time
         self._thread.snapshot = settings.snapshot
         self._thread.paused = settings.start_paused and len(self._writers) == 1
@@ -252,7 +253,7 @@ class BagRecorder(Node):
     def add_metadata(self, entries: Mapping[str, str]) -> None:
         """Add metadata of the run to the bag; an entry replaces one of the same name."""
         self._metadata.update(entries)
-        self._thread.add_metadata(entries)
+        self._thread.do(lambda writer: writer.add_metadata(entries))
 
     def discover(self) -> None:
         """Subscribe to each wanted topic that has got a publisher since the last call."""
@@ -302,7 +303,7 @@ class BagRecorder(Node):
 
     def _split_bagfile(self) -> str:
         self._check_recording()
-        self._thread.split()
+        self._thread.do(lambda writer: writer.split())
         return str(self.path)
 
     def _snapshot(self) -> str:

@@ -14,7 +14,6 @@ from made_bags import QOS, VALUE
 from mcap.reader import SeekingReader
 from mcap.records import (
     Attachment,
-    AttachmentIndex,
     Chunk,
     DataEnd,
     Footer,
@@ -262,7 +261,6 @@ NAMED = Topic(
     name='/named', type='a/msg/Name', definition='string name\n', type_hash='', offered_qos=[QOS]
 )
 TOPICS = (VALUE, NAMED, replace(NAMED, name='/also_named'))
-ATTACHED = (Attachment, AttachmentIndex)
 MESSAGES = 12_000  # half of them are 1.6 chunks
 
 
@@ -281,7 +279,7 @@ def make(path: Path) -> None:
             file.add([Message(TOPICS[index], *message)])
         file.end_chunk()
         file.add_metadata({'seed': str(seed)})
-        file.attach('notes', 'text/plain', b'wet', 3)
+        file.attach(Attachment(3, 0, 'notes', 'text/plain', b'wet'))
     file.finish({'version': 9})
     file.commit()
 
@@ -317,10 +315,7 @@ def all_records(path: Path) -> list[McapRecord]:
     with path.open('rb') as stream:
         read = StreamReader(stream, emit_chunks=True, validate_crcs=True).records
         return [
-            # Attached now, and now.
-            replace(record, log_time=0) if isinstance(record, ATTACHED) else record
-            for record in read
-            if not isinstance(record, (DataEnd, Footer, SummaryOffset))
+            record for record in read if not isinstance(record, (DataEnd, Footer, SummaryOffset))
         ]
 
 

@@ -136,9 +136,9 @@ def test_refused_messages_are_written_once_the_disk_accepts_them(
         source.put(2)
         wait_for(lambda: bool(failures))
         source.put(3)
-        assert thread.failure == f"writing to '{tmp_path / 'run'}' failed: Input/output error"
+        assert failures == [f"writing to '{tmp_path / 'run'}' failed: Input/output error"]
     wait_for(lambda: recorded(tmp_path) == [1, 2, 3])
-    assert failures == [thread.failure, None]
+    assert failures[1:] == [None]
     thread.close()
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
 
@@ -153,8 +153,7 @@ def test_removed_bag_is_written_anew(
     source.put(3)
     thread.close()
     assert recorded(tmp_path) == [1, 2, 3]
-    assert thread.failure
-    assert 'it was removed while recording, and is written anew' in thread.failure
+    assert 'it was removed while recording, and is written anew' in str(failures[0])
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
 
 
@@ -230,7 +229,7 @@ def test_a_sleep_that_fails_is_reported_and_what_follows_is_recorded(
     source.put(1)
     wait_for(lambda: recorded(tmp_path) == [1])
     thread.close()
-    assert 'no listener' in str(thread.failure)
+    assert 'no listener' in str(failures[0])
 
 
 @pytest.mark.parametrize('reserve', [2**70], indirect=True)
