@@ -215,8 +215,6 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
         'no states',
     ),
     'a text for a number': (defined('float64 x ', 'string x '), 'no states'),
-    'a time for a number': (defined('float64 x ', 'builtin_interfaces/Time x '), 'no states'),
-    'an array for a number': (defined('float64 x ', 'float64[1] x '), 'no states'),
     'a sequence for a number': (defined('float64 x ', 'float64[] x '), 'no states'),
     'a type in itself': (
         defined('float64 x ', 'barc_interfaces/ZDynBkMdl[2] a\nfloat64 x '),

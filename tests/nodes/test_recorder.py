@@ -115,20 +115,6 @@ def test_keeps_every_message_as_it_was_sent(recorder: BagRecorder, talker: Node)
         assert message.publish_time <= after
 
 
-def test_finds_topics_and_latched_messages_while_it_is_spun(
-    recorder: BagRecorder,
-    talker: Node,
-    executor: QuickExecutor,
-    spin_until: Callable[..., None],
-) -> None:
-    publisher = talker.create_publisher(Float64, 'value', LATCHED)
-    publisher.publish(Float64(data=7.0))
-    spin_until(executor, lambda: recorder.counts.get('/value') == 1)
-    publisher.publish(Float64(data=8.0))
-    spin_until(executor, lambda: recorder.counts.get('/value') == 2)
-    assert [message.data for message in kept(recorder, '/value', Float64)] == [7.0, 8.0]
-
-
 def test_records_the_log_and_events_of_constructors(recorder: BagRecorder, talker: Node) -> None:
     talker.declare_parameter('gain', 2.0)
     talker.get_logger().info('ready')
