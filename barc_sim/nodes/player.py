@@ -10,6 +10,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import islice
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.clock import Clock, ClockType
@@ -54,67 +55,6 @@ class Playback(NamedTuple):
     topics: Sequence[re.Pattern[str]] = ()  #: see `selected`
     exclude: Sequence[re.Pattern[str]] = ()
     clock: float | None = None  #: [Hz] of `/clock`; None: there is none but the bag's
-
-
-class PlaybackClock:
-    """The time [ns] in a bag that is played; for several threads."""
-
-    def __init__(self, rate: float, *, paused: bool) -> None:
-        self._rate = rate
-        self.paused = paused  #: whether time stands still
-        self._steps = 0
-        self._closed = False
-        self._time, self._since = 0, time.monotonic_ns()  # the bag's time then
-        self._changed = threading.Condition()
-
-    def set(self, to: int) -> None:
-        """Continue from the time `to`."""
-        with self._changed:
-            self._time, self._since = to, time.monotonic_ns()
-
-    @property
-    def now(self) -> int:
-        """The time in the bag [ns]."""
-        passed = 0 if self.paused else time.monotonic_ns() - self._since
-        return self._time + int(passed * self._rate)
-
-    def toggle(self) -> None:
-        """Pause, or go on."""
-        with self._changed:
-            self._time, self._since = self.now, time.monotonic_ns()
-            self.paused = not self.paused
-            self._steps = 0
-            self._changed.notify_all()
-
-    def step(self) -> None:
-        """Let one message go while time is paused."""
-        with self._changed:
-            self._steps += self.paused
-            self._changed.notify_all()
-
-    def close(self) -> None:
-        """End every wait."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
-
-    def wait_until(self, at: int, *, is_message: bool = True) -> bool:
-        """Sleep until the time `at`, or until a step to it; return False once it is closed.
-
-        The last 0.2 ms are spun, as a sleep ends late.
-        """
-        with self._changed:
-            while not self._closed:
-                if self.paused and self._steps:
-                    self._steps -= is_message
-                    self._time = max(at, self._time)
-                    return True
-                remaining = None if self.paused else (at - self.now) / self._rate / 1e9
-                if remaining is not None and remaining <= 0.0:
-                    return True
-                if remaining is None or remaining > _SPIN:
-                    self._changed.wait(remaining and remaining - _SPIN)
-        return False
 
 
 def _ahead(messages: Generator[Message]) -> Iterator[Message]:
@@ -174,9 +114,10 @@ class BagPlayer(Node):
         self.failure: str | None = None  #: why not all was played, in a sentence
         self.finished: Future = Future()
         self.played = 0  #: messages
-        self.clock_of_bag = PlaybackClock(self._playback.rate, paused=self._playback.start_paused)
-        self.clock_of_bag.set(self._first)
         playback = self._playback
+        self._paused, self._steps = playback.start_paused, 0  # messages to let go meanwhile
+        self._keys: SimpleQueue[str] = SimpleQueue()
+        self._set_time(self._first)
         names = selected([*self._contents.topics], playback.topics, playback.exclude)
         if playback.clock and '/clock' in names:
             names.remove('/clock')
@@ -204,23 +145,50 @@ class BagPlayer(Node):
     @property
     def progress(self) -> str:
         """The line of progress."""
-        clock = self.clock_of_bag
-        now = min(max(clock.now, self._first), self._last)
+        now = min(max(self._now, self._first), self._last)
         return (
             f'{(now - self._start) / 1e9:7.1f} / {(self._last - self._start) / 1e9:.1f} s  '
-            f'{self.played} messages  {"paused" if clock.paused else f"x{self._playback.rate:g}"}'
+            f'{self.played} messages  {"paused" if self._paused else f"x{self._playback.rate:g}"}'
         )
 
     def on_key(self, event: KeyEvent) -> None:
         """Pause or go on at space, step at the right arrow, and end at `q`."""
-        if event.released:
-            return
-        if event.key == 'space':
-            self.clock_of_bag.toggle()
-        elif event.key == 'right':
-            self.clock_of_bag.step()
-        elif event.key == 'quit':
-            self.clock_of_bag.close()
+        if not event.released:
+            self._keys.put(event.key)
+
+    def _set_time(self, to: int) -> None:
+        """Continue from the bag's time `to` [ns]."""
+        self._time, self._since = to, time.monotonic_ns()
+
+    @property
+    def _now(self) -> int:
+        """The time in the bag [ns]."""
+        passed = 0 if self._paused else time.monotonic_ns() - self._since
+        return self._time + int(passed * self._playback.rate)
+
+    def _wait_until(self, at: int, *, is_message: bool = True) -> bool:
+        """Wait until the bag's time `at`, or until a step to it; return False at the key `quit`.
+
+        The last 0.2 ms are spun, as a wait ends late.
+        """
+        while True:
+            left = None if self._paused else (at - self._now) / self._playback.rate / 1e9
+            key = ''
+            with suppress(Empty):
+                key = self._keys.get(timeout=left and max(0.0, left - _SPIN))
+            if key == 'quit':
+                return False
+            if key == 'space':
+                self._set_time(self._now)
+                self._paused, self._steps = not self._paused, 0
+            elif key == 'right':
+                self._steps += self._paused
+            if self._steps:
+                self._steps -= is_message
+                self._set_time(max(at, self._time))
+                return True
+            if not key and left is not None and left <= 0.0:
+                return True
 
     def _run(self) -> None:
         with suppress(OSError):  # who may, does not wait for others' threads
@@ -257,7 +225,7 @@ class BagPlayer(Node):
 
     def _play(self) -> bool:
         """Play the bag once; return whether it came to its end."""
-        clock, tick, publishers = self.clock_of_bag, self._first, self._topic_publishers
+        tick, publishers = self._first, self._topic_publishers
         wanted = (
             message
             for message in self._contents.in_order()
@@ -265,13 +233,13 @@ class BagPlayer(Node):
         )
         for number, message in enumerate(_ahead(wanted)):
             if not number:  # reading up to here took time
-                clock.set(self._first)
+                self._set_time(self._first)
             while self._clock_publisher and self._playback.clock and tick <= message.received:
-                if not clock.wait_until(tick, is_message=False):
+                if not self._wait_until(tick, is_message=False):
                     return False
                 self._clock_publisher.publish(ClockMessage(clock=to_header(tick).stamp))
                 tick += max(1, int(1e9 * self._playback.rate / self._playback.clock))
-            if not clock.wait_until(message.received):
+            if not self._wait_until(message.received):
                 return False
             publishers[message.topic.name].publish(message.data)
             self.played += 1
@@ -279,7 +247,7 @@ class BagPlayer(Node):
 
     def destroy_node(self) -> None:
         """End the playback and destroy the node."""
-        self.clock_of_bag.close()
+        self._keys.put('quit')
         if (thread := getattr(self, '_thread', None)) and thread is not threading.current_thread():
             thread.join()
         super().destroy_node()
