@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from barc_sim.bags.reader import read as read_bag
     from barc_sim.control.lane import LaneLQR, PurePursuit, Stanley, speed_profile
     from barc_sim.control.lqr import LQR
+    from barc_sim.control.mpc import MPC, SpeedMPC
     from barc_sim.control.pid import PID
     from barc_sim.figures.run_figures import plot
     from barc_sim.simulation.closed_loop import lap, simulate
@@ -74,12 +75,14 @@ if TYPE_CHECKING:
 __version__ = '0.2.0'
 __all__ = [
     'LQR',
+    'MPC',
     'PID',
     'Actuator',
     'LaneLQR',
     'Log',
     'PurePursuit',
     'Road',
+    'SpeedMPC',
     'Stanley',
     'Track',
     'Vehicle',
@@ -97,11 +100,13 @@ __all__ = [
 #: The module of each name, and the name there.
 _EXPORTS = {
     'LQR': ('control.lqr', 'LQR'),
+    'MPC': ('control.mpc', 'MPC'),
     'PID': ('control.pid', 'PID'),
     'Actuator': ('vehicle.actuators', 'Actuator'),
     'LaneLQR': ('control.lane', 'LaneLQR'),
     'Log': ('simulation.log', 'Log'),
     'PurePursuit': ('control.lane', 'PurePursuit'),
+    'SpeedMPC': ('control.mpc', 'SpeedMPC'),
     'Road': ('vehicle.road', 'Road'),
     'Stanley': ('control.lane', 'Stanley'),
     'Track': ('vehicle.track', 'Track'),

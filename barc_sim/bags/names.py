@@ -29,6 +29,7 @@ __all__ = [
 
 #: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
 CMD_VEL = 'cmd_vel'
+PREDICTION = 'prediction'  #: the way that a law of the lane plans, at every fifth state
 SPEED_REFERENCE = 'speed_reference'  #: the speed to hold [m/s], from an outer loop
 INITIAL_POSE = 'initialpose'  #: puts the car there, at rest, as the tool of RViz does
 

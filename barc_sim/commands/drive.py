@@ -12,9 +12,8 @@ from barc_sim.cli.parser import accept_ros_args, number, whole
 from barc_sim.cli.signals import StopSignals
 from barc_sim.control.cruise_control import LIMIT, PROFILE, SPEED
 from barc_sim.control.driver import INPUTS, PEDAL
-from barc_sim.control.lane import DEFAULT_LANE, LANE_TYPES
 from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
+from barc_sim.control.types import DEFAULT_LANE, DEFAULT_TYPE, GAINS, LANE_TYPES, TYPES
 from barc_sim.runs import options as run_options
 from barc_sim.simulation.stepper import DISTANCE, LAPS
 from barc_sim.vehicle.track import TRACKS

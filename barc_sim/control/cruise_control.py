@@ -6,9 +6,15 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.controller import gain_parameters
-from barc_sim.control.lane import DEFAULT_LANE, LANE, LANE_TYPES, LaneKeeping, speed_profile
+from barc_sim.control.lane import LANE, LaneKeeping, speed_profile
 from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.control.types import DEFAULT_TYPE, TYPES, as_controller
+from barc_sim.control.types import (
+    DEFAULT_LANE,
+    DEFAULT_TYPE,
+    LANE_TYPES,
+    TYPES,
+    as_controller,
+)
 from barc_sim.errors import UserError
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.profile import signal
@@ -220,6 +226,8 @@ class CruiseControl:
             steering, x = self.lane.steer(x, y, psi, speed), self.lane.place.s
         reference = self.reference((stamp - self._start) / _NANOSECONDS, x)
         acceleration = float(self.controller.acc_calculate(reference, speed, dt))
+        if self.lane:
+            acceleration = self.lane.acceleration(acceleration)
         return Answer(reference, speed, acceleration, stamp, steering)
 
     def computed(self, answer: Answer) -> dict[str, Any]:

@@ -225,15 +225,6 @@ class LaneLQR(LaneLaw):
         return self._limited(feedforward, -k1 * e_y, -k2 * (e_psi - steady))
 
 
-#: By the name that `--lane` and the parameter `lane_type` take.
-LANE_TYPES: Mapping[str, type[LaneLaw]] = {
-    'lqr': LaneLQR,
-    'stanley': Stanley,
-    'pure-pursuit': PurePursuit,
-}
-DEFAULT_LANE = 'lqr'
-
-
 class LaneKeeping:
     """Steers by any object with `steer_calculate`: finds the car's place, and limits the angle.
 
@@ -279,6 +270,15 @@ class LaneKeeping:
         self.output = float(min(max(raw, -limit), limit))
         self.saturated = self.output != raw or getattr(self.lane, 'saturated', False) is True
         return self.output
+
+    def acceleration(self, of_speed: float) -> float:
+        """Return the law's own acceleration [m/s²] where it has one, else that `of_speed`."""
+        return float(getattr(self.lane, 'acceleration', of_speed))
+
+    def predicted(self) -> Any:  # noqa: ANN401 (a Pose of arrays)
+        """Return the poses that the law plans to pass; None where it plans none."""
+        plan = getattr(self.lane, 'prediction', None)
+        return None if plan is None else self.track.place(self.place.s + plan[:, 0], plan[:, 1])
 
     def computed(self) -> dict[str, Any]:
         """Return what the latest angle is made of, the fields of LaneState; NaN: no such term."""

@@ -1,4 +1,4 @@
-"""The controllers of a run: those with a name, and any object with `acc_calculate`."""
+"""The controllers of a run, of speed and lane, by name; and any object with `acc_calculate`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.controller import read_term
 from barc_sim.control.excitation import PRBS, CoastDown, Steps
+from barc_sim.control.lane import LaneLaw, LaneLQR, PurePursuit, Stanley
 from barc_sim.control.lqr import LQR
+from barc_sim.control.mpc import MPC, SpeedMPC
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 
@@ -27,6 +29,15 @@ TYPES: Mapping[str, type[Controller]] = {
     'coast-down': CoastDown,
 }
 DEFAULT_TYPE = 'pid'
+#: By the name that `--lane` and the parameter `lane_type` take.
+LANE_TYPES: Mapping[str, type[LaneLaw]] = {
+    'lqr': LaneLQR,
+    'stanley': Stanley,
+    'pure-pursuit': PurePursuit,
+    'mpc': MPC,
+    'speed-mpc': SpeedMPC,
+}
+DEFAULT_LANE = 'lqr'
 #: The gains of all of them, by name.
 GAINS: Mapping[str, Gain] = {
     name: gain for controller in TYPES.values() for name, gain in controller.gains.items()

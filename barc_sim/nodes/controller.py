@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from functools import partial
+from math import cos, sin
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, LaneState, PidState, ZDynBkMdl
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from nav_msgs.msg import Path
 from rclpy.node import Node
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
@@ -32,6 +35,8 @@ if TYPE_CHECKING:
 
     from barc_sim.control.controller import Controller
     from barc_sim.vehicle.track import Track
+
+_STATES_A_PLAN = 5  #: RViz needs no more
 
 
 class CruiseController(Node):
@@ -90,12 +95,17 @@ class CruiseController(Node):
         topic, computed = names.PID_STATE, PidState
         if not self._control.is_pid:
             topic, computed = names.CONTROLLER_STATE, ControllerState
-        self._header = header = Header(frame_id=frames(self)[1])  # new messages would cost more
+        self._map, base_link = frames(self)
+        self._header = header = Header(frame_id=base_link)  # new messages would cost more
         self._ecu, self._computed = ECU(header=header), computed(header=header)
         self._computed_pub = self.create_publisher(computed, topic, names.QOS)
         self._lane_state, self._lane_pub = LaneState(header=header), None
         if self.lane:
             self._lane_pub = self.create_publisher(LaneState, names.LANE_STATE, names.QOS)
+        self._plan_pub: Publisher | None = None
+        self._states = 0
+        if self.lane and self.lane.predicted():
+            self._plan_pub = self.create_publisher(Path, names.PREDICTION, names.QOS)
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
         self.create_subscription(Float64, names.SPEED_REFERENCE, self._on_speed, names.QOS_NEWEST)
@@ -140,6 +150,21 @@ class CruiseController(Node):
             _publish(self._computed_pub, self._computed, self._control.computed(answer))
         if self.lane and self._lane_pub in subscribed:
             _publish(self._lane_pub, self._lane_state, self.lane.computed())
+        if self.lane and self._plan_pub and self._plan_pub in subscribed:
+            if self._states % _STATES_A_PLAN == 0:
+                self._plan_pub.publish(path_of(self.lane.predicted(), stamp, self._map))
+            self._states += 1
+
+
+def path_of(poses: Any, stamp: Time, frame: str) -> Path:  # noqa: ANN401 (a Pose of arrays)
+    """Return poses on the map as a path."""
+    header = Header(stamp=stamp, frame_id=frame)
+    path = Path(header=header)
+    for x, y, psi in zip(*(each.tolist() for each in poses), strict=True):
+        position, turn = Point(x=x, y=y), Quaternion(z=sin(psi / 2.0), w=cos(psi / 2.0))
+        pose = Pose(position=position, orientation=turn)
+        path.poses.append(PoseStamped(header=header, pose=pose))
+    return path
 
 
 def _publish(publisher: Publisher, message: Any, fields: Mapping[str, Any]) -> None:  # noqa: ANN401

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import numpy as np
 
 from barc_sim.control.controller import Gain
-from barc_sim.control.lane import LANE, LANE_TYPES, LaneLaw
+from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.control.types import DEFAULT_TYPE, GAINS, TERMS, TYPES
+from barc_sim.control.types import DEFAULT_TYPE, GAINS, LANE_TYPES, TERMS, TYPES
 from barc_sim.errors import UserError
 from barc_sim.figures.style import FORCES, QUANTITIES, term_colours
 from barc_sim.figures.track_figure import Course, lap_rows

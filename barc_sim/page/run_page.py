@@ -7,9 +7,9 @@ from functools import partial
 from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol
 
-from barc_sim.control.lane import LANE, LANE_TYPES
+from barc_sim.control.lane import LANE
 from barc_sim.control.pid import PID
-from barc_sim.control.types import TYPES
+from barc_sim.control.types import LANE_TYPES, TYPES
 from barc_sim.page.protocol import (
     CONTROLLER,
     OF_SIMULATOR,

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.controller import gain_parameters
 from barc_sim.control.cruise_control import PROFILE
-from barc_sim.control.lane import DEFAULT_LANE, LANE, LANE_TYPES
+from barc_sim.control.lane import LANE
 from barc_sim.control.pid import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.control.types import DEFAULT_TYPE, TYPES
+from barc_sim.control.types import DEFAULT_LANE, DEFAULT_TYPE, LANE_TYPES, TYPES
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController, UserLane
 from barc_sim.nodes.controller import CruiseController

@@ -383,6 +383,7 @@ def closed_loop(
         if reference:
             held = reference(k * plant.period_ns / 1e9, place)
         motor = controller.acc_calculate(held, speed, dt)
+        motor = keeping.acceleration(motor) if keeping else motor
         command = Command(motor, servo)
         references.append(held)
         rows.append((seen, command, read(controller)))

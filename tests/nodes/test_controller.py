@@ -290,7 +290,7 @@ def test_limits_of_the_acceleration_make_a_profile_of_the_speed(bench: Make) -> 
     ('parameters', 'complaint'),
     [
         ({'track': 'M'}, "track 'M' is neither 'L'"),
-        ({'track': 'L', 'lane_type': 'mpc'}, "lane_type of controller is 'mpc': expected lqr or"),
+        ({'track': 'L', 'lane_type': 'pid'}, "lane_type of controller is 'pid': expected lqr or"),
         ({'track': 'L', 'lane.q_e_y': 0.0}, r'lane.q_e_y of controller: 0 is not a number'),
     ],
 )

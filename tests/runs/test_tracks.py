@@ -13,6 +13,7 @@ from command_line import call
 
 from barc_sim.bags.reader import read
 from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
+from barc_sim.control.types import LANE_TYPES
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.log import TrackLog
 from barc_sim.vehicle.track import Track
@@ -64,6 +65,21 @@ def test_a_lap_has_the_bits_of_python_on_every_carrier(
     assert 'missed deadlines 0' in printed
 
 
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize(('law', 'engine'), [('mpc', 'ros'), ('speed-mpc', 'local')])
+def test_predictive_control_has_the_bits_of_python(tmp_path: Path, law: str, engine: str) -> None:
+    """All but the time that it takes, which is measured."""
+    pytest.importorskip('daqp')
+    (tmp_path / 'circle.csv').write_text(CIRCLE, 'utf-8')
+    words = f'--track circle.csv --lane {law} --lane-gain q_e_y=0.3'.split()
+    _, log = drive(tmp_path, *words, '--realtime-factor', 'max', engine=engine)
+    track = Track.named(str(tmp_path / 'circle.csv'))
+    expected = lap(LANE_TYPES[law](q_e_y=0.3), track, speed=8.0, laps=1).columns()
+    assert log.own_terms.keys() == {'lane.solve_time', 'lane.infeasible'}
+    for name in log.columns().keys() - {'lane.solve_time'}:
+        assert log.columns()[name].tobytes() == expected[name].tobytes(), name
+
+
 def test_laps_follow_one_another_and_are_listed(tmp_path: Path) -> None:
     words = ('--track', 'oval', '--speed', '12', '--speed-profile', '3.2', '2', '--laps', '2')
     printed, log = drive(tmp_path, *words, *FAST, '--road', 'lab')
@@ -102,7 +118,7 @@ def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
         ('--lane-gain q_e_y=1', '--lane-gain is for a track'),
         ('--speed-profile 3 2', '--speed-profile is for a track'),
         ('--lab .', 'lane.py is for a track'),
-        ('--track L --lane mpc', "'mpc' is neither 'lqr', 'stanley', 'pure-pursuit' nor a file"),
+        ('--track L --lane pid', "'pid' is neither 'lqr', 'stanley', 'pure-pursuit', 'mpc'"),
         ('--track L --lane-gain k=1', 'the law lqr has no such gain; expected one of q_e_y, q_e_'),
         ('--track L --lane-gain q_e_y=0', 'q_e_y: 0 is not a number from 1e-06 to 1000'),
         ('--track L --lane lqr --lab .', '--lab gives lane.py: give one of the two only'),
