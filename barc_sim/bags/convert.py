@@ -21,10 +21,10 @@ from barc_sim.errors import UserError
 from barc_sim.simulation.log import COLUMNS, Log
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from barc_sim.bags.recording import Topic
+    from rosbags.typesys.store import Typestore
 
 _BAGS = ('ros1', 'sqlite3', 'mcap')
 _logger = logging.getLogger(__name__)
@@ -69,38 +69,25 @@ def convert(
 
 def _rows(contents: Contents, names: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the topic and the cells of each message."""
-    decoders: dict[str, Callable[[bytes], Any] | None] = {}
+    stores: dict[str, Typestore] = {}
     broken: set[str] = set()
     start = contents.span.start or 0
-    for message in contents.in_order():
-        name = message.topic.name
-        if name not in names:
+    for topic, data, received, *_ in contents.in_order():
+        name = topic.name
+        if name not in names or (name in broken and name not in stores):
             continue
-        if name not in decoders:
-            decoders[name] = _decoder(message.topic)
-        if decode := decoders[name]:
-            try:
-                read = dict(_cells('', decode(message.data)))
-            except Exception as error:  # noqa: BLE001 (damage may raise anything)
-                if name not in broken:
-                    _logger.warning('messages of %s are left out: %s', name, error)
-                broken.add(name)
-                continue
-            yield (
-                name,
-                {'t': (message.received - start) / 1e9, 'received': message.received, **read},
-            )
-
-
-def _decoder(topic: Topic) -> Callable[[bytes], Any] | None:
-    """Return what decodes a topic's messages, by the bag's definition, else the installed one."""
-    store = get_typestore(Stores.EMPTY)
-    try:
-        store.register(types_of(topic))
-    except Exception as error:  # noqa: BLE001 (damage may raise anything)
-        _logger.warning('%s [%s] is left out: %s', topic.name, topic.type, error)
-        return None
-    return lambda data: store.deserialize_cdr(data, topic.type)
+        try:
+            if name not in stores:
+                store = get_typestore(Stores.EMPTY)
+                store.register(types_of(topic))
+                stores[name] = store
+            read = dict(_cells('', stores[name].deserialize_cdr(data, topic.type)))
+        except Exception as error:  # noqa: BLE001 (damage may raise anything)
+            if name not in broken:
+                _logger.warning('messages of %s [%s] are left out: %s', name, topic.type, error)
+            broken.add(name)
+        else:
+            yield name, {'t': (received - start) / 1e9, 'received': received, **read}
 
 
 def _cells(prefix: str, message: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (any type)
