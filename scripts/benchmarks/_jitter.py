@@ -66,7 +66,8 @@ class Clock:
     """Notes the time, how long the kernel has kept this thread waiting, and the processor time."""
 
     def __init__(self) -> None:
-        self.ticks: list[tuple[float, float, float]] = []
+        self.ticks: list[tuple[float, float, float, int]] = []
+        self.counted = 0  #: by a busy thread
         self._thread = threading.local()  # another one may take over
 
     def __call__(self) -> None:
@@ -76,16 +77,21 @@ class Clock:
         if not hasattr(thread, 'file'):
             thread.file, thread.waited = os.open('/proc/thread-self/schedstat', os.O_RDONLY), 0.0
         waited = int(os.pread(thread.file, 100, 0).split()[1]) * 1e-9
-        self.ticks.append((now, waited - thread.waited, time.process_time()))
+        self.ticks.append((now, waited - thread.waited, time.process_time(), self.counted))
         thread.waited = waited
+
+    def count(self) -> None:
+        """Count for ever, as a busy thread does."""
+        while True:
+            self.counted += 1
 
 
 def main(task: dict[str, Any]) -> dict[str, Any]:
     """Tick; return their number, the core used [%], and the lateness and wait of late ones [ms]."""
-    clock, counted = Clock(), [0]
+    clock = Clock()
     name, beside = task['subject'].split()
     if beside == 'counts':
-        threading.Thread(target=_count, args=(counted,), daemon=True).start()
+        threading.Thread(target=clock.count, daemon=True).start()
     if name == 'loop':
         if beside in _BLOCKS:
             threading.Thread(target=_block, args=(_BLOCKS[beside],), daemon=True).start()
@@ -95,23 +101,17 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
     ticks = clock.ticks[int(_WARM_UP / _PERIOD) :]
     gaps = [
         ((now - before - _PERIOD) * 1e3, waited * 1e3)
-        for (before, _, _), (now, waited, _) in pairwise(ticks)
+        for (before, *_), (now, waited, *_) in pairwise(ticks)
     ]
-    (began, _, before), (ended, _, after) = ticks[0], ticks[-1]
+    (began, _, before, first), (ended, _, after, last) = ticks[0], ticks[-1]
     return {
         'ticks': len(gaps),
         'core': (after - before) / (ended - began) * 100.0,
         'p99, ms': quantiles((abs(gap) for gap, _ in gaps), n=100)[98],
         'less waiting': quantiles((gap - waited for gap, waited in gaps), n=100)[98],
         'late': [gap for gap in gaps if gap[0] > _LATE],
-        'counted': counted[0] / (_WARM_UP + task['seconds']),
+        'counted': (last - first) / (ended - began),
     }
-
-
-def _count(counted: list[int]) -> None:
-    """Count for ever, as a busy thread does."""
-    while True:
-        counted[0] += 1
 
 
 def _block(block: Callable[[], None]) -> None:

@@ -139,6 +139,33 @@ def test_callbacks_go_on_while_another_lasts(
     assert done.result()
 
 
+def test_callbacks_go_on_beside_the_first_one_of_many_that_lasts(
+    node: Node, executor: QuickExecutor
+) -> None:
+    enough = threading.Event()
+    done = Future()
+    floods = []
+
+    def keep_flooding(message: Time) -> None:
+        floods.append(message)
+        if len(floods) == 500:  # the executor is busy by then
+            blocker.trigger()
+        elif len(floods) == 1000:
+            enough.set()
+        publisher.publish(message)
+
+    blocker = node.create_guard_condition(
+        lambda: done.set_result(enough.wait(DEADLINE)),
+        callback_group=MutuallyExclusiveCallbackGroup(),
+    )
+    publisher = node.create_publisher(Time, 'flood', DEPTH)
+    node.create_subscription(Time, 'flood', keep_flooding, DEPTH)
+    publisher.publish(Time())
+    executor.spin_until_future_complete(done, 2 * DEADLINE)
+
+    assert done.result()
+
+
 def test_no_more_callbacks_overlap_than_there_are_threads(
     node: Node, executor: QuickExecutor, until: Until
 ) -> None:
