@@ -20,6 +20,7 @@ from barc_interfaces.msg import (
     ZDynBkMdl,
 )
 from geometry_msgs.msg import Twist
+from nav_msgs.msg import Path
 from rcl_interfaces.msg import ParameterEvent, ParameterType
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.node import Node
@@ -204,6 +205,11 @@ class StateFeed(Feed):
         node.create_subscription(ZDynBkMdl, names.STATE, self._on_state, _DEPTH)
         for topic, kind in _TYPES.items():
             node.create_subscription(kind, topic, _keep_in(self._arrived[topic]), _DEPTH)
+        node.create_subscription(Path, names.PREDICTION, self._on_plan, names.QOS_NEWEST)
+
+    def _on_plan(self, plan: Path) -> None:
+        places = [each.pose.position for each in plan.poses]
+        self.plan = [(round(place.x, 3), round(place.y, 3)) for place in places]
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         self._states_arrived.append((time.time_ns(), state))

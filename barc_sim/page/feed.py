@@ -67,6 +67,7 @@ class Feed(ABC):
         self.seen = 0  #: number of states taken
         self.laps = Laps()  #: those of the run so far
         self.track_laps = TrackLaps()
+        self.plan: list[tuple[float, float]] = []  #: [m] of the way that the steering plans
         self._first: int | None = None  # stamp [ns] at which the time of the rows begins
         self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
         self._waiting: dict[str, deque[Sample]] = {

@@ -361,6 +361,7 @@ class RunPage(Host):
                     missed=missed,
                     slipped=slipped,
                     laps=laps,
+                    plan=self._feed.plan,
                     paused=self._paused if paused is None else paused,
                     driver=None if driver is None else 'you' if driver is page else 'other',
                 )

@@ -13,6 +13,8 @@ pytest.importorskip('rclpy')
 
 import numpy as np
 from barc_interfaces.msg import ECU, Environment, PidState, ZDynBkMdl
+from geometry_msgs.msg import Point, Pose, PoseStamped
+from nav_msgs.msg import Path
 from node_bench import spinning
 from page_client import connect_page
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -130,6 +132,17 @@ def test_every_state_reaches_the_page_with_its_messages(view: ViewNode, peer: Pe
     # A command is there a moment later than its state.
     assert np.all(client.column('motor')[1:] == 1.5)
     assert np.all(client.column('reference')[1:] == 8.0)
+
+
+def test_plan_of_the_steering_reaches_the_page(view: ViewNode, peer: Peer) -> None:
+    plans = peer.create_publisher(Path, names.PREDICTION, names.QOS)
+    until(plans.get_subscription_count)
+    pose = Pose(position=Point(x=1.23456, y=-2.0))
+    with page(view) as client:
+        plans.publish(Path(poses=[PoseStamped(pose=pose)]))
+        while not (plan := client.receive('status')['plan']):
+            pass
+    assert plan == [[1.235, -2.0]]
 
 
 def test_invalid_parameter_events_are_ignored(view: ViewNode, peer: Peer) -> None:

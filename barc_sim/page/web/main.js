@@ -32,7 +32,7 @@ const clock = new Clock();
 const top = new TopView();
 let facts = { mode: 'acc', axles: [-1.5, 1.5], mass: 2000, road: null, forces: {}, tuning: {} };
 let road = new Road(null);
-let paused = false;
+let [paused, plan] = [false, []];
 let ended = false;
 let drawn = {}; // the last drawing
 let message_timer = null;
@@ -175,7 +175,7 @@ const connection = new Connection({
     if (facts.replay) player.loaded();
   },
   status(status) {
-    paused = status.paused;
+    ({ paused, plan } = status);
     showLaps(status.laps);
     element('factor').textContent = reading(status.factor, 2);
     element('missed').textContent = status.missed ?? '–';
@@ -317,7 +317,7 @@ function drawNow(milliseconds) {
   } else if (facts.mode === 'track') {
     const [ghost] = state ? explorer.ghosts(state) : [];
     const then = ghost && state.t - ghost.shift <= ghost.end ? ghost.history.state(state.t - ghost.shift) : null;
-    top.draw(scene, history, facts.axles, state, goal, then, road, state && aimOf(facts.tuning, state.speed));
+    top.draw(scene, history, facts.axles, state, goal, then, road, state && aimOf(facts.tuning, state.speed), plan);
   } else {
     const ghosts = state ? explorer.ghosts(state).map(({ name, history: rows, shift, end }) => (
       { ...rows.state(Math.min(state.t - shift, end)), name: name === 'other' ? 'other run' : [`${name} lap`, explorer.laps[name].gains].filter(Boolean).join(': ') }

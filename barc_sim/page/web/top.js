@@ -17,8 +17,8 @@ export class TopView {
     this.span = NaN; // [m] across the shorter side
   }
 
-  /** `ghost`: a pale car; `track`, and how far ahead [m] the steering aims, where there is one. */
-  draw(surface, history, axles, state, goal, ghost, track = null, aim = 0) {
+  /** `ghost`: a pale car; `track`, how far ahead [m] the steering aims, and the way that it plans. */
+  draw(surface, history, axles, state, goal, ghost, track = null, aim = 0, plan = []) {
     const context = surface.begin();
     const { width, height } = surface;
     context.fillStyle = colours.ground;
@@ -34,6 +34,9 @@ export class TopView {
     track?.draw(context, toScreen);
     drawPath(context, history, state, toScreen);
     if (track && aim) track.drawAim(context, toScreen, state, aim);
+    context.strokeStyle = colours.vermillion;
+    context.lineWidth = 3;
+    if (track) stroke(context, ...plan.map((point) => toScreen(...point)));
     if (!track) goal.draw(surface, scale, toScreen);
     for (const [car, alpha] of [[ghost, 0.35], [state, 1]]) {
       if (!car) continue;
