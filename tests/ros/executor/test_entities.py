@@ -234,10 +234,12 @@ def test_executors_do_not_keep_a_context_from_ending(
     node: Node, executor: QuickExecutor, ros: Context
 ) -> None:
     node.create_subscription(Time, 'a', lambda _: None, 1)
+    node.create_guard_condition(lambda: None)
     executor.spin_once(timeout_sec=0)
     ros.shutdown()
     executor.spin()  # returns
     assert not ros.ok()
+    assert executor.shutdown()
 
 
 def test_a_cancelled_timer_rests_until_it_is_reset(node: Node, until: Until) -> None:

@@ -69,11 +69,6 @@ def test_after_waiting_for_a_future(node: Node, executor: QuickExecutor) -> None
     assert spin_until_broken(executor)[-2:] == ['wait_and_break_down', 'break_down']
 
 
-def test_of_a_task(executor: QuickExecutor) -> None:
-    executor.create_task(break_down)
-    assert spin_until_broken(executor)[-1] == 'break_down'
-
-
 @pytest.mark.parametrize('error', [SystemExit, KeyboardInterrupt])
 def test_that_is_to_end_the_process(executor: QuickExecutor, error: type[BaseException]) -> None:
     def end() -> None:
@@ -84,13 +79,8 @@ def test_that_is_to_end_the_process(executor: QuickExecutor, error: type[BaseExc
         executor.spin()
 
 
-def test_while_other_callbacks_keep_the_executor_busy(node: Node, executor: QuickExecutor) -> None:
-    quick = MutuallyExclusiveCallbackGroup()
-
-    def go_on() -> None:
-        guard.trigger()
-
-    guard = node.create_guard_condition(go_on, callback_group=quick)
+def test_of_a_task_beside_busy_callbacks(node: Node, executor: QuickExecutor) -> None:
+    guard = node.create_guard_condition(lambda: guard.trigger())  # noqa: PLW0108
     guard.trigger()
     executor.create_task(break_down)
     assert spin_until_broken(executor)[-1] == 'break_down'

@@ -230,14 +230,6 @@ def test_an_executor_that_is_forgotten_does_not_keep_handles(ros: Context) -> No
     assert not timer.handle.pointer
 
 
-def test_an_executor_is_shut_down_after_its_context(
-    node: Node, executor: QuickExecutor, ros: Context
-) -> None:
-    node.create_guard_condition(lambda: None)
-    ros.shutdown()
-    assert executor.shutdown()
-
-
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_spin(ros_domain: int, number: signal.Signals) -> None:
     del ros_domain  # by the environment
