@@ -15,6 +15,7 @@ import numpy as np
 from rosbags.convert.converter import ConverterError
 from rosbags.convert.converter import convert as convert_bag
 from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.msg import normalize_msgtype
 
 from barc_sim.bags.contents import Contents, selected, types_of
 from barc_sim.errors import UserError
@@ -81,7 +82,8 @@ def _rows(contents: Contents, names: Sequence[str]) -> Iterator[tuple[str, dict[
                 store = get_typestore(Stores.EMPTY)
                 store.register(types_of(topic))
                 stores[name] = store
-            read = dict(_cells('', stores[name].deserialize_cdr(data, topic.type)))
+            kind = normalize_msgtype(topic.type)  # as rosbags names the part of a service
+            read = dict(_cells('', stores[name].deserialize_cdr(data, kind)))
         except Exception as error:  # noqa: BLE001 (damage may raise anything)
             if name not in broken:
                 _logger.warning('messages of %s [%s] are left out: %s', name, topic.type, error)
@@ -93,7 +95,7 @@ def _rows(contents: Contents, names: Sequence[str]) -> Iterator[tuple[str, dict[
 def _cells(prefix: str, message: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (any type)
     """Yield the names and values of a message's fields; those of messages in it with a dot."""
     for field in fields(message):
-        if field.name.startswith('__'):  # rosbags' own
+        if field.name.startswith('__') or field.name.isupper():  # rosbags' own, or a constant
             continue
         name, value = f'{prefix}{field.name}', getattr(message, field.name)
         if is_dataclass(value):

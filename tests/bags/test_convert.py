@@ -71,6 +71,19 @@ def test_a_topic_becomes_a_csv_file(robot: Path, tmp_path: Path) -> None:
         assert [row['ranges'] for row in csv.DictReader(file)][1] == '[0.0, 1.0]'
 
 
+def test_events_of_a_service_become_a_table(tmp_path: Path) -> None:
+    part = 'a/srv/B_Request'
+    text = f'uint8 SENT=1\n{part}[<=1] request\n{"=" * 80}\nMSG: {part}\nbool on\n'
+    topic = Topic(name='/b', type='a/srv/B_Event', definition=text, type_hash='', offered_qos=[])
+    writer = BagWriter(tmp_path)
+    writer.write([Message(topic, bytes([0, 1, 0, 0, 1, 0, 0, 0, 1]), SECOND, SECOND, 1)])
+    writer.close()
+    printed('convert', str(tmp_path), '-o', str(tmp_path / 'out'))
+    assert (tmp_path / 'out' / 'b.csv').read_text().splitlines() == [
+        't,received,request', '0.0,1000000000,"[{""on"": true}]"',
+    ]  # fmt: skip
+
+
 def test_topics_become_structs_of_matlab(robot: Path, tmp_path: Path) -> None:
     scipy_io = pytest.importorskip('scipy.io')
     printed('convert', str(robot), '--to', 'mat', '-o', str(tmp_path / 'out.mat'))
