@@ -52,8 +52,14 @@ LANE = Handout(
     rubrics=('lane',),
     drive='acc --track L --speed 6 --laps 3 --dynamics dynamic --lab',
 )
+IDENTIFY = Handout(
+    folder='identify',
+    files={'identify': 'identify.py'},
+    rubrics=('identify',),
+    drive='acc --road flat --distance 0 --lab',
+)
 #: By the word of `barc new --lab`.
-HANDOUTS = {'hills': HILLS, '3': LANE}
+HANDOUTS = {'hills': HILLS, '3': LANE, '5': IDENTIFY}
 #: The file of each part of any lab.
 FILES = {part: name for each in HANDOUTS.values() for part, name in each.files.items()}
 #: The names of the rubrics.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from barc_sim.lab.hills.lab import HILLS
+from barc_sim.lab.identify.lab import IDENTIFY
 from barc_sim.lab.lane.lab import LANE
 
 if TYPE_CHECKING:
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.check.lab import Lab
 
-LABS = (HILLS, LANE)
+LABS = (HILLS, LANE, IDENTIFY)
 #: Every criterion, with its name for readers, in the order of a report.
 LABELS = {name: label for lab in LABS for name, label in lab.labels.items()}
 

@@ -30,6 +30,7 @@ from barc_sim.figures.run_figures import (
 )
 from barc_sim.figures.style import STYLE, use_measurement
 from barc_sim.figures.track_figure import track_figure
+from barc_sim.lab.handout import FILES
 from barc_sim.lab.html import data_url, render
 from barc_sim.lab.user_code.code import attached
 from barc_sim.simulation.log import TrackLog
@@ -77,6 +78,13 @@ class Facts:
     graph: NodeGraph | None
     sources: Mapping[str, str]  #: user code, by file name
     hashes: Mapping[str, str]  #: SHA-256 of the sources and of the bag's files, by name
+
+    @property
+    def holds_speed(self) -> bool:
+        """Whether its subject is a speed to hold: not laps of a track, nor `identify.py`."""
+        if isinstance(self.log, TrackLog) or FILES['identify'] in self.sources:
+            return False
+        return not np.isnan(self.log.reference).all()
 
     @property
     def shown_lap(self) -> Lap:
@@ -156,7 +164,7 @@ def page(facts: Facts) -> str:
         failure=facts.info.get('failure'),
         settings=[(_SETTINGS[key], facts.info[key]) for key in _SETTINGS if key in facts.info],
         figures=figures,
-        held=not np.isnan(facts.log.reference).all(),
+        held=facts.holds_speed,
         number=_number,
         run_up=RUN_UP,
         most_stretches=_MAX_STRETCHES,

@@ -173,7 +173,7 @@ def _gains(folder: Path, info: Mapping[str, str]) -> Part:
 def _course(bag: Path, facts: Facts, folder: Path) -> Part:
     result, log = facts.shown_lap.summary, facts.log
     text = f'{log.distance[-1]:.1f} m in {log.t[-1]:.1f} s'
-    if result.max_error_after_run_up >= 0.0:
+    if facts.holds_speed and result.max_error_after_run_up >= 0.0:
         text += (
             f'; after the first {RUN_UP:g} m the RMS error is {result.rms_error_after_run_up:.3f} '
             f'm/s, the greatest {result.max_error_after_run_up:.3f} m/s'

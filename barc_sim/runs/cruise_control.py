@@ -14,7 +14,7 @@ from barc_sim.control.lane import LANE
 from barc_sim.control.pid import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_LANE, DEFAULT_TYPE, LANE_TYPES, TYPES
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.adapters import UserController, UserLane
+from barc_sim.lab.user_code.adapters import COMMANDS, UserCommands, UserController, UserLane
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.runs.composition import Run, carrier, check_left_out, read_inputs
 from barc_sim.runs.terminal import (
@@ -79,9 +79,10 @@ class Car:
         self._laps, self.track_laps = Laps(), TrackLaps()
         self._missed = [0]  # deadlines, before each lap
         self._progress, self._off = Progress(inf), ''
+        self._duration = COMMANDS if user_code.identify else inf
         self.controller: CruiseController | None = None
         if not options.no_controller:
-            user_controller = UserController(user_code) if user_code.controller else None
+            user_controller = _controller(user_code)
             self.controller = run.add(
                 CruiseController,
                 {
@@ -109,6 +110,7 @@ class Car:
                 # Each car has its own noise.
                 'seed': (options.seed or 0) + number if number else options.seed,
                 'refuse_motor_above': NO_LIMIT if user_code.controller else None,
+                **_identified(user_code),
             },
             road=road,
             track=track,
@@ -139,7 +141,7 @@ class Car:
         lap = self._laps.add(t, x, y, speed, reference, theta_deg)
         if lap == len(self._missed):
             self._missed.append(self.simulator.stepper.missed)
-        if self._progress.add(t, x, speed, reference):
+        if self._progress.add(t, x, speed, reference) or t >= self._duration:
             self.simulator.stepper.end()
         if place:
             self._add_place(t, place)
@@ -195,7 +197,7 @@ def _check(options: Namespace, inputs: Inputs) -> None:
                 raise UserError(f'--{option} is for a track: give one, as in --track L')
         if user_code.lane and not (user_code.model or user_code.controller):
             raise UserError('lane.py is for a track: give one, as in --track L')
-    if options.controller_type and user_code.controller:
+    if options.controller_type and (user_code.controller or user_code.identify):
         raise UserError(
             f"--controller-type {options.controller_type} names a controller of barc_sim's, and "
             '--lab or --controller gives another: give one of the two only'
@@ -209,6 +211,28 @@ def _check(options: Namespace, inputs: Inputs) -> None:
         own |= {'lane': options.lane, 'speed-profile': options.speed_profile}
         own |= {f'lane-gain {name}': value for name, value in options.lane_gain}
         check_left_out('controller', own)
+
+
+def _controller(user_code: UserCode) -> UserController | UserCommands | None:
+    if user_code.identify:
+        return UserCommands(user_code)
+    return UserController(user_code) if user_code.controller else None
+
+
+def _identified(user_code: UserCode) -> dict[str, float]:
+    """Return the parameters of the car that a student identifies; none without `identify.py`."""
+    if not user_code.identify:
+        return {}
+    from barc_sim.lab.identify.lab import NOISE, car_of  # noqa: PLC0415 (slow)
+
+    car = car_of(user_code.name)
+    vehicle = car.vehicle
+    return {
+        'air_drag_coeff': vehicle.air_drag_coeff,
+        'friction': vehicle.friction,
+        'motor_delay': car.delay,
+        'noise_v_x': NOISE,
+    }
 
 
 def _check_lane(options: Namespace, user_code: UserCode) -> None:

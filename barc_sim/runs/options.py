@@ -47,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     files = ', '.join(FILES[part] for part in parts)
     parser.add_argument('--lab', type=Path, metavar='DIR', help=f'a folder with {files}')
     for part in parts:
-        if part == 'lane':
-            continue  # `--lane` takes names, too
+        if part in ('lane', 'identify'):
+            continue  # `--lane` takes names, too; a car of its own belongs to `identify`
         parser.add_argument(
             f'--{part}',
             type=Path,

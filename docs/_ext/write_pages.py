@@ -22,7 +22,8 @@ from barc_sim.cli.parser import Parser
 from barc_sim.commands import GROUPS, functions
 from barc_sim.lab.hills.controller import PID_LAW
 from barc_sim.lab.hills.model import BIKE
-from barc_sim.lab.lane.functions import LAW as LANE
+from barc_sim.lab.identify.lab import LAW as IDENTIFY
+from barc_sim.lab.lane.lab import LAW as LANE
 from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:
@@ -156,7 +157,7 @@ def columns() -> Iterator[str]:
 
 def mistakes() -> Iterator[str]:
     """Yield every sentence of the tables of mistakes, by what it is about."""
-    every = (*BIKE.mistakes, *PID_LAW.mistakes, *LANE.mistakes)
+    every = (*BIKE.mistakes, *PID_LAW.mistakes, *LANE.mistakes, *IDENTIFY.mistakes)
     for title, group in groupby(every, key=lambda each: each.topic):
         yield from (f'## {title}', '')
         sentences = (re.sub(r'(last|over) \d+', r'\1 n', each.sentence) for each in group)

@@ -6,15 +6,19 @@ import csv
 import io
 import json
 import re
+import subprocess
+import sys
 import zipfile
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from command_line import barc
 from terminal_session import READY, Session
-from user_files import LANE, MODEL
+from user_files import IDENTIFY, LANE, MODEL
 
 from barc_sim.bags.reader import newest, read
+from barc_sim.lab.identify.lab import car_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -151,3 +155,43 @@ def test_lab_3_from_the_template_to_the_grade(
     assert 'By eye  8.00 of 10' in done('grade', 'class', '--jobs', '1')
     results = json.loads(by_hand.with_name('results.json').read_text())
     assert results['score'] == 98.0
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures('confinement')
+def test_lab_5_from_the_template_to_the_grade(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert 'write identify.py' in done('new', '--lab', '5', 'my_car')
+    assert '0 of 8 criteria' in barc('check', 'my_car').stdout
+    template = (tmp_path / 'my_car' / 'identify.py').read_text()
+    script = template[template.index("if __name__ == '__main__'") :]
+    (tmp_path / 'my_car' / 'identify.py').write_text(f'{IDENTIFY}\n\n{script}')
+    checked = done('check', 'my_car')
+    assert '8 of 8 criteria are met in full: 90 of 100 points, 10 still open' in checked
+    assert checked.count('holds the truth') == 3
+    assert (tmp_path / 'my_car' / 'check.png').is_file()
+
+    # The drive is one of the car of that name, with the noise of the lab.
+    done('acc', '--road', 'flat', '--distance', '0', '--lab', 'my_car', *FAST)
+    log = read(newest())
+    assert log.t[-1] == pytest.approx(60.0)
+    ended = subprocess.run(
+        [sys.executable, 'my_car/identify.py', str(newest())],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found = [float(each) for each in re.findall(r'[-\d.e]+(?=\))', ended.stdout)]
+    car = car_of('Ada Lovelace')
+    assert np.all(np.abs(np.array(found[::2]) - car) <= 2.0 * np.array(found[1::2]))
+
+    (tmp_path / 'my_car' / 'description.md').write_text('They look like noise alone.')
+    summary = done('submit', 'my_car', '--engine', 'local')
+    assert 'missing' not in summary
+    assert 'RMS' not in summary  # the commands hold no speed
+    (tmp_path / 'class').mkdir()
+    (tmp_path / 'my_car.zip').rename(tmp_path / 'class' / 'ada.zip')
+    assert 'Score   90.00 of 90' in done('grade', 'class', '--jobs', '1')
+    assert 'data:image/png' in (tmp_path / 'grades' / 'ada.zip' / 'report.html').read_text()

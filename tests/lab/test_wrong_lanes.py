@@ -18,9 +18,8 @@ from barc_sim import lap
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import files_in
-from barc_sim.lab.lane import functions
 from barc_sim.lab.lane.drive import hidden_track
-from barc_sim.lab.lane.lab import LANE
+from barc_sim.lab.lane.lab import LABELS, LANE
 from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
@@ -154,7 +153,7 @@ def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
     (tmp_path / 'lane.py').write_text(text, encoding='utf-8')
     # What is wrong in a function alone does not change the drives.
     drives = name == 'right' or text.partition('class ')[2] != RIGHT.partition('class ')[2]
-    criteria = [each for each in RUBRIC.points if drives or each in functions.LABELS]
+    criteria = [each for each in RUBRIC.points if drives or each in LABELS]
     findings = judged(tmp_path, criteria)
     remarks = '\n'.join(each.message for each in findings.values())
     assert program.sentence in remarks

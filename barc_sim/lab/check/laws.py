@@ -73,7 +73,7 @@ class Situation(NamedTuple):
     tests: Collection[str]
     values: Mapping[str, float | Range]  #: of each input
 
-    def inputs(self, seed: int, count: int) -> dict[str, Floats]:
+    def inputs(self, seed: int | str, count: int) -> dict[str, Floats]:
         """Return `count` values of each input, the same for the same seed."""
         # A string seeds the generator alike in every version of Python.
         uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
@@ -212,7 +212,7 @@ def run(
     call: Callable[[Inputs], Sequence[Sequence[float]]],
     results: Sequence[str],
     situations: Iterable[Situation],
-    seed: int,
+    seed: int | str,
     count: int,
 ) -> list[Trial]:
     """Call a user's function `count` times in each situation; a row has its `results`."""

@@ -166,6 +166,10 @@ class CodeServer:
             sys.settrace(usual)
         return found
 
+    def name(self) -> str:
+        """Return the name in `identify.py`."""
+        return self._code.name
+
     def notes(self) -> dict[str, Any]:
         """Return the chosen gains, what was tolerated, and the keys that a relay reads."""
         code = self._code

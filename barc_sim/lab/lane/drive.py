@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, partial
+from itertools import count
 from math import inf, pi
 from random import Random
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, steady_turn
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import Finding
+from barc_sim.lab.check.code import Finding, JudgedCode, numbers_of
 from barc_sim.lab.check.lab import Table
 from barc_sim.lab.user_code.calls import BY_EYE
 from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
@@ -26,12 +27,11 @@ from barc_sim.vehicle.bike_model import State
 from barc_sim.vehicle.track import Track, l_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Callable, Collection, Iterator, Sequence
 
     from matplotlib.figure import Figure
 
     from barc_sim.lab.check.lab import Settings, Thresholds
-    from barc_sim.lab.lane.functions import LaneCode
     from barc_sim.vehicle.plant import Plant
 
 LABELS = {
@@ -57,6 +57,29 @@ _TWO = 2  #: wrong signs: no points
 _ONE_WRONG = 0.2  #: of the points are left
 _DEGREES = (45.0, 70.0)  #: times the right angle, of an output in degrees
 _BETTER = 0.1  #: of a score: what is tried is named where it gives as much more
+
+
+class LaneCode(JudgedCode):
+    """A user's `lane.py`."""
+
+    _lanes = count()
+
+    def called(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
+        """Return the user's name for what a request calls."""
+        return {'functions': str(arguments[0]) if arguments else '', 'notes': do}.get(do, 'Lane')
+
+    def new_lane(self, track: Track, sign: float = 1.0) -> int:
+        """Return the number of a new `Lane` on a track; its file is loaded again.
+
+        It reads the curvature times `sign`.
+        """
+        number = next(self._lanes)
+        self.call('new_lane', number, track.starts[1:], [sign * each for each in track.curvatures])
+        return number
+
+    def steer(self, number: int, row: Sequence[float]) -> float:
+        """Return the steering angle [rad] of a `Lane` for e_y, e_psi, speed and place."""
+        return numbers_of('Lane', self.call('steer', number, [row]), 1)[0]
 
 
 _Three = tuple[float, float, float]

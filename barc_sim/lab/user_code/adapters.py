@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from math import inf
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.controller import Gain
 from barc_sim.control.driver import Driver
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
     from barc_sim.control.lane import Curvature
     from barc_sim.lab.user_code.code import UserObject
+
+COMMANDS = 60.0  #: [s] of `identify.py`
 
 
 class UserController(Adapter):
@@ -53,6 +56,31 @@ class UserController(Adapter):
 def controller_of(file: Path) -> UserController:
     """Return a new controller of a `controller.py`, which is loaded now; its prints are dropped."""
     return UserController(UserCode({'controller': file}, output=lambda _: None).load())
+
+
+class UserCommands:
+    """A user's function `command` of the time as a `Controller` without gains and terms."""
+
+    gains: Mapping[str, Gain] = {}
+    terms: Mapping[str, str] = {}
+
+    def __init__(self, code: UserCode) -> None:
+        """Begin at 0 s."""
+        self._command: Any = code.identify
+        self.output_min, self.output_max = -inf, inf
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin again at 0 s."""
+        self.t, self.saturated = -1.0, False
+
+    def acc_calculate(self, _: float, __: float, dt: float) -> float:
+        """Return the acceleration [m/s²], `dt` seconds after the last call."""
+        self.t = 0.0 if self.t < 0.0 else self.t + dt
+        raw = self._command(self.t) if self.t < COMMANDS - 0.5 * dt else 0.0
+        output = min(max(raw, self.output_min), self.output_max)
+        self.saturated = output != raw
+        return output
 
 
 class UserLane:

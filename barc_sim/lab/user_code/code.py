@@ -86,9 +86,22 @@ _CALLED = {
     'straight_errors': _called('lane', 'x y psi x_0 y_0 psi_0', 2, _ERRORS),
     'arc_errors': _called('lane', 'x y psi x_c y_c radius', 2, _ERRORS),
     'steady': _called('lane', 'curvature', 2, 'two finite numbers, [delta, e_psi]'),
+    'command': _called('identify', 't', 1, 'a finite number, the acceleration [m/s²]'),
+    'estimate': _called(
+        'identify',
+        't v a',
+        6,
+        'six finite numbers: drag, friction and delay, each with its interval',
+    ),
 }
 #: What a part is loaded for: the first of these that its file defines.
-_MAIN = {'model': ['bikeFE'], 'controller': ['PID'], 'relay': ['Relay', 'relay'], 'lane': ['Lane']}
+_MAIN = {
+    'model': ['bikeFE'],
+    'controller': ['PID'],
+    'relay': ['Relay', 'relay'],
+    'lane': ['Lane'],
+    'identify': ['command'],
+}
 
 
 class UserCode:
@@ -151,6 +164,11 @@ class UserCode:
     def lane(self) -> UserFunction | None:
         """Their class `Lane`; the arguments of its constructor are its gains."""
         return self._part('lane')  # type: ignore[no-any-return]
+
+    @property
+    def identify(self) -> UserFunction | None:
+        """Their function `command` of the time."""
+        return self._part('identify')  # type: ignore[no-any-return]
 
     @property
     def relay(self) -> UserFunction | RelayProgram | None:
@@ -266,6 +284,14 @@ class UserCode:
             return None
         folder, path = self.controller.folder, str(self.paths['controller'])
         return find_gains(folder.trees[path], folder.sources[path].name)
+
+    @property
+    def name(self) -> str:
+        """The `NAME` in `identify.py`; empty if it has none."""
+        if not self.identify:
+            return ''
+        module = self.identify.folder.load(self.paths['identify'])
+        return guarded(lambda: str(getattr(module, 'NAME', '')), default='')
 
     @property
     def relay_keys(self) -> str:

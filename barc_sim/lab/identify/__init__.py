@@ -1,0 +1,1 @@
+"""Lab 5: a drive that shows what a car is, and an estimate from it."""

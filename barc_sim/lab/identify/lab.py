@@ -1,0 +1,307 @@
+"""Lab 5 as data: identification. 60 s of commands, and an estimate of what the car is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from barc_sim.errors import UserError
+from barc_sim.lab import handout
+from barc_sim.lab.check.code import Finding, JudgedCode, numbers_of
+from barc_sim.lab.check.functions import Functions
+from barc_sim.lab.check.lab import Lab, Part, Table
+from barc_sim.lab.check.laws import read
+from barc_sim.lab.user_code.adapters import COMMANDS
+from barc_sim.lab.user_code.calls import BY_EYE
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import Command, Vehicle
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
+
+    from matplotlib.figure import Figure
+
+    from barc_sim.lab.check.lab import Settings
+    from barc_sim.lab.check.laws import Floats, Inputs
+
+LABELS = {
+    'commands.limits': 'Commands: within the limits',
+    'commands.drag': 'Commands: they show the drag',
+    'commands.friction': 'Commands: they show the friction',
+    'commands.delay': 'Commands: they show the delay',
+    'estimate.drag': 'Estimate: drag',
+    'estimate.friction': 'Estimate: friction',
+    'estimate.delay': 'Estimate: delay',
+    'estimate.intervals': 'Estimate: intervals of 95 %',
+    'estimate.residuals': 'Estimate: what the residuals show',
+}
+
+TS = 0.02  #: [s]
+NOISE = 0.03  #: [m/s] of the measured speed
+_MAX_COMMAND, _MAX_SPEED = 2.0, 15.0  #: [m/s²] and [m/s]
+_STEPS = round(COMMANDS / TS)
+_CARS = 5  #: hidden ones
+_TIMES = 1.96  #: standard deviations: 95 %
+_UNITS = {'drag': '1/m', 'friction': 'm/s²', 'delay': 's'}
+#: Intervals that a drive can give: full marks up to the first, none from the second on.
+_SHOWN = {'drag': (8e-6, 3e-5), 'friction': (1e-3, 5e-3), 'delay': (1e-3, 4e-3)}
+_STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the differences
+_WRONG = 0.05  #: share by which a right estimate may be off
+_FULL_SHARE = 0.8  #: of the intervals that hold the truth, for full marks
+_WIDTH = (0.7, 3.0)  #: times the best possible interval
+_ONE_SIGMA = (0.35, 0.7)  #: the same, of one standard deviation
+
+
+class Car(NamedTuple):
+    """What is to be identified: resistances by mass [1/m], [m/s²], and the motor's delay [s]."""
+
+    drag: float
+    friction: float
+    delay: float
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle with these resistances."""
+        mass = Vehicle().mass
+        return Vehicle(air_drag_coeff=self.drag * mass, friction=self.friction * mass)
+
+    def drive(self, commands: Sequence[float]) -> Floats:
+        """Return the speeds [m/s] at which a car from a standstill gets each command."""
+        plant = Plant(road=Road.flat(), vehicle=self.vehicle, motor=Actuator(delay=self.delay))
+        speeds = []
+        for command in commands:
+            speeds.append(plant.motion().v_x)
+            plant.advance(Command(command, 0.0))
+        return np.array(speeds)
+
+    def intervals(self, commands: Sequence[float]) -> Floats:
+        """Return the smallest interval of 95 % that these commands allow, for each parameter.
+
+        It is the bound of Cramér and Rao; infinite for what the drive does not show.
+        """
+        speeds = self.drive(commands)
+        slopes = np.array(
+            [
+                (self._replace(**{name: getattr(self, name) + step}).drive(commands) - speeds)
+                / step
+                for name, step in _STEP.items()
+            ]
+        )
+        if np.linalg.matrix_rank(slopes) < len(slopes):
+            return np.full(len(slopes), np.inf)
+        deviations: Floats = np.sqrt(np.diag(np.linalg.inv(slopes @ slopes.T)))
+        return _TIMES * NOISE * deviations
+
+
+LAW = replace(
+    read(Path(__file__).with_name('identify.txt')),
+    functions={'rint': np.rint, 'floor': np.floor, 'ceil': np.ceil},
+)
+_TRUE = tuple(f'true_{name}' for name in Car._fields)
+_HIDDEN = LAW.situations['estimate'][0]
+
+
+def car_of(name: str) -> Car:
+    """Return the car of the student of this name."""
+    return Car(*(float(each[0]) for each in _HIDDEN.inputs(name, 1).values()))
+
+
+def measured(car: Car, commands: Sequence[float]) -> list[float]:
+    """Return the measured speeds [m/s] of a drive."""
+    noise = Random(str(car)).gauss  # noqa: S311 (a simulation, not a secret)
+    return [float(v) + noise(0.0, NOISE) for v in car.drive(commands)]
+
+
+@cache
+def _usual() -> tuple[float, ...]:
+    """Return commands that show all: a coast-down, then a random sequence of two values."""
+    draw = Random('commands').choice  # noqa: S311 (as above)
+    up, rolling, switching = [2.0] * 350, [0.0] * 1400, list[float]()
+    while len(switching) < _STEPS - 1750:
+        switching += [draw((-1.9, 2.0))] * 15
+    return (*up, *rolling, *switching[: _STEPS - 1750])
+
+
+def _times() -> list[float]:
+    return [k * TS for k in range(_STEPS)]
+
+
+def _drives(inputs: Inputs) -> list[list[Any]]:
+    """Return the times, speeds and commands of each car."""
+    cars = zip(*(inputs[name].tolist() for name in _TRUE), strict=True)
+    return [[_times(), measured(Car(*car), _usual()), [*_usual()]] for car in cars]
+
+
+def _agree(got: Floats, right: Floats) -> bool:
+    return bool(np.all(np.abs(got - right) <= _WRONG * np.abs(right)))
+
+
+_RESULTS = tuple(name + kind for name in Car._fields for kind in ('', '_interval'))
+FUNCTIONS = Functions(
+    LAW,
+    {'estimate': ' '.join(_TRUE)},
+    {'estimate': _RESULTS},
+    {name: f'estimate.{name}' for name in Car._fields},
+    _CARS,
+    _agree,
+    _drives,
+)
+
+
+class IdentifyCode(JudgedCode):
+    """A user's `identify.py`."""
+
+    def called(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
+        """Return the user's name for what a request calls."""
+        return str(arguments[0]) if do == 'functions' else do
+
+    def commands(self) -> list[float]:
+        """Return the commands [m/s²] of 60 s."""
+        found = self.call('functions', 'command', [[t] for t in _times()])
+        return numbers_of('command', found, _STEPS)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A drive of the student's car with the student's commands, and the estimate from it."""
+
+    car: Car
+    commands: Sequence[float]
+    found: Sequence[float]  #: three parameters, each with its interval
+
+    @property
+    def table(self) -> Table:
+        """The parameters, as text."""
+        rows = []
+        for k, (name, unit) in enumerate(_UNITS.items()):
+            true, value, interval = self.car[k], *self.found[2 * k : 2 * k + 2]
+            best = self.car.intervals(self.commands)[k]
+            inside = 'holds the truth' if abs(value - true) <= interval else 'does not hold it'
+            cells = f'{true:.4g} {unit}', f'{value:.4g} ± {interval:.2g}', f'± {best:.2g}', inside
+            rows.append((name, *cells))
+        header = ('', 'true', 'your estimate', 'best possible', 'your interval')
+        return Table('your car, with your commands', header, rows)
+
+    def figure(self, title: str = '') -> Figure:
+        """Draw the speed, what the estimated car predicts, and the residuals."""
+        from barc_sim.figures.identification_figure import (  # noqa: PLC0415 (slow)
+            identification_figure,
+        )
+        from barc_sim.tuning.identification import Identified  # noqa: PLC0415
+
+        speeds = np.array(measured(self.car, self.commands))
+        drag, _, friction, _, delay, _ = (max(each, 0.0) for each in self.found)
+        predicted = Car(min(drag, 1.0), friction, min(delay, 1.0)).drive(self.commands)
+        signals = {'v_x': (np.array(_times()), speeds, predicted)}
+        return identification_figure(Identified({}, signals, {}, ()), title=title)
+
+
+def _judge(code: IdentifyCode, settings: Settings, _: Collection[str]) -> Iterator[Finding]:
+    """Yield a finding for each criterion; the cars are those of the seed and the name."""
+    try:
+        name = str(code.call('name'))
+        commands = code.commands()
+        car, fault = car_of(name), ''
+        yield _limits(car, commands)
+        yield from _information(car, commands)
+    except UserError as error:
+        car, commands, fault = car_of(''), [*_usual()], str(error)
+        yield from (Finding(each, 0.0, fault) for each in LABELS if each.startswith('commands'))
+    findings, trials = FUNCTIONS.judge(code, f'{settings.seed} {car}')
+    yield from findings
+    yield _intervals(trials[0].got, trials[0].inputs, trials[0].failure)
+    yield _residuals(code, car, commands, trials[0].failure or fault)
+
+
+def _limits(car: Car, commands: Sequence[float]) -> Finding:
+    """Judge the size of the commands, and the speeds to which they lead."""
+    speeds, size = car.drive(commands), max(map(abs, commands))
+    slow, fast = float(speeds.min()), float(speeds.max())
+    faults = []
+    if size > _MAX_COMMAND + 1e-9:
+        first = next(k for k, each in enumerate(commands) if abs(each) > _MAX_COMMAND + 1e-9)
+        force = ': is it a force? Return an acceleration' if size > 100.0 else ''  # noqa: PLR2004
+        faults.append(
+            f'the command reaches {size:.3g} m/s², {_MAX_COMMAND:g} m/s² are allowed; '
+            f'the first is at {first * TS:.2f} s{force}'
+        )
+    if fast > _MAX_SPEED:
+        faults.append(f'the car reaches {fast:.1f} m/s, {_MAX_SPEED:g} m/s are allowed')
+    if slow < -0.05:  # noqa: PLR2004
+        faults.append(f'the car drives backwards, at up to {-slow:.1f} m/s')
+    if not speeds.any():
+        faults.append('the car does not move')
+    text = '; '.join(faults) or f'at most {size:.3g} m/s², and {fast:.1f} m/s'
+    return Finding('commands.limits', max(1.0 - 0.5 * len(faults), 0.0), text)
+
+
+def _information(car: Car, commands: Sequence[float]) -> Iterator[Finding]:
+    """Judge what the commands show: the smallest interval that an estimate from them can have."""
+    advice = {
+        'drag': 'it differs from friction only where the speed changes much: let the car roll '
+        'from a high speed to a low one',
+        'friction': 'let the car roll, at low speeds, too',
+        'delay': 'it shows where the command changes: change it often, and by much',
+    }
+    clipped = [min(max(each, -_MAX_COMMAND), _MAX_COMMAND) for each in commands]
+    for (name, (full, zero)), best in zip(_SHOWN.items(), car.intervals(clipped), strict=True):
+        score = min(max(float((zero - best) / (zero - full)), 0.0), 1.0)
+        shown = f'at best ± {best:.2g} {_UNITS[name]}' if best < np.inf else 'not at all'
+        text = f'your commands show the {name} {shown} (± {full:g} is full marks)'
+        if score < 1.0:
+            text += f'; {advice[name]}'
+        yield Finding(f'commands.{name}', score, text)
+
+
+def _intervals(got: Any, cars: Inputs, failure: str) -> Finding:  # noqa: ANN401 (of a Trial)
+    """Judge whether the intervals hold the truth, and are no wider than need be."""
+    if failure:
+        return Finding('estimate.intervals', 0.0, failure)
+    best = np.array(
+        [Car(*car).intervals(_usual()) for car in zip(*(cars[name] for name in _TRUE), strict=True)]
+    ).T
+    errors = np.array([np.abs(got[name] - cars[f'true_{name}']) for name in Car._fields])
+    widths = np.array([got[f'{name}_interval'] for name in Car._fields])
+    share, width = float(np.mean(errors <= widths)), float(np.median(widths / best))
+    low, high = _WIDTH
+    score = min(share / _FULL_SHARE, 1.0) * (min(high / width, 1.0) if width > 0.0 else 0.0)
+    text = f'{share:.0%} of the intervals hold the truth; they are {width:.2g} times the smallest '
+    text += 'that is possible'
+    if np.any(widths < 0.0):
+        text += '; an interval is below 0: return how far the truth may be off either way'
+    elif _ONE_SIGMA[0] < width < _ONE_SIGMA[1]:
+        score = min(score, 0.6)
+        text += f'; is it one standard deviation? {_TIMES:g} of them hold 95 %'
+    elif width < low:
+        text += '; too narrow: is it a variance, or divided by the number of rows once more?'
+    elif width > high:
+        text += '; too wide: is the noise of the speed divided by the root of the rows?'
+    return Finding('estimate.intervals', score, text)
+
+
+def _residuals(code: IdentifyCode, car: Car, commands: Sequence[float], fault: str) -> Finding:
+    """Return the finding that a person judges, with the estimate for the student's own car."""
+    text, drive = f'the plot of the residuals, and two sentences: {BY_EYE}', None
+    if not fault:
+        try:
+            row = [_times(), measured(car, commands), [*commands]]
+            (found,) = code.call('functions', 'estimate', [row])
+            drive = Drive(car, commands, numbers_of('estimate', found, len(_RESULTS)))
+        except UserError as error:
+            text = f'{text} ({error})'
+    return Finding('estimate.residuals', 0.0, text, drive, open=True)
+
+
+IDENTIFY = Lab(
+    handout.IDENTIFY,
+    IdentifyCode,
+    {'identify': Part(LABELS, _judge)},
+    by_eye=frozenset({'estimate.residuals'}),
+)

@@ -1,0 +1,44 @@
+"""Identification: choose 60 s of commands, and estimate drag, friction and delay of your car."""
+
+# NumPy is there: import numpy as np
+
+NAME = 'your name'  # your own car is made of it
+
+
+def command(t):
+    """Return the acceleration command [m/s²] at the time t [s], from 0 to 60 s.
+
+    The car starts at rest on a flat road. Stay within 2 m/s² either way, and between 0 and 15 m/s.
+    """
+    # TODO
+
+    # Then replace the next line by: return a
+    raise NotImplementedError
+
+
+def estimate(t, v, a):
+    """Return [drag, drag_interval, friction, friction_interval, delay, delay_interval].
+
+    t  lists of 3000 numbers: the times [s],
+    v  the measured speeds [m/s], each with a noise of 0.03 m/s,
+    a  and the commands [m/s²] that each of these rows got
+
+    drag      [1/m]   a_0 / m of    dv/dt = a(t - delay) - drag * v**2 - friction
+    friction  [m/s²]  F_f / m
+    delay     [s]     from a command to its effect
+
+    An interval is half of that which holds the true value in 95 of 100 drives.
+    """
+    # TODO
+
+    # Then replace the next line by: return [drag, ..., delay_interval]
+    raise NotImplementedError
+
+
+if __name__ == '__main__':  # after a drive: python identify.py BAG
+    import sys
+
+    from barc_sim import read_bag
+
+    log = read_bag(sys.argv[1])
+    print(estimate(log.t.tolist(), log.v_x.tolist(), log.motor.tolist()))

@@ -1,0 +1,126 @@
+"""Wrong and unusual programs of Lab 5: what a fair instructor says, of which line, and the points.
+
+A program is a right one, and what is
+replaced in it. All have 90 points at most: 10 are judged by eye.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from user_files import IDENTIFY as RIGHT
+from user_files import LocalCode, read_programs, replaced
+
+from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.handout import files_in
+from barc_sim.lab.identify.lab import IDENTIFY, NOISE, car_of, measured
+from barc_sim.lab.user_code.code import UserCode
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PROGRAMS = read_programs("""
+right | 90 |  | right in all 5 cases
+no excitation | 50 |  | the car does not move
+    if t < 7.0: -> return 0.0⏎    if t < 7.0:
+a constant command | 72 |  | the delay at best ± 0.01
+    if t < 7.0: -> return 0.2⏎    if t < 7.0:
+beyond the limit | 85 |  | the command reaches 2.5 m/s², 2 m/s² are allowed; the first is at 0.00 s
+    return 2.0⏎    if -> return 2.5 if t < 4.0 else 2.0 if t < 6.0 else 0.0⏎    if
+a force | 80 |  | is it a force? Return an acceleration
+    return 2.0⏎    if -> return 4000.0⏎    if
+too fast | 85 |  | m/s, 15 m/s are allowed
+    if t < 7.0 -> if t < 9.0
+backwards | 85 |  | the car drives backwards
+    return 0.0 -> return -1.0
+too short | 50 |  | returned None; expected a finite number
+    return 2.0 * ( -> return None if t > 50.0 else 2.0 * (
+no command | 50 | raise | command is not written yet (TODO)
+    if t < 7.0: -> raise NotImplementedError⏎    if t < 7.0:
+no estimate | 40 | raise | estimate is not written yet (TODO)
+    t, v, a = -> raise NotImplementedError⏎    t, v, a =
+drag by no mass | 83 | return [ | drag is multiplied by the mass
+    return [drag, half[0] -> return [2000 * drag, 2000 * half[0]
+friction by no mass | 83 |  | friction is multiplied by the mass
+    friction, half[1] -> 2000 * friction, 2000 * half[1]
+drag's sign | 83 |  | drag has the wrong sign
+    return [drag -> return [-drag
+friction as a share of the weight | 80 |  | friction is a share of the weight
+    friction, half[1] -> friction / 9.8, half[1] / 9.8
+swapped | 66 |  | drag and friction are swapped
+    return [drag, half[0], friction, half[1] -> return [friction, half[1], drag, half[0]
+milliseconds | 85 |  | the delay is in milliseconds
+    delay, half[2] -> 1000 * delay, 1000 * half[2]
+steps | 85 |  | the delay is in steps
+    delay, half[2] -> delay / 0.02, half[2] / 0.02
+whole steps | 83 |  | the delay is whole steps of 0.02 s
+    delay, half[2] -> 0.02 * round(delay / 0.02), half[2]
+the delay ignored | 59 |  | delay is always 0
+    delay = delays[k] - p[1] / (2 * p[0]) -> delay = 0.0
+half a step off | 86 |  | the delay is half a step off
+    delay, half[2] -> delay + 0.01, half[2]
+no friction | 49 |  | friction is always 0
+    -moving -> 0.0 * moving
+    np.linalg.inv -> np.linalg.pinv
+drag that grows with v | 65 |  | drag is wrong
+    smooth**2 -> smooth
+one standard deviation | 84 |  | is it one standard deviation?
+    1.96 * -> 1.0 *
+a variance | 78 |  | too narrow
+    1.96 * -> spread *
+intervals ten times too wide | 80 |  | too wide
+    1.96 * -> 19.6 *
+no interval | 75 |  | too narrow
+    1.96 * -> 0.0 *
+three numbers | 40 | def estimate | six finite numbers
+    return [drag, half[0], friction, half[1], delay, half[2]] -> return [drag, friction, delay]
+a missing colon | 0 | def command | syntax error
+    def command(t): -> def command(t)
+""")
+RUBRIC = load('identify')
+
+
+@pytest.mark.parametrize('name', PROGRAMS)
+def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
+    program = PROGRAMS[name]
+    text = replaced(RIGHT, *program.changes)
+    (tmp_path / 'identify.py').write_text(text, encoding='utf-8')
+    code = LocalCode(UserCode(files_in(tmp_path), budget=None))
+    findings = IDENTIFY.judge(code, RUBRIC.settings)
+    assert {each.criterion for each in findings} == IDENTIFY.labels.keys()
+    remarks = '\n'.join(each.message for each in findings)
+    assert program.sentence in remarks, remarks
+    points = sum(RUBRIC.points_for(each) for each in findings if not each.open)
+    assert points == pytest.approx(program.points, abs=5.0), remarks
+    if program.line:
+        remark = next(m for m in remarks.splitlines() if program.sentence in m)
+        (number,) = re.findall(r'identify\.py, line (\d+)', remark)
+        assert text.splitlines()[int(number) - 1].strip().startswith(program.line)
+
+
+def test_each_name_has_a_car_of_its_own_that_is_the_same_each_time() -> None:
+    cars = [car_of(f'student {k}') for k in range(40)]
+    assert len({*cars}) == 40
+    assert cars[7] == car_of('student 7')
+    assert all(0.04 <= car.delay <= 0.16 for car in cars)
+
+
+def test_the_bound_is_that_of_a_right_estimate() -> None:
+    """Of 40 estimates as many are inside as an interval of 95 % promises, and none is better."""
+    names: dict[str, object] = {}
+    exec(RIGHT, names)  # noqa: S102 (ours)
+    estimate, command = names['estimate'], names['command']
+    times = [0.02 * k for k in range(3000)]
+    commands = [command(t) for t in times]  # type: ignore[operator]
+    errors, ratios = [], []
+    for k in range(12):
+        car = car_of(f'bound {k}')
+        found = np.array(estimate(times, measured(car, commands), commands))  # type: ignore[operator]
+        errors.append(np.abs(found[::2] - car) <= found[1::2])
+        ratios.append(found[1::2] / car.intervals(commands))
+    assert np.mean(errors) > 0.85
+    assert np.allclose(ratios, 1.0, atol=0.15)
+    assert NOISE > 0.0
