@@ -111,8 +111,8 @@ RUN = [page for page in PAGES if any(map(is_run, blocks(page)))]
 def test_blocks_run(
     page: Path, tmp_path: Path, ros_domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if 'gymnasium' in page.read_text(encoding='utf-8'):
-        pytest.importorskip('gymnasium', reason='needs the extra gym')
+    for needed in filter(page.read_text(encoding='utf-8').count, ('gymnasium', 'daqp')):
+        pytest.importorskip(needed, reason='needs an extra')
     assert ros_domain
     monkeypatch.setenv('PATH', f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}')
     monkeypatch.setenv('MPLBACKEND', 'agg')

@@ -129,7 +129,10 @@ def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
         ('--track L --speed-profile 3 2 --reference a.csv', 'both give the speed: give one'),
         ('--track open.csv --laps 2', "track 'open.csv' is not closed: expected laps 1, not 2"),
         ('--track L --laps -1', '-1 is not a whole number from 0'),
-        ('--track L --lane wanting.py', 'wanting.py: Lane takes (k), and each is a gain: expected'),
+        (
+            '--track L --lane wanting.py',
+            'wanting.py, line 3: Lane takes (k), and each is a gain: expected',
+        ),
     ],
 )
 def test_what_cannot_be_driven_is_refused_in_a_sentence(

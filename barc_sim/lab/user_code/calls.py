@@ -217,8 +217,11 @@ class UserFunction:
         return found
 
     def place(self) -> str:
-        """Return the file and line that define the function."""
-        code = guarded(lambda: getattr(unwrap(self.function), '__code__', None), default=None)
+        """Return the file and line that define the function, or the method that makes a class."""
+        made: Any = vars(self.function).get('__init__') if isinstance(self.function, type) else None
+        code = guarded(
+            lambda: getattr(unwrap(made or self.function), '__code__', None), default=None
+        )
         found = self.folder.place(code.co_filename, code.co_firstlineno) if code else None
         return found or self.folder.path.name
 
