@@ -19,6 +19,9 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+#: The endings of a file with a figure, and its resolution.
+FIGURES = ('png', 'pdf', 'svg')
+FIGURE_DPI = 150
 _KINDS = {
     stat.S_IFIFO: 'a named pipe',
     stat.S_IFSOCK: 'a socket',

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import saving, target
+from barc_sim.cli.files import FIGURE_DPI, FIGURES, saving, target
 from barc_sim.errors import UserError, one_line
 from barc_sim.lab.handout import RUBRICS, handout_of
 
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from barc_sim.lab.check.lab import Report
     from barc_sim.lab.grade.rubric import Rubric
 
-FORMATS = ('png', 'pdf', 'svg')
-DPI = 150
 NOT_PASSED = 1
 _PIPE = 10_000  #: columns: a line is never broken
 _LINES, _WIDTH = 5, 100  #: of the text that user code printed
@@ -65,7 +63,7 @@ def run(options: Namespace) -> int:
     if folder.is_file() and folder.suffix == '.py':
         folder = folder.parent
     name = options.save or str(folder / 'check.png')
-    path = None if options.no_plot else target(name, FORMATS)
+    path = None if options.no_plot else target(name, FIGURES)
     parts = find_files(folder)  # or a UserError
     rubric = load(options.rubric or handout_of(parts).rubrics[0])
     report = rubric.lab.judge_folder(folder, rubric.settings)
@@ -74,7 +72,7 @@ def run(options: Namespace) -> int:
     if path and report.drive:
         with saving(path) as part:
             title = f'{folder.resolve().name}: {report.gains or rubric.title}'
-            report.drive.figure(title).savefig(part, dpi=DPI)
+            report.drive.figure(title).savefig(part, dpi=FIGURE_DPI)
         print(path)  # noqa: T201
     return 0 if composed and all(finding.passed for finding in report.judged) else NOT_PASSED
 

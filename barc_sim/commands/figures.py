@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import check_plain, saving, target
+from barc_sim.cli.files import FIGURE_DPI, FIGURES, check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments
 from barc_sim.errors import UserError
 from barc_sim.runs.options import add_address_options
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
 
-_FIGURES = ('png', 'pdf', 'svg')
-_FIGURE_DPI = 150
 _VIDEOS = ('mp4', 'gif')
 
 
@@ -41,7 +39,7 @@ def run_plot(options: Namespace) -> None:
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.figures import run_figures, style  # noqa: PLC0415
 
-    path = target(options.save, _FIGURES) if options.save is not None else None
+    path = target(options.save, FIGURES) if options.save is not None else None
     source = options.bag or reader.newest()
     bag = reader.load(source)
     log = bag.log(options.namespace)
@@ -60,7 +58,7 @@ def run_plot(options: Namespace) -> None:
         path = directory / 'speed.png'
     if path:
         with saving(path) as part:
-            figure.savefig(part, dpi=_FIGURE_DPI)
+            figure.savefig(part, dpi=FIGURE_DPI)
         print(path)  # noqa: T201
     if window:
         style.show()

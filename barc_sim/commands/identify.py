@@ -7,7 +7,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import saving, target
+from barc_sim.cli.files import FIGURE_DPI, FIGURES, saving, target
 from barc_sim.cli.parser import number
 from barc_sim.errors import UserError
 from barc_sim.vehicle.parameters import ROWS
@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.cli.parser import Parser
-
-_FIGURES = ('png', 'pdf', 'svg')
-_DPI = 150
 
 
 def add_arguments(parser: Parser) -> None:
@@ -79,7 +76,7 @@ def run(options: Namespace) -> None:
     from barc_sim.tuning.identification import identify  # noqa: PLC0415
     from barc_sim.vehicle.bike_model import Vehicle  # noqa: PLC0415
 
-    path = target(options.save, _FIGURES) if options.save is not None else None
+    path = target(options.save, FIGURES) if options.save is not None else None
     fields = dict(options.field)
     if fields and not {'v_x', 'motor'} <= fields.keys():
         raise UserError(f'--field names {", ".join(fields)}: expected v_x and motor at least')
@@ -109,7 +106,7 @@ def run(options: Namespace) -> None:
 
         with saving(path) as part:
             title = ', '.join(bag.resolve().name for bag in bags)
-            identification_figure(found, title=title).savefig(part, dpi=_DPI)
+            identification_figure(found, title=title).savefig(part, dpi=FIGURE_DPI)
         print(path)  # noqa: T201
 
 

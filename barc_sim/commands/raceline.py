@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import saving, target
+from barc_sim.cli.files import FIGURE_DPI, saving, target
 from barc_sim.cli.parser import number
 from barc_sim.control.cruise_control import PROFILE, SPEED
 
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
 
-_DPI = 150
 _SPEEDS = 1e-3, SPEED.between[1]
 _LIMITS = 1e-3, PROFILE[0].between[1]
 
@@ -78,6 +77,6 @@ def run(options: Namespace) -> None:
 
         with saving(figure) as part:
             line_figure(track, line, *speeds).savefig(
-                part, dpi=_DPI, format=figure.suffix[1:].lower()
+                part, dpi=FIGURE_DPI, format=figure.suffix[1:].lower()
             )
         print(figure)  # noqa: T201

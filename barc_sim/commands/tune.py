@@ -11,7 +11,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import saving, target
+from barc_sim.cli.files import FIGURE_DPI, FIGURES, saving, target
 from barc_sim.cli.parser import barc_path, number, whole
 from barc_sim.control.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.errors import UserError
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-FORMATS = ('png', 'pdf', 'svg')
-DPI = 150
 #: Population, generations and points along a side of the map: for the PID, whose loops run as one
 #: batch, and for user code, whose loops run one by one.
 _BATCHED = (256, 80, 101)
@@ -139,7 +137,7 @@ def run(options: Namespace) -> None:
     from barc_sim.tuning import search  # noqa: PLC0415
 
     began = time.monotonic()
-    path = target(options.save, FORMATS) if options.save is not None else None
+    path = target(options.save, FIGURES) if options.save is not None else None
     low, high = _ranges(options)
     if path:
         search.free_axes(low, high)
@@ -316,4 +314,4 @@ def _draw(
         settings=settings,
     )
     with saving(path) as part:
-        figure.savefig(part, dpi=DPI)
+        figure.savefig(part, dpi=FIGURE_DPI)
