@@ -169,8 +169,7 @@ def test_the_place_on_the_track_waits_at_its_reader_when_the_state_comes(world: 
     true = simulator.stepper._plant.on_track  # noqa: SLF001 (what is published)
     assert true
     last = places[-1]
-    found = last.s, last.e_y, last.e_psi, last.curvature, last.lap, last.lap_time
-    assert found == tuple(true)
+    assert {name: getattr(last, name) for name in true._fields} == true._asdict()
     assert last.s > 3.0
     assert (last.e_y, last.header.frame_id) == (0.0, 'map')
     assert simulator.values['servo_lag'] == 0.1
