@@ -6,7 +6,7 @@ import hashlib
 import io
 import warnings
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -81,10 +81,8 @@ class Facts:
 
     @property
     def holds_speed(self) -> bool:
-        """Whether its subject is a speed to hold: not laps of a track, nor `identify.py`."""
-        if isinstance(self.log, TrackLog) or FILES['identify'] in self.sources:
-            return False
-        return not np.isnan(self.log.reference).all()
+        """Whether its subject is a speed to hold."""
+        return not (isinstance(self.log, TrackLog) or np.isnan(self.log.reference).all())
 
     @property
     def shown_lap(self) -> Lap:
@@ -103,6 +101,8 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     bag = reader.load(path)
     log, info = _sensible(bag.log(namespace)), bag.info
     sources = attached(bag.attachments)
+    if FILES['identify'] in sources:  # its commands hold no speed
+        log = replace(log, reference=np.full(len(log), np.nan))
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in sources.items()}
     for file in files(path):
         hashes[file.name] = _sha256(file)
@@ -157,7 +157,8 @@ class _Figure(NamedTuple):
 def page(facts: Facts) -> str:
     """Return the report."""
     with _reproducible():
-        figures, graph = [*_figures(facts.log)], _graph(facts)
+        is_straight = FILES['identify'] in facts.sources
+        figures, graph = [*_figures(facts.log, is_straight=is_straight)], _graph(facts)
     return render(
         'report',
         facts=facts,
@@ -192,7 +193,7 @@ def _highlighted(text: str) -> str:
     return ''.join(f'<span class="line">{line}\n</span>' for line in lines)
 
 
-def _figures(log: Log) -> Iterator[_Figure]:
+def _figures(log: Log, *, is_straight: bool = False) -> Iterator[_Figure]:
     if isinstance(log, TrackLog):
         yield _drawn(
             track_figure(log),
@@ -202,7 +203,7 @@ def _figures(log: Log) -> Iterator[_Figure]:
         )
         return
     steered = np.isnan(log.reference).all() and np.any(np.abs(log.across) > _VISIBLE)
-    if steered or is_by_hand(log):
+    if not is_straight and (steered or is_by_hand(log)):
         yield _drawn(
             drive_figure(log),
             'Path, heading, speed and steering',

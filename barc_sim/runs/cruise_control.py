@@ -286,6 +286,8 @@ def _print_result(run: Run, cars: list[Car]) -> None:
         print(f'controller  {_driven_with(run.options, user_code, controller)}')  # noqa: T201
     if user_code.tolerated:
         print(f'tolerated   {"; ".join(user_code.tolerated)}')  # noqa: T201
+    if user_code.identify:
+        return  # its commands hold no speed
     summaries = {name: lap for car in cars for name, lap in car.summaries().items()}
     if cars[0].simulator.track:
         missed = sum(car.simulator.stepper.missed for car in cars)

@@ -16,7 +16,7 @@ from user_files import LocalCode, read_programs, replaced
 
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import files_in
-from barc_sim.lab.identify.lab import IDENTIFY, NOISE, car_of, measured
+from barc_sim.lab.identify.lab import IDENTIFY, NOISE, Drive, car_of, measured
 from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ beyond the limit | 85 |  | the command reaches 2.5 m/s², 2 m/s² are allowed; t
     return 2.0⏎    if -> return 2.5 if t < 4.0 else 2.0 if t < 6.0 else 0.0⏎    if
 a force | 80 |  | is it a force? Return an acceleration
     return 2.0⏎    if -> return 4000.0⏎    if
+no number of a car | 50 |  | beyond 1e+06 it is not a car
+    return 2.0⏎    if -> return 1e308⏎    if
 too fast | 85 |  | m/s, 15 m/s are allowed
     if t < 7.0 -> if t < 9.0
 backwards | 85 |  | the car drives backwards
@@ -124,3 +126,10 @@ def test_the_bound_is_that_of_a_right_estimate() -> None:
     assert np.mean(errors) > 0.85
     assert np.allclose(ratios, 1.0, atol=0.15)
     assert NOISE > 0.0
+
+
+@pytest.mark.parametrize('found', [[1e300] * 6, [-1.0] * 6, [0.0] * 6])
+def test_any_estimate_can_be_drawn(found: list[float]) -> None:
+    drive = Drive(car_of(''), [2.0] * 100 + [0.0] * 2900, found)
+    assert len(drive.figure('any').axes) == 2
+    assert len(drive.table.rows) == 3

@@ -46,6 +46,7 @@ LABELS = {
 TS = 0.02  #: [s]
 NOISE = 0.03  #: [m/s] of the measured speed
 _MAX_COMMAND, _MAX_SPEED = 2.0, 15.0  #: [m/s²] and [m/s]
+_NOT_A_CAR = 1e6  #: [m/s²]
 _STEPS = round(COMMANDS / TS)
 _CARS = 5  #: hidden ones
 _TIMES = 1.96  #: standard deviations: 95 %
@@ -94,9 +95,11 @@ class Car(NamedTuple):
                 for name, step in _STEP.items()
             ]
         )
-        if np.linalg.matrix_rank(slopes) < len(slopes):
-            return np.full(len(slopes), np.inf)
-        deviations: Floats = np.sqrt(np.diag(np.linalg.inv(slopes @ slopes.T)))
+        scale = np.linalg.norm(slopes, axis=1)
+        if not scale.all() or np.linalg.matrix_rank(slopes.T / scale, tol=1e-6) < len(scale):
+            return np.full(len(scale), np.inf)
+        spread = np.diag(np.linalg.inv((slopes / scale[:, np.newaxis]) @ (slopes.T / scale)))
+        deviations: Floats = np.sqrt(spread) / scale
         return _TIMES * NOISE * deviations
 
 
@@ -165,7 +168,12 @@ class IdentifyCode(JudgedCode):
     def commands(self) -> list[float]:
         """Return the commands [m/s²] of 60 s."""
         found = self.call('functions', 'command', [[t] for t in _times()])
-        return numbers_of('command', found, _STEPS)
+        commands = numbers_of('command', found, _STEPS)
+        if (largest := max(map(abs, commands))) > _NOT_A_CAR:
+            raise UserError(
+                f'command returned {largest:.3g} m/s²: beyond {_NOT_A_CAR:g} it is not a car'
+            )
+        return commands
 
 
 @dataclass(frozen=True)
@@ -197,8 +205,9 @@ class Drive:
         from barc_sim.tuning.identification import Identified  # noqa: PLC0415
 
         speeds = np.array(measured(self.car, self.commands))
-        drag, _, friction, _, delay, _ = (max(each, 0.0) for each in self.found)
-        predicted = Car(min(drag, 1.0), friction, min(delay, 1.0)).drive(self.commands)
+        predicted = Car(*(min(max(each, 0.0), 0.4) for each in self.found[::2])).drive(
+            self.commands
+        )
         signals = {'v_x': (np.array(_times()), speeds, predicted)}
         return identification_figure(Identified({}, signals, {}, ()), title=title)
 
@@ -279,10 +288,8 @@ def _intervals(got: Any, cars: Inputs, failure: str) -> Finding:  # noqa: ANN401
     elif _ONE_SIGMA[0] < width < _ONE_SIGMA[1]:
         score = min(score, 0.6)
         text += f'; is it one standard deviation? {_TIMES:g} of them hold 95 %'
-    elif width < low:
-        text += '; too narrow: is it a variance, or divided by the number of rows once more?'
-    elif width > high:
-        text += '; too wide: is the noise of the speed divided by the root of the rows?'
+    elif not low <= width <= high:
+        text += '; too narrow: is it a variance?' if width < low else '; too wide'
     return Finding('estimate.intervals', score, text)
 
 
