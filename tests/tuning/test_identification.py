@@ -112,7 +112,7 @@ def test_intervals_of_95_percent_hold_the_truth_that_often() -> None:
 def test_a_log_of_another_car_says_that_the_model_is_not_enough() -> None:
     """Its motor is limited, which no parameter here says."""
     plant = Plant(road=Road.flat(), noise=NoiseLevels(v_x=0.03), motor=Actuator(limit=1.0))
-    log = closed_loop(plant, PRBS(), distance=1e9, max_duration=6.0)
+    log = closed_loop(plant, PRBS(), distance=1e9, max_duration=4.0)
     assert any('no white noise' in remark for remark in identify(log).remarks)
 
 
