@@ -36,6 +36,7 @@ _WARM_UP = 1.0  #: [s] of a car in motion, whose earlier commands are unknown
 _SHORTEST = 2.0  #: [s] of a stretch without a gap
 _EDGE = 0.02  #: share of a step
 _STEPS = 30  #: of a search: what the logs show is found in fewer
+_WORST = 1e6  #: error of a car that no step can follow
 _NO_NOISE = 1e-6  #: errors below are those of rounding
 _LAGS = 20  #: of the autocorrelation
 _CHANGE = 10  #: steps over which errors change
@@ -125,11 +126,10 @@ class _Stretch:
     def __init__(self, log: Log, rows: slice, ts: float) -> None:
         self.ts = ts
         self.t = log.t[rows]
-        self.theta = np.nan_to_num(log.theta_deg[rows])
-        self.commands = [
-            Command(*each)
-            for each in zip(_held(log.motor[rows]), _held(log.servo[rows]), strict=True)
-        ]
+        # The plant is slower on NumPy's numbers, which warn of what overflows, too.
+        self.theta = np.nan_to_num(log.theta_deg[rows]).tolist()
+        commands = (_held(column[rows]) for column in (log.motor, log.servo))
+        self.commands = [*map(Command, *commands)]
         self.measured = np.array([log.v_x[rows], log.psi_dot[rows], log.v_y[rows]])
         self.in_motion = abs(self.measured[0, 0]) > _AT_REST
         self.first = round(_WARM_UP / ts) if self.in_motion else 0
@@ -278,15 +278,15 @@ def _fit(
     weights = 1.0 / _size(before.errors) if before else np.ones((rows, 1))
 
     def errors(p: Floats) -> Floats:
-        values, speeds = dict(zip(names, p.tolist(), strict=False)), iter(p[len(names) :])
+        every = p.tolist()
+        values, speeds = dict(zip(names, every, strict=False)), iter(every[len(names) :])
         parts = [
             (each.predict(next(speeds) if each.in_motion else 0.0, values, *car) - each.measured)
             for each in stretches
         ]
         kept = [part[:rows, each.first :] for part, each in zip(parts, stretches, strict=True)]
-        # A car that no step can follow is worse than any other.
-        found: Floats = np.nan_to_num(np.concatenate(kept, 1), nan=1e6, posinf=1e6, neginf=-1e6)
-        return found
+        found: Floats = np.nan_to_num(np.concatenate(kept, 1), nan=_WORST)
+        return np.clip(found, -_WORST, _WORST)
 
     def weighted(p: Floats) -> Floats:
         return (errors(p) * weights).ravel()
@@ -358,7 +358,8 @@ def _held(values: Floats) -> list[float]:
     """Return commands where each that is missing is the one before it, and zero at first."""
     at = np.where(np.isfinite(values), np.arange(len(values)), -1)
     padded = np.append(values, 0.0)
-    return list(padded[np.maximum.accumulate(at)])
+    held: list[float] = padded[np.maximum.accumulate(at)].tolist()
+    return held
 
 
 class _PlantOnRecord(Plant):
