@@ -44,8 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         metavar='FACTOR',
         help='simulated seconds per second; max: at full speed (1)',
     )
-    files = ', '.join(FILES[part] for part in parts)
-    parser.add_argument('--lab', type=Path, metavar='DIR', help=f'a folder with {files}')
+    parser.add_argument(
+        '--lab', type=Path, metavar='DIR', help="a folder with a lab's files, as of `barc new`"
+    )
     for part in parts:
         if part in ('lane', 'identify'):
             continue  # `--lane` takes names, too; a car of its own belongs to `identify`

@@ -120,7 +120,7 @@ def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
     assert 'position along the road' not in ' '.join(str(image['alt']) for image in page.images)
     assert '/vehicle_simulator' in page.text
     assert 'owns time, and steps the car' in page.text
-    assert 'No controller had a speed to hold' in page.text
+    assert 'Speed error' not in page.text
     assert "The controller's terms" not in page.text
 
 
