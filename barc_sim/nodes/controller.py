@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from functools import partial
-from math import cos, sin
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, LaneState, PidState, ZDynBkMdl
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from nav_msgs.msg import Path
 from rclpy.node import Node
 from std_msgs.msg import Float64, Header
@@ -23,6 +21,7 @@ from barc_sim.ros.node_helpers import (
     declare_track,
     frames,
     to_nanoseconds,
+    to_path,
 )
 
 if TYPE_CHECKING:
@@ -152,19 +151,9 @@ class CruiseController(Node):
             _publish(self._lane_pub, self._lane_state, self.lane.computed())
         if self.lane and self._plan_pub and self._plan_pub in subscribed:
             if self._states % _STATES_A_PLAN == 0:
-                self._plan_pub.publish(path_of(self.lane.predicted(), stamp, self._map))
+                header = Header(stamp=stamp, frame_id=self._map)
+                self._plan_pub.publish(to_path(header, *self.lane.predicted()))
             self._states += 1
-
-
-def path_of(poses: Any, stamp: Time, frame: str) -> Path:  # noqa: ANN401 (a Pose of arrays)
-    """Return poses on the map as a path."""
-    header = Header(stamp=stamp, frame_id=frame)
-    path = Path(header=header)
-    for x, y, psi in zip(*(each.tolist() for each in poses), strict=True):
-        position, turn = Point(x=x, y=y), Quaternion(z=sin(psi / 2.0), w=cos(psi / 2.0))
-        pose = Pose(position=position, orientation=turn)
-        path.poses.append(PoseStamped(header=header, pose=pose))
-    return path
 
 
 def _publish(publisher: Publisher, message: Any, fields: Mapping[str, Any]) -> None:  # noqa: ANN401

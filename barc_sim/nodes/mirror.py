@@ -27,7 +27,14 @@ from visualization_msgs.msg import Marker, MarkerArray
 from barc_sim.bags import names
 from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.nodes import MIRRORS
-from barc_sim.ros.node_helpers import declare, declare_track, frames, to_header, to_nanoseconds
+from barc_sim.ros.node_helpers import (
+    declare,
+    declare_track,
+    frames,
+    to_header,
+    to_nanoseconds,
+    to_path,
+)
 from barc_sim.simulation.timing import TOLERATED
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.road import Road
@@ -292,12 +299,7 @@ def track_markers(track: Track, frame: str) -> MarkerArray:
 
 def track_path(track: Track, frame: str) -> Path:
     """Return a track's centre line."""
-    header = to_header(0, frame)
-    poses = [
-        Pose(position=Point(x=x, y=y), orientation=Quaternion(z=sin(psi / 2.0), w=cos(psi / 2.0)))
-        for x, y, psi in zip(*_line(track), strict=True)
-    ]
-    return Path(header=header, poses=[PoseStamped(header=header, pose=pose) for pose in poses])
+    return to_path(to_header(0, frame), *_line(track))
 
 
 def _line(track: Track, e_y: float = 0.0) -> list[list[float]]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 import time
-from math import atan2
+from math import atan2, cos, sin
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose, Twist, Vector3
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
+from nav_msgs.msg import Path
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from std_msgs.msg import Header
@@ -102,6 +103,17 @@ def to_header(stamp_ns: int, frame_id: str = '') -> Header:
     """Return a header stamped `stamp_ns` [ns]."""
     sec, nanosec = split_time(stamp_ns)
     return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
+
+
+def to_path(header: Header, x: Iterable[float], y: Iterable[float], psi: Iterable[float]) -> Path:
+    """Return poses on the map as a path."""
+    path = Path(header=header)
+    for at_x, at_y, heading in zip(x, y, psi, strict=True):
+        half = 0.5 * float(heading)
+        pose = Pose(position=Point(x=float(at_x), y=float(at_y)))
+        pose.orientation = Quaternion(z=sin(half), w=cos(half))
+        path.poses.append(PoseStamped(header=header, pose=pose))
+    return path
 
 
 def to_nanoseconds(stamp: Time) -> int:

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import barc, started
+from command_line import barc, call, started
 from relays import ROS_2, joystick
 
 from barc_sim.bags import reader as bag
@@ -67,6 +67,17 @@ def test_death_of_the_program_ends_the_run_with_a_sentence(tmp_path: Path) -> No
     assert 'in on_state' not in err
     assert 'in on_state' in out  # its traceback is shown
     assert bag.info(newest(tmp_path))['failure'] == sentence
+
+
+def test_a_relay_that_fails_before_the_first_state_ends_the_run_with_a_sentence(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / 'mine.py').write_text(DIES, encoding='utf-8')
+    done = call('teleop', '--engine', 'local', *UNSEEN, '--relay', 'mine.py', cwd=tmp_path)
+    assert done.returncode == 1
+    (sentence,) = [line for line in done.stderr.splitlines() if line.startswith('barc teleop: ')]
+    assert sentence.endswith('the relay raised ZeroDivisionError: a fault of mine')
+    assert 'Traceback' not in done.stderr
 
 
 def test_without_a_relay_the_run_waits_for_another(tmp_path: Path) -> None:
