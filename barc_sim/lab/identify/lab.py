@@ -187,12 +187,16 @@ class Drive:
     @property
     def table(self) -> Table:
         """The parameters, as text."""
-        rows = []
+        rows, possible = [], self.car.intervals(self.commands)
         for k, (name, unit) in enumerate(_UNITS.items()):
             true, value, interval = self.car[k], *self.found[2 * k : 2 * k + 2]
-            best = self.car.intervals(self.commands)[k]
             inside = 'holds the truth' if abs(value - true) <= interval else 'does not hold it'
-            cells = f'{true:.4g} {unit}', f'{value:.4g} ± {interval:.2g}', f'± {best:.2g}', inside
+            cells = (
+                f'{true:.4g} {unit}',
+                f'{value:.4g} ± {interval:.2g}',
+                f'± {possible[k]:.2g}',
+                inside,
+            )
             rows.append((name, *cells))
         header = ('', 'true', 'your estimate', 'best possible', 'your interval')
         return Table('your car, with your commands', header, rows)
