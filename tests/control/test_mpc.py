@@ -85,10 +85,10 @@ def test_l_is_driven_within_a_quarter_of_a_metre_in_spite_of_delay_and_lag(dynam
 
 
 def test_delay_that_the_law_does_not_know_costs_more() -> None:
-    knows, ignores = (
+    with_delay, without = (
         np.abs(lap(MPC(delay=delay), 'L', laps=1, servo=LATE).e_y).max() for delay in (0.1, 0.0)
     )
-    assert knows < 0.6 * ignores
+    assert with_delay < 0.6 * without
 
 
 def test_prediction_is_where_the_car_goes() -> None:

@@ -1,4 +1,4 @@
-"""Wrong and unusual programs of Lab 5: what a fair instructor says, of which line, and the points.
+"""Wrong and unusual programs of Lab 5: the remark, its line, and the points.
 
 A program is a right one, and what is
 replaced in it. All have 90 points at most: 10 are judged by eye.

@@ -58,9 +58,9 @@ class Bench(NodeBench):
         )
         super().__init__(context, spin_until, self.controller)
         self.commands: list[ECU] = []
-        self.told: list[PidState] = []
+        self.received: list[PidState] = []
         self.peer.create_subscription(ECU, 'ecu', self.commands.append, names.QOS)
-        self.peer.create_subscription(PidState, 'pid_state', self.told.append, names.QOS)
+        self.peer.create_subscription(PidState, 'pid_state', self.received.append, names.QOS)
         self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
         self.errors = self.peer.create_publisher(EZDynBkMdl, 'ez_vhcl', names.QOS)
 
@@ -102,9 +102,9 @@ def test_each_state_is_answered_once_with_its_own_stamp(bench: Make) -> None:
     one = bench()
     stamps = [10**18 + k * 20 * MS for k in range(5)]
     one.answers([(stamp, 7.9) for stamp in stamps])
-    one.until(lambda: len(one.told) == 5)
+    one.until(lambda: len(one.received) == 5)
     assert [to_nanoseconds(command.header.stamp) for command in one.commands] == stamps
-    assert [to_nanoseconds(state.header.stamp) for state in one.told] == stamps
+    assert [to_nanoseconds(state.header.stamp) for state in one.received] == stamps
 
 
 def test_interval_is_the_difference_of_stamps_also_where_states_are_missing(bench: Make) -> None:
@@ -115,13 +115,15 @@ def test_interval_is_the_difference_of_stamps_also_where_states_are_missing(benc
 def test_what_the_pid_did_is_published(bench: Make) -> None:
     one = bench(kp=2.0, ki=1.0, kd=0.5, speed_reference=5.0, acceleration_limit=3.0)
     one.answers([(0, 4.0), (100 * MS, 4.2), (200 * MS, 0.0)])
-    one.until(lambda: len(one.told) == 3)
-    told = one.told[1]
-    assert (told.reference, told.measurement, told.error) == pytest.approx((5.0, 4.2, 0.8))
-    assert (told.proportional, told.integral) == pytest.approx((1.6, 0.08))
-    assert told.derivative == pytest.approx(-1.0)
-    assert told.output == one.commands[1].motor == pytest.approx(0.68)
-    assert [state.saturated for state in one.told] == [False, False, True]
+    one.until(lambda: len(one.received) == 3)
+    received = one.received[1]
+    assert (received.reference, received.measurement, received.error) == pytest.approx(
+        (5.0, 4.2, 0.8)
+    )
+    assert (received.proportional, received.integral) == pytest.approx((1.6, 0.08))
+    assert received.derivative == pytest.approx(-1.0)
+    assert received.output == one.commands[1].motor == pytest.approx(0.68)
+    assert [state.saturated for state in one.received] == [False, False, True]
     assert one.commands[2].motor == 3.0
 
 
@@ -140,8 +142,8 @@ def test_true_speed_is_controlled_where_asked_for(bench: Make, *, error_first: b
             # Two topics keep no order between them: let the first be taken before the second.
             one.executor.spin_once(timeout_sec=0.05)
         one.until(lambda k=k: len(one.commands) == k + 1)
-    one.until(lambda: len(one.told) == 3)
-    assert [state.measurement for state in one.told] == [8.0, 8.0, 8.0]
+    one.until(lambda: len(one.received) == 3)
+    assert [state.measurement for state in one.received] == [8.0, 8.0, 8.0]
 
 
 def test_state_and_error_of_different_stamps_are_not_joined(bench: Make) -> None:
@@ -164,8 +166,8 @@ def test_true_speed_is_controlled_from_the_first_error_on_where_asked_for_later(
     for stamp in (40 * MS, 60 * MS):
         one.send_error(stamp, 0.5)
         one.answers([(stamp, 8.5)])
-    one.until(lambda: len(one.told) == 4)
-    assert [one.told[k].measurement for k in (0, 1, 3)] == [8.5, 8.5, 8.0]
+    one.until(lambda: len(one.received) == 4)
+    assert [one.received[k].measurement for k in (0, 1, 3)] == [8.5, 8.5, 8.0]
 
 
 # Parameters
@@ -219,35 +221,37 @@ def test_value_out_of_range_is_refused_with_the_reason_and_changes_nothing(
 
 def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(bench: Make) -> None:
     one = bench(controller_type='lqr', speed_weight=100.0, acceleration_limit=3.0)
-    told: list[ControllerState] = []
-    one.peer.create_subscription(ControllerState, names.CONTROLLER_STATE, told.append, names.QOS)
+    received: list[ControllerState] = []
+    one.peer.create_subscription(
+        ControllerState, names.CONTROLLER_STATE, received.append, names.QOS
+    )
     one.until(lambda: one.controller.count_subscribers(names.CONTROLLER_STATE) == 1)
     lqr = LQR(speed_weight=100.0, output_min=-3.0, output_max=3.0)
     samples = [(0, 7.9), (20 * MS, 7.95), (40 * MS, 4.0)]
     assert one.answers(samples) == [lqr.acc_calculate(8.0, v_x, 0.02) for _, v_x in samples]
-    one.until(lambda: len(told) == 3)
-    assert one.told == []
-    assert told[2].names == ['feedback', 'compensation']
-    assert told[2].values.tolist() == [lqr.feedback, lqr.compensation]
-    assert (told[2].reference, told[2].measurement, told[2].error) == (8.0, 4.0, 4.0)
-    assert [state.saturated for state in told] == [False, False, True]
+    one.until(lambda: len(received) == 3)
+    assert one.received == []
+    assert received[2].names == ['feedback', 'compensation']
+    assert received[2].values.tolist() == [lqr.feedback, lqr.compensation]
+    assert (received[2].reference, received[2].measurement, received[2].error) == (8.0, 4.0, 4.0)
+    assert [state.saturated for state in received] == [False, False, True]
     assert [result.successful for result in one.set(observer_gain=1.0)] == [True]
     assert [result.successful for result in one.set(observer_gain=1.1, kp=1.0)] == [False, False]
 
 
 def test_on_a_track_both_commands_answer_and_gains_can_be_changed(bench: Make) -> None:
     one = bench(track='oval')
-    told: list[LaneState] = []
-    one.peer.create_subscription(LaneState, names.LANE_STATE, told.append, names.QOS)
+    received: list[LaneState] = []
+    one.peer.create_subscription(LaneState, names.LANE_STATE, received.append, names.QOS)
     one.until(lambda: one.controller.count_subscribers(names.LANE_STATE) == 1)
     one.send_state(0, 7.9, x=10.0, y=0.5, psi=0.1)
-    one.until(lambda: len(one.commands) == len(told) == 1)
+    one.until(lambda: len(one.commands) == len(received) == 1)
     k1, k2 = LaneLQR().feedback()
     assert one.commands[0].servo == pytest.approx(-0.5 * k1 - 0.1 * k2)
     assert one.commands[0].motor == expected([(0.0, 7.9)])[0]
-    assert (told[0].e_y, told[0].e_psi, told[0].saturated) == (0.5, 0.1, False)
-    assert (told[0].of_e_y, told[0].of_e_psi) == pytest.approx((-0.5 * k1, -0.1 * k2))
-    assert told[0].output == one.commands[0].servo
+    assert (received[0].e_y, received[0].e_psi, received[0].saturated) == (0.5, 0.1, False)
+    assert (received[0].of_e_y, received[0].of_e_psi) == pytest.approx((-0.5 * k1, -0.1 * k2))
+    assert received[0].output == one.commands[0].servo
 
     changes = {'lane.q_e_y': 0.2, 'lane.q_e_psi': 0.0, 'lane.preview': 99.0, 'lane_type': 'stanley'}
     verdicts = [one.set(**{name: value})[0].successful for name, value in changes.items()]
@@ -266,13 +270,13 @@ def test_a_laws_own_terms_are_published_by_name(bench: Make) -> None:
         weight = 0.5
 
     one = bench(track='oval', lane=Weighing())
-    told: list[LaneState] = []
-    one.peer.create_subscription(LaneState, names.LANE_STATE, told.append, names.QOS)
+    received: list[LaneState] = []
+    one.peer.create_subscription(LaneState, names.LANE_STATE, received.append, names.QOS)
     one.until(lambda: one.controller.count_subscribers(names.LANE_STATE) == 1)
     one.send_state(0, 7.9, x=10.0, y=0.5)
-    one.until(lambda: len(told) == 1)
-    assert (told[0].names, told[0].values.tolist()) == (['weight'], [0.5])
-    assert told[0].of_e_y < 0.0
+    one.until(lambda: len(received) == 1)
+    assert (received[0].names, received[0].values.tolist()) == (['weight'], [0.5])
+    assert received[0].of_e_y < 0.0
 
 
 def test_limits_of_the_acceleration_make_a_profile_of_the_speed(bench: Make) -> None:
@@ -314,9 +318,9 @@ def test_another_controller_answers_with_the_nodes_gains_and_limit(
     )
     one = bench(controller=UserController(load(tmp_path / 'controller.py')), kp=2.0)
     assert one.answers([(20 * MS, 8.0), (40 * MS, 7.0), (60 * MS, 0.0)]) == [0.25, 2.5, 8.0]
-    one.until(lambda: len(one.told) == 3)
-    assert [told.integral for told in one.told] == [0.02, 0.02, 0.02]
-    assert all(math.isnan(told.derivative) for told in one.told)
-    assert [told.saturated for told in one.told] == [False, False, True]
+    one.until(lambda: len(one.received) == 3)
+    assert [received.integral for received in one.received] == [0.02, 0.02, 0.02]
+    assert all(math.isnan(received.derivative) for received in one.received)
+    assert [received.saturated for received in one.received] == [False, False, True]
     one.set(kp=3.0)
     assert one.answers([(80 * MS, 7.0)]) == [4.0]
