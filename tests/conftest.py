@@ -47,19 +47,26 @@ os.environ['BARC_SIM_NO_BROWSER'] = '1'
 settings.register_profile('any machine', deadline=None)
 settings.load_profile('any machine')
 
-# A process that was started in the background ignores Ctrl-C, by nohup a hang-up; so would all that
-# it starts.
-signal.signal(signal.SIGINT, signal.default_int_handler)
-if hasattr(signal, 'SIGHUP'):  # not on Windows
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+def _take_signals() -> None:
+    """Let signals do what they do in a program that a terminal starts, and in all that it starts.
+
+    A process that was started in the background ignores Ctrl-C, by nohup a hang-up; a command that
+    was run in this process ignores at its end whatever would end it.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for name in ('SIGTERM', 'SIGHUP'):  # the last one not on Windows
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_DFL)
+
+
+_take_signals()
 
 
 @pytest.fixture(autouse=True)
 def _undone() -> Iterator[None]:
-    """Undo what a command does in this process, such as to ignore at its end what would end it."""
-    names = ('SIGINT', 'SIGTERM', 'SIGHUP')  # the last one not on Windows
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    before = {number: signal.getsignal(number) for number in numbers}
+    """Undo what a command does in this process; before, too, as a module's fixture runs some."""
+    _take_signals()
     interval = sys.getswitchinterval()
     yield
     sys.setswitchinterval(interval)
@@ -68,8 +75,7 @@ def _undone() -> Iterator[None]:
         from rclpy.logging import LoggingSeverity, set_logger_level  # noqa: PLC0415
 
         set_logger_level('', LoggingSeverity.INFO)
-    for number, handler in before.items():
-        signal.signal(number, handler)
+    _take_signals()
 
 
 @contextmanager

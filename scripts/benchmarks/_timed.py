@@ -62,10 +62,10 @@ class TimedRun(Display):
 
         The second figure leaves out what the thread waited for a core, as a busy machine makes it.
         """
-        steps, waited, processor = np.array(self.clock.ticks).T
+        steps, waited, processor, _ = np.array(self.clock.ticks).T
         off = np.abs(np.diff(steps) - _PERIOD) * 1e3
         taken = steps[-1] - steps[0]
-        without = np.maximum(off - np.diff(waited) * 1e3, 0.0)
+        without = np.maximum(off - waited[1:] * 1e3, 0.0)
         return {
             'jitter p99, ms': float(np.percentile(off, 99)),
             'without waits, ms': float(np.percentile(without, 99)),
