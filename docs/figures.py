@@ -25,8 +25,7 @@ from barc_sim.figures.run_figures import speed_figure
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
 from barc_sim.figures.style import VERMILLION as RED
 from barc_sim.figures.track_figure import TRACK_GROUND, track_figure
-from barc_sim.figures.video import frames
-from barc_sim.figures.views import SIZE, SideView, TopView
+from barc_sim.figures.views import SIZE, SideView, TopView, frames
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.log import COLUMNS, Log
 from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle

@@ -90,16 +90,16 @@ def run_replay(options: Namespace) -> None:
     log = reader.read(source, options.namespace)
     title = (source if source.is_dir() else source.parent).resolve().name
     if path:
-        from barc_sim.figures import video  # noqa: PLC0415
+        from barc_sim.figures.views import save_video  # noqa: PLC0415
 
         with saving(path) as part:
-            video.save(log, part, title=title)
+            save_video(log, part, title=title)
         print(path)  # noqa: T201
         return
-    from barc_sim.page import replay as page_replay  # noqa: PLC0415
+    from barc_sim.page import run_page  # noqa: PLC0415
 
     other = None
     if options.other:
         second = reader.read(options.other, options.namespace)
         other = second, options.other.resolve().name
-    page_replay.serve(log, title, options.view_host, options.view_port, other)
+    run_page.serve(log, title, options.view_host, options.view_port, other)

@@ -102,7 +102,7 @@ def run(options: Namespace) -> None:
         for remark in found.remarks:
             print(f'- {remark}')  # noqa: T201
     if path:
-        from barc_sim.figures.identification_figure import identification_figure  # noqa: PLC0415
+        from barc_sim.figures.tuning_figures import identification_figure  # noqa: PLC0415
 
         with saving(path) as part:
             title = ', '.join(bag.resolve().name for bag in bags)

@@ -302,7 +302,7 @@ def _figure(value: float, form: str) -> str:
 def _draw(
     path: Path, plane: Surface, goal: Goal, gains: tuple[Floats, Floats], settings: str
 ) -> None:
-    from barc_sim.figures.tuning_figure import Point, tuning_figure  # noqa: PLC0415
+    from barc_sim.figures.tuning_figures import Point, tuning_figure  # noqa: PLC0415
 
     start, best = (Point(each, goal.log(goal.courses[0], each)) for each in gains)
     figure = tuning_figure(

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 
 from barc_sim.figures import style
 from barc_sim.figures.track_figure import Course
-from barc_sim.figures.video import frames
-from barc_sim.figures.views import SIZE, Terrain, view_of
+from barc_sim.figures.views import SIZE, Terrain, frames, view_of
 from barc_sim.simulation.closed_loop import log_of_rows
 from barc_sim.simulation.log import LANE_STATE, columns_of
 from barc_sim.vehicle.sensor import Sensor

@@ -59,7 +59,7 @@ _MAX_MESSAGE = 256  #: [byte] from a page
 _MAX_UNSENT = 1 << 20  #: [byte] unsent to a slow page, before it misses states
 _MAX_MESSAGES_PER_SECOND = 200  #: messages from a page, so that none keeps the process busy
 _PING = 5.0  #: [s]
-_HOUR = 3600.0  #: [s]
+HOUR = 3600.0  #: [s]
 _CHECKOUT = Path(__file__).resolve().parents[2]
 _SECRET_LENGTH = 32  #: [byte]
 _TOKEN_LENGTH = 22  #: characters
@@ -109,7 +109,7 @@ class Host(ABC):
 
     def pulse(self) -> float:
         """Do the periodic work; return the time to the next call [s]."""
-        return _HOUR
+        return HOUR
 
     def file(self, name: str) -> File | None:  # noqa: ARG002 (here there are none)
         """Return a file to download; called in a thread of its own."""

@@ -94,7 +94,7 @@ class EndedRun:
     def compare(self) -> Iterator[str | bytes]:
         """Yield the messages that show the run before."""
         if self._before and (log := _read(self._before)):
-            from barc_sim.page.replay import other_run  # noqa: PLC0415
+            from barc_sim.page.run_page import other_run  # noqa: PLC0415
 
             yield from other_run(log, self._before.name)
 

@@ -11,7 +11,7 @@ from command_line import refused
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
-from barc_sim.figures import video
+from barc_sim.figures import views
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
@@ -75,6 +75,6 @@ def test_ctrl_c_leaves_no_half_a_video(
         path.write_bytes(b'half')
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(video, 'write_mp4', broken_off)
+    monkeypatch.setattr(views, 'write_mp4', broken_off)
     assert barc(['replay', str(directory), '--save', str(tmp_path / 'run.mp4')]) == 130
     assert list(tmp_path.iterdir()) == [directory]

@@ -1,8 +1,11 @@
-"""The palette, limits of axes and readings of instruments."""
+"""The palette, limits of axes, readings of instruments; and no window without a display."""
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from importlib import resources
 from itertools import combinations
@@ -82,3 +85,21 @@ def test_the_measurement_stands_for_a_truth_that_is_unknown() -> None:
     assert (shown.distance[-1], shown.speed[-1]) == (log.x[-1], log.v_x[-1])
     assert np.array_equal(shown.distance[:-1], log.distance[:-1])
     assert np.array_equal(shown.speed[:-1], log.speed[:-1])
+
+
+@pytest.mark.parametrize('backend', [None, 'tkagg'])
+def test_without_a_display_there_is_no_window(backend: str | None) -> None:
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in {'DISPLAY', 'WAYLAND_DISPLAY', 'MPLBACKEND'}
+    }
+    script = 'from barc_sim.figures import style; print(style.window((4, 3), str()))'
+    result = subprocess.run(
+        [sys.executable, '-c', script],
+        env=environment | ({'MPLBACKEND': backend} if backend else {}),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (result.stdout.strip(), result.stderr) == ('None', '')

@@ -1,11 +1,13 @@
-"""The car from the side and from above: where it is on the screen, and what is written."""
+"""The car from the side and from above, where it is and what is written; and videos of it."""
 
 from __future__ import annotations
 
+import subprocess
 from dataclasses import replace
 from math import atan2, cos, degrees, hypot, pi, radians
 from typing import TYPE_CHECKING
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from hand_drive import drive_by_hand
@@ -13,15 +15,29 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.text import Text
+from PIL import Image
 
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
-from barc_sim.figures.views import SIZE, SideView, Terrain, TopView, view_of
+from barc_sim.figures.views import (
+    SIZE,
+    SideView,
+    Terrain,
+    TopView,
+    frame_times,
+    frames,
+    view_of,
+    write_gif,
+    write_mp4,
+)
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import WHEEL_RADIUS, Vehicle
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.patches import Patch
+    from numpy.typing import NDArray
 
     from barc_sim.figures.views import RunView
     from barc_sim.simulation.log import Log
@@ -204,3 +220,86 @@ def test_what_is_unknown_is_a_dash_and_a_single_state_is_shown(hills: Log, by_ha
     assert '\N{EN DASH}' in texts(view)
     assert 'reference' not in [artist.get_label() for artist in view.artists]
     assert 'reference' in [artist.get_label() for artist in drawn(hills).artists]
+
+
+@pytest.fixture
+def view() -> SideView:
+    return SideView(closed_loop(distance=30.0), Figure(figsize=(6.4, 3.6), dpi=50))
+
+
+@pytest.mark.parametrize('fps', [25, 50])
+def test_a_film_shows_first_and_last_state_and_lasts_as_long_as_the_run(fps: int) -> None:
+    times = frame_times(23.02, fps)
+    assert times[0] == 0.0
+    assert times[-1] == 23.02
+    assert len(times) / fps == pytest.approx(23.02 + 1 / fps, abs=1 / fps)
+    assert np.diff(times)[:-1] == pytest.approx(1 / fps)
+
+
+def test_a_frame_is_what_drawing_everything_anew_gives(view: SideView) -> None:
+    quick = [image.copy() for image in frames(view, [0.0, 3.3, 1.0])]
+    for artist in view.artists:
+        artist.set_animated(False)
+    canvas = FigureCanvasAgg(view.figure)
+    for image, t in zip(quick, [0.0, 3.3, 1.0], strict=True):
+        view.update(t)
+        canvas.draw()
+        assert np.array_equal(image, np.asarray(canvas.buffer_rgba()))
+    assert not np.array_equal(quick[0], quick[1])
+
+
+VIDEO_SIZE = (64, 48)
+COLOURS = [(0, 114, 178), (213, 94, 0), (244, 248, 251), (34, 34, 34)]
+
+
+def images(count: int) -> list[NDArray[np.uint8]]:
+    """Return plain images, each of another colour than the one before."""
+    width, height = VIDEO_SIZE
+    return [
+        np.full((height, width, 4), (*COLOURS[i % len(COLOURS)], 255), dtype=np.uint8)
+        for i in range(count)
+    ]
+
+
+def decoded(path: Path) -> tuple[NDArray[np.uint8], str]:
+    """Return a video's images, of shape `(n, height, width, 3)`, and what ffmpeg says of it."""
+    result = subprocess.run(
+        [imageio_ffmpeg.get_ffmpeg_exe(), '-i', path, '-f', 'rawvideo', '-pix_fmt', 'rgb24', '-'],
+        capture_output=True,
+        check=True,
+    )
+    width, height = VIDEO_SIZE
+    frames = np.frombuffer(result.stdout, np.uint8).reshape(-1, height, width, 3)
+    stream = next(line for line in result.stderr.decode().splitlines() if 'Video: ' in line)
+    return frames, stream
+
+
+def test_mp4_has_every_frame_in_its_colours_and_plays_everywhere_at_its_rate(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / 'run.mp4'
+    write_mp4(path, images(32), size=VIDEO_SIZE, fps=50)
+    frames, stream = decoded(path)
+    assert 'h264' in stream
+    assert 'yuv420p(tv, bt709' in stream
+    assert '50 fps' in stream
+    assert imageio_ffmpeg.count_frames_and_secs(path) == (32, pytest.approx(0.64, abs=0.01))
+    assert frames.mean(axis=(1, 2)) == pytest.approx(np.array(COLOURS * 8), abs=4.0)
+
+
+def test_gif_shows_its_images_for_their_time_and_repeats(tmp_path: Path) -> None:
+    path = tmp_path / 'run.gif'
+    first = images(10)
+    # The palette is the first image's: let it hold all the colours.
+    first[0][:, ::2, :3] = COLOURS[1]
+    write_gif(path, iter([*first, *images(1)]), fps=25)
+    with Image.open(path) as gif:
+        assert gif.size == VIDEO_SIZE
+        assert gif.info['loop'] == 0
+        durations = []
+        for i in range(gif.n_frames):
+            gif.seek(i)
+            durations.append(gif.info['duration'])
+        gif.seek(1)
+        assert gif.convert('RGB').getpixel((30, 30)) == COLOURS[1]
+    assert sum(durations) == 11 * 40
