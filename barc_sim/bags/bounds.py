@@ -10,17 +10,13 @@ from math import inf
 from time import thread_time
 from typing import TYPE_CHECKING, Any, NoReturn
 
-import numpy as np
 import yaml
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.road import STEEPEST_DEG
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
-
-    from barc_sim.simulation.log import Log
 
 MAX_RECORD = 32 << 20  #: bytes, and those of a chunk unpacked
 MAX_METADATA = 2 << 20  #: bytes of a record of metadata
@@ -151,18 +147,3 @@ def check_attached(path: Path, size: int) -> None:
     """Refuse more bytes of attached files than those of a run."""
     if size > MAX_ATTACHED:
         refuse(path, f'{size} bytes of attached files', f'{MAX_ATTACHED}')
-
-
-def check_log(path: Path, log: Log) -> None:
-    """Refuse stamps, places or grades that are none of a run."""
-    gaps = np.diff(log.t, prepend=0.0)
-    k = int(np.argmax(gaps))
-    if gaps[k] > MAX_GAP or log.t[-1] > MAX_DURATION:
-        found = f'states of {log.t[-1]:.6g} s, with {gaps[k]:.6g} s between two of them'
-        refuse(path, found, f'{MAX_DURATION:g} s and {MAX_GAP:g} s')
-    far = float(np.fmax.reduce(np.abs([log.distance, log.y]), axis=None, initial=0.0))
-    if far > MAX_DISTANCE:
-        refuse(path, f'a state {far:.6g} m from the start', f'{MAX_DISTANCE:g} m')
-    steepest = float(np.fmax.reduce(np.abs(log.theta_deg), initial=0.0))
-    if steepest >= STEEPEST_DEG:
-        refuse(path, f'a grade of {steepest:.6g} degrees', f'less than {STEEPEST_DEG:g}')

@@ -1,32 +1,294 @@
-"""The topics and messages of any bag: rosbag2's MCAP and sqlite3, our own, and damaged ones."""
+"""The topics and messages of any bag: rosbag2's MCAP and sqlite3, our own, and damaged ones.
+
+An MCAP file is read up to its last whole record. mcap parses its records; what a file claims of
+itself decides neither how much is read nor how much is unpacked.
+"""
 
 from __future__ import annotations
 
+import os
+import re
+import zlib
 from collections import Counter, deque
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import lru_cache
 from heapq import heappop, heappush
+from io import BytesIO
 from itertools import chain
+from struct import Struct
 from typing import TYPE_CHECKING, Any
 
+import lz4.frame
 import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema, Statistics
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from barc_sim.bags import bounds
-from barc_sim.bags.bounds import Budget
-from barc_sim.bags.messages import Message
-from barc_sim.bags.recording import Span, Topic
-from barc_sim.bags.records import Damage, McapFile, files, unpacked
-from barc_sim.bags.schemas import definition
-from barc_sim.cli.files import check_plain
+from barc_sim.bags.bounds import MAX_RECORD, Budget, from_yaml
+from barc_sim.bags.messages import Message, definition
+from barc_sim.bags.recording import METADATA_NAME, Span, Topic
+from barc_sim.bags.writer import CHUNK_SIZE, MAGIC
+from barc_sim.cli.files import check_plain, open_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    import re
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
+    from typing import BinaryIO
+
+
+_HEADER = Struct('<BQ')  # of a record: opcode, length
+_MESSAGE = Struct('<HIQQ')  # channel, sequence number, times of reception and publication
+_OPCODES = frozenset(Opcode)
+_OF_MESSAGES = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
+_DESCRIBING: dict[int, Any] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.METADATA: Metadata,
+    Opcode.STATISTICS: Statistics,
+}
+_IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL}
+
+
+@dataclass
+class Damage:
+    """The damage found in a file."""
+
+    unreadable_chunks: int = 0
+    unfinished: bool = False  #: its end is missing
+    unread: int = 0  #: [B] after the last whole record
+    cut: bool = False  #: these are at most the beginning of a record, as a kill leaves it
+
+    def __bool__(self) -> bool:
+        """Return whether anything is missing."""
+        return self.unfinished or self.unreadable_chunks > 0
+
+
+def files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag; `path` is its directory, or one of the files."""
+    if not path.exists():
+        raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')
+    if not path.is_dir():
+        return [path.resolve() if path.is_symlink() else path]
+    found = [file for file in path.glob('*.mcap') if not file.name.startswith('.')]
+    if not found:
+        raise UserError(f'{str(path)!r} has no .mcap file in it: name the directory of a bag')
+
+    def order(file: Path) -> tuple[int, str]:  # run_10.mcap after run_9.mcap
+        number = re.search(r'_(\d+)\.mcap$', file.name)
+        return int(number[1]) if number else -1, file.name
+
+    return sorted(found, key=order)
+
+
+class McapFile:
+    """A file of a bag: what its records describe, and its messages, without damaged chunks.
+
+    Attributes
+    ----------
+    topics
+        By name; those that only a chunk describes, once `messages` has come to it.
+    metadata, attachments
+        The run's own, and the attached files by their names.
+    span
+        Of the messages, by the file's summary; None without one.
+    damage
+        Without that of chunks until `messages` has read them.
+    """
+
+    def __init__(self, path: Path, budget: Budget) -> None:
+        """Read all but the messages; UserError: it is no MCAP file, or exceeds a bound."""
+        self.path = path
+        self.topics: dict[str, Topic] = {}
+        self.metadata: dict[str, str] = {}
+        self.attachments: dict[str, Attachment] = {}
+        self.span: Span | None = None
+        self.damage = Damage()
+        self._budget = budget
+        self._schemas: dict[int, Schema] = {}
+        self._definitions = self._attached = 0  # bytes
+        self._channels: dict[int, Topic] = {}
+        self._whole = 0  # the end of the last whole record
+        with self._records(messages=False) as records:
+            for opcode, body in records:
+                self._add(opcode, body)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the messages in the order of the file."""
+        with self._records(messages=True) as records:
+            for opcode, body in records:
+                if opcode == Opcode.CHUNK:
+                    yield from self._in_chunk(Chunk.read(ReadDataStream(BytesIO(body))))
+                elif opcode == Opcode.MESSAGE and (message := self._message(body)):
+                    yield message
+
+    @contextmanager
+    def _records(self, *, messages: bool) -> Iterator[Iterator[tuple[int, bytes]]]:
+        """Open the file and provide its records; an exception in reading them is its damage."""
+        self.damage = damage = Damage()
+        try:
+            stream = open_regular(self.path, follow=False)
+        except OSError as error:
+            raise UserError(
+                f'{str(self.path)!r} cannot be read ({error.strerror}): name another bag'
+            ) from error
+        with stream:
+            size = os.fstat(stream.fileno()).st_size
+            if (magic := stream.read(len(MAGIC))) != MAGIC:
+                what = 'not an MCAP file' if magic else 'empty'
+                raise UserError(f'{str(self.path)!r} is {what}: name another bag')
+            self._whole = len(MAGIC)
+            try:
+                yield self._raw(stream, size, messages=messages)
+            except UserError:
+                raise
+            except Exception:  # noqa: BLE001 (damage may raise anything)
+                damage.unfinished = True
+                damage.unread = size - self._whole
+                stream.seek(self._whole)
+                damage.cut = _is_cut(stream.read(_HEADER.size), damage.unread)
+
+    def _raw(self, stream: BinaryIO, size: int, *, messages: bool) -> Iterator[tuple[int, bytes]]:
+        """Yield opcode and body of each record up to the footer, of those that are asked for."""
+        at = self._whole
+        checksum = zlib.crc32(MAGIC)  # of the data, where all are read
+        opcode = 0
+        while opcode != Opcode.FOOTER:
+            header = stream.read(_HEADER.size)
+            opcode, length = _HEADER.unpack(header)
+            at += _HEADER.size + length
+            if not opcode or at > size or (length > MAX_RECORD and opcode != Opcode.ATTACHMENT):
+                raise ValueError('record')
+            if length > MAX_RECORD:
+                bounds.check_attached(self.path, length)
+            self._budget.charge(length)
+            if not messages and opcode in _OF_MESSAGES:
+                stream.seek(length, os.SEEK_CUR)
+            else:
+                body = stream.read(length)
+                known = int.from_bytes(body[:4], 'little')
+                if messages and opcode == Opcode.DATA_END and known not in {0, checksum}:
+                    raise ValueError('checksum')
+                checksum = zlib.crc32(body, zlib.crc32(header, checksum))
+                yield opcode, body
+            self._whole = at
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise ValueError('end')
+
+    def _add(self, opcode: int, body: bytes) -> None:
+        """Add what a record describes, if it is of use here."""
+        if opcode not in _DESCRIBING or (
+            opcode == Opcode.METADATA and len(body) > bounds.MAX_METADATA
+        ):
+            return  # metadata would take several times its size
+        record: Any = _DESCRIBING[opcode].read(ReadDataStream(BytesIO(body)))
+        if isinstance(record, Schema):
+            if self._schemas.get(record.id) != record:
+                self._definitions += len(record.data)
+            self._schemas[record.id] = record
+            bounds.check_topics(self.path, len(self._schemas), self._definitions)
+        elif isinstance(record, Channel) and (schema := self._schemas.get(record.schema_id)):
+            self._channels[record.id] = self.topics[record.topic] = Topic(
+                name=record.topic,
+                type=schema.name,
+                definition=schema.data.decode(errors='replace'),
+                type_hash=record.metadata.get('topic_type_hash', ''),
+                offered_qos=_offered_qos(record.metadata.get('offered_qos_profiles', '')),
+            )
+            bounds.check_topics(self.path, len(self.topics))
+        elif isinstance(record, Metadata) and record.name == METADATA_NAME:
+            self.metadata.update(record.metadata)
+            bounds.check_entries(self.path, self.metadata)
+        elif isinstance(record, Attachment):
+            self.attachments[record.name] = record
+            self._attached += len(record.data) + len(record.name)
+            bounds.check_attached(self.path, self._attached)
+        elif isinstance(record, Statistics):
+            span = Span(record.message_start_time, record.message_end_time, record.message_count)
+            self.span = span if span.count else Span()
+
+    def _in_chunk(self, chunk: Chunk) -> Iterator[Message]:
+        """Yield the messages of a chunk, up to its damage."""
+        try:
+            for opcode, body in _split(self._unpacked(chunk)):
+                self._budget.charge(0 if opcode == Opcode.MESSAGE else len(body))
+                if opcode == Opcode.MESSAGE:
+                    if message := self._message(body):
+                        yield message
+                elif opcode in _IN_CHUNKS:
+                    self._add(opcode, body)
+        except UserError:
+            raise
+        except Exception:  # noqa: BLE001 (damage may raise anything)
+            self.damage.unreadable_chunks += 1
+
+    def _message(self, body: bytes) -> Message | None:
+        channel, sequence, received, published = _MESSAGE.unpack_from(body)
+        if topic := self._channels.get(channel):
+            return Message(topic, body[_MESSAGE.size :], received, published, sequence)
+        return None
+
+    def _unpacked(self, chunk: Chunk) -> bytes:
+        """Return what is in a chunk: no more than it claims, which is charged before."""
+        size = chunk.uncompressed_size if chunk.compression else len(chunk.data)
+        self._budget.charge(min(size, MAX_RECORD))
+        if size > MAX_RECORD:
+            raise ValueError('size')
+        if chunk.compression == 'zstd':
+            data = unpacked(chunk.data, size)
+        elif chunk.compression == 'lz4':
+            data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size)
+        elif chunk.compression:
+            raise ValueError(f'unknown compression {chunk.compression!r}')
+        else:
+            data = chunk.data
+        if len(data) != size or chunk.uncompressed_crc not in {0, zlib.crc32(data)}:
+            raise ValueError('size or checksum')
+        return data
+
+
+def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield opcode and body of each record in a chunk."""
+    at = 0
+    while at < len(data):
+        opcode, length = _HEADER.unpack_from(data, at)
+        at += _HEADER.size + length
+        if at > len(data):
+            raise ValueError('record')
+        yield opcode, data[at - length : at]
+
+
+def unpacked(data: bytes, most: int) -> bytes:
+    """Return what zstd has made smaller; an exception if it is damaged, or more than `most`."""
+    # The size in the frame's own header decides how much is allocated.
+    if zstandard.frame_content_size(data) > most:
+        raise ValueError('size')
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=most)
+
+
+@lru_cache(maxsize=16)
+def _offered_qos(text: str) -> list[dict[str, Any]]:
+    qos: Any = None
+    with suppress(ValueError):
+        qos = from_yaml(text) if len(text) <= bounds.MAX_QOS else None
+    return [each for each in qos if isinstance(each, dict)] if isinstance(qos, list) else []
+
+
+def _is_cut(header: bytes, size: int) -> bool:
+    """Return whether `size` bytes with this header can be the beginning of a record."""
+    if len(header) < _HEADER.size:
+        return True
+    opcode, length = _HEADER.unpack(header)
+    # The longest is a chunk whose messages cannot be compressed.
+    return opcode in _OPCODES and size - len(header) < length < 2 * CHUNK_SIZE
+
 
 _ZSTD = b'\x28\xb5\x2f\xfd'  # begins what rosbag2 has compressed; CDR begins with a zero
 #: [ns] by which a message may stand behind later ones.

@@ -32,6 +32,7 @@ from barc_sim.simulation.log import (
     columns_of,
     recordable,
 )
+from barc_sim.vehicle.road import STEEPEST_DEG
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -122,7 +123,7 @@ class Bag:
                 f'--namespace {cars[0]}'
             )
         log = join(samples[cars[0]])
-        bounds.check_log(self.path, log)
+        _check_log(self.path, log)
         return log
 
 
@@ -334,6 +335,21 @@ def join(samples: Mapping[str, Samples]) -> Log:
         terms |= samples[topic].terms(places[topic])
     kind = TrackLog if TRACK_STATE in samples else Log
     return kind(**{name: columns[name] for name in kind.declared}, own_terms=terms)
+
+
+def _check_log(path: Path, log: Log) -> None:
+    """Refuse stamps, places or grades that are none of a run."""
+    gaps = np.diff(log.t, prepend=0.0)
+    k = int(np.argmax(gaps))
+    if gaps[k] > bounds.MAX_GAP or log.t[-1] > bounds.MAX_DURATION:
+        found = f'states of {log.t[-1]:.6g} s, with {gaps[k]:.6g} s between two of them'
+        bounds.refuse(path, found, f'{bounds.MAX_DURATION:g} s and {bounds.MAX_GAP:g} s')
+    far = float(np.fmax.reduce(np.abs([log.distance, log.y]), axis=None, initial=0.0))
+    if far > bounds.MAX_DISTANCE:
+        bounds.refuse(path, f'a state {far:.6g} m from the start', f'{bounds.MAX_DISTANCE:g} m')
+    steepest = float(np.fmax.reduce(np.abs(log.theta_deg), initial=0.0))
+    if steepest >= STEEPEST_DEG:
+        bounds.refuse(path, f'a grade of {steepest:.6g} degrees', f'less than {STEEPEST_DEG:g}')
 
 
 def _missed(commands: Samples, answers: NDArray[np.intp], published: NDArray[np.uint64]) -> Flags:

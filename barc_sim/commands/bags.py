@@ -100,7 +100,7 @@ def add_arguments_recover(parser: Parser) -> None:
 
 def run_recover(options: Namespace) -> None:
     """Repair the bag and print what it holds."""
-    from barc_sim.bags.recovery import recover  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.bags.convert import recover  # noqa: PLC0415 (slow: not for --help)
 
     for line in _recovered(*recover(options.bag)):
         print(escaped(line))  # noqa: T201

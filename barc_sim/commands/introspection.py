@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from barc_sim.bags.node_graph import NodeGraph
+    from barc_sim.bags.names import NodeGraph
     from barc_sim.cli.parser import Parser
 
 _WINDOW = 2.0  #: [s] over which rates are measured
@@ -174,7 +174,7 @@ def run_graph(options: Namespace) -> None:
 
 def _graph_of_bag(path: Path) -> tuple[NodeGraph, str]:
     from barc_sim.bags import reader  # noqa: PLC0415
-    from barc_sim.bags.node_graph import NodeGraph  # noqa: PLC0415
+    from barc_sim.bags.names import NodeGraph  # noqa: PLC0415
 
     text = reader.info(path).get('graph')
     if text is None:
@@ -217,9 +217,9 @@ def add_arguments_show(parser: Parser) -> None:
 
 def run_show(options: Namespace) -> None:
     """Print the definition."""
-    from barc_sim.bags import schemas  # noqa: PLC0415
+    from barc_sim.bags import messages  # noqa: PLC0415
 
-    for line in schemas.definition_lines(schemas.find_type(options.type)):
+    for line in messages.definition_lines(messages.find_type(options.type)):
         print(line)  # noqa: T201
 
 

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path as Curve
 
-from barc_sim.bags.node_graph import EVERYONES, purposes
+from barc_sim.bags.names import EVERYONES, purposes
 from barc_sim.figures.style import BLUE, GREY, INK, MUTED, STYLE
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from barc_sim.bags.node_graph import NodeGraph
+    from barc_sim.bags.names import NodeGraph
 
     Box = tuple[float, float]  # half of width and of height
     Vertex = Hashable  # a name, or a way point: an edge and a layer

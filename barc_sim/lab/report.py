@@ -18,8 +18,8 @@ from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
 
 from barc_sim.bags import reader
-from barc_sim.bags.node_graph import NodeGraph, purposes
-from barc_sim.bags.records import files
+from barc_sim.bags.contents import files
+from barc_sim.bags.names import NodeGraph, purposes
 from barc_sim.cli.files import open_regular
 from barc_sim.figures.graph_figure import GraphDrawing
 from barc_sim.figures.run_figures import (

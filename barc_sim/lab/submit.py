@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.bags import reader, records
+from barc_sim.bags import contents, reader
 from barc_sim.cli.files import open_regular
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
@@ -192,7 +192,7 @@ def _course(bag: Path, facts: Facts, folder: Path) -> Part:
 def _bag(bag: Path, name: str) -> dict[str, bytes | Path]:
     """Return the files of a bag, in the folder `name` of the zip."""
     directory = bag if bag.is_dir() else bag.parent
-    files = [*records.files(bag), directory / 'metadata.yaml']
+    files = [*contents.files(bag), directory / 'metadata.yaml']
     return {f'{name}/{file.name}': file for file in files if file.is_file()}
 
 

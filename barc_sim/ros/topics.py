@@ -17,8 +17,8 @@ from rclpy.qos import (
 )
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 
+from barc_sim.bags.messages import definition
 from barc_sim.bags.recording import Topic
-from barc_sim.bags.schemas import definition
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

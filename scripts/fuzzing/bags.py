@@ -31,7 +31,7 @@ from mcap.records import Attachment
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
-from barc_sim.bags.recovery import recover
+from barc_sim.bags.convert import recover
 from barc_sim.errors import UserError
 from barc_sim.figures import run_figures, views
 from barc_sim.lab.report import page, read

@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
-from barc_sim.bags.schemas import definition
+from barc_sim.bags.messages import definition
 from barc_sim.bags.writer import BagWriter
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import MESSAGE_TYPES, STATE

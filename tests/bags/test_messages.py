@@ -1,16 +1,30 @@
-"""Messages in CDR: the time with which one begins, and fields at fixed places."""
+"""Messages and their types: times and fields in CDR, definitions as a bag has them."""
 
 from __future__ import annotations
 
+import json
+import re
 import struct
+from importlib.machinery import ModuleSpec
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import barc
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.messages import fixed_reader, leading_time, split_time
-from barc_sim.bags.schemas import definition, share, shipped
+from barc_sim.bags import messages
+from barc_sim.bags.messages import (
+    definition,
+    fixed_reader,
+    leading_time,
+    share,
+    shipped,
+    split_time,
+)
+from barc_sim.bags.messages import definition_lines as lines
+from barc_sim.bags.messages import find_type as find
 from barc_sim.cli.process import has_ros
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,3 +81,165 @@ def test_definition_is_that_of_ros(name: str, path: Path) -> None:
     package, _, base = name.split('/')
     installed = share(package) / 'msg' / f'{base}.msg'
     assert path.read_text(encoding='utf-8') == installed.read_text(encoding='utf-8')
+
+
+needs_ros = pytest.mark.skipif(not has_ros(), reason='compares with what ROS has installed')
+
+TYPES = [
+    'barc_interfaces/msg/ECU',
+    'barc_interfaces/msg/EZDynBkMdl',
+    'barc_interfaces/msg/Environment',
+    'barc_interfaces/msg/PidState',
+    'barc_interfaces/msg/ZDynBkMdl',
+    'geometry_msgs/msg/Twist',
+    'nav_msgs/msg/Odometry',
+    'rcl_interfaces/msg/Log',
+    'rcl_interfaces/msg/ParameterEvent',
+]
+
+
+@needs_ros
+def test_dependencies_follow_depth_first_and_by_name_under_their_headings() -> None:
+    text = definition('nav_msgs/msg/Odometry')
+    assert text.startswith((share('nav_msgs') / 'msg' / 'Odometry.msg').read_text())
+    assert re.findall(r'\n={80}\nMSG: (\S+)\n', text) == [
+        'geometry_msgs/PoseWithCovariance',
+        'geometry_msgs/Pose',
+        'geometry_msgs/Point',
+        'geometry_msgs/Quaternion',
+        'geometry_msgs/TwistWithCovariance',
+        'geometry_msgs/Twist',
+        'geometry_msgs/Vector3',
+        'std_msgs/Header',
+        'builtin_interfaces/Time',
+    ]
+
+
+@needs_ros
+@pytest.mark.parametrize('name', TYPES)
+def test_definition_has_the_hash_of_the_installed_type(name: str) -> None:
+    package, kind, base = name.split('/')
+    content = json.loads((share(package) / kind / f'{base.partition("_")[0]}.json').read_text())
+    hashes = {entry['type_name']: entry['hash_string'] for entry in content['type_hashes']}
+    types = get_typestore(Stores.EMPTY)
+    types.register(get_types_from_msg(definition(name), name))
+    assert types.hash_rihs01(name) == hashes[name]
+
+
+@pytest.mark.parametrize(
+    ('name', 'reason'),
+    [
+        ('no_such_msgs/msg/Header', "'no_such_msgs' is not installed"),
+        pytest.param(
+            'std_msgs/msg/NoSuchType',
+            "'std_msgs/msg/NoSuchType' has no definition",
+            marks=needs_ros,
+        ),
+        ('json/msg/Header', 'share/json'),
+        ('../msg/Header', 'is not the name of a type'),
+        pytest.param('std_srvs/srv/SetBool_Part', 'is no part of a service', marks=needs_ros),
+    ],
+)
+def test_what_is_not_installed_is_named(name: str, reason: str) -> None:
+    with pytest.raises(LookupError, match=re.escape(reason)):
+        definition(name)
+
+
+@needs_ros
+def test_parts_of_a_service_keep_their_full_names() -> None:
+    assert definition('std_srvs/srv/SetBool_Event').splitlines()[:3] == [
+        'service_msgs/ServiceEventInfo info',
+        'std_srvs/srv/SetBool_Request[<=1] request',
+        'std_srvs/srv/SetBool_Response[<=1] response',
+    ]
+    text = definition('rcl_interfaces/srv/SetParameters_Event')
+    assert 'MSG: rcl_interfaces/srv/SetParameters_Response\n# Indicates whether' in text
+    assert '\nrcl_interfaces/SetParametersResult[] results\n' in text
+    assert 'MSG: rcl_interfaces/SetParametersResult\n' in text
+    assert definition('std_srvs/srv/Empty_Request').startswith('uint8 structure_needs')
+
+
+@needs_ros
+def test_parts_of_an_action_are_those_that_ros_derives() -> None:
+    name = 'test_msgs/action/Fibonacci'
+    assert definition(f'{name}_FeedbackMessage').startswith(
+        'unique_identifier_msgs/UUID goal_id\n'
+        f'{name}_Feedback feedback\n\n{"=" * 80}\nMSG: {name}_Feedback\n#feedback\nint32[] '
+    )
+    assert f'{name}_SendGoal_Request[<=1] request\n' in definition(f'{name}_SendGoal_Event')
+
+
+TEXT = """\
+# Command to the vehicle's actuators.
+
+std_msgs/Header header   # stamp: that of the state which this command answers
+\tbuiltin_interfaces/Time stamp
+\t\tint32 sec
+\t\tuint32 nanosec
+\tstring frame_id
+float64 motor            # [m/s^2] acceleration along the direction of travel
+float64 servo            # [rad] front steering angle, positive to the left
+"""
+
+
+@pytest.mark.parametrize('name', ['ECU', 'barc_interfaces/ECU', 'barc_interfaces/msg/ECU'])
+def test_a_definition_is_printed_as_ros2_does(name: str) -> None:
+    done = barc('show', name)
+
+    assert (done.returncode, done.stdout, done.stderr) == (0, TEXT, '')
+
+
+def test_fields_of_the_same_package_are_expanded() -> None:
+    assert '\tfloat64 x' in [*lines('geometry_msgs/msg/Twist')]
+
+
+def test_without_ros_those_of_a_run_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(package: str) -> Path:
+        raise LookupError(package)
+
+    monkeypatch.setattr(messages, 'share', missing)
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+
+    assert '\n'.join([*lines(find('ECU')), '']) == TEXT
+    assert find('Twist') == 'geometry_msgs/msg/Twist'
+
+
+def test_services_and_those_of_a_workspace_are_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / 'share' / 'my_msgs'
+    for kind, text in (('msg', 'int32[<=3] a\nOther[] others\n'), ('srv', 'bool on\n---\n')):
+        (folder / kind).mkdir(parents=True)
+        (folder / kind / f'Switch.{kind}').write_text(text)
+    (folder / 'msg' / 'Other.msg').write_text('# no\n\nstring<=5 name "x"  # no\nint8 A=1\n')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+
+    assert [*lines(find('my_msgs/srv/Switch'))] == ['bool on', '---']
+    assert [*lines('my_msgs/msg/Switch')] == [
+        'int32[<=3] a', 'Other[] others', '\tstring<=5 name "x"', '\tint8 A=1',
+    ]  # fmt: skip
+    with pytest.raises(UserError, match='several types: name one of my_msgs/msg/Switch, my_msgs/s'):
+        find('Switch')
+
+
+@pytest.mark.parametrize(
+    ('name', 'ends'),
+    [
+        ('ecu', ': did you mean ECU?'),
+        ('barc_interfaces/Environmet', ': did you mean barc_interfaces/Environment'),
+        ('zzzz', ': barc_interfaces has ControllerState, ECU, EZDynBkMdl'),
+    ],
+)
+def test_a_wrong_name_is_one_sentence(name: str, ends: str) -> None:
+    done = barc('show', name)
+
+    assert done.returncode == 2
+    assert f'there is no message or service {name!r}{ends}' in done.stderr
+
+
+def test_what_stands_in_for_ros_does_not_hide_the_installed_definitions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip('rclpy')
+    monkeypatch.setattr('importlib.util.find_spec', lambda name: ModuleSpec(name, None))
+    assert (messages.share('sensor_msgs') / 'msg' / 'Imu.msg').is_file()

@@ -25,12 +25,11 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags import file as module
-from barc_sim.bags import records as bag_records
-from barc_sim.bags.file import CHUNK_SIZE, AtomicAppender, BagFile
+from barc_sim.bags import writer as module
+from barc_sim.bags.contents import files as bag_files
 from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import METADATA_NAME, Topic, to_yaml
-from barc_sim.bags.writer import BagWriter
+from barc_sim.bags.writer import CHUNK_SIZE, AtomicAppender, BagFile, BagWriter
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -179,7 +178,7 @@ def test_files_are_split_without_losing_a_message(tmp_path: Path, limits: dict[s
         if k % 50 == 0:
             writer.flush()
     writer.close()
-    files = bag_records.files(directory)
+    files = bag_files(directory)
     assert len(files) > 3
     times = []
     for file in files:

@@ -11,7 +11,7 @@ import mcap_doctor
 import pytest
 from command_line import wait_for
 
-from barc_sim.bags import file as bag_file
+from barc_sim.bags import writer as bag_file
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import Topic

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from barc_sim.bags import reader as bag
-from barc_sim.bags.node_graph import NodeGraph
+from barc_sim.bags.names import NodeGraph
 from barc_sim.figures.graph_figure import lines
 from barc_sim.ros.peers import node_graph
 

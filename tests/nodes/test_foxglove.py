@@ -22,7 +22,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 from websockets.sync.client import connect
 
-from barc_sim.bags.schemas import definition
+from barc_sim.bags.messages import definition
 from barc_sim.nodes.foxglove import FoxgloveServer
 from barc_sim.ros.node_helpers import to_header
 

@@ -36,7 +36,7 @@ from std_msgs.msg import ColorRGBA, Float64
 from std_srvs.srv import Empty, SetBool, SetBool_Event, Trigger
 
 from barc_sim.bags import reader as bag
-from barc_sim.bags.node_graph import NodeGraph
+from barc_sim.bags.names import NodeGraph
 from barc_sim.bags.recording import Recording
 from barc_sim.errors import UserError
 from barc_sim.nodes.recorder import BagRecorder
@@ -178,7 +178,7 @@ def test_what_a_full_disk_refuses_is_lost_also_after_the_node_is_destroyed(
     recorder.discover()
     publisher.publish(Float64())
     wait_for(lambda: recorder.counts.get('/value') == 1)
-    monkeypatch.setattr('barc_sim.bags.file.write_at', refuse)
+    monkeypatch.setattr('barc_sim.bags.writer.write_at', refuse)
     for _ in range(7):
         publisher.publish(Float64())
     recorder.destroy_node()

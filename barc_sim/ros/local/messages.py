@@ -15,7 +15,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.schemas import shipped
+from barc_sim.bags.messages import shipped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

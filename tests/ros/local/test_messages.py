@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 pytest.importorskip('rclpy')
 from rclpy.serialization import deserialize_message
 
-from barc_sim.bags.schemas import share
+from barc_sim.bags.messages import share
 from barc_sim.ros.local import messages
 
 TYPES = [

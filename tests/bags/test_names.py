@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from barc_sim.bags.names import NODES
-from barc_sim.bags.node_graph import NodeGraph, purposes
+from barc_sim.bags.names import NODES, NodeGraph, purposes
 
 
 def test_our_own_nodes_have_a_purpose() -> None:
