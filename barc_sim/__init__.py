@@ -64,8 +64,8 @@ if TYPE_CHECKING:
     from barc_sim.simulation.closed_loop import lap, simulate
     from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import summary
-    from barc_sim.tuning.goal import sweep
     from barc_sim.tuning.identification import identify
+    from barc_sim.tuning.search import sweep
     from barc_sim.vehicle.actuators import Actuator
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.racing_line import racing_line
@@ -119,7 +119,7 @@ _EXPORTS = {
     'simulate': ('simulation.closed_loop', 'simulate'),
     'speed_profile': ('control.lane', 'speed_profile'),
     'summary': ('simulation.metrics', 'summary'),
-    'sweep': ('tuning.goal', 'sweep'),
+    'sweep': ('tuning.search', 'sweep'),
 }
 
 

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
     from barc_sim.tuning.batch import Course
-    from barc_sim.tuning.goal import Goal
-    from barc_sim.tuning.search import Surface
+    from barc_sim.tuning.search import Goal, Surface
 
     Floats = NDArray[np.float64]
 
@@ -178,7 +177,7 @@ def _goal(options: Namespace) -> Goal:
     """Return the goal of a search with `options`."""
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
     from barc_sim.tuning.batch import Course  # noqa: PLC0415
-    from barc_sim.tuning.goal import Cost, Goal  # noqa: PLC0415
+    from barc_sim.tuning.search import Cost, Goal  # noqa: PLC0415
     from barc_sim.vehicle.road import Road  # noqa: PLC0415 (--help need not wait for NumPy)
 
     courses = tuple(
@@ -280,7 +279,7 @@ def _print_scores(goal: Goal, course: Course, gains: dict[str, Floats]) -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    from barc_sim.tuning.goal import LABELS  # noqa: PLC0415
+    from barc_sim.tuning.search import LABELS  # noqa: PLC0415
 
     scores = goal.scores(course, np.array(list(gains.values())))
     table = Table(box=None, pad_edge=False)
