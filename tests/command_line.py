@@ -129,7 +129,7 @@ def spinning(context: Context, *nodes: Node) -> Iterator[None]:
     thread.start()
     try:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr('barc_sim.ros.observer.others_here', lambda _: True)
+            patch.setattr('barc_sim.ros.introspection.others_here', lambda _: True)
             yield
     finally:
         executor.shutdown()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import accept_ros_args, number, whole
-from barc_sim.cli.signals import StopSignals
+from barc_sim.cli.process import StopSignals
 from barc_sim.control.cruise_control import LIMIT, PROFILE, SPEED
 from barc_sim.control.driver import INPUTS, PEDAL
 from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.cli.files import make_folder, read_regular, saving
 from barc_sim.cli.parser import number, whole
-from barc_sim.cli.process import INTERRUPTED
-from barc_sim.cli.signals import uninterrupted
+from barc_sim.cli.process import INTERRUPTED, uninterrupted
 from barc_sim.errors import UserError
 from barc_sim.lab.handout import BY_HAND, RUBRICS, handout_of, names_of
 

@@ -51,8 +51,7 @@ def add_arguments_topics(parser: Parser) -> None:
 
 def run_topics(options: Namespace) -> None:
     """Print the topics."""
-    from barc_sim.ros.echo import print_topics  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.ros.observer import observe  # noqa: PLC0415
+    from barc_sim.ros.introspection import observe, print_topics  # noqa: PLC0415 (slow)
 
     with observe('topics') as observer:
         hidden, full = options.include_hidden_topics, options.verbose
@@ -81,8 +80,7 @@ def add_arguments_echo(parser: Parser) -> None:
 
 def run_echo(options: Namespace) -> None:
     """Print messages up to the requested number, or until a signal."""
-    from barc_sim.ros.echo import print_messages  # noqa: PLC0415
-    from barc_sim.ros.observer import observe  # noqa: PLC0415
+    from barc_sim.ros.introspection import observe, print_messages  # noqa: PLC0415
 
     with observe('echo') as observer:
         truncate = None if options.full_length else _TRUNCATE
@@ -115,9 +113,9 @@ def add_arguments_param(parser: Parser) -> None:
 
 def run_param(options: Namespace) -> None:
     """Run the verb."""
-    from barc_sim.ros.observer import observe  # noqa: PLC0415
-    from barc_sim.ros.parameter_client import (  # noqa: PLC0415 (after rclpy, which may be absent)
+    from barc_sim.ros.introspection import (  # noqa: PLC0415 (after rclpy, which may be absent)
         Parameters,
+        observe,
         print_descriptions,
         print_file,
         print_names,
@@ -189,7 +187,7 @@ def _graph_of_bag(path: Path) -> tuple[NodeGraph, str]:
 
 def _graph_of_system() -> tuple[NodeGraph, str]:
     """Return the running graph once it is stable, and its title."""
-    from barc_sim.ros.observer import observe  # noqa: PLC0415
+    from barc_sim.ros.introspection import observe  # noqa: PLC0415
     from barc_sim.ros.peers import node_graph  # noqa: PLC0415
 
     with observe('graph') as observer:

@@ -14,7 +14,7 @@ from barc_sim.bags.messages import Message, leading_time
 from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT
 from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import declare
-from barc_sim.ros.topic_subscriptions import TopicSubscriptions
+from barc_sim.ros.topics import TopicSubscriptions
 from barc_sim.vehicle.limits import Parameter
 
 try:

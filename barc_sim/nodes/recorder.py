@@ -339,11 +339,11 @@ def _service_type(name: str) -> Any:  # noqa: ANN401 (a generated class)
 def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of either carrier)
     """Return the subscriptions of a recorder, over DDS or in this process alone."""
     if has_dds():
-        from barc_sim.ros.topic_subscriptions import TopicSubscriptions  # noqa: PLC0415
+        from barc_sim.ros.topics import TopicSubscriptions  # noqa: PLC0415
 
         return TopicSubscriptions(
             node, recording.wants, recording.depth, recording.nodes, recording.qos
         )
-    from barc_sim.ros.local.recording import LocalSubscriptions  # noqa: PLC0415
+    from barc_sim.ros.local.node import LocalSubscriptions  # noqa: PLC0415
 
     return LocalSubscriptions(node, recording.wants, recording.depth)

@@ -19,8 +19,7 @@ from rclpy.task import Future
 
 from barc_sim.bags.bounds import MAX_LONG_TEXT
 from barc_sim.cli.files import open_regular, read_regular
-from barc_sim.cli.process import check_clock, check_limits
-from barc_sim.cli.signals import StopSignals
+from barc_sim.cli.process import StopSignals, check_clock, check_limits
 from barc_sim.errors import UserError
 from barc_sim.ros.executor import QuickExecutor
 

@@ -1,8 +1,12 @@
-"""A topic as its publishers offer it: the class and definition of its messages, and the QoS."""
+"""Topics as their publishers offer them, and raw subscriptions to all that pass a filter."""
 
 from __future__ import annotations
 
 import importlib
+import threading
+import time
+from collections import defaultdict
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rclpy.duration import Duration
@@ -18,13 +22,19 @@ from rclpy.qos import (
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 
 from barc_sim.bags.messages import definition
-from barc_sim.bags.recording import Topic
+from barc_sim.bags.recording import Losses, Topic
 from barc_sim.errors import UserError
+from barc_sim.ros.peers import all_own, publishers, types_here
+from barc_sim.ros.polled import Arrivals, Taker, polled
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
+    from rclpy.node import Node
+    from rclpy.subscription import Subscription
     from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+    from barc_sim.bags.messages import MessageFields
 
 _DEPTH = 1000  #: of a queue where none is recorded, as DDS tells no one else
 _POLICIES: Mapping[str, Any] = {
@@ -146,3 +156,328 @@ def _as_metadata(profile: QoSProfile) -> dict[str, Any]:
 def _seconds(duration: Duration) -> dict[str, int]:
     sec, nsec = divmod(duration.nanoseconds, 10**9)
     return {'sec': sec, 'nsec': nsec}
+
+
+@dataclass
+class RecordedTopic:
+    """A topic with its subscriptions, and what has arrived through them."""
+
+    topic: Topic
+    publishers: int = 0
+    since: float = field(default_factory=time.monotonic)
+    subscriptions: list[Subscription] = field(default_factory=list)
+    #: By publisher, the index of the subscription that counts: the first one to get a message.
+    route: dict[bytes, int] = field(default_factory=dict)
+    losses: Losses = field(default_factory=Losses)
+    names: dict[bytes, str] = field(default_factory=dict)  # of the publishers' nodes
+
+    @property
+    def begun(self) -> bool:
+        """Whether it has had a publisher."""
+        return bool(self.topic.offered_qos or self.route)
+
+    def matches(self, publisher: TopicEndpointInfo, *, exactly: bool) -> bool:
+        """Return whether a subscription matches the publisher's QoS, and requests all of it."""
+        offered, requested = publisher.qos_profile, [s.qos_profile for s in self.subscriptions]
+        if exactly:
+            strength = (offered.reliability, offered.durability)
+            return strength in [(each.reliability, each.durability) for each in requested]
+        return any(matches(publisher, each) for each in requested)
+
+    @property
+    def latched(self) -> bool:
+        """Whether publishers keep messages for late subscriptions."""
+        return any(
+            subscription.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            for subscription in self.subscriptions
+        )
+
+    def lost(self) -> dict[str, int] | None:
+        """Return the number of lost messages, by the publisher's node; None where unknown."""
+        if self.losses.unnumbered:
+            return None
+        by_node: dict[str, int] = {}
+        for publisher, count in self.losses.by_publisher.items():
+            node = self.names.get(publisher, publisher.hex())
+            by_node[node] = by_node.get(node, 0) + count
+        return by_node
+
+
+# [s] A latched message arrives within this time, or never.
+_LATCHED_TIMEOUT = 1.0
+
+
+class TopicSubscriptions:
+    """Subscribes to the topics that pass a filter, and takes the messages of all publishers.
+
+    A publisher that offers less than the first ones did gets a subscription of its own, which
+    requests less; the subscription of the others stays as it is. A topic that others subscribe to
+    is subscribed to before it has a publisher, with their QoS: a publisher may send one message and
+    end before it is discovered.
+
+    Parameters
+    ----------
+    node
+        The owner of the subscriptions.
+    wants
+        The filter: returns whether to subscribe to a topic, given its full name and its types.
+    depth
+        Queue length of each subscription.
+    nodes
+        Those that publish or subscribe to the topics; without names, all.
+    overrides
+        By topic, the QoS to request, in rosbag2's terms.
+
+    Raises
+    ------
+    UserError
+        An override is no QoS.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        wants: Callable[[str, Sequence[str]], bool],
+        depth: int = 10_000,
+        nodes: Sequence[str] = (),
+        overrides: Mapping[str, Mapping[str, Any]] | None = None,
+    ) -> None:
+        self._node = node
+        self._nodes = {f'/{name.lstrip("/")}' for name in nodes}
+        self._overrides = {
+            node.resolve_topic_name(name): profile({'depth': depth} | dict(values))
+            for name, values in (overrides or {}).items()
+        }
+        self._wants = wants
+        self._depth = depth
+        self._taker = Taker(node)
+        self._topics: dict[str, RecordedTopic] = {}
+        self._lock = threading.Lock()  # of `_topics`
+        self._arrivals = Arrivals()
+        self.unknown: dict[str, str] = {}  #: by name, why a topic cannot be recorded
+        self._unexpected: set[str] = set()  # without a publisher, and of a type not installed
+
+    def expect(self, name: str, message_type: type[Any]) -> None:
+        """Subscribe, reliably, to a wanted topic before it has a publisher or subscriptions."""
+        if self._wants(name, ()) and name not in self._topics:
+            self._begin(name, message_type, QoSProfile(depth=self._depth))
+
+    def discover(self) -> Iterator[str]:
+        """Subscribe to each wanted topic that has got a publisher since the last call.
+
+        Also to each that has got its first subscription.
+
+        Yields
+        ------
+            Name of each topic that turns out to be impossible to record.
+        """
+        for name, types in self._node.get_topic_names_and_types():
+            recorded = self._topics.get(name)
+            count = self._node.count_publishers(name)
+            if name in self.unknown or (recorded and recorded.publishers == count):
+                continue
+            if self._wants(name, types) and self._has_wanted_node(name):
+                publishers = self._node.get_publishers_info_by_topic(name)
+                if publishers and not self.subscribe(name, publishers):
+                    yield name
+                elif recorded and not publishers:
+                    recorded.publishers = 0
+                elif not publishers and name not in self._unexpected:
+                    self._follow(name, self._node.get_subscriptions_info_by_topic(name))
+
+    def _has_wanted_node(self, name: str) -> bool:
+        if not self._nodes:
+            return True
+        ends = (
+            *self._node.get_publishers_info_by_topic(name),
+            *self._node.get_subscriptions_info_by_topic(name),
+        )
+        names = {f'{end.node_namespace.rstrip("/")}/{end.node_name}' for end in ends}
+        return bool(names & self._nodes)
+
+    def _follow(self, name: str, subscribers: Sequence[TopicEndpointInfo]) -> None:
+        """Subscribe to a topic as its subscribers do."""
+        if subscribers:
+            qos = request(subscribers, self._depth)
+            try:
+                self._begin(name, message_class(subscribers[0].topic_type), qos)
+            # Not installed, without a definition, or of another type in this participant.
+            except (LookupError, RuntimeError, UserError):
+                self._unexpected.add(name)  # whether that matters, a publisher will show
+
+    def _begin(self, name: str, message_type: type[Any], qos: QoSProfile) -> None:
+        """Subscribe to a topic without a publisher.
+
+        Raises
+        ------
+        LookupError
+            The definition of its type is not installed.
+        """
+        subscription = self._create(name, message_type, qos)
+        try:
+            ends = self._node.get_subscriptions_info_by_topic(subscription.topic_name)
+            topic = describe(name, ends)
+        except LookupError:
+            self._node.destroy_subscription(subscription)
+            raise
+        with self._lock:
+            self._topics[name] = RecordedTopic(topic, subscriptions=[subscription])
+        self.wake()
+
+    def subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
+        """Subscribe to all publishers of a topic; return False where that is impossible.
+
+        Where publishers do not agree on the topic's type, the first one's counts, unless another
+        node of this participant has the topic: DDS takes no second type then.
+        """
+        recorded = self._topics.get(name)
+        count = len(publishers)
+        types = [publisher.topic_type for publisher in publishers]
+        early = recorded if recorded and not recorded.begun else None
+        if early and early.topic.type not in {*types, *types_here(self._node, name)}:
+            self._forget(early)
+            return True
+        type_name = recorded.topic.type if recorded else self._type(name, types)
+        for other in {*types} - {type_name}:
+            self._leave_out(f'{name} as {other}', f'its type is {type_name}')
+        publishers = [publisher for publisher in publishers if publisher.topic_type == type_name]
+        try:
+            if publishers:
+                recorded = self._begun(name, recorded, publishers)
+        except (LookupError, UserError) as error:
+            self.unknown[name] = f'{type_name}: {error}'
+            return False
+        except RuntimeError:  # of rcl: a subscription with another type is not yet gone
+            return True
+        self.unknown.pop(name, None)
+        if recorded:
+            recorded.publishers = count
+        return True
+
+    def _type(self, name: str, types: Sequence[str]) -> str:
+        """Return the type to record a topic with, of those of its publishers if possible."""
+        here = types_here(self._node, name)
+        return next((each for each in types if each in here), next(iter(here), types[0]))
+
+    def _leave_out(self, what: str, why: str) -> None:
+        """Warn once that something is not recorded, and keep the reason."""
+        if what not in self.unknown:
+            self.unknown[what] = why
+            self._node.get_logger().warning(f'{what} is not recorded: {why}')
+
+    def _forget(self, early: RecordedTopic) -> None:
+        """Unsubscribe from a topic that turns out to have another type.
+
+        The next `discover` begins anew, as DDS refuses a second type until the subscription is
+        gone, which the writer may still be taking from.
+        """
+        with self._lock:
+            del self._topics[early.topic.name]
+        self._destroy(early)
+        self.wake()
+
+    def _begun(
+        self, name: str, recorded: RecordedTopic | None, publishers: Sequence[TopicEndpointInfo]
+    ) -> RecordedTopic:
+        """Return a topic that has a subscription for each of its publishers.
+
+        Raises
+        ------
+        LookupError
+            The definition of its type is not installed.
+        """
+        recorded = recorded or RecordedTopic(describe(name, publishers))
+        is_new = not recorded.begun
+        if is_new:
+            recorded.topic, recorded.since = describe(name, publishers), time.monotonic()
+        unmatched = [each for each in publishers if not recorded.matches(each, exactly=is_new)]
+        if unmatched and not (name in self._overrides and recorded.subscriptions):
+            qos = request(unmatched, self._depth)
+            subscription = self._create(name, message_class(recorded.topic.type), qos)
+            with self._lock:
+                recorded.subscriptions.append(subscription)
+            self.wake()
+        recorded.names |= {bytes(each.endpoint_gid): each.node_name for each in publishers}
+        with self._lock:
+            self._topics[name] = recorded
+        return recorded
+
+    def _create(self, name: str, message_type: type[Any], qos: QoSProfile) -> Subscription:
+        qos = self._overrides.get(name, qos)
+        return polled(self._node, message_type, name, qos)
+
+    def take(self) -> list[MessageFields]:
+        """Return the waiting messages, topic by topic; call it from one thread only."""
+        with self._lock:
+            return [message for topic in self._topics.values() for message in self._take(topic)]
+
+    def _take(self, recorded: RecordedTopic) -> list[MessageFields]:
+        topic, route = recorded.topic, recorded.route
+        messages: list[MessageFields] = []
+        for index, subscription in enumerate(recorded.subscriptions):
+            numbers: defaultdict[bytes, list[int]] = defaultdict(list)
+            taken = self._taker.take(subscription, self._depth)
+            for data, published, received, number, publisher in taken:
+                if route.setdefault(publisher, index) == index:
+                    numbers[publisher].append(number)
+                    messages.append((topic, data, received, published, number))
+            for publisher, counted in numbers.items():
+                recorded.losses.count(publisher, counted)
+        return messages
+
+    def wait(self, timeout_sec: float) -> None:
+        """Sleep until a message arrives, `wake` is called or the time is over.
+
+        Arrivals are counted only meanwhile: to count each of many would cost more than to poll.
+        """
+        with self._lock:
+            subscriptions = [
+                each for recorded in self._topics.values() for each in recorded.subscriptions
+            ]
+            self._arrivals.listen(subscriptions)
+        self._arrivals.wait(timeout_sec)
+        with self._lock:
+            self._arrivals.listen(())
+
+    def wake(self) -> None:
+        """End a `wait`."""
+        self._arrivals.wake()
+
+    def lost(self) -> dict[str, dict[str, int] | None]:
+        """Return the number of lost messages by topic and publishing node; None where unknown.
+
+        A publisher that ended before its node's name was found has its GID for a name.
+        """
+        with self._lock:
+            return {name: recorded.lost() for name, recorded in self._topics.items()}
+
+    @property
+    def expects_latched(self) -> bool:
+        """Whether a latched message may still be on its way to a new subscription.
+
+        What the nodes of this process log comes after the subscription, and at once.
+        """
+        newest = time.monotonic() - _LATCHED_TIMEOUT
+        with self._lock:
+            late = [
+                name
+                for name, recorded in self._topics.items()
+                if recorded.since > newest and recorded.latched and not recorded.route
+            ]
+        return any(
+            name != '/rosout' or not all_own(self._node, publishers(self._node, name))
+            for name in late
+        )
+
+    def close(self) -> None:
+        """Destroy the subscriptions; `lost` stays available."""
+        self.wake()
+        with self._lock:
+            self._arrivals.listen(())
+            for recorded in self._topics.values():
+                self._destroy(recorded)
+        self._taker.close()
+
+    def _destroy(self, recorded: RecordedTopic) -> None:
+        for subscription in recorded.subscriptions:
+            self._node.destroy_subscription(subscription)

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from typing_extensions import Self
 
-    from barc_sim.cli.signals import StopSignals
+    from barc_sim.cli.process import StopSignals
     from barc_sim.nodes.mirror import Facts
     from barc_sim.nodes.view import ViewNode
     from barc_sim.page.run_page import RunPage

@@ -32,7 +32,7 @@ from barc_sim.simulation.progress import Progress
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from barc_sim.cli.signals import StopSignals
+    from barc_sim.cli.process import StopSignals
     from barc_sim.lab.user_code.code import UserCode
     from barc_sim.runs.composition import Inputs
     from barc_sim.simulation.metrics import Summary

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from barc_sim.cli.signals import StopSignals
+    from barc_sim.cli.process import StopSignals
     from barc_sim.page.run_page import RunPage
     from barc_sim.simulation.log import Log
 

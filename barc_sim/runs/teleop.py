@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from barc_sim.cli.signals import StopSignals
+    from barc_sim.cli.process import StopSignals
     from barc_sim.lab.user_code.code import UserCode
     from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.vehicle.plant import Observation

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 from _timed import TimedRun
 
-from barc_sim.cli.signals import StopSignals
+from barc_sim.cli.process import StopSignals
 from barc_sim.ros.process import ros
 
 

@@ -12,7 +12,7 @@ from _timed import TimedRun
 from rclpy import executors
 from rclpy.node import Node
 
-from barc_sim.cli.signals import StopSignals
+from barc_sim.cli.process import StopSignals
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS, ros
 

@@ -9,7 +9,7 @@ import numpy as np
 from _jitter import Clock
 
 from barc_sim.__main__ import parse
-from barc_sim.cli.signals import StopSignals
+from barc_sim.cli.process import StopSignals
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS
 from barc_sim.runs.composition import Run, read_inputs

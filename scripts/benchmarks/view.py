@@ -62,7 +62,7 @@ def _drive(task: dict[str, Any]) -> dict[str, float]:
     """Drive once, in this process; return the figures."""
     from _timed import TimedRun  # noqa: PLC0415
 
-    from barc_sim.cli.signals import StopSignals  # noqa: PLC0415
+    from barc_sim.cli.process import StopSignals  # noqa: PLC0415
     from barc_sim.nodes.view import ViewNode  # noqa: PLC0415
     from barc_sim.ros.process import ros  # noqa: PLC0415
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 PRELUDE = """
 import os, signal, sys, threading, time
-from barc_sim.cli import signals
-from barc_sim.cli.signals import StopSignals
+from barc_sim.cli import process as signals
+from barc_sim.cli.process import StopSignals
 def ready():
     print('ready', flush=True)
 """

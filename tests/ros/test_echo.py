@@ -10,7 +10,7 @@ from barc_interfaces.msg import ECU
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 from barc_sim.errors import UserError
-from barc_sim.ros.echo import describe_rate, field_of, to_yaml
+from barc_sim.ros.introspection import describe_rate, field_of, to_yaml
 
 LONG = Float64MultiArray(data=[float(i) for i in range(200)])
 

@@ -18,7 +18,7 @@ from multiprocessing import connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.cli.signals import uninterrupted
+from barc_sim.cli.process import uninterrupted
 from barc_sim.errors import escaped
 from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.grade.submissions import graded, read

@@ -29,10 +29,9 @@ from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.lab.user_code.stand_ins import CODES, LAYOUTS, STOP, Terminal, rospy_modules
 from barc_sim.ros.local import find_module
 from barc_sim.ros.local import world as in_world
-from barc_sim.ros.local.context import HistoryPolicy, QoSProfile, init, shutdown
 from barc_sim.ros.local.executor import SECOND, EndOfTimeError, Executor, World
 from barc_sim.ros.local.messages import message_type
-from barc_sim.ros.local.node import Node
+from barc_sim.ros.local.node import HistoryPolicy, Node, QoSProfile, init, shutdown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

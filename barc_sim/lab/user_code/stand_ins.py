@@ -21,10 +21,9 @@ from typing import TYPE_CHECKING, Any
 from rosbags.typesys import get_types_from_msg
 
 from barc_sim.lab.user_code.importing import Absent
-from barc_sim.ros.local.context import init, ok
 from barc_sim.ros.local.executor import SECOND, Executor, ExternalShutdownException
 from barc_sim.ros.local.messages import message_type, store
-from barc_sim.ros.local.node import Node
+from barc_sim.ros.local.node import Node, init, ok
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -63,7 +63,7 @@ class _StandIn(ModuleType):
 def _modules() -> dict[str, ModuleType]:
     """Return the stand-ins by name."""
     names: dict[str, Any] = {}
-    for source in ('context', 'executor', 'node', 'parameters'):
+    for source in ('executor', 'node', 'parameters'):
         names |= vars(import_module(f'{__name__}.{source}'))
     kinds = packages()
     made: dict[str, ModuleType] = {}

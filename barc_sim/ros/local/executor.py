@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import inspect
 import os
+import sys
 import threading
 import time
 from collections import deque
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from enum import IntEnum
-from functools import total_ordering
+from functools import partialmethod, total_ordering
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -115,6 +116,67 @@ def world(other: World) -> Iterator[World]:
         yield other
     finally:
         _current.reset(token)
+
+
+LoggingSeverity = IntEnum(
+    'LoggingSeverity', {'UNSET': 0, 'DEBUG': 10, 'INFO': 20, 'WARN': 30, 'ERROR': 40, 'FATAL': 50}
+)
+
+
+class Logger:
+    """Writes to stderr and, for a node, to `/rosout`."""
+
+    def __init__(self, name: str, world: World, rosout: Any = None) -> None:
+        self.name, self._world, self.rosout = name, world, rosout
+        self._last: dict[tuple[Any, int], float] = {}  # [s] of each place that logs
+
+    def set_level(self, level: int) -> None:
+        self._world.log_levels[self.name] = level
+
+    def get_effective_level(self) -> LoggingSeverity:
+        name, levels = self.name, self._world.log_levels
+        while name and not levels.get(name):
+            name = name.rpartition('.')[0]
+        return LoggingSeverity(levels.get(name) or LoggingSeverity.INFO)
+
+    def _log(
+        self,
+        severity: LoggingSeverity,
+        message: str,
+        *,
+        throttle_duration_sec: float = 0.0,
+        once: bool = False,
+    ) -> bool:
+        if self._world.is_silent or severity < self.get_effective_level():
+            return False
+        frame = sys._getframe(1)  # noqa: SLF001 (who logs)
+        place, now = (frame.f_code, frame.f_lineno), self._world.now() / SECOND
+        last = self._last.get(place)
+        if last is not None and (once or now < last + throttle_duration_sec):
+            return False
+        self._last[place] = now
+        sec, nanosec = divmod(self._world.date(), SECOND)
+        time = f'{sec}.{nanosec:09d}'
+        print(f'[{severity.name}] [{time}] [{self.name}]: {message}', file=sys.stderr, flush=True)  # noqa: T201
+        if self.rosout:
+            log = message_type('rcl_interfaces/msg/Log')(
+                level=severity, name=self.name, msg=message
+            )
+            log.stamp.sec, log.stamp.nanosec = sec, nanosec
+            log.file, log.function = frame.f_code.co_filename, frame.f_code.co_name
+            log.line = frame.f_lineno
+            self.rosout.publish(log)
+        return True
+
+    debug = partialmethod(_log, LoggingSeverity.DEBUG)
+    info = partialmethod(_log, LoggingSeverity.INFO)
+    warning = warn = partialmethod(_log, LoggingSeverity.WARN)
+    error = partialmethod(_log, LoggingSeverity.ERROR)
+    fatal = partialmethod(_log, LoggingSeverity.FATAL)
+
+
+def get_logger(name: str) -> Logger:
+    return Logger(name, current())
 
 
 ClockType = IntEnum('ClockType', 'ROS_TIME SYSTEM_TIME STEADY_TIME')

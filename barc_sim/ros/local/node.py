@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections import deque
+from dataclasses import dataclass
+from enum import IntEnum
 from functools import partial, partialmethod
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.ros.local.context import (
-    QOS_ROSOUT,
-    DurabilityPolicy,
-    Logger,
-    NotInitializedException,
-    QoSProfile,
-    qos_profile_parameter_events,
-    qos_profile_system_default,
-)
+from barc_sim.bags.messages import topic
 from barc_sim.ros.local.executor import (
     SECOND,
     CallbackGroup,
@@ -24,20 +19,65 @@ from barc_sim.ros.local.executor import (
     ClockType,
     Executor,
     Future,
+    Logger,
     Timer,
     World,
     current,
 )
-from barc_sim.ros.local.messages import LACKS, message_type
-from barc_sim.ros.local.parameters import Parameter, Parameters
+from barc_sim.ros.local.messages import LACKS, message_type, store
+from barc_sim.ros.local.parameters import Arguments, Parameter, Parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from barc_sim.bags.messages import MessageFields
+
+HistoryPolicy = IntEnum('HistoryPolicy', 'SYSTEM_DEFAULT KEEP_LAST KEEP_ALL UNKNOWN', start=0)
+ReliabilityPolicy = IntEnum(
+    'ReliabilityPolicy', 'SYSTEM_DEFAULT RELIABLE BEST_EFFORT UNKNOWN BEST_AVAILABLE', start=0
+)
+DurabilityPolicy = IntEnum(
+    'DurabilityPolicy', 'SYSTEM_DEFAULT TRANSIENT_LOCAL VOLATILE UNKNOWN BEST_AVAILABLE', start=0
+)
+
+
+@dataclass(kw_only=True)
+class QoSProfile:
+    """What a publisher offers or a subscription requests; what counts here is what there is."""
+
+    depth: int = 0
+    history: Any = HistoryPolicy.KEEP_LAST
+    reliability: Any = ReliabilityPolicy.RELIABLE
+    durability: Any = DurabilityPolicy.VOLATILE
+
+    @property
+    def length(self) -> int | None:
+        """How many messages a queue holds; None: all."""
+        return None if self.history == HistoryPolicy.KEEP_ALL else max(self.depth, 1)
+
+    def refuses(self, offered: QoSProfile) -> str:
+        """Return the policy by which a subscription gets nothing of a publisher, or ''."""
+        best_effort = offered.reliability == ReliabilityPolicy.BEST_EFFORT
+        if best_effort and self.reliability == ReliabilityPolicy.RELIABLE:
+            return 'RELIABILITY'
+        latched = DurabilityPolicy.TRANSIENT_LOCAL
+        return 'DURABILITY' if self.durability == latched != offered.durability else ''
+
+
+qos_profile_system_default = QoSProfile(depth=10)
+qos_profile_parameter_events = QoSProfile(depth=1000)
+qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+QOS_ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
 
 _DOCUMENTED = '(create|destroy|get|set|add|remove|count|declare|undeclare|describe|wait)_'
 #: What a node has, by kind.
 _KINDS = ('publishers', 'subscriptions', 'services', 'clients', 'timers', 'guards')
 _KEPT = (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.BEST_AVAILABLE)
+
+
+class NotInitializedException(Exception):
+    pass
 
 
 class InvalidTopicNameException(Exception):
@@ -387,6 +427,37 @@ class Node(Parameters):
     get_subscriptions_info_by_topic = partialmethod(_info, 'subscriptions')
 
 
+SignalHandlerOptions = IntEnum('SignalHandlerOptions', 'NO SIGINT SIGTERM ALL', start=0)
+
+
+def init(*, args: list[str] | None = None, signal_handler_options: Any = None) -> None:
+    """Begin; Ctrl-C is a KeyboardInterrupt with any options."""
+    del signal_handler_options
+    world = current()
+    if world.is_ok:
+        raise RuntimeError('Context.init() must only be called once')
+    words = [] if world.simulated else sys.argv
+    world.arguments = Arguments(words if args is None else args, world)
+    world.is_ok = True
+
+
+def shutdown() -> None:
+    if not current().is_ok:
+        raise RuntimeError('failed to shutdown: the context is not initialized')
+    try_shutdown()
+
+
+def try_shutdown() -> None:
+    current().is_ok = False
+
+
+def ok() -> bool:
+    world = current()
+    if world.simulated:
+        world.sleep(SECOND // 1000)  # a loop that asks comes to its end
+    return world.is_ok
+
+
 create_node = Node
 
 
@@ -404,3 +475,73 @@ def _spin(how: str, node: Node, *given: Any, executor: Any = None, **options: An
 spin = partial(_spin, 'spin')
 spin_once = partial(_spin, 'spin_once')
 spin_until_future_complete = partial(_spin, 'spin_until_future_complete')
+
+
+#: Of a subscription that matches every publisher.
+_ANY = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.BEST_AVAILABLE,
+)
+
+
+class LocalSubscriptions:
+    """Subscribes to the wanted topics; `take` returns their messages, serialized.
+
+    A message is serialized and kept where it is published, without an executor.
+
+    Attributes
+    ----------
+    unknown
+        No topic: all can be recorded.
+    """
+
+    expects_latched = False
+
+    def __init__(self, node: Node, wants: Callable[[str, Sequence[str]], bool], depth: int) -> None:
+        self._node, self._wants, self._depth = node, wants, depth
+        self._subscriptions: dict[str, Subscription] = {}
+        self._messages: deque[MessageFields] = deque()
+        self.unknown: Mapping[str, str] = {}
+
+    def expect(self, *_: object) -> None:
+        """Do nothing: a publisher is found as soon as it is there."""
+
+    def discover(self) -> Iterator[Any]:
+        """Subscribe to each wanted topic that has got a publisher since the last call."""
+        for name, (kind, *_) in self._node.get_topic_names_and_types():
+            wanted = name not in self._subscriptions and self._wants(name, (kind,))
+            if wanted and self._node.get_publishers_info_by_topic(name):
+                made = Subscription(self._node, name, message_type(kind), _ANY)
+                made.receive = self._receiver(name, kind)  # type: ignore[assignment,method-assign]
+                self._subscriptions[name] = self._node.connect(made)
+        yield from ()
+
+    def _receiver(self, name: str, kind: str) -> Callable[[Any, int], None]:
+        """Return what keeps a message of a topic."""
+        described, keep = topic(name, kind, store()), self._messages.append
+        messages, depth, date = self._messages, self._depth, self._node.context.date
+
+        def receive(msg: Any, number: int) -> None:
+            now = date()
+            keep((described, msg.__serialize__(), now, now, number))
+            if len(messages) > depth:
+                self.on_full()
+
+        return receive
+
+    def on_full(self) -> None:
+        """Do nothing; a recorder replaces it to write what waits."""
+
+    def take(self) -> list[MessageFields]:
+        """Return the messages since the last call, for one thread at a time."""
+        return [self._messages.popleft() for _ in range(len(self._messages))]
+
+    def lost(self) -> dict[str, dict[str, int] | None]:
+        """Return the number of lost messages by topic: none."""
+        return {name: {} for name in self._subscriptions}
+
+    def close(self) -> None:
+        """Destroy the subscriptions."""
+        while self._subscriptions:
+            self._node.destroy_subscription(self._subscriptions.popitem()[1])

@@ -1,17 +1,107 @@
-"""Parameters: declared with descriptors, set after checks, served to other nodes."""
+"""Parameters: of the arguments after --ros-args; declared, set after checks, served to others."""
 
 from __future__ import annotations
 
 import array
+from contextlib import suppress
 from enum import Enum
+from fnmatch import fnmatchcase
 from functools import partial
 from math import isclose
-from typing import TYPE_CHECKING, Any, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
+from barc_sim.cli.files import read_regular
+from barc_sim.ros.local.executor import LoggingSeverity, World
 from barc_sim.ros.local.messages import LACKS, message_type
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
+
+
+class _Rule(NamedTuple):
+    """A remapping, or a parameter, of the nodes that `node` matches; of all where it is empty."""
+
+    node: str
+    name: str
+    value: Any
+
+
+class Arguments:
+    """The remappings and parameters of `--ros-args`; the log level is the world's."""
+
+    def __init__(self, words: list[str], world: World) -> None:
+        self._remappings: list[_Rule] = []
+        self._parameters: list[_Rule] = []
+        rest = iter(words)
+        for word in rest:
+            if word == '--ros-args':
+                for option in iter(lambda: next(rest, '--'), '--'):
+                    if option != '--ros-args':
+                        self._add(option, next(rest, ''), world)
+
+    def _add(self, option: str, text: str, world: World) -> None:
+        target, _, value = text.rpartition(':=')
+        node, _, name = target.rpartition(':')
+        if option == '--log-level':
+            if value.upper() not in LoggingSeverity.__members__:
+                raise RuntimeError(f"Couldn't parse log level rule: '--log-level {text}'")
+            world.log_levels[target] = LoggingSeverity[value.upper()]
+        elif option == '--params-file':
+            self._parameters += _of_file(Path(text))
+        elif option not in ('-p', '--param', '-r', '--remap'):
+            raise RuntimeError(f'found unknown ROS arguments: {option!r}')
+        elif not target:
+            kind = 'param' if 'p' in option[:3] else 'remap'
+            raise RuntimeError(f"Couldn't parse {kind} rule: {text!r}: expected NAME:=VALUE")
+        elif option in ('-p', '--param'):
+            self._parameters.append(_Rule(node, name, _value(value)))
+        else:
+            self._remappings.append(_Rule(node, name, value))
+
+    def remap(self, node: str, *names: str) -> str | None:
+        """Return the new name by the node's first rule for one of `names`, if there is one."""
+        rules = (rule for rule in self._remappings if rule.node in ('', node))
+        return next((rule.value for rule in rules if rule.name in names), None)
+
+    def of(self, node: str) -> dict[str, Any]:
+        """Return the parameters for the node of this full name; the last one given counts."""
+        return {
+            rule.name: rule.value
+            for rule in self._parameters
+            if fnmatchcase(node, f'/{rule.node.lstrip("/")}' if rule.node else '*')
+        }
+
+
+# A submission's process has no PyYAML, and no arguments either.
+def _value(text: str) -> Any:
+    import yaml
+
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return yaml.safe_load(text)
+
+
+def _of_file(file: Path) -> Iterator[_Rule]:
+    from barc_sim.bags.bounds import MAX_LONG_TEXT, from_yaml
+
+    try:
+        text = read_regular(file, MAX_LONG_TEXT).decode()
+        for path, value in _flat(from_yaml(text), ''):
+            node, _, name = path.partition('/ros__parameters/')
+            yield _Rule(node, name.replace('/', '.'), value)
+    except (OSError, ValueError, AttributeError) as error:
+        raise RuntimeError(f'Error parsing the parameters in {str(file)!r}: {error}') from None
+
+
+def _flat(tree: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        path = f'{prefix}/{name}' if prefix else name
+        if isinstance(value, dict):
+            yield from _flat(value, path)
+        else:
+            yield path, value
 
 
 def _interface(name: str, kind: str = 'msg') -> Any:
