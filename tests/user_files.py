@@ -13,8 +13,8 @@ from barc_sim.lab.hills.code import HillsCode
 from barc_sim.lab.hills.lab import HILLS
 from barc_sim.lab.identify.lab import IdentifyCode
 from barc_sim.lab.lane.drive import LaneCode
-from barc_sim.lab.user_code.calls import BUDGET
 from barc_sim.lab.user_code.code import UserCode, find_files
+from barc_sim.lab.user_code.folder import BUDGET
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code import source
-from barc_sim.lab.user_code.calls import NOT_WRITTEN
+from barc_sim.lab.user_code.folder import NOT_WRITTEN
 
 #: The least number of nodes: a simulator, a relay, a driver and a recorder.
 _NODES = 4

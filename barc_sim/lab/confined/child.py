@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from types import FrameType, ModuleType
 
-    from barc_sim.lab.user_code.calls import Command
     from barc_sim.lab.user_code.code import UserCode
+    from barc_sim.lab.user_code.folder import Command
 
 MAX_TEXT = 4000  #: characters of an error; what is longer is cut
 NO_PIPES = 97  #: exit code of a process whose pipes have been closed
@@ -190,8 +190,8 @@ def _handler(seconds: float) -> Callable[..., Any]:
     line. Code that catches this, or does not return to Python, is ended by the second alarm.
     """
     from barc_sim.lab.handout import files_in  # noqa: PLC0415
-    from barc_sim.lab.user_code.calls import OutOfTime  # noqa: PLC0415
     from barc_sim.lab.user_code.code import UserCode  # noqa: PLC0415
+    from barc_sim.lab.user_code.folder import OutOfTime  # noqa: PLC0415
 
     files = files_in(Path())
     if 'relay' in files and _uses_ros(files['relay']):

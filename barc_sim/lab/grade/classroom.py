@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
-from barc_sim.lab.grade.similarity import alike, in_words
+from barc_sim.lab.grade.submissions import alike, in_words
 from barc_sim.lab.html import render
 from barc_sim.lab.labs import LABELS
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.errors import one_line
 from barc_sim.lab.check.code import JudgedCode, numbers_of, rows_of
-from barc_sim.lab.user_code.calls import MAX_COMMANDS, Command, TimedTwist
+from barc_sim.lab.user_code.folder import MAX_COMMANDS, Command, TimedTwist
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.check.code import judges
 from barc_sim.lab.check.lab import Table, Thresholds
 from barc_sim.lab.hills.model import TS
-from barc_sim.lab.user_code.calls import NOT_WRITTEN
+from barc_sim.lab.user_code.folder import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import DISTANCE, MAX_DURATION, closed_loop
 from barc_sim.simulation.metrics import SegmentErrors, summary
 from barc_sim.simulation.progress import Progress

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding
-from barc_sim.lab.user_code.calls import BY_EYE, NOT_WRITTEN, Command, TimedTwist
+from barc_sim.lab.user_code.folder import BY_EYE, NOT_WRITTEN, Command, TimedTwist
 from barc_sim.vehicle.parameters import PARAMETERS
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, steady_turn
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding, JudgedCode, numbers_of
 from barc_sim.lab.check.lab import Table
-from barc_sim.lab.user_code.calls import BY_EYE
+from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import track_laps_of

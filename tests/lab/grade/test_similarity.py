@@ -10,7 +10,7 @@ from user_files import CONTROLLER as OTHER_CONTROLLER
 from user_files import MODEL as OTHER_MODEL
 
 import barc_sim
-from barc_sim.lab.grade.similarity import ALIKE, alike, in_words, passages
+from barc_sim.lab.grade.submissions import ALIKE, alike, in_words, passages
 
 PACKAGE = Path(barc_sim.__file__).parent
 #: As in the lab's file for ROS 1, which every student has.

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from barc_sim.lab.user_code.calls import UserFunction
-    from barc_sim.lab.user_code.code import UserObject
+    from barc_sim.lab.user_code.code import UserFunction, UserObject
 
 #: A request for each part.
 CALLS = {

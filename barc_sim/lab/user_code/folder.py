@@ -1,6 +1,7 @@
-"""Loads the modules of one folder, separate from all other modules of the process.
+"""Runs the files of one folder: imports them, calls them within a time budget, names their errors.
 
-A stand-in takes the place of a module that is not here, so that a file that imports it loads.
+Their modules are separate from all other modules of the process. A stand-in takes the place of a
+module that is not here, so that a file that imports it loads.
 """
 
 from __future__ import annotations
@@ -8,21 +9,42 @@ from __future__ import annotations
 import ast
 import builtins
 import contextlib
+import ctypes
 import io
 import re
 import sys
+import threading
+import time
+import traceback
+import weakref
 from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec, resolve_name
 from pathlib import Path
+from threading import get_ident
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
 
+from barc_sim.errors import without_addresses
 from barc_sim.lab.user_code.source import Reassigned, Source, compiled, guarded_lines, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from types import CodeType, FrameType, ModuleType
 
+    _P = ParamSpec('_P')
+
+_T = TypeVar('_T')
+
+#: [s] Default time budget of a call: a hundred steps of the car.
+BUDGET = 2.0
+#: In the error of a function that still is the template's.
+NOT_WRITTEN = 'is not written yet (TODO)'
+#: In the error of a relay that cannot be judged here.
+BY_EYE = 'judge it by eye'
+MAX_COMMANDS = 8000  #: of a relay's run; it has 20 a second
+_SHOWN = 120
+_POLL = 0.05
+_raise_in_thread = ctypes.pythonapi.PyThreadState_SetAsyncExc
 _ROS_1 = {
     *('rospy', 'roslib', 'barc', 'labs', 'rosbag', 'rosgraph', 'rosnode', 'rostopic'),
     *('dynamic_reconfigure', 'tf', 'tf2_ros', 'cv_bridge'),
@@ -312,3 +334,147 @@ def _print_to(output: Callable[[str], object]) -> Callable[..., None]:
 
 def _no_input(*_: object) -> str:
     raise EOFError('input() does not work here')
+
+
+class TimedTwist(NamedTuple):
+    """A Twist on `cmd_vel`."""
+
+    t: float  #: [s]
+    linear_x: float
+    angular_z: float
+
+
+class Command(NamedTuple):
+    """A command on `ecu`."""
+
+    t: float  #: [s]
+    motor: float
+    servo: float
+
+
+class OutOfTime(BaseException):
+    """Raised in a call that has used up its budget; `except Exception` does not catch it."""
+
+    seconds: ClassVar[float] = 0.0  #: of a call, in a process that an alarm interrupts
+
+
+class Budget:
+    """Ends calls that take longer than `seconds`, in whichever thread they are made.
+
+    A thread checks twenty times a second whether the same call still runs. So a call costs a
+    fraction of a microsecond, and time in which the whole process is stopped does not count. A
+    call ends between two bytecodes; a call in C, such as `time.sleep`, ends when it returns. Not
+    for nested calls, nor for several threads at once.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        """Allow `seconds` to each call."""
+        self.seconds = seconds
+        self._caller = 0
+        self._count = self._seen = self._polls = 0
+        self._busy = self._fired = False
+        self._lock = threading.RLock()
+        thread = threading.Thread(
+            target=_watch, args=[weakref.ref(self)], name='time budget', daemon=True
+        )
+        thread.start()
+
+    def call(self, function: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        """Return what `function` returns, raise what it raises, or OutOfTime."""
+        self._caller = get_ident()
+        self._count += 1
+        self._busy = True
+        try:
+            try:
+                return function(*args, **kwargs)
+            finally:
+                self._busy = False
+                if self._fired:
+                    self._settle()
+        except OutOfTime:
+            self._busy = False
+            self._settle()
+            raise
+
+    def _settle(self) -> None:
+        """Cancel an exception that is sent and not yet raised."""
+        with self._lock:
+            try:
+                # This one replaces the one that may be pending. Cancelling with NULL would leave
+                # the interpreter checking for it for ever, and Python 3.11 hangs under a tracer.
+                self._fire()
+                while True:
+                    pass
+            except OutOfTime:
+                self._fired = False
+
+    def _fire(self) -> None:
+        _raise_in_thread(ctypes.c_ulong(self._caller), ctypes.py_object(OutOfTime))
+
+    def _check(self) -> None:
+        if not self._busy or self._count != self._seen:
+            self._seen = self._count
+            self._polls = 0
+            return
+        self._polls += 1
+        if self._polls * _POLL < self.seconds:
+            return
+        with self._lock:
+            # Set before the second check: a call that ends in between cancels the exception.
+            self._fired = True
+            if self._busy and self._count == self._seen:
+                self._fire()
+
+
+def _watch(reference: weakref.ref[Budget]) -> None:
+    while True:
+        time.sleep(_POLL)
+        budget = reference()
+        if budget is None:
+            return
+        budget._check()  # noqa: SLF001
+        del budget
+
+
+def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
+    """Return `value` as a float; None if it is not a number. An array of one number is one."""
+    if isinstance(value, (str, bytes)):
+        return None
+    return guarded(lambda: float(value.item() if hasattr(value, 'item') else value), default=None)
+
+
+def guarded(function: Callable[..., _T], *args: object, default: _T) -> _T:
+    """Return what `function` returns of a user's value; `default` where it fails."""
+    try:
+        return function(*args)
+    except (Exception, SystemExit, OutOfTime):  # noqa: BLE001 (a user's value can raise anything)
+        return default
+
+
+def short_repr(value: object) -> str:
+    """Return `value` as text for a sentence, without addresses in memory."""
+    if type(value) is float:  # `isinstance` would ask the value
+        return f'{value:.9g}' if value % 1.0 else repr(value)
+    kind = type.__getattribute__(type(value), '__name__')
+    return _in_one_line(guarded(repr, value, default=f'<{kind} instance>'))
+
+
+def _in_one_line(text: str) -> str:
+    text = without_addresses(' '.join(text.split()))
+    return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'
+
+
+def describe_error(error: BaseException) -> str:
+    """Return an exception's type and message in one line."""
+    text = _in_one_line(guarded(str, error, default=''))
+    return f'{type(error).__name__}: {text}' if text else type(error).__name__
+
+
+def raised_at(folder: Folder, error: BaseException) -> str | None:
+    """Return the innermost file and line of the folder in an exception's traceback."""
+    places = [
+        place
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if (place := folder.place(frame.f_code.co_filename, line))
+    ]
+    return places[-1] if places else None
