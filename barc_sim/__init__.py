@@ -44,7 +44,7 @@ Laps of a track, in place of the road: ``oval``, ``circle``, ``figure-eight``, o
     28.97 s
 
 Where to look: the laws of the vehicle are in `vehicle/bike_model.py` (`resistance`, `bikeFE`),
-those of the PID in `control/pid.py`. `simulation/stepper.py` (`pass_deadline`) decides each
+those of the PID in `control/speed.py`. `simulation/stepper.py` (`pass_deadline`) decides each
 deadline of a run, and `bags/reader.py` (`join`) those of a bag. `lab/hills/` judges a user's model
 and PID; `bike.txt` and `pid.txt` there have the mistakes that it names.
 """
@@ -57,17 +57,16 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from barc_sim.bags.reader import read as read_bag
     from barc_sim.control.lane import LaneLQR, PurePursuit, Stanley, speed_profile
-    from barc_sim.control.lqr import LQR
     from barc_sim.control.mpc import MPC, SpeedMPC
-    from barc_sim.control.pid import PID
+    from barc_sim.control.speed import LQR, PID
     from barc_sim.figures.run_figures import plot
     from barc_sim.simulation.closed_loop import lap, simulate
     from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import summary
     from barc_sim.tuning.identification import identify
     from barc_sim.tuning.search import sweep
-    from barc_sim.vehicle.actuators import Actuator
     from barc_sim.vehicle.bike_model import Vehicle
+    from barc_sim.vehicle.plant import Actuator
     from barc_sim.vehicle.racing_line import racing_line
     from barc_sim.vehicle.road import Road
     from barc_sim.vehicle.track import Track
@@ -99,10 +98,10 @@ __all__ = [
 
 #: The module of each name, and the name there.
 _EXPORTS = {
-    'LQR': ('control.lqr', 'LQR'),
+    'LQR': ('control.speed', 'LQR'),
     'MPC': ('control.mpc', 'MPC'),
-    'PID': ('control.pid', 'PID'),
-    'Actuator': ('vehicle.actuators', 'Actuator'),
+    'PID': ('control.speed', 'PID'),
+    'Actuator': ('vehicle.plant', 'Actuator'),
     'LaneLQR': ('control.lane', 'LaneLQR'),
     'Log': ('simulation.log', 'Log'),
     'PurePursuit': ('control.lane', 'PurePursuit'),
@@ -110,7 +109,7 @@ _EXPORTS = {
     'Road': ('vehicle.road', 'Road'),
     'Stanley': ('control.lane', 'Stanley'),
     'Track': ('vehicle.track', 'Track'),
-    'Vehicle': ('vehicle.limits', 'Vehicle'),
+    'Vehicle': ('vehicle.bicycles', 'Vehicle'),
     'identify': ('tuning.identification', 'identify'),
     'lap': ('simulation.closed_loop', 'lap'),
     'plot': ('figures.run_figures', 'plot'),

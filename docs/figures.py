@@ -20,7 +20,7 @@ from matplotlib.transforms import Affine2D
 
 import barc_sim
 from barc_sim.control.driver import Driver, DriverInput
-from barc_sim.control.pid import ACCELERATION_LIMIT, KI, KP, PID
+from barc_sim.control.speed import ACCELERATION_LIMIT, KI, KP, PID
 from barc_sim.figures.run_figures import speed_figure
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
 from barc_sim.figures.style import VERMILLION as RED

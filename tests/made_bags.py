@@ -13,7 +13,7 @@ from barc_sim.bags.messages import Message, definition
 from barc_sim.bags.recording import Topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LANE
-from barc_sim.control.pid import PID
+from barc_sim.control.speed import PID
 from barc_sim.simulation.log import (
     CONTROLLER_STATE,
     LANE_STATE,

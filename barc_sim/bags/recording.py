@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from barc_sim.cli.files import replacing
-from barc_sim.errors import UserError
-from barc_sim.vehicle.limits import Parameter
+from barc_sim.errors import Parameter, UserError
 
 if TYPE_CHECKING:
     import re

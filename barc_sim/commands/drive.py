@@ -10,10 +10,18 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import accept_ros_args, number, whole
 from barc_sim.cli.process import StopSignals
-from barc_sim.control.cruise_control import LIMIT, PROFILE, SPEED
+from barc_sim.control.cruise_control import (
+    DEFAULT_LANE,
+    DEFAULT_TYPE,
+    GAINS,
+    LANE_TYPES,
+    LIMIT,
+    PROFILE,
+    SPEED,
+    TYPES,
+)
 from barc_sim.control.driver import INPUTS, PEDAL
-from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.control.types import DEFAULT_LANE, DEFAULT_TYPE, GAINS, LANE_TYPES, TYPES
+from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.runs import options as run_options
 from barc_sim.simulation.stepper import DISTANCE, LAPS
 from barc_sim.vehicle.track import TRACKS
@@ -23,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.control.controller import Tunable
+    from barc_sim.control.speed import Tunable
 
 _MAX_CARS = 100
 _MODULES = {'acc': 'cruise_control', 'teleop': 'teleop'}  #: in `runs`

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import FIGURE_DPI, FIGURES, saving, target
 from barc_sim.cli.parser import barc_path, number, whole
-from barc_sim.control.pid import KD, KI, KP, SPEED_REFERENCE
+from barc_sim.control.speed import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.errors import UserError
 from barc_sim.tuning import DISTANCE, SPEED
 from barc_sim.vehicle.parameters import ROWS

@@ -1,34 +1,66 @@
-"""Answers each state with a command: what the node `controller` computes, without ROS."""
+"""Answers each state with a command: what the node `controller` computes, without ROS.
+
+The controllers that it may use, of speed and lane, stand in a table by name.
+"""
 
 from __future__ import annotations
 
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.control.controller import gain_parameters
-from barc_sim.control.lane import LANE, LaneKeeping, speed_profile
-from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.control.types import (
-    DEFAULT_LANE,
-    DEFAULT_TYPE,
-    LANE_TYPES,
-    TYPES,
+from barc_sim.control.excitation import PRBS, CoastDown, Steps
+from barc_sim.control.lane import LANE, LaneKeeping, LaneLQR, PurePursuit, Stanley, speed_profile
+from barc_sim.control.mpc import MPC, SpeedMPC
+from barc_sim.control.speed import (
+    ACCELERATION_LIMIT,
+    FIRST_DT,
+    LQR,
+    NO_LIMIT,
+    PID,
+    SPEED_REFERENCE,
     as_controller,
+    gain_parameters,
 )
-from barc_sim.errors import UserError
-from barc_sim.vehicle.limits import Parameter
-from barc_sim.vehicle.profile import signal
+from barc_sim.errors import Parameter, UserError
+from barc_sim.vehicle.road import signal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from barc_sim.control.controller import Controller
-    from barc_sim.vehicle.profile import Signal
+    from barc_sim.control.lane import LaneLaw
+    from barc_sim.control.speed import Controller, Gain
+    from barc_sim.vehicle.road import Signal
     from barc_sim.vehicle.track import Track
 
     #: Takes a function that returns a sentence, so that a suppressed warning costs nothing.
     Warn = Callable[[Callable[[], str]], None]
 
+#: By the name that `--controller-type` and the parameter `controller_type` take.
+TYPES: Mapping[str, type[Controller]] = {
+    'pid': PID,
+    'lqr': LQR,
+    'prbs': PRBS,
+    'steps': Steps,
+    'coast-down': CoastDown,
+}
+DEFAULT_TYPE = 'pid'
+#: By the name that `--lane` and the parameter `lane_type` take.
+LANE_TYPES: Mapping[str, type[LaneLaw]] = {
+    'lqr': LaneLQR,
+    'stanley': Stanley,
+    'pure-pursuit': PurePursuit,
+    'mpc': MPC,
+    'speed-mpc': SpeedMPC,
+}
+DEFAULT_LANE = 'lqr'
+#: The gains of all of them, by name.
+GAINS: Mapping[str, Gain] = {
+    name: gain for controller in TYPES.values() for name, gain in controller.gains.items()
+}
+#: The terms of all of them, by name.
+TERMS: Mapping[str, str] = {
+    name: meaning for controller in TYPES.values() for name, meaning in controller.terms.items()
+}
 _FASTEST = 1e6  #: [m/s] A faster state is refused.
 _NANOSECONDS = 1_000_000_000
 _TYPE = Parameter(

@@ -15,10 +15,9 @@ from __future__ import annotations
 from math import atan2, copysign, inf, isfinite
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from barc_sim.control.pid import PID
-from barc_sim.errors import UserError
+from barc_sim.control.speed import PID
+from barc_sim.errors import Parameter, UserError, parameters_of
 from barc_sim.vehicle.bike_model import L_F, L_R, Command
-from barc_sim.vehicle.limits import Parameter, parameters_of
 from barc_sim.vehicle.parameters import PARAMETERS as CAR
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from abc import ABC, abstractmethod
 from math import inf, pi, sin
 from typing import TYPE_CHECKING
 
-from barc_sim.control.controller import Gain, check_gains
 from barc_sim.control.lane import LaneLQR
+from barc_sim.control.speed import Gain, check_gains
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

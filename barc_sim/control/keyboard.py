@@ -17,8 +17,7 @@ from threading import Lock, Thread, current_thread
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
-from barc_sim.errors import UserError
-from barc_sim.vehicle.limits import Parameter
+from barc_sim.errors import Parameter, UserError
 
 try:
     import termios

@@ -17,7 +17,7 @@ from copy import deepcopy
 from math import asin, atan2, copysign, cos, hypot, inf, sin, sqrt
 from typing import TYPE_CHECKING, Any, Protocol
 
-from barc_sim.control.controller import Gain, check_gains, read_term
+from barc_sim.control.speed import Gain, check_gains, read_term
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R
 from barc_sim.vehicle.track import Frenet, beside_arc

@@ -23,10 +23,10 @@ from math import exp, nan
 from time import thread_time
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.controller import Gain
 from barc_sim.control.lane import LaneLaw, steady_turn
-from barc_sim.vehicle.actuators import Actuator
+from barc_sim.control.speed import Gain
 from barc_sim.vehicle.parameters import SERVO
+from barc_sim.vehicle.plant import Actuator
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
 
-from barc_sim.control.types import GAINS
+from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
 from barc_sim.figures.style import (
     AT_LIMIT,

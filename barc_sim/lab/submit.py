@@ -10,7 +10,7 @@ import numpy as np
 
 from barc_sim.bags import contents, reader
 from barc_sim.cli.files import open_regular
-from barc_sim.control.pid import PID
+from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.submissions import MAX_ARCHIVE, listed, take
 from barc_sim.lab.handout import files_in, handout_of, names_of

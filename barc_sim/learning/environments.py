@@ -12,10 +12,10 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from barc_sim.control.pid import KD, KI, KP, speed_controller
+from barc_sim.control.speed import KD, KI, KP, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.learning.tasks import AHEAD, TASKS, Seen, Task
-from barc_sim.simulation.batch import PIDs
+from barc_sim.simulation.fast import PIDs
 from barc_sim.vehicle.bike_model import Command, State
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from barc_sim.figures.track_figure import Course
 from barc_sim.figures.views import SIZE, Terrain, frames, view_of
 from barc_sim.simulation.closed_loop import log_of_rows
 from barc_sim.simulation.log import LANE_STATE, columns_of
-from barc_sim.vehicle.sensor import Sensor
+from barc_sim.vehicle.plant import Sensor
 
 if TYPE_CHECKING:
     from barc_sim.figures.views import RunView

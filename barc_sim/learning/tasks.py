@@ -16,15 +16,14 @@ import numpy as np
 
 from barc_sim.control.cruise_control import SPEED
 from barc_sim.control.lane import STEERING_LIMIT
-from barc_sim.control.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
+from barc_sim.control.speed import ACCELERATION_LIMIT, SPEED_REFERENCE
 from barc_sim.errors import UserError
-from barc_sim.simulation.batch import Plants
 from barc_sim.simulation.closed_loop import LIMITS, check_arguments, plant_of
-from barc_sim.vehicle.actuators import Actuator
+from barc_sim.simulation.fast import Plants
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.parameters import ROWS, SERVO
-from barc_sim.vehicle.sensor import NoiseLevels
+from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.track import Pose
 
 if TYPE_CHECKING:

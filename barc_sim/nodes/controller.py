@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
 from barc_sim.control.cruise_control import Answer, CruiseControl
-from barc_sim.control.pid import ACCELERATION_LIMIT
+from barc_sim.control.speed import ACCELERATION_LIMIT
 from barc_sim.ros.node_helpers import (
     RefusedInput,
     Subscribed,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
     from rclpy.subscription import Subscription
 
-    from barc_sim.control.controller import Controller
+    from barc_sim.control.speed import Controller
     from barc_sim.vehicle.track import Track
 
 _STATES_A_PLAN = 5  #: RViz needs no more

@@ -12,10 +12,9 @@ from rclpy.node import Node
 from barc_sim.bags import names
 from barc_sim.bags.messages import Message, leading_time
 from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT
-from barc_sim.errors import UserError
+from barc_sim.errors import Parameter, UserError
 from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.topics import TopicSubscriptions
-from barc_sim.vehicle.limits import Parameter
 
 try:
     import foxglove

@@ -26,6 +26,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.bags import names
 from barc_sim.bags.messages import NANOSECONDS
+from barc_sim.errors import Parameter
 from barc_sim.nodes import MIRRORS
 from barc_sim.ros.node_helpers import (
     declare,
@@ -35,8 +36,7 @@ from barc_sim.ros.node_helpers import (
     to_nanoseconds,
     to_path,
 )
-from barc_sim.simulation.timing import TOLERATED
-from barc_sim.vehicle.limits import Parameter
+from barc_sim.simulation.stepper import TOLERATED
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

@@ -30,12 +30,11 @@ from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.bags import names
 from barc_sim.cli.parser import MAX_PORT
-from barc_sim.errors import UserError
+from barc_sim.errors import Parameter, UserError
 from barc_sim.page.feed import FIELDS, STATE_FIELDS, Feed, is_valid, values_of
 from barc_sim.page.protocol import CONTROLLER, SIMULATOR, TUNABLE, Drive, Status
 from barc_sim.page.run_page import RunPage
 from barc_sim.ros.node_helpers import declare, to_nanoseconds
-from barc_sim.vehicle.limits import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from barc_sim.control.controller import Gain
+from barc_sim.control.cruise_control import DEFAULT_TYPE, GAINS, LANE_TYPES, TERMS, TYPES
 from barc_sim.control.lane import LANE, LaneLaw
-from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.control.types import DEFAULT_TYPE, GAINS, LANE_TYPES, TERMS, TYPES
+from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE, Gain
 from barc_sim.errors import UserError
 from barc_sim.figures.style import FORCES, QUANTITIES, term_colours
 from barc_sim.figures.track_figure import Course, lap_rows
@@ -37,7 +36,7 @@ from barc_sim.vehicle.track import Track
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from barc_sim.control.controller import Controller
+    from barc_sim.control.speed import Controller
     from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import Lap, Laps, TrackLap, TrackLaps
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from barc_sim.control.cruise_control import LANE_TYPES, TYPES
 from barc_sim.control.lane import LANE
-from barc_sim.control.pid import PID
-from barc_sim.control.types import LANE_TYPES, TYPES
+from barc_sim.control.speed import PID
 from barc_sim.figures.style import QUANTITIES, motor_limit, term_colours
 from barc_sim.figures.track_figure import Course
 from barc_sim.page.feed import columns_in, rows_of
@@ -43,7 +43,7 @@ from barc_sim.simulation.metrics import laps_of, track_laps_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from barc_sim.control.controller import Controller
+    from barc_sim.control.speed import Controller
     from barc_sim.page.feed import Feed
     from barc_sim.page.protocol import File, Request
     from barc_sim.page.server import Page

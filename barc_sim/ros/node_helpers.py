@@ -16,9 +16,8 @@ from std_msgs.msg import Header
 
 from barc_sim.bags.messages import NANOSECONDS, split_time
 from barc_sim.control.driver import DriverInput
-from barc_sim.errors import UserError, not_between
+from barc_sim.errors import ANY, UserError, not_between
 from barc_sim.vehicle.bike_model import State
-from barc_sim.vehicle.limits import ANY
 from barc_sim.vehicle.parameters import TRACK
 from barc_sim.vehicle.track import Track
 
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.publisher import Publisher
 
-    from barc_sim.vehicle.limits import Parameter
+    from barc_sim.errors import Parameter
 
 Message = TypeVar('Message')
 _RECOUNT_NS = 100_000_000

@@ -25,7 +25,7 @@ from barc_sim import __version__
 from barc_sim.bags.recording import check_root, summary
 from barc_sim.cli.parser import barc_path
 from barc_sim.cli.process import check_clock, report
-from barc_sim.control.types import GAINS
+from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.code import UserCode, find_files
 from barc_sim.lab.user_code.source import UserCodeError

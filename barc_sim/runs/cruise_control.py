@@ -8,11 +8,18 @@ from itertools import pairwise
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.controller import gain_parameters
-from barc_sim.control.cruise_control import PROFILE
+from barc_sim.control.cruise_control import DEFAULT_LANE, DEFAULT_TYPE, LANE_TYPES, PROFILE, TYPES
 from barc_sim.control.lane import LANE
-from barc_sim.control.pid import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.control.types import DEFAULT_LANE, DEFAULT_TYPE, LANE_TYPES, TYPES
+from barc_sim.control.speed import (
+    ACCELERATION_LIMIT,
+    KD,
+    KI,
+    KP,
+    NO_LIMIT,
+    PID,
+    SPEED_REFERENCE,
+    gain_parameters,
+)
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import COMMANDS, UserCommands, UserController, UserLane
 from barc_sim.nodes.controller import CruiseController
@@ -25,9 +32,8 @@ from barc_sim.runs.terminal import (
     print_track_laps,
     track_line,
 )
-from barc_sim.simulation.closed_loop import check_ahead
+from barc_sim.simulation.closed_loop import Progress, check_ahead
 from barc_sim.simulation.metrics import Laps, TrackLaps
-from barc_sim.simulation.progress import Progress
 
 if TYPE_CHECKING:
     from argparse import Namespace

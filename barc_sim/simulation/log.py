@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from barc_sim.cli.files import read_regular, replacing
 from barc_sim.control.lane import LANE, LaneLaw
-from barc_sim.control.pid import PID
+from barc_sim.control.speed import PID
 from barc_sim.errors import UserError, one_line
 
 if TYPE_CHECKING:

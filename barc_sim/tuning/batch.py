@@ -1,4 +1,4 @@
-"""Many closed loops at once: what `pid_loop` drives one by one, all loops in step.
+"""Many closed loops at once: what `pid_log` drives one by one, all loops in step.
 
 Tests compare both to the last bit.
 """
@@ -13,21 +13,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim import tuning
-from barc_sim.control.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
-from barc_sim.simulation.batch import PIDs, next_speeds
+from barc_sim.control.speed import ACCELERATION_LIMIT, SPEED_REFERENCE
 from barc_sim.simulation.closed_loop import DISTANCE, LIMITS, check_arguments, simulate
+from barc_sim.simulation.fast import LoopSettings, PIDs, RoadSegments, next_speeds
 from barc_sim.simulation.metrics import RUN_UP
-from barc_sim.simulation.pid_loop import LoopSettings, RoadSegments
-from barc_sim.vehicle.actuators import in_steps
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.parameters import NANOSECONDS
+from barc_sim.vehicle.plant import NoiseLevels, Sensor, in_steps
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import NoiseLevels, Sensor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from barc_sim.control.controller import Controller
+    from barc_sim.control.speed import Controller
     from barc_sim.simulation.log import Log
 
     Floats = NDArray[np.float64]

@@ -19,10 +19,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Command, State, Vehicle
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

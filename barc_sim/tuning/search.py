@@ -15,9 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.control.controller import gain_parameters
-from barc_sim.control.pid import PID, speed_controller
-from barc_sim.control.types import as_controller
+from barc_sim.control.speed import PID, as_controller, gain_parameters, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import import_pandas
 from barc_sim.simulation.metrics import summary
@@ -30,7 +28,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike, NDArray
 
-    from barc_sim.control.controller import Controller
+    from barc_sim.control.speed import Controller
     from barc_sim.simulation.log import Log
     from barc_sim.tuning.batch import Sums
 

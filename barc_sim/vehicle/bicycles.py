@@ -27,7 +27,7 @@ from collections.abc import Callable
 from math import atan2, copysign, cos, hypot, sin
 from typing import Annotated, NamedTuple
 
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, limited
 from barc_sim.vehicle.bike_model import (
     Command,
     Model,
@@ -41,7 +41,8 @@ from barc_sim.vehicle.bike_model import (
     slip_angle,
     step,
 )
-from barc_sim.vehicle.limits import limited
+
+limited(Vehicle)  # here, as a model that is handed in imports nothing of ours
 
 #: Distance along the road [m] to incline [rad].
 Grade = Callable[[float], float]

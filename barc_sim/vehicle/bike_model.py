@@ -5,8 +5,8 @@ The equations are those of the ME131 lab "Simulating kinematic models in ROS" (a
 integrated with forward Euler. Positions run along the road's surface.
 
 The law of resistance, air drag and rolling friction, is `resistance`; `surroundings` gives its two
-parts for the log. `next_speed` is one step of the longitudinal motion. `simulation/pid_loop.py` has
-both once more, without calls, and `simulation/batch.py` for arrays.
+parts for the log. `next_speed` is one step of the longitudinal motion. `simulation/fast.py` has
+both once more: without calls, and for arrays.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Model = Callable[..., Sequence[float]]
 class Vehicle(NamedTuple):
     """The vehicle's parameters; the defaults are the lab's.
 
-    Each has its meaning and its limits, which `vehicle/limits.py` checks.
+    Each has its meaning and its limits, which `limited` checks.
 
     Examples
     --------
@@ -97,7 +97,7 @@ def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
 def resistance(v: float, vehicle: Vehicle) -> float:
     """Return how much air drag and rolling friction brake [N] at speed `v` [m/s].
 
-    `surroundings` has its two parts. `simulation/batch.py` passes arrays of speeds.
+    `surroundings` has its two parts. `simulation/fast.py` passes arrays of speeds.
     """
     return vehicle.air_drag_coeff * v * v + vehicle.friction
 

@@ -9,21 +9,18 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.vehicle.actuators import Actuator
+from barc_sim.errors import Parameter, parameters_of
 from barc_sim.vehicle.bicycles import DYNAMICS, LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
-from barc_sim.vehicle.limits import Parameter, parameters_of
-from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.profile import signal
-from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import NoiseLevels
+from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
+from barc_sim.vehicle.road import Road, signal
 from barc_sim.vehicle.track import TRACKS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.vehicle.bike_model import Model
-    from barc_sim.vehicle.profile import Signal
+    from barc_sim.vehicle.road import Signal
     from barc_sim.vehicle.track import Track
 
 

@@ -1,11 +1,16 @@
-"""The plant: the vehicle on its road, with actuators and sensors."""
+"""The plant: the vehicle on its road or track, with its actuators and its sensor.
+
+Actuators delay, limit and lag a command; each is off by default. The sensor adds noise and delay.
+"""
 
 from __future__ import annotations
 
-from math import floor, radians, sin
-from typing import TYPE_CHECKING, NamedTuple
+from collections import deque
+from math import copysign, cos, expm1, floor, inf, log, pi, radians, sin
+from random import Random
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from barc_sim.vehicle.actuators import Actuator, Actuators
+from barc_sim.errors import limited
 from barc_sim.vehicle.bicycles import bicycle
 from barc_sim.vehicle.bike_model import (
     Command,
@@ -18,12 +23,322 @@ from barc_sim.vehicle.bike_model import (
     surroundings,
 )
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+
     from barc_sim.vehicle.bicycles import LateralParameters
-    from barc_sim.vehicle.profile import Signal
+    from barc_sim.vehicle.road import Signal
     from barc_sim.vehicle.track import Track
+
+    Floats = NDArray[np.float64]
+
+
+#: Share of a step within which a delay counts as whole steps.
+_WHOLE = 1e-6
+
+
+@limited
+class Actuator(NamedTuple):
+    """An actuator's parameters; with the defaults a command takes effect at once.
+
+    A command u takes effect `delay` later, cut to `limit`. The value w follows it by
+
+        dw/dt = (u - w) / lag, cut to ±rate
+
+    The unit is the command's: [m/s²] for the motor, [rad] for the servo.
+
+    Examples
+    --------
+    >>> from barc_sim import Actuator, LaneLQR, simulate
+    >>> late = Actuator(delay=0.1, rate=1.0)
+    >>> log = simulate(track='oval', lane=LaneLQR(), servo=late, distance=60.0)
+    >>> print(f'{abs(log.e_y).max():.2f} m off the lane at most')
+    0.05 m off the lane at most
+    """
+
+    delay: Annotated[float, 'time from a command to its effect [s]', 0.0, 10.0] = 0.0
+    lag: Annotated[float, 'time constant [s]', 0.0, 100.0] = 0.0
+    rate: Annotated[float, 'maximum change [unit/s]', 1e-300, inf] = inf
+    limit: Annotated[float, 'maximum either way [unit]', 0.0, inf] = inf
+
+    def respond(self, value: float, target: float, t: float) -> tuple[float, float]:
+        """Return where `t` > 0 seconds of a held `target` take `value`, and the mean meanwhile.
+
+        The solution is exact: a ramp at `rate` as long as the lag alone would be faster, and
+        the exponential from there on.
+        """
+        _, lag, rate, _ = self
+        error = target - value
+        excess = abs(error) - (rate * lag if lag else 0.0)
+        ramp = min(excess / rate, t) if excess > 0.0 else 0.0
+        ramp_end = value + copysign(rate, error) * ramp if ramp else value
+        remaining, error = t - ramp, target - ramp_end
+        if not remaining:
+            return ramp_end, 0.5 * (value + ramp_end)
+        decayed = -expm1(-remaining / lag) if lag else 1.0
+        mean_of_decay = target - error * decayed * lag / remaining
+        ramp_share = ramp / t
+        mean = ramp_share * 0.5 * (value + ramp_end) + (1.0 - ramp_share) * mean_of_decay
+        return target - error * (1.0 - decayed), mean
+
+
+def in_steps(delay: float, ts: float) -> tuple[int, float]:
+    """Return a delay in whole steps of `ts` seconds, and the share of a step beyond them."""
+    whole, share = divmod(delay / ts, 1.0)
+    return (
+        (int(whole), share) if _WHOLE < share < 1.0 - _WHOLE else (int(whole + round(share)), 0.0)
+    )
+
+
+class ActuatorState:
+    """One actuator at work, in steps of a fixed length.
+
+    Commands wait in a queue, one per step. A delay that is no multiple of the step is kept to
+    exactly: the older of two commands acts for the first part of a step, the newer for the rest
+    (Åström and Wittenmark, "Computer-Controlled Systems", 3rd ed., section 2.3).
+    """
+
+    early: float  #: share of a step for which the older command still acts
+
+    def __init__(self, actuator: Actuator, ts: float) -> None:
+        """Begin at zero, in steps of `ts` seconds, with only zeros commanded before."""
+        self._ts = ts
+        self.value = 0.0  #: where the actuator is now
+        self._queue = deque([0.0, 0.0])
+        self.replace(actuator)
+
+    @property
+    def waiting(self) -> list[float]:
+        """The commands that are still to act; the oldest acts in the early part of a step."""
+        return [*self._queue][1:]
+
+    @property
+    def only_delays(self) -> bool:
+        """Whether commands act unchanged, though later."""
+        return self._actuator == Actuator(delay=self._actuator.delay)
+
+    def replace(self, actuator: Actuator) -> None:
+        """Work as `actuator` from now on; commands on their way stay on it.
+
+        Where the delay is shorter, the oldest of them are dropped; where it is longer, the one that
+        acts now acts meanwhile.
+        """
+        self._actuator = actuator
+        self._is_ideal = actuator == Actuator()
+        whole, self.early = in_steps(actuator.delay, self._ts)
+        size = whole + 2
+        _, acting, *waiting = self._queue
+        self._queue = deque([*[acting] * (size - len(waiting)), *waiting], maxlen=size)
+
+    def advance(self, command: float) -> float:
+        """Go one step after `command`; return the mean of the value over the step."""
+        self._queue.append(command)
+        if self._is_ideal:
+            self.value = command
+            return command + 0.0  # as the sum below, which is never -0
+        newer = self._cut(self._queue[1])
+        early = self.early
+        if not early:
+            self.value, mean = self._actuator.respond(self.value, newer, self._ts)
+            return mean + 0.0
+        older = self._cut(self._queue[0])
+        self.value, mean = self._actuator.respond(self.value, older, early * self._ts)
+        self.value, late = self._actuator.respond(self.value, newer, (1.0 - early) * self._ts)
+        return early * mean + (1.0 - early) * late
+
+    def hold(self, value: float) -> None:
+        """Set the value, as if it had been commanded for long."""
+        self.value = value
+        self._queue.extend([value] * len(self._queue))
+
+    def _cut(self, command: float) -> float:
+        limit = self._actuator.limit
+        return command if -limit <= command <= limit else copysign(limit, command)
+
+
+class Actuators:
+    """Motor and servo: from the commanded to the actual acceleration and steering."""
+
+    def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:
+        """Begin at rest, in steps of `ts` seconds."""
+        self.motor, self.servo = ActuatorState(motor, ts), ActuatorState(servo, ts)
+        self.is_ideal = motor == servo == Actuator()  #: each command takes effect at once
+        self.now = Command()  #: acceleration and steering at this instant
+
+    def advance(self, command: Command) -> Command:
+        """Go one step after `command`; return the mean acceleration and steering over it."""
+        if self.is_ideal:
+            self.now = command
+            return command
+        mean = Command(self.motor.advance(command.motor), self.servo.advance(command.servo))
+        self.now = Command(self.motor.value, self.servo.value)
+        return mean
+
+    def replace(self, motor: Actuator, servo: Actuator) -> None:
+        """Work as these actuators from now on; commands on their way stay on it."""
+        states = ((self.motor, motor, self.now.motor), (self.servo, servo, self.now.servo))
+        for state, actuator, now in states:
+            if self.is_ideal:  # nothing is on its way, and the state has had no part so far
+                state.hold(now)
+            state.replace(actuator)
+        self.is_ideal = motor == servo == Actuator()
+
+    def stop(self) -> None:
+        """Set both to zero, and drop the waiting commands."""
+        self.motor.hold(0.0)
+        self.servo.hold(0.0)
+        self.now = Command()
+
+    def brake(self, command: Command) -> Command:
+        """Go one step with the acceleration of `command` in force at once.
+
+        The brakes have no delay, lag or limit. The motor is cut off meanwhile, and begins anew
+        from zero.
+        """
+        self.motor.hold(0.0)
+        servo = self.servo.advance(command.servo)
+        self.now = Command(command.motor, self.servo.value)
+        return Command(command.motor, servo)
+
+
+@limited
+class NoiseLevels(NamedTuple):
+    """The standard deviation of each measured signal, in the vehicle's true frame."""
+
+    s: Annotated[float, 'standard deviation of position along [m]', 0.0, 1e3] = 0.0
+    ey: Annotated[float, 'standard deviation of position across [m]', 0.0, 1e3] = 0.0
+    epsi: Annotated[float, 'standard deviation of heading [rad]', 0.0, 1e3] = 0.0
+    v_x: Annotated[float, 'standard deviation of v_x [m/s]', 0.0, 1e3] = 0.0
+    v_y: Annotated[float, 'standard deviation of v_y [m/s]', 0.0, 1e3] = 0.0
+    psi_dot: Annotated[float, 'standard deviation of yaw rate [rad/s]', 0.0, 1e3] = 0.0
+
+
+class MeasurementError(NamedTuple):
+    """Measured minus true, of each signal of `NoiseLevels`."""
+
+    s: float = 0.0
+    ey: float = 0.0
+    epsi: float = 0.0
+    v_x: float = 0.0
+    v_y: float = 0.0
+    psi_dot: float = 0.0
+
+
+_NO_ERROR = MeasurementError()
+
+
+class Sensor:
+    """Measures a motion late, and adds white Gaussian noise; one seed gives the same errors.
+
+    A measurement is that of `delay` seconds ago; between two states, on the line between them.
+
+    The generator is Python's Mersenne Twister, whose sequence is the same in every version, and
+    every measurement draws six numbers: the noise of one signal does not depend on whether another
+    has any.
+    """
+
+    def __init__(
+        self,
+        noise: NoiseLevels | None = None,
+        seed: int = 0,
+        *,
+        delay: float = 0.0,
+        ts: float = 0.02,
+    ) -> None:
+        """Measure every `ts` seconds with these standard deviations, zero unless given."""
+        self.noise = noise or NoiseLevels()
+        self.delay, self._ts = delay, ts
+        self._past: list[Motion] = []  # from the one that a measurement needs first
+        self._seed = seed
+        self._random = Random(int(seed))  # noqa: S311 (a simulation, not a secret)
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether any signal has noise."""
+        return any(self.noise)
+
+    def measure(self, true: Motion) -> tuple[Motion, MeasurementError]:
+        """Return the motion as measured, and its error: measured minus true."""
+        if self.delay:
+            return self._measure_late(true)
+        if not self.is_noisy:
+            return true, _NO_ERROR
+        error = self._draw_one()
+        return with_error(true, error, cos(true.psi), sin(true.psi)), error
+
+    def forget(self) -> None:
+        """Forget the motion so far: the car is somewhere else."""
+        self._past = []
+
+    def _draw_one(self) -> MeasurementError:
+        gauss = self._random.gauss
+        return MeasurementError(*[sigma * gauss(0.0, 1.0) for sigma in self.noise])
+
+    def _measure_late(self, true: Motion) -> tuple[Motion, MeasurementError]:
+        whole, share = in_steps(self.delay, self._ts)
+        past = self._past = [*self._past[-whole - 1 :], true]
+        older, newer = (past[max(len(past) - k, 0)] for k in (whole + 2, whole + 1))
+        seen = newer
+        if share:
+            pairs = zip(older, newer, strict=True)
+            seen = type(true)(*[share * old + (1.0 - share) * new for old, new in pairs])
+        if self.is_noisy:
+            seen = with_error(seen, self._draw_one(), cos(seen.psi), sin(seen.psi))
+        x, y, *others = [now - then for now, then in zip(seen, true, strict=True)]
+        along, across = cos(true.psi), sin(true.psi)
+        return seen, MeasurementError(x * along + y * across, y * along - x * across, *others)
+
+    def again(self) -> Sensor:
+        """Return such a sensor before its first measurement."""
+        return Sensor(self.noise, self._seed, delay=self.delay, ts=self._ts)
+
+    def draw(self, n: int) -> Floats:
+        """Return the errors of the next `n` measurements, shape `(6, n)`.
+
+        They are those of `measure` to the last bit: the same numbers of the generator, all at
+        once, and the transform of two of them to two errors that `Random.gauss` makes. Its
+        functions are Python's, as NumPy's differ in the last bit; an error without noise is ±0,
+        whose sign NumPy's have right.
+        """
+        import numpy as np  # noqa: PLC0415 (a sensor alone does not need it)
+
+        words = np.frombuffer(self._random.getrandbits(384 * n).to_bytes(48 * n, 'little'), '<u4')
+        high, low = words.reshape(n, 6, 2).transpose(2, 1, 0)
+
+        def uniform(i: int) -> Floats:
+            values: Floats = (high[i] >> 5) * 2.0**26 + (low[i] >> 6)  # as Random.random
+            return values / 2.0**53
+
+        def exactly(function: Callable[[float], float], values: Floats) -> Floats:
+            return np.fromiter(map(function, values.tolist()), np.float64, n)
+
+        errors = np.empty((6, n))
+        for i in (0, 2, 4):
+            angle = uniform(i) * (2.0 * pi)
+            if any(self.noise[i : i + 2]):
+                radius = np.sqrt(-2.0 * exactly(log, 1.0 - uniform(i + 1)))
+            for j, function, roughly in ((i, cos, np.cos), (i + 1, sin, np.sin)):
+                if sigma := self.noise[j]:
+                    errors[j] = sigma * (exactly(function, angle) * radius + 0.0)
+                else:
+                    errors[j] = 0.0 * roughly(angle)
+        return errors
+
+
+def with_error(true: Motion, error: MeasurementError, cos_psi: float, sin_psi: float) -> Motion:
+    """Return the motion as measured, of numbers or arrays, with cosine and sine of the heading."""
+    return true._replace(
+        x=true.x + error.s * cos_psi + error.ey * -sin_psi,
+        y=true.y + error.s * sin_psi + error.ey * cos_psi,
+        psi=true.psi + error.epsi,
+        v_x=true.v_x + error.v_x,
+        v_y=true.v_y + error.v_y,
+        psi_dot=true.psi_dot + error.psi_dot,
+    )
 
 
 class TrackState(NamedTuple):

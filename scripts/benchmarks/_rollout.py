@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import arctan, cos, float64, sin, tan
 
-from barc_sim.control.pid import KD, KP
+from barc_sim.control.speed import KD, KP
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.tuning import batch
 from barc_sim.tuning.batch import Course

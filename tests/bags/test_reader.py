@@ -19,8 +19,7 @@ from barc_sim.bags.reader import join as join_samples
 from barc_sim.bags.recording import Topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LaneLQR
-from barc_sim.control.lqr import LQR
-from barc_sim.control.pid import PID
+from barc_sim.control.speed import LQR, PID
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import STATE, Log, TrackLog

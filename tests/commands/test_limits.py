@@ -15,15 +15,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from barc_sim import LQR, PID, Vehicle, simulate, sweep
-from barc_sim.control.controller import gain_parameters
 from barc_sim.control.cruise_control import LIMIT, SPEED
+from barc_sim.control.speed import gain_parameters
 from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import declare
 from barc_sim.simulation.closed_loop import LIMITS
 from barc_sim.simulation.stepper import parameters
-from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bicycles import LateralParameters
-from barc_sim.vehicle.sensor import NoiseLevels
+from barc_sim.vehicle.plant import Actuator, NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,8 +13,8 @@ from command_line import barc, refused, spinning
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from barc_sim.errors import Parameter
 from barc_sim.ros.node_helpers import declare
-from barc_sim.vehicle.limits import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -16,7 +16,7 @@ from command_line import printed, refused
 from barc_sim.__main__ import main as barc
 from barc_sim.__main__ import parse
 from barc_sim.commands import tune
-from barc_sim.control.pid import speed_controller
+from barc_sim.control.speed import speed_controller
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
 

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from barc_sim.control.cruise_control import CruiseControl
-from barc_sim.control.lqr import LQR
-from barc_sim.control.pid import ACCELERATION_LIMIT, PID
+from barc_sim.control.speed import ACCELERATION_LIMIT, LQR, PID
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from barc_sim.vehicle.limits import Parameter
+    from barc_sim.errors import Parameter
 
 
 def defaults(table: list[Parameter]) -> dict[str, Any]:

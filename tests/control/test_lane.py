@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from barc_sim.control.controller import Gain
 from barc_sim.control.lane import (
     LaneKeeping,
     LaneLaw,
@@ -18,11 +17,11 @@ from barc_sim.control.lane import (
     speed_profile,
     steady_turn,
 )
+from barc_sim.control.speed import Gain
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import lap
-from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, State, Vehicle
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.track import Track
 
 L, L_R = 3.0, 1.5

@@ -13,7 +13,7 @@ from barc_sim import MPC, LaneLQR, SpeedMPC, Track, lap
 from barc_sim.control.lane import LaneKeeping, steady_turn
 from barc_sim.control.mpc import riccati
 from barc_sim.errors import UserError
-from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.plant import Actuator
 
 daqp = pytest.importorskip('daqp')
 L, L_R = 3.0, 1.5

@@ -20,9 +20,8 @@ from barc_sim.control.driver import DriverInput
 from barc_sim.errors import UserError
 from barc_sim.figures.run_figures import drive_figure, plot, speed_figure
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.plant import NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,8 +16,7 @@ from palette import READERS, contrast, difference
 
 from barc_sim.figures.style import COLOURS, limits, reading, use_measurement
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.sensor import NoiseLevels
+from barc_sim.vehicle.plant import NoiseLevels, Plant
 
 CSS = (resources.files('barc_sim.page') / 'web' / 'view.css').read_text('utf-8')
 GROUNDS = re.findall(r'--panel: light-dark\((#\w+), (#\w+)\)', CSS)[0]

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.colors import LogNorm
 from matplotlib.text import Text
 
-from barc_sim.control.pid import speed_controller
+from barc_sim.control.speed import speed_controller
 from barc_sim.figures.tuning_figures import Point, tuning_figure
 from barc_sim.tuning.batch import Course
 from barc_sim.tuning.search import Surface

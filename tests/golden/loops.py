@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING
 from hand_drive import drive_by_hand
 
 from barc_sim.control.driver import Driver, DriverInput, Limits
-from barc_sim.control.pid import PID, speed_controller
+from barc_sim.control.speed import PID, speed_controller
 from barc_sim.simulation.closed_loop import closed_loop
-
-# The only names of the package that the golden figures use, but for the command line.
-from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import State, Vehicle
-from barc_sim.vehicle.plant import Plant
+
+# The only names of the package that the golden figures use, but for the command line.
+from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -14,10 +14,9 @@ from barc_sim.control.lane import LaneLQR
 from barc_sim.errors import UserError
 from barc_sim.figures import style
 from barc_sim.simulation.closed_loop import lap
-from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import NoiseLevels
 
 gymnasium = pytest.importorskip('gymnasium', reason='needs the extra gym')
 

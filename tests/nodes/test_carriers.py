@@ -13,8 +13,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from barc_sim.control.pid import ACCELERATION_LIMIT
-from barc_sim.control.types import TYPES
+from barc_sim.control.cruise_control import TYPES
+from barc_sim.control.speed import ACCELERATION_LIMIT
 from barc_sim.nodes import controller, relay, simulator
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.parameters import PARAMETERS, plant

@@ -19,8 +19,7 @@ from user_files import load
 
 from barc_sim.bags import names
 from barc_sim.control.lane import LaneLQR
-from barc_sim.control.lqr import LQR
-from barc_sim.control.pid import speed_controller
+from barc_sim.control.speed import LQR, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
     from rclpy.context import Context
 
-    from barc_sim.control.controller import Controller
+    from barc_sim.control.speed import Controller
 
     Make = Callable[..., 'Bench']
 

@@ -23,7 +23,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from barc_sim.bags import names
-from barc_sim.control.lqr import LQR
+from barc_sim.control.speed import LQR
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode

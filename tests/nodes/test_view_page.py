@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.bags import names
 from barc_sim.control.lane import LaneLQR
-from barc_sim.control.pid import PID
+from barc_sim.control.speed import PID
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode

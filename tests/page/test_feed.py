@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from barc_sim.control.lqr import LQR
+from barc_sim.control.speed import LQR
 from barc_sim.page.feed import NANOSECONDS, Feed, columns_in, rows_of
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.simulation.closed_loop import closed_loop

@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barc_sim.control.lqr import LQR
-from barc_sim.control.pid import speed_controller
+from barc_sim.control.speed import LQR, speed_controller
 from barc_sim.page.protocol import (
     CAR,
     OTHERS,
@@ -30,8 +29,7 @@ from barc_sim.page.protocol import (
 )
 from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.metrics import summary
-from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.road import Road
 
 MALFORMED = [

@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
 from barc_sim.control.lane import Stanley
-from barc_sim.control.pid import PID
+from barc_sim.control.speed import PID
 from barc_sim.page import run_page
 from barc_sim.page.protocol import COLUMNS, Drive
 from barc_sim.page.run_page import IDLE, STALE, DriverArbiter, Replay
@@ -29,9 +29,8 @@ from barc_sim.page.server import ViewServer
 from barc_sim.simulation import metrics
 from barc_sim.simulation.closed_loop import closed_loop, lap
 from barc_sim.simulation.metrics import track_laps_of
-from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Vehicle
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.plant import Actuator, Plant
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -11,10 +11,9 @@ pytest.importorskip('rclpy')
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from barc_sim.errors import UserError
+from barc_sim.errors import Parameter, UserError
 from barc_sim.ros import node_helpers
 from barc_sim.ros.node_helpers import RefusedInput, declare
-from barc_sim.vehicle.limits import Parameter
 
 if TYPE_CHECKING:
     from rclpy.context import Context

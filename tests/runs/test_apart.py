@@ -16,7 +16,7 @@ pytest.importorskip('rclpy')
 from command_line import bag_of
 
 from barc_sim.bags import reader as bag
-from barc_sim.control.pid import speed_controller
+from barc_sim.control.speed import speed_controller
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:

@@ -17,8 +17,7 @@ from barc_sim.bags import reader as bag
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import COLUMNS
-from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.sensor import NoiseLevels
+from barc_sim.vehicle.plant import NoiseLevels, Plant
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,8 +12,8 @@ pytest.importorskip('rclpy')
 from command_line import call
 
 from barc_sim.bags.reader import read
+from barc_sim.control.cruise_control import LANE_TYPES
 from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
-from barc_sim.control.types import LANE_TYPES
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.log import TrackLog
 from barc_sim.vehicle.track import Track

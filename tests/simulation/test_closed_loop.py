@@ -1,22 +1,28 @@
-"""The closed loop without ROS."""
+"""The closed loop, `simulate`, the fast loop, and the end of a car that never arrives."""
 
 from __future__ import annotations
 
-from math import radians
+from math import inf, nan, radians
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from barc_sim.control.pid import FIRST_DT, PID, speed_controller
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.control.speed import FIRST_DT, PID, speed_controller
+from barc_sim.errors import UserError
+from barc_sim.simulation.closed_loop import STALL_TIMEOUT, Progress, closed_loop, simulate
 from barc_sim.simulation.metrics import summary
-from barc_sim.vehicle.bike_model import Vehicle, bikeFE
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.bike_model import State, Vehicle, bikeFE
+from barc_sim.vehicle.parameters import PARAMETERS, plant
+from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
     from barc_sim.simulation.log import Log
 
 
@@ -134,3 +140,329 @@ def test_interval_is_that_of_stamps_in_whole_nanoseconds() -> None:
 
 
 # Driving by hand
+
+
+def test_a_step_counts_in_whole_nanoseconds_as_the_nodes_rate_does() -> None:
+    plant_of_node = plant({row.name: row.default for row in PARAMETERS} | {'rate': 333.0})
+    assert simulate(ts=1 / 333, distance=30.0) == closed_loop(plant_of_node, distance=30.0)
+
+
+def assert_same(left: Log, right: Log) -> None:
+    for ours, theirs in zip(left.columns().values(), right.columns().values(), strict=True):
+        assert ours.tobytes() == theirs.tobytes()
+
+
+def test_keywords_make_plant_and_controller() -> None:
+    vehicle = Vehicle(mass=1000.0)
+    ours = simulate(
+        10.0,
+        20.0,
+        0.5,
+        road='flat',
+        vehicle=vehicle,
+        noise=0.1,
+        delay=0.04,
+        speed_reference=5.0,
+        distance=30.0,
+        seed=3,
+        acceleration_limit=4.0,
+        integrator='rk4',
+        ts=0.01,
+    )
+    plant = Plant(
+        road=Road.flat(),
+        vehicle=vehicle,
+        noise=NoiseLevels(v_x=0.1),
+        seed=3,
+        motor=Actuator(delay=0.04),
+        integrator='rk4',
+        ts=0.01,
+    )
+    pid = speed_controller(10.0, 20.0, 0.5, limit=4.0)
+    assert_same(ours, closed_loop(plant, pid, speed_reference=5.0, distance=30.0))
+
+
+def test_a_road_is_an_object_a_name_or_a_file(tmp_path: Path) -> None:
+    file = tmp_path / 'hills.csv'
+    file.write_text('start_m,grade_deg\n0,0\n10,5\n')
+    road = Road((0.0, 10.0), (0.0, 5.0))
+    assert_same(simulate(road=file, distance=30.0), simulate(road=road, distance=30.0))
+    assert_same(simulate(road=str(file), distance=30.0), simulate(road=road, distance=30.0))
+    with pytest.raises(UserError, match=r"road 'nowhere.csv' is neither"):
+        simulate(road='nowhere.csv')
+
+
+class LabPid:
+    """As students write it."""
+
+    def __init__(self) -> None:
+        self.integral = 0.0
+
+    def acc_calculate(self, speed_reference: float, speed_current: float) -> float:
+        """Return the acceleration."""
+        error = speed_reference - speed_current
+        self.integral += 20.0 * error * 0.02
+        return 10.0 * error + self.integral
+
+
+def test_a_controller_of_two_arguments_drives_within_the_limit_from_its_beginning() -> None:
+    own = LabPid()
+    first, second = simulate(controller=own), simulate(controller=own)
+    assert first.x[-1] >= 180.0
+    assert np.abs(first.motor).max() == 8.0
+    assert_same(first, second)
+
+
+def test_gains_beside_a_controller_are_refused() -> None:
+    with pytest.raises(UserError, match=r'kp, kd are gains of the PID'):
+        simulate(kp=1.0, kd=2.0, controller=LabPid())
+
+
+def test_a_vehicle_that_is_none_is_refused() -> None:
+    with pytest.raises(UserError, match="vehicle 'x' must be of type Vehicle"):
+        simulate(vehicle='x')  # type: ignore[arg-type]
+
+
+def test_a_model_is_called_as_bikefe() -> None:
+    def lab_model(*args: float) -> list[float]:
+        return bikeFE(*args)
+
+    def with_options(*args: float, l_f: float, l_r: float, g: float) -> list[float]:
+        return bikeFE(*args, l_f=l_f, l_r=l_r, g=g)
+
+    expected = simulate(distance=30.0)
+    assert_same(simulate(model=lab_model, distance=30.0), expected)
+    assert_same(simulate(model=with_options, distance=30.0), expected)
+
+
+# A reference that changes, a disturbance, a late sensor
+
+
+def test_the_log_and_the_scores_follow_a_reference_over_time(tmp_path: Path) -> None:
+    file = tmp_path / 'reference.csv'
+    file.write_text('time_s,speed_mps\n0,4\n5,4\n5,9\n8,6\n', encoding='utf-8')
+    log = simulate(reference=file)
+    assert log.reference[[0, 249, 250, 325, -1]].tolist() == [4.0, 4.0, 9.0, 7.5, 6.0]
+    assert np.abs(log.speed_error[log.t > 9.0]).max() < 0.2
+    before = log.map(lambda column: column[:250])
+    assert summary(log).overshoot == summary(before).overshoot < 0.05
+    assert (summary(log).max_error, summary(before).max_error) == (5.0, 4.0)
+
+
+def test_a_function_of_the_measured_place_is_a_reference(tmp_path: Path) -> None:
+    file = tmp_path / 'reference.csv'
+    file.write_text('distance_m,speed_mps\n0,4\n50,4\n50,6\n', encoding='utf-8')
+    log = simulate(reference=lambda _, x: 4.0 if x < 50.0 else 6.0, noise=NoiseLevels(s=0.5))
+    assert log == simulate(reference=file, noise=NoiseLevels(s=0.5))
+    assert (log.reference == np.where(log.x < 50.0, 4.0, 6.0)).all()
+
+
+def test_a_constant_function_is_the_number() -> None:
+    assert simulate(reference=lambda *_: 5.0) == simulate(speed_reference=5.0)
+    wind = simulate(disturbance=-900.0)
+    assert wind == simulate(disturbance=lambda *_: -900.0)
+    assert wind != simulate()
+
+
+def test_a_late_sensor_makes_the_loop_swing() -> None:
+    punctual, late = simulate(road='flat'), simulate(road='flat', sensor_delay=0.06)
+    assert summary(late).overshoot > 2.0 * summary(punctual).overshoot
+    assert late.speed[4:-3].tolist() == pytest.approx(late.v_x[7:].tolist())
+
+
+TS = 0.02
+LAB = 180.0  #: [m]
+Motion = tuple[float, float]  #: x [m], v [m/s]
+
+
+def follow(
+    motion: Callable[[float], Motion],
+    *,
+    distance: float = LAB,
+    duration: float = 300.0,
+    reference: Callable[[float], float] = lambda _: 8.0,
+) -> tuple[float, str]:
+    """Return when [s] a car that moves so is given up, and why; infinity if it never is."""
+    progress = Progress(distance)
+    for k in range(round(duration / TS)):
+        t = k * TS
+        x, v = motion(t)
+        if progress.add(t, x, v, reference(t)):
+            return t, progress.failure
+    return inf, progress.failure
+
+
+@pytest.mark.parametrize(
+    ('motion', 'gave_up', 'does'),
+    [
+        (lambda _: (8.0, 8.0), 20.0, 'stands at 8.0 m: the model returns the speed in place of x'),
+        (lambda t: (3.0, t), 20.0, 'stands at 3.0 m, and its speed is 20.02 m/s: the model does'),
+        (lambda _: (0.0, 0.0), 20.0, 'stands at 0.0 m: the commands do not move it'),
+        (lambda t: (-t, -1.0), 20.0, 'drives backwards, to -20.02 m: is the error'),
+        (
+            lambda t: (5.0 - abs(5.0 - t), -1.0),
+            25.0,
+            'is at -15.0 m, at -1.00 m/s, and was at 5.0 m; it got no further for 20 s',
+        ),
+        (
+            lambda t: (0.1 * t, 0.1),
+            225.0,
+            'is at 22.5 m, at 0.10 m/s, and was at 22.5 m; at the speed to hold it would have',
+        ),
+        # It diverges, and is at rest in every other step.
+        (
+            lambda t: (-(1.1 ** (t / TS)), -(1.1 ** (t / TS)) if round(t / TS) % 2 else 0.0),
+            20.0,
+            'drives backwards, to -',
+        ),
+        # It is put elsewhere in every step: nobody does that.
+        (lambda t: (-2.0 * (round(t / TS) % 2), 0.0), 20.0, 'drives backwards, to -2 m'),
+        (lambda _: (-3.0, 0.0), 20.0, 'stands at -3.0 m: the commands do not move it'),
+        (lambda _: (nan, 1.0), 20.0, 'has no position: the model returns nan for x; it got no'),
+    ],
+)
+def test_a_car_that_never_arrives_is_given_up(
+    motion: Callable[[float], Motion], gave_up: float, does: str
+) -> None:
+    t, failure = follow(motion)
+
+    assert t == pytest.approx(gave_up, abs=2 * TS)
+    assert failure.startswith(f'the car {does}')
+
+
+@pytest.mark.parametrize(
+    ('motion', 'options'),
+    [
+        (lambda t: (2.0 * t, 2.0), {}),
+        (lambda t: (max(t - 19.0, 0.0) * 8.0, 8.0), {}),
+        (lambda _: (0.0, 0.0), {'distance': inf}),
+        (lambda _: (LAB, 0.0), {}),
+        # Put back to the start every 15 s.
+        (lambda t: (t % 15.0, 1.0 if t % 15.0 else 0.0), {'duration': 200.0}),
+    ],
+)
+def test_a_car_on_its_way_is_not(
+    motion: Callable[[float], Motion], options: dict[str, float]
+) -> None:
+    assert follow(motion, **options) == (inf, '')  # type: ignore[arg-type]
+
+
+def test_a_car_may_stand_where_its_reference_became_zero() -> None:
+    def motion(t: float) -> Motion:
+        return (8.0 * min(t, 5.0), 0.0 if t > 5.0 else 8.0)
+
+    assert follow(motion, reference=lambda t: 8.0 if t < 5.0 else 0.0)[0] == inf
+    assert follow(motion)[0] == pytest.approx(5.0 + STALL_TIMEOUT, abs=2 * TS)
+    assert follow(lambda _: (0.0, 0.0), reference=lambda _: 0.0)[0] == pytest.approx(
+        STALL_TIMEOUT, abs=2 * TS
+    )
+
+
+@pytest.mark.parametrize(
+    'reference',
+    [
+        lambda t: 0.0 if 5.0 < t < 235.0 else 8.0,
+        lambda t: 0.5 if t < 250.0 else 8.0,
+    ],
+    ids=['stood on request', 'slow on request'],
+)
+def test_a_car_has_the_time_that_its_references_allow(reference: Callable[[float], float]) -> None:
+    xs, x = [], 0.0
+    for k in range(15_000):
+        xs.append(x)
+        x += 0.9 * reference(k * TS) * TS
+
+    def motion(t: float) -> Motion:
+        k = round(t / TS)
+        return min(xs[k], LAB), 0.9 * reference(t)
+
+    assert follow(motion, reference=reference) == (inf, '')
+
+
+NOISE = NoiseLevels(s=0.1, ey=0.05, epsi=0.01, v_x=0.05, v_y=0.02)
+
+
+class General(PID):
+    """A PID that the general loop drives: it is not exactly `PID`."""
+
+
+roads = st.lists(st.tuples(st.floats(0.5, 20.0), st.floats(-60.0, 60.0)), min_size=1, max_size=5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    stretches=roads,
+    state=st.builds(
+        State,
+        st.floats(-5.0, 5.0),
+        st.floats(-2.0, 2.0).map(lambda y: y or 0.0),
+        st.just(0.0),
+        st.floats(-5.0, 12.0),
+    ),
+    resistance=st.tuples(st.floats(500.0, 3000.0), st.floats(0.0, 50.0), st.floats(0.0, 500.0)),
+    gains=st.tuples(st.floats(-2.0, 80.0), st.floats(0.0, 3000.0), st.floats(0.0, 3.0)),
+    low=st.sampled_from([-8.0, -1.0, -inf]),
+    high=st.sampled_from([8.0, 2.0, inf]),
+    reference=st.floats(-3.0, 12.0),
+    ts=st.sampled_from([0.02, 0.013, 1.0 / 30.0]),
+    noise=st.sampled_from([NoiseLevels(), NoiseLevels(v_x=0.3), NOISE]),
+    delay=st.just(0.0) | st.floats(0.0, 0.2) | st.integers(1, 5).map(lambda n: n * 0.02),
+)
+def test_the_log_is_that_of_the_general_loop(
+    stretches: list[tuple[float, float]],
+    state: State,
+    resistance: tuple[float, float, float],
+    gains: tuple[float, float, float],
+    low: float,
+    high: float,
+    reference: float,
+    ts: float,
+    noise: NoiseLevels,
+    delay: float,
+) -> None:
+    starts = [sum(length for length, _ in stretches[:i]) for i in range(len(stretches))]
+    road = Road(tuple(starts), tuple(grade for _, grade in stretches))
+    found = []
+    for make in (PID, General):
+        plant = Plant(
+            road=road,
+            vehicle=Vehicle(*resistance),
+            ts=ts,
+            noise=noise,
+            seed=3,
+            motor=Actuator(delay=delay),
+        )
+        plant.place(state)
+        pid = make(*gains, output_min=low, output_max=high)
+        log = closed_loop(plant, pid, speed_reference=reference, distance=20.0, max_duration=8.0)
+        found.append([each.tobytes() for each in log.columns().values()])
+    assert found[0] == found[1]
+
+
+def test_numbers_that_grow_without_bound_are_left_to_the_general_loop() -> None:
+    controllers = [PID(), General()]
+    for each in controllers:
+        each.kp = -1e200
+    logs = [closed_loop(controller=each, max_duration=1.0) for each in controllers]
+    left, right = ([each.tobytes() for each in log.columns().values()] for log in logs)
+    assert left == right
+
+
+def test_a_controller_without_a_number_brings_the_car_nowhere() -> None:
+    pid = PID()
+    pid.kp = nan
+    assert len(closed_loop(controller=pid, max_duration=0.2)) == 11
+
+
+@pytest.mark.parametrize(
+    'plant',
+    [
+        Plant(integrator='rk4'),
+        Plant(dynamics='dynamic'),
+        Plant(model=lambda *_, **__: (0.0,) * 4),
+        Plant(motor=Actuator(lag=0.1)),
+    ],
+)
+def test_only_the_labs_model_has_fast_path(plant: Plant) -> None:
+    assert not plant.has_fast_path
+    assert Plant(noise=NOISE, motor=Actuator(delay=0.03)).has_fast_path

@@ -10,17 +10,14 @@ import numpy as np
 import pytest
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLQR
-from barc_sim.control.lqr import LQR
-from barc_sim.control.pid import PID
+from barc_sim.control.speed import LQR, PID
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import lap, simulate
 from barc_sim.simulation.log import Log, TrackLog
 from barc_sim.simulation.metrics import summary
-from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, State
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import NoiseLevels
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import barc_sim
-from barc_sim.control.lqr import LQR
+from barc_sim.control.speed import LQR
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import (
@@ -26,9 +26,8 @@ from barc_sim.simulation.log import (
 )
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import Command, State
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.plant import NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import NoiseLevels
 
 MSG = Path(barc_sim.__file__).parents[1] / 'barc_interfaces/msg'
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from barc_sim.control.pid import PID
+from barc_sim.control.speed import PID
 from barc_sim.page.protocol import lap_facts, stretch_facts
 from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.log import COLUMNS, Log

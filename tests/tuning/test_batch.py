@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from barc_sim.control.pid import speed_controller
+from barc_sim.control.speed import speed_controller
 from barc_sim.simulation.metrics import RUN_UP
 from barc_sim.tuning import batch
 from barc_sim.tuning.batch import Course, Sums

@@ -11,8 +11,7 @@ from barc_sim import Actuator, Road, Vehicle, identify, lap, simulate
 from barc_sim.control.excitation import PRBS, SineSteer
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.sensor import NoiseLevels
+from barc_sim.vehicle.plant import NoiseLevels, Plant
 
 if TYPE_CHECKING:
     from barc_sim.simulation.log import Log

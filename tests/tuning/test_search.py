@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from barc_sim.commands.tune import GAINS
-from barc_sim.control.lqr import LQR
+from barc_sim.control.speed import LQR
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import controller_of
 from barc_sim.simulation.closed_loop import simulate
@@ -177,7 +177,7 @@ def test_a_cost_is_a_score_and_a_share_of_the_effort() -> None:
 
 #: The PID of the run, once more, which prints at every step.
 CONTROLLER = """
-from barc_sim.control.pid import PID as Reference
+from barc_sim.control.speed import PID as Reference
 
 class PID:
     def __init__(self, kp, ki, kd):

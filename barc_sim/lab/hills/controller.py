@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.control.pid import ACCELERATION_LIMIT
+from barc_sim.control.speed import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding, judges
 from barc_sim.lab.check.laws import Judge, Trial, read

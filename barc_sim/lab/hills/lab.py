@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from barc_sim.control.pid import KD, KI, KP
+from barc_sim.control.speed import KD, KI, KP
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
 from barc_sim.lab.check.lab import Lab, Part

@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from barc_sim.control.pid import PID, speed_controller
+from barc_sim.control.speed import PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import judges
 from barc_sim.lab.check.lab import Table, Thresholds
 from barc_sim.lab.hills.model import TS
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
-from barc_sim.simulation.closed_loop import DISTANCE, MAX_DURATION, closed_loop
+from barc_sim.simulation.closed_loop import DISTANCE, MAX_DURATION, Progress, closed_loop
 from barc_sim.simulation.metrics import SegmentErrors, summary
-from barc_sim.simulation.progress import Progress
 from barc_sim.vehicle.bike_model import GRAVITY
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road

@@ -18,9 +18,8 @@ from barc_sim.lab.check.lab import Lab, Part, Table
 from barc_sim.lab.check.laws import read
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.lab.user_code.folder import BY_EYE
-from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, Vehicle
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.controller import Gain
 from barc_sim.control.driver import Driver
 from barc_sim.control.lane import LaneLaw
-from barc_sim.control.pid import PID
-from barc_sim.control.types import Adapter
+from barc_sim.control.speed import PID, Adapter, Gain
 from barc_sim.lab.user_code.code import UserCode
 from barc_sim.vehicle.bike_model import Command
 

@@ -8,7 +8,7 @@ import pytest
 from relays import ROS_2
 from user_files import CONTROLLER, MODEL
 
-from barc_sim.control.pid import PID
+from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade

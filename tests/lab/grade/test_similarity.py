@@ -54,7 +54,7 @@ def test_a_copy_with_other_names_comments_and_layout_is_named() -> None:
 
 
 def test_copies_of_the_reference_and_of_the_published_law_are_named() -> None:
-    model, pid = (PACKAGE / 'vehicle/bike_model.py', PACKAGE / 'control/pid.py')
+    model, pid = (PACKAGE / 'vehicle/bike_model.py', PACKAGE / 'control/speed.py')
     law = WORKS['the published law']
 
     found = alike(

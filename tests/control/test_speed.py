@@ -1,15 +1,19 @@
-"""Each term of the PID alone, then its limits, its windup and its derivative's kick."""
+"""PID, LQR, and any object with `acc_calculate`."""
 
 from __future__ import annotations
 
+import math
 from math import inf, isnan, nan
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barc_sim.control.pid import PID
-from barc_sim.simulation.closed_loop import simulate
+from barc_sim.control.speed import LQR, PID, Gain, as_controller, feedback_gain
+from barc_sim.errors import UserError
+from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.metrics import summary
 
 properties = settings(deadline=None, derandomize=True)
@@ -205,3 +209,170 @@ def test_presets_show_what_each_term_does() -> None:
     assert runs['Too much I'].overshoot == max(run.overshoot for run in runs.values())
     assert PID.presets['Tuned'] == {name: gain.default for name, gain in PID.gains.items()}
     assert errors['Tuned'] == min(errors.values()) == pytest.approx(0.021, abs=5e-4)
+
+
+DT = 0.02
+WEIGHTS = st.floats(1e-3, 1e6)
+
+
+def closed_form(q: float, r: float, dt: float) -> float:
+    """Return the gain by the closed-loop pole: z within the unit circle, z + 1/z = 2 + q dt² / r.
+
+    With 1/z = 1 + s, the gain is K = (1 - z) / dt = s / (1 + s) / dt.
+    """
+    half = q * dt * dt / (2.0 * r)
+    s = half + math.sqrt(half * (half + 2.0))
+    return s / (1.0 + s) / dt
+
+
+@given(WEIGHTS, WEIGHTS)
+def test_gain_is_the_closed_form_of_the_scalar_riccati_equation(q: float, r: float) -> None:
+    assert feedback_gain(q, r, DT) == pytest.approx(closed_form(q, r, DT), rel=1e-12)
+
+
+def test_a_constant_disturbance_leaves_no_error() -> None:
+    controller, v = LQR(), 8.0
+    for _ in range(500):
+        v += DT * (controller.acc_calculate(8.0, v, DT) - 4.9)
+    assert v == pytest.approx(8.0, abs=1e-9)
+    assert controller.compensation == pytest.approx(4.9)
+
+
+def test_the_observer_does_not_wind_up_at_the_limit() -> None:
+    controller, v = LQR(output_min=-1.0, output_max=1.0), 0.0
+    for _ in range(300):
+        v += DT * controller.acc_calculate(8.0, v, DT)
+        assert controller.compensation == pytest.approx(0.0, abs=1e-9)
+        assert controller.saturated
+
+
+@pytest.mark.parametrize('sample', [math.nan, math.inf])
+def test_a_sample_that_is_not_finite_has_no_effect_on_later_ones(sample: float) -> None:
+    clean, spoilt = LQR(), LQR()
+    for v in (7.0, sample):
+        spoilt.acc_calculate(8.0, v, DT)
+    for v in (7.0, 7.2, 7.3):
+        assert spoilt.acc_calculate(8.0, v, DT) == clean.acc_calculate(8.0, v, DT)
+
+
+def test_reset_begins_anew() -> None:
+    controller = LQR()
+    first = [controller.acc_calculate(8.0, v, DT) for v in (7.0, 7.3)]
+    controller.reset()
+    assert [controller.acc_calculate(8.0, v, DT) for v in (7.0, 7.3)] == first
+
+
+def test_it_holds_the_speed_on_the_labs_road() -> None:
+    log = closed_loop(controller=LQR(output_min=-8.0, output_max=8.0))
+    result = summary(log)
+    assert result.rms_error_after_run_up < 0.02
+    assert result.max_error_after_run_up < 0.12
+    terms = log.terms
+    assert [*terms] == ['feedback', 'compensation']
+    np.testing.assert_array_equal(
+        np.clip(terms['feedback'] + terms['compensation'], -8.0, 8.0), log.motor
+    )
+
+
+class Lab:
+    """The lab's controller, as its template has it."""
+
+    def __init__(self, kp: float = 10.0, ki: float = 0.5) -> None:
+        self.kp = kp
+        self.ki = ki
+        self.int_error = 0.0
+
+    def acc_calculate(self, speed_reference: float, speed_current: float) -> float:
+        """Return the acceleration [m/s²]."""
+        error = speed_reference - speed_current
+        self.int_error += error
+        return self.kp * error + self.ki * self.int_error
+
+
+class WithDt(Lab):
+    """One that takes dt by its name."""
+
+    def acc_calculate(self, reference: float, current: float, dt: float) -> float:  # type: ignore[override]
+        """Return the acceleration [m/s²], and keep the interval."""
+        self.seen = dt
+        return super().acc_calculate(reference, current)
+
+
+class WithStep(Lab):
+    """One that takes dt by another name."""
+
+    def acc_calculate(self, reference: float, current: float, step: float) -> float:  # type: ignore[override]
+        """Return the acceleration [m/s²], and keep the interval."""
+        self.integral = step
+        return super().acc_calculate(reference, current)
+
+
+@pytest.mark.parametrize('controller', [PID(), LQR()])
+def test_a_whole_controller_is_taken_as_it_is(controller: PID | LQR) -> None:
+    assert as_controller(controller) is controller
+
+
+@pytest.mark.parametrize('kind', [Lab, WithDt, WithStep])
+def test_two_arguments_or_three_give_the_same_run(kind: type[Lab]) -> None:
+    log = closed_loop(controller=as_controller(kind()), distance=30.0)
+    assert log.distance[-1] >= 30.0
+    assert (log.motor == closed_loop(controller=as_controller(Lab()), distance=30.0).motor).all()
+
+
+def test_the_object_itself_stays_as_it_was() -> None:
+    mine = Lab()
+    adapted = as_controller(mine)
+    first = [adapted.acc_calculate(8.0, 7.0, 0.02) for _ in range(3)]
+    adapted.reset()
+    assert [adapted.acc_calculate(8.0, 7.0, 0.02) for _ in range(3)] == first
+    assert mine.int_error == 0.0
+
+
+def test_gains_are_those_that_the_object_has_and_can_be_set() -> None:
+    adapted: Any = as_controller(Lab())
+    assert [*adapted.gains] == ['kp', 'ki']
+    assert adapted.kp == 10.0
+    adapted.acc_calculate(8.0, 7.0, 0.02)
+    adapted.kp = 20.0
+    assert adapted.acc_calculate(8.0, 7.0, 0.02) == 21.0
+
+
+def test_output_is_limited_and_terms_are_the_objects() -> None:
+    adapted: Any = as_controller(WithStep())
+    adapted.output_min, adapted.output_max = -2.0, 2.0
+    assert adapted.acc_calculate(8.0, 0.0, 0.02) == 2.0
+    assert adapted.saturated
+    assert adapted.integral == 0.02
+    assert adapted.derivative != adapted.derivative
+
+
+def test_an_object_may_declare_its_own_gains_and_terms() -> None:
+    class Own:
+        gains = {'gain': Gain(2.0, '1/s', 'the gain', 10.0)}  # noqa: RUF012
+        terms = {'pull': 'toward the reference'}  # noqa: RUF012
+        gain = 3.0
+
+        def acc_calculate(self, reference: float, current: float) -> float:
+            self.pull = self.gain * (reference - current)
+            return self.pull
+
+    log = closed_loop(controller=as_controller(Own()), distance=10.0)
+    assert [*log.terms] == ['pull']
+    assert (log.terms['pull'] == log.motor).all()
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'message'),
+    [
+        (PID, r'controller=PID is a class; expected an object, such as PID\('),
+        (Lab, r'controller=Lab is a class; expected an object, such as Lab\('),
+        (3.0, r'controller=3\.0 has no method acc_calculate\(speed_reference, speed_current\)'),
+        (
+            type('One', (), {'acc_calculate': lambda self, error: error})(),  # noqa: ARG005
+            r'acc_calculate takes \(error\): expected \(speed_reference, speed_current\)',
+        ),
+    ],
+)
+def test_what_is_no_controller_is_refused(wrong: object, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        as_controller(wrong)

@@ -1,0 +1,472 @@
+"""What holds a speed: the protocol of a controller, the PID, the LQR, and any object of a user."""
+
+from __future__ import annotations
+
+import inspect
+from copy import deepcopy
+from math import inf, isfinite, nan, sqrt
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from barc_sim.errors import Parameter, UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+
+class Gain(NamedTuple):
+    """A number that tunes a controller."""
+
+    default: float
+    unit: str
+    meaning: str
+    slider: float  #: the page's slider goes from 0 to this value
+    between: tuple[float, float] = (0.0, 1e6)  #: what is allowed, ends included
+
+
+class Tunable(Protocol):
+    """What declares its gains; each name is an attribute, too, and may be set at any time."""
+
+    gains: Mapping[str, Gain]
+
+
+class Controller(Protocol):
+    """A speed controller, and the declaration of its gains and terms.
+
+    Parameters of the node `controller`, `--gain`, the page's sliders, the log's columns, the
+    messages in the bag and the plots follow from `gains` and `terms`. Each name in them is an
+    attribute of the controller, too: a gain may be set at any time, a term is that of the latest
+    call. `acc_calculate` keeps its output within `[output_min, output_max]`.
+    """
+
+    gains: Mapping[str, Gain]
+    terms: Mapping[str, str]  #: [m/s²] parts of the output: their meaning by name
+    output_min: float  #: [m/s²]
+    output_max: float  #: [m/s²]
+    saturated: bool  #: whether a limit cut the latest output
+
+    def reset(self) -> None:
+        """Forget the past: the next call is the first."""
+
+    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float, /) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+
+
+def gain_parameters(controller: Tunable) -> list[Parameter]:
+    """Return a parameter for each gain of a controller, with its present value as the default."""
+    return [
+        Parameter(
+            name,
+            float(getattr(controller, name)),
+            f'{gain.meaning} [{gain.unit}]',
+            gain.between,
+        )
+        for name, gain in controller.gains.items()
+    ]
+
+
+def read_term(controller: object, name: str) -> float:
+    """Return an attribute of a controller; NaN where it has none, or no number."""
+    try:
+        return float(getattr(controller, name, nan))
+    except (TypeError, ValueError):
+        return nan
+
+
+def check_gains(controller: Tunable) -> None:
+    """Raise UserError where a gain is beyond its limits."""
+    for name, gain in controller.gains.items():
+        Parameter(name, gain.default, gain.meaning, gain.between).check(getattr(controller, name))
+
+
+#: The run's gains. On the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.
+KP, KI, KD = 30.0, 200.0, 0.1
+#: Of a gain: a user's controller may have its error the other way round.
+_EITHER_SIGN = (-1e6, 1e6)
+SPEED_REFERENCE = 8.0
+ACCELERATION_LIMIT = 8.0
+#: [m/s²] Stands for none: the lab's car has no limit.
+NO_LIMIT = 1e6
+#: [s] dt of a controller's first call, which has no call before it: the lab's step.
+FIRST_DT = 0.02
+
+
+def pid_step(
+    reference: float,
+    measured: float,
+    previous: float,
+    integral: float,
+    dt: float,
+    kp: float,
+    ki: float,
+    kd: float,
+    low: float,
+    high: float,
+) -> tuple[float, float, float, float, bool]:
+    """Return output, P, I, D and whether the output is limited: one sample of the law of `PID`.
+
+    Parameters
+    ----------
+    reference, measured, previous
+        [m/s] wanted, measured and previously measured speed.
+    integral
+        [m/s²] I up to the previous sample.
+    dt
+        [s] since the previous sample; 0 for the first, to which `previous` does not matter.
+    kp, ki, kd, low, high
+        Gains, and limits of the output [m/s²].
+    """
+    error = reference - measured
+    proportional = kp * error
+    if dt > 0.0:
+        increment = ki * error * dt
+        derivative = -kd * (measured - previous) / dt
+    else:
+        increment = derivative = 0.0
+    output = proportional + integral + increment + derivative
+    saturated = False
+    if output > high:
+        output = high
+        saturated = True
+        increment = min(increment, 0.0)
+    elif output < low:
+        output = low
+        saturated = True
+        increment = max(increment, 0.0)
+    return output, proportional, integral + increment, derivative, saturated
+
+
+class PID:
+    """A PID controller in parallel form, with limited output.
+
+    With the error e = reference - measurement, over each interval dt::
+
+        u = kp e + I + D      I = Σ ki e dt      D = -kd Δmeasurement / dt
+
+    and the output is `u` limited to `[output_min, output_max]`.
+
+    - Anti-windup is by conditional integration ("clamping"; Åström and Hägglund, "Advanced PID
+      Control", 3.5): where the output is limited, the integral does not move further into
+      the limit.
+    - The derivative is that of the measurement, so that a changed reference does not kick, and the
+      first sample, which has no predecessor, has no derivative and adds nothing to the integral.
+    - The integral has the unit of the output: a changed `ki` applies from then on.
+    - Where `dt` is not positive (two samples of one instant), I stands still and D is zero.
+    - A sample that is not finite has no effect on later ones: `u` follows it (NaN gives NaN), but
+      I stands still, and the next sample counts as the first.
+
+    The arithmetic is `pid_step`. Gains and limits can be changed at any time.
+
+    Attributes
+    ----------
+    proportional, integral, derivative, saturated
+        [m/s²] the terms of the latest call, and whether its output was limited.
+    previous
+        [m/s] the latest measurement; None: the next call is the first.
+
+    Examples
+    --------
+    >>> pid = PID(kp=2.0, ki=0.5, kd=0.0, output_max=8.0)
+    >>> pid.acc_calculate(8.0, 7.0)
+    2.0
+    >>> pid.acc_calculate(8.0, 7.0, dt=0.02)
+    2.01
+    """
+
+    gains: Mapping[str, Gain] = {
+        'kp': Gain(KP, '1/s', 'proportional gain', 100.0, _EITHER_SIGN),
+        'ki': Gain(KI, '1/s²', 'integral gain', 400.0, _EITHER_SIGN),
+        'kd': Gain(KD, '-', 'derivative gain', 5.0, _EITHER_SIGN),
+    }
+    terms: Mapping[str, str] = {
+        'proportional': 'kp times the error',
+        'integral': 'the integral of ki times the error',
+        'derivative': 'kd times the rate of change of the measured speed, negative',
+    }
+
+    #: Gains that show what each term does, by the name that the page's button has.
+    presets: Mapping[str, Mapping[str, float]] = {
+        'P': {'kp': 4.0, 'ki': 0.0, 'kd': 0.0},
+        'PI': {'kp': 4.0, 'ki': 8.0, 'kd': 0.0},
+        'PID': {'kp': 4.0, 'ki': 8.0, 'kd': 0.5},
+        'Tuned': {'kp': KP, 'ki': KI, 'kd': KD},
+        'Too much I': {'kp': 0.3, 'ki': 40.0, 'kd': 0.0},
+    }
+
+    def __init__(
+        self,
+        kp: float = KP,
+        ki: float = KI,
+        kd: float = KD,
+        *,
+        dt: float = 0.02,
+        output_min: float = -inf,
+        output_max: float = inf,
+    ) -> None:
+        """Start at rest; `dt` [s] is the interval between calls that do not give one.
+
+        Raises
+        ------
+        UserError
+            where a gain is not in its limits, or `output_min` not below `output_max`.
+        """
+        if not output_min < output_max:
+            raise UserError(f'output_min={output_min!r} must be below output_max={output_max!r}')
+        self.kp = kp
+        self.ki = ki
+        self.kd = kd
+        self.dt = dt
+        self.output_min = output_min
+        self.output_max = output_max
+        check_gains(self)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next call is the first."""
+        self.proportional = 0.0
+        self.integral = 0.0
+        self.derivative = 0.0
+        self.saturated = False
+        self.previous: float | None = None
+
+    def acc_calculate(
+        self, speed_reference: float, speed_current: float, dt: float | None = None
+    ) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+        dt = self.dt if dt is None else dt
+        previous, dt = (self.previous, dt) if self.previous is not None else (0.0, 0.0)
+        output, self.proportional, integral, self.derivative, self.saturated = pid_step(
+            speed_reference,
+            speed_current,
+            previous,
+            self.integral,
+            dt,
+            self.kp,
+            self.ki,
+            self.kd,
+            self.output_min,
+            self.output_max,
+        )
+        if isfinite(output):
+            self.integral = integral
+        self.previous = speed_current if isfinite(speed_reference - speed_current) else None
+        return output
+
+
+def speed_controller(
+    kp: float = KP, ki: float = KI, kd: float = KD, limit: float = ACCELERATION_LIMIT
+) -> PID:
+    """Return the run's controller: a PID whose output is within ±`limit` [m/s²]."""
+    return PID(kp, ki, kd, output_min=-limit, output_max=limit)
+
+
+def feedback_gain(speed_weight: float, effort_weight: float, dt: float) -> float:
+    """Return K [1/s] that minimizes Σ q e² + r a² for e⁺ = e - dt a, by a = K e.
+
+    The scalar Riccati equation P = q + P - (dt P)² / (r + dt² P) has one positive root::
+
+        P = (q dt² + √(q² dt⁴ + 4 q r dt²)) / (2 dt²)      K = dt P / (r + dt² P)
+
+    (Åström and Wittenmark, "Computer-Controlled Systems", 11.3.)
+    """
+    weighted = speed_weight * dt * dt
+    cost = (weighted + sqrt(weighted * (weighted + 4.0 * effort_weight))) / (2.0 * dt * dt)
+    return dt * cost / (effort_weight + dt * dt * cost)
+
+
+class LQR:
+    """A linear-quadratic regulator with a disturbance observer, and limited output.
+
+    With the error e = reference - measurement, and d the acceleration that is not commanded
+    (gravity along the road, drag, friction), each interval dt::
+
+        d ← d + l (Δmeasurement / dt - u_before - d)      u = K e - d
+
+    K is the solution of the scalar Riccati equation for the weights q = `speed_weight` of the
+    error and r = `effort_weight` of the acceleration. The observer, with gain l = `observer_gain`
+    from 0 to 1, uses the output after the limits, and so does not wind up (Åström and Wittenmark,
+    "Computer-Controlled Systems", 11.4: a Luenberger observer of a constant disturbance).
+
+    The first sample, and one after a sample that is not finite, has no predecessor: d stands still.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate, summary
+    >>> log = simulate(controller=LQR(speed_weight=100.0))
+    >>> print(f'{summary(log).rms_error_after_run_up:.3f} m/s')
+    0.020 m/s
+    """
+
+    gains: Mapping[str, Gain] = {
+        'speed_weight': Gain(400.0, '1/s²', 'weight of the speed error', 2000.0, (1e-3, 1e6)),
+        'effort_weight': Gain(1.0, '-', 'weight of the acceleration', 10.0, (1e-3, 1e6)),
+        'observer_gain': Gain(0.5, '-', 'gain of the disturbance observer', 1.0, (0.0, 1.0)),
+    }
+    terms: Mapping[str, str] = {
+        'feedback': 'K times the error',
+        'compensation': 'the estimated disturbance, negative',
+    }
+
+    def __init__(
+        self,
+        speed_weight: float = gains['speed_weight'].default,
+        effort_weight: float = gains['effort_weight'].default,
+        observer_gain: float = gains['observer_gain'].default,
+        *,
+        dt: float = 0.02,
+        output_min: float = -inf,
+        output_max: float = inf,
+    ) -> None:
+        """Start at rest; `dt` [s] is the interval that K is made for."""
+        self.speed_weight = speed_weight
+        self.effort_weight = effort_weight
+        self.observer_gain = observer_gain
+        self.dt = dt
+        self.output_min = output_min
+        self.output_max = output_max
+        check_gains(self)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next call is the first."""
+        self.feedback = 0.0
+        self.compensation = 0.0
+        self.saturated = False
+        self._output = 0.0
+        self._previous: float | None = None
+
+    def acc_calculate(
+        self, speed_reference: float, speed_current: float, dt: float | None = None
+    ) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+        dt = self.dt if dt is None else dt
+        if self._previous is not None and dt > 0.0:
+            disturbance = (speed_current - self._previous) / dt - self._output
+            if isfinite(disturbance):
+                self.compensation -= self.observer_gain * (disturbance + self.compensation)
+        error = speed_reference - speed_current
+        self._previous = speed_current if isfinite(error) else None
+
+        self.feedback = feedback_gain(self.speed_weight, self.effort_weight, self.dt) * error
+        raw = self.feedback + self.compensation
+        self._output = min(max(raw, self.output_min), self.output_max)
+        self.saturated = raw < self.output_min or raw > self.output_max
+        return self._output
+
+
+_MEMBERS = ('gains', 'terms', 'output_min', 'output_max', 'saturated', 'reset')
+
+
+def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (any object of the user's)
+    """Return `controller` itself if it is a whole `Controller`, an adapter around it otherwise.
+
+    The lab's `acc_calculate(speed_reference, speed_current)` is enough; a third argument receives
+    dt. Gains and terms are those that the object declares, or those of the PID.
+
+    Raises
+    ------
+    UserError
+        where it is no object with such a method.
+    """
+    if isinstance(controller, type):
+        raise UserError(
+            f'controller={controller.__name__} is a class; expected an object, such as '
+            f'{controller.__name__}(kp=30.0, ki=200.0, kd=0.1)'
+        )
+    if not callable(getattr(controller, 'acc_calculate', None)):
+        raise UserError(
+            f'controller={controller!r} has no method '
+            'acc_calculate(speed_reference, speed_current): expected an object with one'
+        )
+    takes_dt = _dt_argument(controller.acc_calculate) is not None
+    if takes_dt and all(hasattr(controller, name) for name in _MEMBERS):
+        return controller  # type: ignore[no-any-return]
+    declared = getattr(controller, 'gains', PID.gains)
+    gains = {name: gain for name, gain in declared.items() if hasattr(controller, name)}
+
+    def new(**values: float) -> Any:  # noqa: ANN401 (as above)
+        fresh = deepcopy(controller)
+        for name, value in values.items():
+            setattr(fresh, name, value)
+        return fresh
+
+    given = {name: getattr(controller, name) for name in gains}
+    return Adapter(new, gains, given, getattr(controller, 'terms', PID.terms))
+
+
+class Adapter:
+    """A `Controller` around an object that may lack limits of its output and a reset.
+
+    The terms are the object's attributes of these names, NaN where it has no such number;
+    `saturated` is true where the output was cut here, or the object has it true.
+    """
+
+    def __init__(
+        self,
+        new: Callable[..., Any],
+        gains: Mapping[str, Gain] = PID.gains,
+        values: Mapping[str, float] | None = None,
+        terms: Mapping[str, str] = PID.terms,
+    ) -> None:
+        """Take objects from `new`, called with the gains by name; a reset takes a fresh one."""
+        self._new = new
+        self.gains, self.terms = gains, terms
+        defaults = {name: gain.default for name, gain in gains.items()}
+        self.__dict__.update(defaults if values is None else values)
+        self.output_min, self.output_max = -inf, inf
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with a fresh object."""
+        self._held = self._values()
+        self._controller = self._make(self._held)
+        self._dt = _dt_argument(self._controller.acc_calculate)
+        self.__dict__.update(dict.fromkeys(self.terms, nan))
+        self.saturated = False
+
+    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+        if (values := self._values()) != self._held:
+            self._held = values
+            self._set(values)
+        speeds = speed_reference, speed_current
+        if self._dt is None:
+            raw = self._controller.acc_calculate(*speeds)
+        elif self._dt:
+            raw = self._controller.acc_calculate(*speeds, **{self._dt: dt})
+        else:
+            raw = self._controller.acc_calculate(*speeds, dt)
+        output = min(max(raw, self.output_min), self.output_max)
+        for name in self.terms:
+            self.__dict__[name] = self._read(name)
+        self.saturated = output != raw or self._read('saturated') == 1.0
+        return float(output)
+
+    def _values(self) -> dict[str, float]:
+        return {name: self.__dict__[name] for name in self.gains}
+
+    def _make(self, values: Mapping[str, float]) -> Any:  # noqa: ANN401 (of the type that `new` returns)
+        return self._new(**values)
+
+    def _set(self, values: Mapping[str, float]) -> None:
+        for name, value in values.items():
+            setattr(self._controller, name, value)
+
+    def _read(self, name: str) -> float:
+        return read_term(self._controller, name)
+
+
+def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the user's)
+    """Return the name by which a method takes dt; empty: by position; None: it takes none."""
+    accepted = inspect.signature(method)
+    parameters = accepted.parameters
+    if 'dt' in parameters and parameters['dt'].kind is not inspect.Parameter.POSITIONAL_ONLY:
+        return 'dt'
+    for arguments, answer in (((0.0, 0.0), None), ((0.0, 0.0, 0.0), '')):
+        try:
+            accepted.bind(*arguments)
+        except TypeError:
+            continue
+        return answer
+    raise UserError(
+        f'acc_calculate takes ({", ".join(parameters)}): expected (speed_reference, speed_current)'
+    )
