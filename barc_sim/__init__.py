@@ -45,7 +45,7 @@ Laps of a track, in place of the road: ``oval``, ``circle``, ``figure-eight``, o
 
 Where to look: the laws of the vehicle are in `vehicle/bike_model.py` (`resistance`, `bikeFE`),
 those of the PID in `control/speed.py`. `simulation/stepper.py` (`pass_deadline`) decides each
-deadline of a run, and `bags/reader.py` (`join`) those of a bag. `lab/hills/` judges a user's model
+deadline of a run, and `bags/reader.py` (`join`) those of a bag. `lab/labs/` judges a user's model
 and PID; `bike.txt` and `pid.txt` there have the mistakes that it names.
 """
 

@@ -9,18 +9,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.lab.confined.child import CodeServer
 from barc_sim.lab.handout import FILES
-from barc_sim.lab.hills.code import HillsCode
-from barc_sim.lab.hills.lab import HILLS
-from barc_sim.lab.identify.lab import IdentifyCode
-from barc_sim.lab.lane.drive import LaneCode
+from barc_sim.lab.labs.hills import HILLS
+from barc_sim.lab.labs.identify import IdentifyCode
+from barc_sim.lab.labs.lane import LaneCode
+from barc_sim.lab.labs.pid import HillsCode
 from barc_sim.lab.user_code.code import UserCode, find_files
 from barc_sim.lab.user_code.folder import BUDGET
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from barc_sim.lab.check.code import Finding
-    from barc_sim.lab.check.lab import Settings
+    from barc_sim.lab.judge import Finding, Settings
 
 MODEL = """\
 from math import atan, copysign, cos, sin, tan

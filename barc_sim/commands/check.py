@@ -17,9 +17,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.lab.check.code import Finding
-    from barc_sim.lab.check.lab import Report
     from barc_sim.lab.grade.rubric import Rubric
+    from barc_sim.lab.judge import Finding, Report
 
 NOT_PASSED = 1
 _PIPE = 10_000  #: columns: a line is never broken

@@ -1,6 +1,6 @@
 """The labs as data: what a student writes in each, and what is handed out for it.
 
-How the parts are judged stands in `labs.py`, and the points in `grade/rubrics/`.
+How the parts are judged stands in `labs/`, and the points in `grade/rubrics/`.
 """
 
 from __future__ import annotations

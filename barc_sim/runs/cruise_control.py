@@ -229,7 +229,7 @@ def _identified(user_code: UserCode) -> dict[str, float]:
     """Return the parameters of the car that a student identifies; none without `identify.py`."""
     if not user_code.identify:
         return {}
-    from barc_sim.lab.identify.lab import NOISE, car_of  # noqa: PLC0415 (slow)
+    from barc_sim.lab.labs.identify import NOISE, car_of  # noqa: PLC0415 (slow)
 
     car = car_of(user_code.name)
     vehicle = car.vehicle

@@ -20,10 +20,10 @@ import messages
 import barc_sim
 from barc_sim.cli.parser import Parser
 from barc_sim.commands import GROUPS, functions
-from barc_sim.lab.hills.controller import PID_LAW
-from barc_sim.lab.hills.model import BIKE
-from barc_sim.lab.identify.lab import LAW as IDENTIFY
-from barc_sim.lab.lane.lab import LAW as LANE
+from barc_sim.lab.labs.hills import BIKE
+from barc_sim.lab.labs.identify import LAW as IDENTIFY
+from barc_sim.lab.labs.lane import LAW as LANE
+from barc_sim.lab.labs.pid import PID_LAW
 from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:

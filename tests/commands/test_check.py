@@ -14,7 +14,7 @@ from user_files import MODEL, replaced
 from barc_sim.__main__ import main as barc
 from barc_sim.commands.check import print_report
 from barc_sim.lab.grade.rubric import load
-from barc_sim.lab.hills.lab import HILLS
+from barc_sim.lab.labs.hills import HILLS
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,7 +18,7 @@ from terminal_session import READY, Session
 from user_files import IDENTIFY, LANE, MODEL
 
 from barc_sim.bags.reader import newest, read
-from barc_sim.lab.identify.lab import car_of
+from barc_sim.lab.labs.identify import car_of
 
 if TYPE_CHECKING:
     from pathlib import Path

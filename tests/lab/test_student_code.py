@@ -8,12 +8,12 @@ import pytest
 from student_code import WORKS, Work
 from user_files import judged_file
 
-from barc_sim.lab.check.lab import Settings
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import report
 from barc_sim.lab.grade.rubric import ByHand, load
-from barc_sim.lab.hills.lab import HILLS
-from barc_sim.lab.hills.relay import LABELS as RELAY
+from barc_sim.lab.judge import Settings
+from barc_sim.lab.labs.hills import HILLS
+from barc_sim.lab.labs.hills import RELAY_LABELS as RELAY
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -16,7 +16,7 @@ from user_files import LocalCode, read_programs, replaced
 
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import files_in
-from barc_sim.lab.identify.lab import IDENTIFY, NOISE, Drive, car_of, measured
+from barc_sim.lab.labs.identify import IDENTIFY, NOISE, Drive, car_of, measured
 from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:

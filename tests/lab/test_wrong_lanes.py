@@ -18,15 +18,14 @@ from barc_sim import lap
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import files_in
-from barc_sim.lab.lane.drive import hidden_track
-from barc_sim.lab.lane.lab import LABELS, LANE
+from barc_sim.lab.labs.lane import LABELS, LANE, hidden_track
 from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
-    from barc_sim.lab.check.code import Finding
+    from barc_sim.lab.judge import Finding
 
 PROGRAMS = read_programs("""
 right | 90 |  | the signs are right

@@ -16,12 +16,12 @@ from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, Program, judged_file, read
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import FILES
-from barc_sim.lab.hills.lab import HILLS
+from barc_sim.lab.labs.hills import HILLS
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from barc_sim.lab.check.code import Finding
+    from barc_sim.lab.judge import Finding
 
 
 PROGRAMS = read_programs("""

@@ -28,11 +28,10 @@ from barc_sim.lab.labs import LABELS
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from barc_sim.lab.check.code import Finding
-    from barc_sim.lab.check.lab import Evidence
     from barc_sim.lab.confined.process import Limits
     from barc_sim.lab.grade.rubric import ByHand, Rubric
     from barc_sim.lab.grade.submissions import Submission
+    from barc_sim.lab.judge import Evidence, Finding
 
 
 _HEAD = """\

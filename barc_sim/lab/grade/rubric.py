@@ -16,8 +16,8 @@ import yaml
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
-from barc_sim.lab.check.lab import Settings, Thresholds
 from barc_sim.lab.handout import BY_HAND, RUBRICS
+from barc_sim.lab.judge import Settings, Thresholds
 from barc_sim.lab.labs import LABELS, lab_of
 
 if TYPE_CHECKING:
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
     _Read = Callable[[str, object], Any]
 
-    from barc_sim.lab.check.code import Finding
-    from barc_sim.lab.check.lab import Lab
+    from barc_sim.lab.judge import Finding, Lab
 
 _T = TypeVar('_T')
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
-from barc_sim.lab.hills.loop import (
+from barc_sim.lab.labs.pid import (
     STEEPEST_DEG,
     Conditions,
     Drive,
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from user_files import LocalCode
 
-    from barc_sim.lab.check.code import Finding
+    from barc_sim.lab.judge import Finding
 
     Lab = Callable[..., LocalCode]
     Gains = tuple[float, float, float]

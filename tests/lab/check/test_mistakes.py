@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from barc_sim.lab.check.laws import Mistake, close
-from barc_sim.lab.hills.controller import PID_LAW, judge_controller
-from barc_sim.lab.hills.model import BIKE, EQUATIONS, ROAD
+from barc_sim.lab.labs.hills import BIKE, EQUATIONS, ROAD
+from barc_sim.lab.labs.pid import PID_LAW, judge_controller
+from barc_sim.lab.laws import Mistake, close
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:

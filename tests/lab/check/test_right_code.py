@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import CONTROLLER, MODEL, replaced
 
-from barc_sim.lab.check.lab import Settings
-from barc_sim.lab.hills.lab import HILLS
-from barc_sim.lab.hills.relay import LABELS as RELAY
+from barc_sim.lab.judge import Settings
+from barc_sim.lab.labs.hills import HILLS
+from barc_sim.lab.labs.hills import RELAY_LABELS as RELAY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from user_files import LocalCode
 
-    from barc_sim.lab.check.code import Finding
+    from barc_sim.lab.judge import Finding
 
     Lab = Callable[..., LocalCode]
 

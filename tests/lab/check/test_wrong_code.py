@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
-from barc_sim.lab.check.lab import Settings
-from barc_sim.lab.hills.controller import judge_controller
-from barc_sim.lab.hills.lab import HILLS
-from barc_sim.lab.hills.model import judge_model
+from barc_sim.lab.judge import Settings
+from barc_sim.lab.labs.hills import HILLS, judge_model
+from barc_sim.lab.labs.pid import judge_controller
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from user_files import LocalCode
 
-    from barc_sim.lab.check.code import Finding
+    from barc_sim.lab.judge import Finding
 
     Lab = Callable[..., LocalCode]
 

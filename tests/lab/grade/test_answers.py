@@ -14,7 +14,7 @@ from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.grade.submissions import read
-from barc_sim.lab.hills.code import HillsCode
+from barc_sim.lab.labs.pid import HillsCode
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def report():
                 found.append(f'an open file: {{path}}')
         except OSError:
             pass
-    rooms = ('vehicle', 'control', 'simulation', 'lab.check', 'lab.hills', 'lab.grade')
+    rooms = ('vehicle', 'control', 'simulation', 'lab.judge', 'lab.laws', 'lab.labs', 'lab.grade')
     rooms = tuple(f'barc_sim.{{room}}' for room in rooms)
     found += [name for name in sys.modules if name.startswith(rooms)]
     return found

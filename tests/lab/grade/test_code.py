@@ -11,7 +11,7 @@ from user_files import CONTROLLER, MODEL
 from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import Limits
-from barc_sim.lab.hills.code import HillsCode
+from barc_sim.lab.labs.pid import HillsCode
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:

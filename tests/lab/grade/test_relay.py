@@ -20,12 +20,11 @@ from relays import (
 from user_files import CONTROLLER, MODEL, judged_file
 
 import barc_sim.lab
-from barc_sim.lab.check.code import Finding
-from barc_sim.lab.check.lab import Settings
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import FILES
-from barc_sim.lab.hills.lab import HILLS
-from barc_sim.lab.hills.relay import LABELS as RELAY
+from barc_sim.lab.judge import Finding, Settings
+from barc_sim.lab.labs.hills import HILLS
+from barc_sim.lab.labs.hills import RELAY_LABELS as RELAY
 
 TEMPLATE = (Path(barc_sim.lab.__file__).parent / 'templates' / 'hills' / 'relay.py').read_text()
 

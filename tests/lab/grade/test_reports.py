@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 import pytest
 from markupsafe import escape
 
-from barc_sim.lab.check.lab import Settings
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import classroom
 from barc_sim.lab.grade import grade as report
 from barc_sim.lab.grade.grade import Grade, Item
 from barc_sim.lab.grade.rubric import ByHand, Rubric
-from barc_sim.lab.hills.loop import Conditions, Drive
+from barc_sim.lab.judge import Settings
+from barc_sim.lab.labs.pid import Conditions, Drive
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:

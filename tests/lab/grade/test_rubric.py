@@ -9,7 +9,7 @@ import pytest
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import RUBRICS
-from barc_sim.lab.hills.lab import HILLS
+from barc_sim.lab.labs.hills import HILLS
 
 if TYPE_CHECKING:
     from pathlib import Path

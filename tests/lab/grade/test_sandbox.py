@@ -18,7 +18,7 @@ import barc_sim
 from barc_sim.errors import UserError
 from barc_sim.lab.confined import process
 from barc_sim.lab.confined.process import MACHINES, Limits, call_filter, call_numbers, check
-from barc_sim.lab.hills.code import HillsCode
+from barc_sim.lab.labs.pid import HillsCode
 
 if TYPE_CHECKING:
     from collections.abc import Callable

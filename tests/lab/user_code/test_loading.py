@@ -11,8 +11,8 @@ import pytest
 from user_files import load, load_folder
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import JudgedCode
 from barc_sim.lab.handout import FILES
+from barc_sim.lab.judge import JudgedCode
 from barc_sim.lab.user_code.code import UserCode
 from barc_sim.lab.user_code.source import UserCodeError
 

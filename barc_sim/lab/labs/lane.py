@@ -1,4 +1,4 @@
-"""Judges a class `Lane`: its signs, its way back to the line, and its laps of two tracks.
+"""Lab 3, lane keeping: the errors beside a track, the steady turn, and a class `Lane` that drives.
 
 A mistake is named where it was tried: the same drive with one change to what the law gets or
 returns, and what that gave.
@@ -6,10 +6,11 @@ returns, and what that gave.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import count
 from math import inf, pi
+from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -17,24 +18,65 @@ import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, steady_turn
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import Finding, JudgedCode, numbers_of
-from barc_sim.lab.check.lab import Table
+from barc_sim.lab import handout
+from barc_sim.lab.judge import Finding, Functions, JudgedCode, Lab, Part, Table, numbers_of
+from barc_sim.lab.laws import read
 from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import track_laps_of
-from barc_sim.vehicle.bike_model import State
+from barc_sim.vehicle.bike_model import L_F, L_R, State
 from barc_sim.vehicle.track import Track, l_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.check.lab import Settings, Thresholds
+    from barc_sim.lab.judge import Settings, Thresholds
+    from barc_sim.lab.laws import Floats
     from barc_sim.vehicle.plant import Plant
 
+
 LABELS = {
+    'errors.straight_e_y': 'Errors: e_y beside a straight',
+    'errors.straight_e_psi': 'Errors: e_psi beside a straight',
+    'errors.arc_e_y': 'Errors: e_y beside an arc',
+    'errors.arc_e_psi': 'Errors: e_psi beside an arc',
+    'steady.delta': 'Steady turn: steering',
+    'steady.e_psi': 'Steady turn: e_psi',
+}
+
+
+def _wrapped(angle: Floats) -> Floats:
+    return np.arctan2(np.sin(angle), np.cos(angle))
+
+
+_FORMULAS: Mapping[str, Callable[..., Floats]] = {
+    'wrapped': _wrapped,
+    'hypot': np.hypot,
+    'sqrt': np.sqrt,
+    'arcsin': np.arcsin,
+}
+LAW = replace(read(Path(__file__).with_name('lane.txt'), L_F=L_F, L_R=L_R), functions=_FORMULAS)
+_RESULTS = {
+    'straight_errors': ('straight_e_y', 'straight_e_psi'),
+    'arc_errors': ('arc_e_y', 'arc_e_psi'),
+    'steady': ('steady_delta', 'steady_e_psi'),
+}
+FUNCTIONS = Functions(
+    LAW,
+    {
+        'straight_errors': 'x y psi x_0 y_0 psi_0',
+        'arc_errors': 'x y psi x_c y_c radius',
+        'steady': 'curvature',
+    },
+    _RESULTS,
+    dict(zip((name for own in _RESULTS.values() for name in own), LABELS, strict=True)),
+)
+
+
+DRIVE_LABELS = {
     'lane.signs': 'Lane: signs and symmetry',
     'lane.return': 'Lane: back from 1 m beside the line',
     'lane.laps': 'Lane: three laps of L',
@@ -237,7 +279,7 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
             track = hidden_track(settings.seed)
             yield _judge_laps('lane.hidden', code, track, 1, mended, None, by)
     except UserError as error:
-        yield from (Finding(name, 0.0, str(error)) for name in LABELS if name != 'lane.delay')
+        yield from (Finding(name, 0.0, str(error)) for name in DRIVE_LABELS if name != 'lane.delay')
     yield Finding('lane.delay', 0.0, f'the plot of e_y, and two sentences: {BY_EYE}', open=True)
 
 
@@ -414,3 +456,17 @@ def _judge_laps(
             other = tries[best].describe()
             text = f'{place}{best.sentence}. {text}. Put right, in a lap: {other}'
     return Finding(criterion, score, text, drive if probes else None)
+
+
+def _judge(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
+    yield from FUNCTIONS.judge(code, settings.seed)[0]
+    if not DRIVE_LABELS.keys().isdisjoint(criteria):
+        yield from judge_lane(code, settings, criteria)
+
+
+LANE = Lab(
+    handout.LANE,
+    LaneCode,
+    {'lane': Part({**LABELS, **DRIVE_LABELS}, _judge)},
+    by_eye=frozenset({'lane.delay'}),
+)

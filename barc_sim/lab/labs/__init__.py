@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from barc_sim.lab.hills.lab import HILLS
-from barc_sim.lab.identify.lab import IDENTIFY
-from barc_sim.lab.lane.lab import LANE
+from barc_sim.lab.labs.hills import HILLS
+from barc_sim.lab.labs.identify import IDENTIFY
+from barc_sim.lab.labs.lane import LANE
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from barc_sim.lab.check.lab import Lab
+    from barc_sim.lab.judge import Lab
 
 LABS = (HILLS, LANE, IDENTIFY)
 #: Every criterion, with its name for readers, in the order of a report.

@@ -1,6 +1,6 @@
 """A law as formulas, the mistakes in it, and how user code is judged by both.
 
-A lab has its laws in text files such as `hills/bike.txt`. After a description come texts in
+A lab has its laws in text files such as `labs/bike.txt`. After a description come texts in
 capitals, then the right formulas, indented. Each section has a topic, and mistakes: a line for the
 sentence, then the wrong formulas, indented. `name in x y` after a topic repeats its section with
 each of these values for `{name}`; texts are put in in the same way. Formulas are Python over arrays

@@ -12,10 +12,8 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
-from barc_sim.lab.check.code import Finding, JudgedCode, numbers_of
-from barc_sim.lab.check.functions import Functions
-from barc_sim.lab.check.lab import Lab, Part, Table
-from barc_sim.lab.check.laws import read
+from barc_sim.lab.judge import Finding, Functions, JudgedCode, Lab, Part, Table, numbers_of
+from barc_sim.lab.laws import read
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.vehicle.bike_model import Command, Vehicle
@@ -27,8 +25,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.check.lab import Settings
-    from barc_sim.lab.check.laws import Floats, Inputs
+    from barc_sim.lab.judge import Settings
+    from barc_sim.lab.laws import Floats, Inputs
 
 LABELS = {
     'commands.limits': 'Commands: within the limits',
