@@ -9,8 +9,7 @@ import numpy as np
 import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.messages import Message, definition
-from barc_sim.bags.recording import Topic
+from barc_sim.bags.messages import Message, Topic, definition
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LANE
 from barc_sim.control.speed import PID

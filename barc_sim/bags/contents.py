@@ -31,8 +31,8 @@ from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from barc_sim.bags import bounds
 from barc_sim.bags.bounds import MAX_RECORD, Budget, from_yaml
-from barc_sim.bags.messages import Message, definition
-from barc_sim.bags.recording import METADATA_NAME, Span, Topic
+from barc_sim.bags.messages import Message, Topic, definition
+from barc_sim.bags.recording import METADATA_NAME, Span
 from barc_sim.bags.writer import CHUNK_SIZE, MAGIC
 from barc_sim.cli.files import check_plain, open_regular
 from barc_sim.errors import UserError

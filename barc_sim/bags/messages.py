@@ -11,6 +11,7 @@ import importlib.util
 import os
 import re
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import PathFinder
 from operator import itemgetter
@@ -18,7 +19,6 @@ from pathlib import Path
 from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.bags.recording import Topic
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.errors import UserError
 
@@ -54,6 +54,17 @@ service_msgs/ServiceEventInfo info
 {0}_Request[<=1] request
 {0}_Response[<=1] response
 """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """A bag's record of a topic."""
+
+    name: str
+    type: str  #: as in `std_msgs/msg/Header`
+    definition: str  #: `ros2msg` schema with dependencies
+    type_hash: str  #: as in `RIHS01_…`
+    offered_qos: Sequence[Mapping[str, Any]]  #: of each publisher, in rosbag2's terms
 
 
 @cache

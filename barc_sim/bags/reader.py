@@ -39,8 +39,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from barc_sim.bags.messages import Message
-    from barc_sim.bags.recording import Topic
+    from barc_sim.bags.messages import Message, Topic
 
 _logger = logging.getLogger(__name__)
 #: Of each topic that a log is made of, the log's column for each field that is read.

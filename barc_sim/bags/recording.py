@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from barc_sim.bags.messages import Topic
+
 _MEBIBYTE = 2**20
 #: Name of the MCAP metadata records with the run's own metadata.
 METADATA_NAME = 'barc_sim'
@@ -76,17 +78,6 @@ class Recording:
     def reserve(self) -> int:
         """Space to leave free on the disk [B]."""
         return int(self.min_free_space * _MEBIBYTE)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Topic:
-    """A bag's record of a topic."""
-
-    name: str
-    type: str  #: as in `std_msgs/msg/Header`
-    definition: str  #: `ros2msg` schema with dependencies
-    type_hash: str  #: as in `RIHS01_…`
-    offered_qos: Sequence[Mapping[str, Any]]  #: of each publisher, in rosbag2's terms
 
 
 @dataclass

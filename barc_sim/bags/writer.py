@@ -35,7 +35,7 @@ from mcap.records import (
 )
 from zstandard import ZstdCompressor
 
-from barc_sim.bags.recording import METADATA_NAME, Span, Topic, information, to_yaml, write_metadata
+from barc_sim.bags.recording import METADATA_NAME, Span, information, to_yaml, write_metadata
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
     from mcap.records import McapRecord
 
-    from barc_sim.bags.messages import MessageFields
+    from barc_sim.bags.messages import MessageFields, Topic
 
 
 MAGIC = b'\x89MCAP0\r\n'  #: begins and ends a file

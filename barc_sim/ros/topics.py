@@ -21,8 +21,8 @@ from rclpy.qos import (
 )
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 
-from barc_sim.bags.messages import definition
-from barc_sim.bags.recording import Losses, Topic
+from barc_sim.bags.messages import Topic, definition
+from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
 from barc_sim.ros.peers import all_own, publishers, types_here
 from barc_sim.ros.polled import Arrivals, Taker, polled

@@ -13,8 +13,8 @@ from rosbags.convert.converter import convert
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags.contents import Contents, types_of
-from barc_sim.bags.messages import Message, topic
-from barc_sim.bags.recording import COMPRESSIONS, Topic
+from barc_sim.bags.messages import Message, Topic, topic
+from barc_sim.bags.recording import COMPRESSIONS
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 

@@ -21,8 +21,7 @@ from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.convert import recover as make_whole
-from barc_sim.bags.messages import Message
-from barc_sim.bags.recording import Topic
+from barc_sim.bags.messages import Message, Topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 

@@ -13,10 +13,9 @@ import pytest
 from made_bags import fill
 
 from barc_sim.bags import reader as bag
-from barc_sim.bags.messages import Message
+from barc_sim.bags.messages import Message, Topic
 from barc_sim.bags.reader import TOPICS, Samples
 from barc_sim.bags.reader import join as join_samples
-from barc_sim.bags.recording import Topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR, PID

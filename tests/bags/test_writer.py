@@ -27,8 +27,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags import writer as module
 from barc_sim.bags.contents import files as bag_files
-from barc_sim.bags.messages import Message
-from barc_sim.bags.recording import METADATA_NAME, Topic, to_yaml
+from barc_sim.bags.messages import Message, Topic
+from barc_sim.bags.recording import METADATA_NAME, to_yaml
 from barc_sim.bags.writer import CHUNK_SIZE, AtomicAppender, BagFile, BagWriter
 from barc_sim.errors import UserError
 

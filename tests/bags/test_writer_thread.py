@@ -13,8 +13,7 @@ from command_line import wait_for
 
 from barc_sim.bags import writer as bag_file
 from barc_sim.bags.contents import Contents
-from barc_sim.bags.messages import Message
-from barc_sim.bags.recording import Topic
+from barc_sim.bags.messages import Message, Topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import WriterThread
 

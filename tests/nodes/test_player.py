@@ -16,8 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
-from barc_sim.bags.messages import Message, topic
-from barc_sim.bags.recording import Topic
+from barc_sim.bags.messages import Message, Topic, topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.keyboard import KeyEvent
 from barc_sim.errors import UserError
