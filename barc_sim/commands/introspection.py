@@ -153,20 +153,19 @@ def add_arguments_graph(parser: Parser) -> None:
 def run_graph(options: Namespace) -> None:
     """Print the table, and draw it to a file or a window."""
     from barc_sim.figures import style  # noqa: PLC0415
-    from barc_sim.figures.graph_figure import GraphDrawing, lines  # noqa: PLC0415
+    from barc_sim.figures.graph_figure import graph_figure, lines, save  # noqa: PLC0415
 
     path = target(options.save, _FORMATS) if options.save is not None else None
     graph, title = _graph_of_bag(options.bag) if options.bag else _graph_of_system()
     print(escaped('\n'.join(lines(graph))))  # noqa: T201
-    drawing = GraphDrawing(graph, title)
-    window = None if path else style.window(drawing.size, title)
+    window = None if path else style.window((9.0, 7.0), title)
+    figure = graph_figure(graph, title, window)
     if window:
-        drawing.draw(window)
         style.show()
         return
     path = path or Path('graph.svg')
     with saving(path) as part:
-        drawing.save(part)
+        save(figure, part)
     print(path)  # noqa: T201
 
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib import rc_context, style
-from matplotlib.figure import Figure
 from pygments import highlight
 from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
@@ -21,7 +20,7 @@ from barc_sim.bags import reader
 from barc_sim.bags.contents import files
 from barc_sim.bags.names import NodeGraph, purposes
 from barc_sim.cli.files import open_regular
-from barc_sim.figures.graph_figure import GraphDrawing
+from barc_sim.figures.graph_figure import graph_figure
 from barc_sim.figures.run_figures import (
     drive_figure,
     is_by_hand,
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from barc_sim.simulation.log import Log
@@ -245,7 +245,5 @@ def _graph(facts: Facts) -> _Figure | None:
         return None
     parts = [f'{node} publishes {topic}' for node, topic in facts.graph.publications]
     parts += [f'{node} subscribes to {topic}' for topic, node in facts.graph.subscriptions]
-    drawing = GraphDrawing(facts.graph)
-    figure = Figure(figsize=drawing.size)
-    drawing.draw(figure)
-    return _drawn(figure, 'Nodes and topics', '; '.join(parts) or 'No connections.')
+    alt = '; '.join(parts) or 'No connections.'
+    return _drawn(graph_figure(facts.graph), 'Nodes and topics', alt)

@@ -1,49 +1,91 @@
-"""Where the vertices of a graph go: layers, circles, ways around, and order."""
+"""The graph of nodes and topics: who is where, and where arrows lead."""
 
 from __future__ import annotations
 
-from itertools import combinations, pairwise
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
-from barc_sim.figures.graph_figure import layout
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 
-LOOP = [('sim', 'state'), ('state', 'pid'), ('pid', 'ecu'), ('ecu', 'sim')]
+from barc_sim.bags.bounds import MAX_NAME
+from barc_sim.bags.names import NodeGraph
+from barc_sim.figures.graph_figure import graph_figure, save
+from barc_sim.figures.style import BLUE, MUTED
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+LOOP = NodeGraph(
+    ('/pid', '/recorder', '/sim'),
+    dict.fromkeys(('/clock', '/ecu', '/reference', '/state', '/rosout'), ''),
+    (('/pid', '/ecu'), *(('/sim', topic) for topic in ('/clock', '/state', '/rosout'))),
+    (
+        *(('/ecu', node) for node in ('/recorder', '/sim')),
+        *(('/state', node) for node in ('/pid', '/recorder')),
+        ('/clock', '/recorder'),
+        ('/reference', '/pid'),
+    ),
+)
 
 
-def test_each_vertex_comes_after_what_leads_to_it() -> None:
-    plan = layout(['c', 'b', 'a'], [('a', 'b'), ('b', 'c'), ('a', 'c')])
-    assert {vertex: point.layer for vertex, point in plan.vertices.items()} == {
-        'a': 0,
-        'b': 1,
-        'c': 2,
+def places(figure: Figure) -> dict[str, tuple[float, float]]:
+    return {text.get_text(): text.get_position() for text in figure.axes[0].findobj(Text)}
+
+
+def arrows(figure: Figure) -> set[tuple[float, float, float]]:
+    """Return the height of each arrow, where it begins and where it ends."""
+    lines = [line for line in figure.axes[0].lines if line.get_color() in (MUTED, BLUE)]
+    found = set()
+    for shafts, heads in zip(lines[::2], lines[1::2], strict=True):
+        x, y = shafts.get_data()
+        assert [*heads.get_xdata()] == pytest.approx(x[1::3], abs=0.1)
+        found |= {*zip(y[::3].tolist(), x[::3].tolist(), x[1::3].tolist(), strict=True)}
+    return found
+
+
+def test_arrows_lead_from_publishers_to_subscribers_in_the_row_of_their_topic() -> None:
+    figure = graph_figure(LOOP, 'mine')
+    at, drawn = places(figure), arrows(figure)
+    x = {node: at[node][0] for node in LOOP.nodes}
+    assert x['/sim'] < x['/pid'] < x['/recorder']
+    clock, ecu, state, reference = (
+        at[topic][1] for topic in ('/clock', '/ecu', '/state', '/reference')
+    )
+    from_outside = {each for each in drawn if each[0] == reference}
+    assert drawn - from_outside == {
+        (clock, x['/sim'], x['/recorder']),
+        (state, x['/sim'], x['/pid']),
+        (state, x['/sim'], x['/recorder']),
+        (ecu, x['/pid'], x['/sim']),
+        (ecu, x['/pid'], x['/recorder']),
     }
+    ((_, begin, end),) = from_outside
+    assert begin < x['/sim'] < end == x['/pid']
+    assert '/rosout' not in at
 
 
-def test_a_circle_is_entered_at_the_first_vertex_and_goes_back_once() -> None:
-    plan = layout(['sim', 'pid', 'state', 'ecu'], LOOP)
-    assert [plan.vertices[v].layer for v in ('sim', 'state', 'pid', 'ecu')] == [0, 1, 2, 3]
-    back = plan.routes['ecu', 'sim']
-    assert [point.layer for point in back] == [3, 2, 1, 0]
-    assert (back[0], back[-1]) == (plan.vertices['ecu'], plan.vertices['sim'])
+def test_a_node_that_subscribes_to_its_own_topic_has_an_arrow() -> None:
+    figure = graph_figure(NodeGraph(('/a',), {'/t': ''}, (('/a', '/t'),), (('/t', '/a'),)))
+    ((_, begin, end),) = arrows(figure)
+    assert begin < end == places(figure)['/a'][0]
 
 
-def test_an_edge_over_several_layers_keeps_clear_of_the_vertices_between() -> None:
-    plan = layout(['a', 'b', 'c'], [('a', 'b'), ('b', 'c'), ('a', 'c')])
-    route = plan.routes['a', 'c']
-    assert [point.layer for point in route] == [0, 1, 2]
-    assert abs(route[1].y - plan.vertices['b'].y) > 0.5
+def test_no_words_overlap_or_leave_the_figure() -> None:
+    figure = graph_figure(LOOP, 'mine')
+    FigureCanvasAgg(figure).draw()
+    boxes = [text.get_window_extent() for text in figure.axes[0].findobj(Text) if text.get_text()]
+    assert all(figure.bbox.contains(*corner) for box in boxes for corner in (box.min, box.max))
+    assert not any(one.overlaps(other) for one, other in pairwise(boxes))
 
 
-def test_vertices_of_a_layer_are_apart() -> None:
-    names = [f't{k}' for k in range(9)]
-    edges = [('a', name) for name in names] + [(name, 'b') for name in names]
-    plan = layout(['a', 'b', *names], edges)
-    for one, other in combinations(names, 2):
-        assert abs(plan.vertices[one].y - plan.vertices[other].y) >= 1.0 - 1e-9
-
-
-def test_pairs_side_by_side_do_not_cross() -> None:
-    edges = [('a', 'x'), ('b', 'y'), ('c', 'z')]
-    plan = layout(['a', 'b', 'c', 'z', 'y', 'x'], edges)
-    order = sorted(edges, key=lambda edge: plan.vertices[edge[0]].y)
-    heights = [plan.vertices[b].y for _, b in order]
-    assert all(low < high for low, high in pairwise(heights))
+def test_names_of_any_length_make_a_picture(tmp_path: Path) -> None:
+    names = [f'/{k}'.ljust(MAX_NAME, 'x') for k in range(20)]
+    nodes, topics = names[::2], names[1::2]
+    links = [(topic, node) for topic in topics for node in nodes]
+    back = tuple(link[::-1] for link in links)
+    graph = NodeGraph((*nodes,), dict.fromkeys(topics, ''), back, (*links,))
+    save(graph_figure(graph), tmp_path / 'graph.png')
