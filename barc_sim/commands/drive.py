@@ -79,6 +79,13 @@ def add_arguments_acc(parser: Parser) -> None:
     )
     _add_track_options(parser)
     parser.add_argument(
+        '--policy',
+        type=Path,
+        metavar='FILE',
+        help='a trained policy drives as in its Gymnasium environment, Lane-v0 or Race-v0 on a '
+        'track, else Hills-v0: an ONNX file, or a Python file with a function policy(observation)',
+    )
+    parser.add_argument(
         '--distance',
         type=number(*DISTANCE.between),
         metavar='M',

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isnan, nan, radians
+from math import radians
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 #: Random numbers of an episode before those of its `ranges`: the start, and the noise's seed.
 _DRAWS = 5
-_NO_NUMBER = 'action {}: each car takes a list of {}, from -1 to 1 and not NaN'
 _AHEAD = np.array(AHEAD)[:, None]
 
 
@@ -56,7 +55,6 @@ class CarEnv(gymnasium.Env[Any, Any]):
         """Take the name of a task, and its options."""
         self.task = TASKS[task](**options)
         self.observation_space, self.action_space = spaces(self.task)
-        self._count = len(self.task.actions)
         self.render_mode, self._is_shown = render_mode, render_mode == 'human'
         self._picture: Picture | None = None
         self.metadata = self.metadata | {'render_fps': round(1.0 / self.task.ts)}
@@ -82,16 +80,9 @@ class CarEnv(gymnasium.Env[Any, Any]):
     def step(self, action: Any) -> tuple[Floats, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """Go one step of the plant."""
         task, plant, before = self.task, self._plant, self._s
-        try:
-            values = np.asarray(action).tolist()
-            shares = [1.0 if x > 1.0 else max(x, -1.0) for x in values]
-        except (TypeError, ValueError):
-            shares = []
-        motor, servo = task.commands(shares) if len(shares) == self._count else (nan, nan)
+        motor, servo = task.command(action)
         if motor is None:
             motor = self._pid.acc_calculate(task.speed, self._speed, task.ts)
-        if isnan(motor + servo):
-            raise UserError(_NO_NUMBER.format(action, ' and '.join(task.actions)))
         self._command = Command(motor, servo)
         plant.advance(self._command)
         self._steps += 1
@@ -202,7 +193,7 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         task, plants = self.task, self._plants
         shares = np.maximum(-1.0, np.minimum(np.asarray(actions, np.float64).T, 1.0))
         if shares.shape != self.action_space.shape[::-1] or np.isnan(shares).any():
-            raise UserError(_NO_NUMBER.format(actions, ' and '.join(task.actions)))
+            raise UserError(task.no_action.format(actions))
         motor, servo = task.commands(shares)
         if motor is None:
             motor = self._pids.control(self._speed, task.speed, self._interval)

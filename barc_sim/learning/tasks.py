@@ -1,13 +1,14 @@
 """What the environments ask for: observations, actions, rewards and ends, of one car or of many.
 
 The functions take numbers or arrays alike: each is written once for the single environment, the
-batch, and the policy that drives a run.
+batch, and the policy that drives a run, which is here, too.
 """
 
 from __future__ import annotations
 
+import os
 from itertools import product
-from math import pi
+from math import inf, isnan, pi, radians
 from operator import attrgetter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -27,10 +28,12 @@ from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.track import Pose
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
+    from barc_sim.control.lane import Curvature
+    from barc_sim.control.speed import Gain
     from barc_sim.vehicle.plant import Plant
 
     Floats = NDArray[np.float64]
@@ -157,6 +160,25 @@ class Task:
         """Return the numbers of an episode, by name, at these shares of `ranges`."""
         pairs = zip(self.ranges.items(), shares, strict=True)
         return {name: low + (high - low) * share for (name, (low, high)), share in pairs}
+
+    def command(self, action: Any) -> tuple[Any, float]:  # noqa: ANN401 (of numbers)
+        """Return what `commands` does, of the action of one car; UserError: it is none."""
+        try:
+            shares = [1.0 if x > 1.0 else max(x, -1.0) for x in np.asarray(action).tolist()]
+            motor, servo = self.commands(shares)
+            if len(shares) == len(self.actions) and not isnan(servo + (motor or 0.0)):
+                return motor, servo
+        except (IndexError, TypeError, ValueError):
+            pass
+        raise UserError(self.no_action.format(action))
+
+    @property
+    def no_action(self) -> str:
+        """What is wrong with an action that is none."""
+        return (
+            f'action {{}}: each car takes a list of {" and ".join(self.actions)}, from -1 to 1 and '
+            'not NaN'
+        )
 
     def commands(self, shares: Any) -> tuple[Any, Any]:  # noqa: ANN401 (of numbers or arrays)
         """Return acceleration, None for the PID's, and steering of an action's shares."""
@@ -285,3 +307,99 @@ class Race(Task):
 
 
 TASKS: Mapping[str, type[Task]] = {each.__name__: each for each in (Hills, Lane, Race)}
+
+
+class Policy:
+    """A policy in the place of a run's own controllers: it drives as in its environment.
+
+    One of `barc_sim/Lane-v0` or `barc_sim/Race-v0` is a lane controller, as of `lap`, and one of
+    `barc_sim/Hills-v0` a speed controller, as of `simulate`; `barc acc --policy FILE` takes each.
+
+    Examples
+    --------
+    >>> from barc_sim import lap
+    >>> def policy(observation):
+    ...     e_y, e_psi, speed, latest, curvature, *ahead = observation
+    ...     return [6.0 * curvature - 0.4 * e_y - 1.2 * (e_psi + 1.5 * curvature)]
+    >>> log = lap(Policy(policy), 'oval', laps=1)
+    >>> print(f'{abs(log.e_y).max():.2f} m off the line')
+    0.04 m off the line
+    """
+
+    gains: ClassVar[Mapping[str, Gain]] = {}
+    terms: ClassVar[Mapping[str, str]] = {}
+    output_min, output_max, saturated = -inf, inf, False
+
+    def __init__(
+        self,
+        policy: Callable[[Any], Any] | str | os.PathLike[str],
+        task: str = 'Lane',
+        **options: Any,  # noqa: ANN401 (of the environment)
+    ) -> None:
+        """Take a function of the observation that returns the action, or the path of an ONNX file.
+
+        UserError: its action for an observation of zeros is none of the task.
+        """
+        self.task = TASKS[task](**options)
+        self._policy = policy if callable(policy) else onnx_policy(policy)
+        self.task.command(self._policy(np.zeros(len(self.task.high))))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next call is the first."""
+        self._motor = self._servo = self._x = 0.0
+        if len(self.task.actions) > 1:
+            self.acceleration = 0.0  #: [m/s²] in place of the speed controller's
+
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
+        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
+        ahead = [curvature(d) for d in AHEAD]
+        self._act(Seen(self.task.speed - speed, e_y, e_psi, speed, self._motor, self._servo, ahead))
+        if len(self.task.actions) > 1:
+            self.acceleration = self._motor
+        return self._servo
+
+    def see(self, x: float) -> None:
+        """Take the measured place on the road [m], before each call of `acc_calculate`."""
+        self._x = x
+
+    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:  # noqa: ARG002
+        """Return the acceleration [m/s²] for speeds in m/s."""
+        ahead = [radians(self.task.road.grade_deg(self._x + d)) for d in AHEAD]
+        error = speed_reference - speed_current
+        self._act(Seen(error, 0.0, 0.0, speed_current, self._motor, self._servo, ahead))
+        return self._motor
+
+    def _act(self, seen: Seen) -> None:
+        motor, self._servo = self.task.command(self._policy(self.task.observe(seen)))
+        self._motor = motor or 0.0
+
+
+def onnx_policy(path: str | os.PathLike[str]) -> Callable[[Any], Any]:
+    """Return the policy in an ONNX file: one input of shape (1, numbers), and the action first.
+
+    UserError: onnxruntime is not installed, or the file holds no such policy.
+    """
+    name = os.fspath(path)
+    try:
+        import onnxruntime  # noqa: PLC0415 (an extra)
+    except ImportError:
+        raise UserError(
+            f"{name!r} needs onnxruntime, which is not installed: pip install 'barc_sim[onnx]'"
+        ) from None
+    try:
+        session = onnxruntime.InferenceSession(name, providers=['CPUExecutionProvider'])
+        (given,) = session.get_inputs()
+    except Exception as error:  # noqa: BLE001 (of many kinds)
+        raise UserError(f'{name!r} is no ONNX file of one input: {error}') from None
+    kind = np.float64 if 'double' in given.type else np.float32
+
+    def policy(observation: Floats) -> Any:  # noqa: ANN401 (an array)
+        try:
+            return session.run(None, {given.name: observation.astype(kind)[None]})[0][0]
+        except Exception as error:  # noqa: BLE001 (as above)
+            raise UserError(f'{name!r}: {error}') from None
+
+    return policy

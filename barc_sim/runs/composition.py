@@ -111,8 +111,12 @@ def read_inputs(options: Namespace) -> Inputs:
         check_root(options.bag_dir)
     output = UserOutput(quiet=options.quiet)
     files = find_files(options.lab, options.parts) if options.lab else {}
-    named = {part: getattr(options, part, None) for part in options.parts}
-    files |= {part: file for part, file in named.items() if isinstance(file, Path)}
+    named = {part: getattr(options, part, None) for part in (*options.parts, 'policy')}
+    files |= {
+        part: file
+        for part, file in named.items()
+        if isinstance(file, Path) and file.suffix != '.onnx'
+    }
     return Inputs(road, track, UserCode(files, output=output).load(), output)
 
 

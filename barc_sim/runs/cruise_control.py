@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.process import StopSignals
     from barc_sim.lab.user_code.code import UserCode
+    from barc_sim.learning.tasks import Policy
     from barc_sim.runs.composition import Inputs
     from barc_sim.simulation.metrics import Summary
     from barc_sim.vehicle.plant import Observation, TrackState
@@ -88,7 +89,8 @@ class Car:
         self._duration = COMMANDS if user_code.identify else inf
         self.controller: CruiseController | None = None
         if not options.no_controller:
-            user_controller = _controller(user_code)
+            controller, lane = _laws(options, run.inputs)
+            is_free = user_code.controller or user_code.identify
             self.controller = run.add(
                 CruiseController,
                 {
@@ -96,15 +98,15 @@ class Car:
                     'reference': options.reference,
                     'acceleration_limit': options.acceleration_limit,
                     'controller_type': options.controller_type,
-                    'lane_type': None if user_code.lane else options.lane,
+                    'lane_type': None if lane else options.lane,
                     **_profile(options),
                     **{LANE + name: value for name, value in options.lane_gain},
                     **_gains(options),
                 },
-                controller=user_controller,
+                controller=controller,
                 track=track,
-                lane=UserLane(user_code) if user_code.lane else None,
-                acceleration_limit=NO_LIMIT if user_controller else ACCELERATION_LIMIT,
+                lane=lane,
+                acceleration_limit=NO_LIMIT if is_free else ACCELERATION_LIMIT,
                 namespace=namespace,
             )
         self._speed = SPEED_REFERENCE if options.speed is None else options.speed
@@ -209,7 +211,7 @@ def _check(options: Namespace, inputs: Inputs) -> None:
             '--lab or --controller gives another: give one of the two only'
         )
     if options.no_controller:
-        own = {name: getattr(options, name) for name in (*PID.gains, 'controller')}
+        own = {name: getattr(options, name) for name in (*PID.gains, 'controller', 'policy')}
         own['acceleration-limit'] = options.acceleration_limit
         own['controller-type'] = options.controller_type
         own['reference'] = options.reference
@@ -217,12 +219,62 @@ def _check(options: Namespace, inputs: Inputs) -> None:
         own |= {'lane': options.lane, 'speed-profile': options.speed_profile}
         own |= {f'lane-gain {name}': value for name, value in options.lane_gain}
         check_left_out('controller', own)
+    if options.policy:
+        _check_policy(options, inputs)
 
 
-def _controller(user_code: UserCode) -> UserController | UserCommands | None:
-    if user_code.identify:
-        return UserCommands(user_code)
-    return UserController(user_code) if user_code.controller else None
+def _check_policy(options: Namespace, inputs: Inputs) -> None:
+    """Refuse a policy that cannot drive, and what it drives in place of; set its speed."""
+    given = {name: getattr(options, name) for name in (*PID.gains, 'gain', 'controller_type')}
+    given['lab or --controller'] = inputs.user_code.controller or inputs.user_code.identify
+    if inputs.track:
+        given = {name: getattr(options, name) for name in ('lane', 'lane_gain')}
+        given['lab'] = inputs.user_code.lane
+    for name, value in given.items():
+        if value not in (None, []):
+            option = name.replace('_', '-')
+            raise UserError(f'--policy and --{option} both drive: give one of the two only')
+    policy = _policy(options, inputs)
+    if options.speed is None:
+        options.speed = policy.task.speed
+
+
+def _policy(options: Namespace, inputs: Inputs) -> Policy:
+    """Return a new policy, of the first environment whose observation it takes."""
+    from barc_sim.learning.tasks import Policy, onnx_policy  # noqa: PLC0415 (slow)
+
+    file, arguments = options.policy, {'speed': options.speed}
+    if options.acceleration_limit:
+        arguments['acceleration_limit'] = options.acceleration_limit
+    arguments |= {'track': inputs.track} if inputs.track else {'road': inputs.road}
+    takes = onnx_policy(file) if file.suffix == '.onnx' else inputs.user_code.function('policy')
+
+    def of_task(task: str) -> Policy | str:
+        try:
+            return Policy(takes, task, **arguments)
+        except UserError as error:
+            return f'in {task}-v0, {error}'
+
+    failures = []
+    for found in map(of_task, ('Lane', 'Race') if inputs.track else ('Hills',)):
+        if not isinstance(found, str):
+            return found
+        failures.append(found)
+    raise UserError(f'--policy {str(file)!r}: {"; ".join(failures)}')
+
+
+def _laws(options: Namespace, inputs: Inputs) -> tuple[Any, Any]:
+    """Return the user's speed controller and steering law; None: barc_sim's own."""
+    controller: Any = None
+    code = inputs.user_code
+    if code.identify:
+        controller = UserCommands(code)
+    elif code.controller:
+        controller = UserController(code)
+    policy = _policy(options, inputs) if options.policy else None
+    if inputs.track:
+        return controller, policy or (UserLane(code) if code.lane else None)
+    return controller or policy, None
 
 
 def _identified(user_code: UserCode) -> dict[str, float]:

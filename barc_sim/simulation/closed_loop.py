@@ -370,6 +370,7 @@ def closed_loop(
     dt, servo = FIRST_DT, 0.0
     track, steering = plant.track, []
     keeping = LaneKeeping(lane, track) if track else None
+    see = getattr(controller, 'see', lambda _: None)  # its place, of a policy
     for k in range(steps + 1):
         seen = plant.observe()
         place, y, psi, speed, *_ = seen.measured
@@ -379,6 +380,7 @@ def closed_loop(
             steering.append(keeping.computed())
         if reference:
             held = reference(k * plant.period_ns / 1e9, place)
+        see(place)
         motor = controller.acc_calculate(held, speed, dt)
         motor = keeping.acceleration(motor) if keeping else motor
         command = Command(motor, servo)

@@ -105,6 +105,7 @@ _CALLED = {
     'straight_errors': _called('lane', 'x y psi x_0 y_0 psi_0', 2, _ERRORS),
     'arc_errors': _called('lane', 'x y psi x_c y_c radius', 2, _ERRORS),
     'steady': _called('lane', 'curvature', 2, 'two finite numbers, [delta, e_psi]'),
+    'policy': _called('policy', 'observation', returns='a list of actions'),
     'command': _called('identify', 't', 1, 'a finite number, the acceleration [m/s²]'),
     'estimate': _called(
         'identify',
@@ -120,6 +121,7 @@ _MAIN = {
     'relay': ['Relay', 'relay'],
     'lane': ['Lane'],
     'identify': ['command'],
+    'policy': ['policy'],
 }
 
 
@@ -501,7 +503,7 @@ class UserCode:
         renamed = [
             f'{path.name} is taken as {FILES[part]}: did you mean that name?'
             for part, path in self.paths.items()
-            if path.name != FILES[part] and self._source(part)
+            if path.name != FILES.get(part, path.name) and self._source(part)
         ]
         found = [phrase for folder in self._folders.values() for phrase in folder.tolerated]
         if self.relay_keys:
