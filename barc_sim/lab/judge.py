@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial, wraps
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
 import numpy as np
 
@@ -273,16 +273,11 @@ class Table(NamedTuple):
     rows: Sequence[Sequence[str]]
 
 
-@runtime_checkable
-class Evidence(Protocol):
+class Evidence(NamedTuple):
     """A judged drive, as `check` prints it, and as the figures of `check` and `grade` show it."""
 
-    @property
-    def table(self) -> Table:
-        """The drive, part by part."""
-
-    def figure(self, title: str = '') -> Figure:
-        """Draw the drive."""
+    table: Table  #: the drive, part by part
+    figure: Callable[[str], Figure]  #: draws it with a title
 
 
 class Part(NamedTuple):

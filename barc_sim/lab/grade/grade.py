@@ -199,7 +199,7 @@ def _figure(grade: Grade) -> bytes:
     """Return the runs that were judged as a PNG; empty if there are none."""
     data = io.BytesIO()
     for runs in filter(None, (item.evidence for item in grade.items)):
-        runs.figure().savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
+        runs.figure('').savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
     return data.getvalue()
 
 

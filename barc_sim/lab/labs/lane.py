@@ -6,8 +6,8 @@ returns, and what that gave.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cache, partial
+from dataclasses import replace
+from functools import cache, cached_property, partial
 from itertools import count
 from math import inf, pi
 from pathlib import Path
@@ -19,7 +19,16 @@ import numpy as np
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, steady_turn
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
-from barc_sim.lab.judge import Finding, Functions, JudgedCode, Lab, Part, Table, numbers_of
+from barc_sim.lab.judge import (
+    Evidence,
+    Finding,
+    Functions,
+    JudgedCode,
+    Lab,
+    Part,
+    Table,
+    numbers_of,
+)
 from barc_sim.lab.laws import read
 from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
@@ -33,7 +42,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.judge import Settings, Thresholds
+    from barc_sim.lab.judge import Settings
     from barc_sim.lab.laws import Floats
     from barc_sim.vehicle.plant import Plant
 
@@ -92,13 +101,16 @@ _SEEN = 80.0  #: [m] of the way back
 _DISTANCE = (30.0, 60.0)  #: [m] until it is back
 _OVERSHOOT = (0.2, 0.6)  #: share of the start
 _SATURATED = (0.1, 0.5)  #: share of the steps up to the first distance
-_CIRCLE = 20.0  #: [m] radius
 _PROBED = 0.1  #: [m] and [rad] errors
-_NEGLIGIBLE = 1e-6  #: [rad]
-_TWO = 2  #: wrong signs: no points
+_CURVATURE = 0.05  #: [1/m]
+_STEER, _E_PSI = steady_turn(_CURVATURE)
+_TURN = Track((2.0 * pi / _CURVATURE,), (_CURVATURE,))
+_BEND = Track((50.0, 100.0), (0.0, _CURVATURE))
+_SHIFT = 8  #: [m] at which the curvature may be read
+_NEGLIGIBLE, _NEAR = 1e-6, 1e-3  #: [rad]
 _ONE_WRONG = 0.2  #: of the points are left
-_DEGREES = (45.0, 70.0)  #: times the right angle, of an output in degrees
-_BETTER = 0.1  #: of a score: what is tried is named where it gives as much more
+_GAINS = (0.2, 0.9)  #: [rad/m] and of e_psi, of the feedback that is right
+_PUT_RIGHT = 'with the feedback put right: '
 
 
 class LaneCode(JudgedCode):
@@ -124,218 +136,85 @@ class LaneCode(JudgedCode):
         return numbers_of('Lane', self.call('steer', number, [row]), 1)[0]
 
 
-_Three = tuple[float, float, float]
-
-
-class Change(NamedTuple):
-    """What is tried with a law: other inputs, or another output."""
-
-    sentence: str = ''  #: what is wrong, or the criterion that names it
-    inputs: _Three = (1.0, 1.0, 1.0)  #: factors of e_y, e_psi and the curvature
-    factor: float = 1.0  #: of the output
-    ahead: float = 0.0  #: [m] from where the curvature is read
-    steady: float = 0.0  #: times e_psi of the steady turn are taken off e_psi
-    added: _Three = (0.0, 0.0, 0.0)  #: gains of the output for the same three
-    fits: str = ''  #: what a probe of the law must have found
-
-    def on(self, other: Change) -> Change:
-        """Return both changes at once, with this one's sentence."""
-        return self._replace(
-            inputs=_each(float.__mul__, self.inputs, other.inputs),
-            factor=self.factor * other.factor,
-            ahead=self.ahead + other.ahead,
-            steady=self.steady + other.steady,
-            added=_each(float.__add__, self.added, other.added),
-        )
-
-
-def _each(operation: Callable[[float, float], float], one: _Three, other: _Three) -> _Three:
-    a, b, c = map(operation, one, other)
-    return a, b, c
-
-
-_TRIED = (
-    Change(
-        'the curvature has no effect: add the steering of steady(curvature(0.0)), and take its '
-        'e_psi off e_psi',
-        steady=1.0,
-        added=(0.0, 0.0, 1.0),
-        fits='no curvature',
-    ),
-    Change('e_psi has no effect: add -0.6 * e_psi', added=(0.0, -0.6, 0.0), fits='no e_psi'),
-    Change('e_y has no effect: add -0.2 * e_y', added=(-0.2, 0.0, 0.0), fits='no e_y'),
-    Change('in a turn e_psi is not to be 0, but that of steady(curvature)', steady=1.0),
-    *(
-        Change(f'the curvature is read {abs(d):g} m too {"late" if d > 0.0 else "early"}', ahead=d)
-        for d in (2.0, 4.0, 6.0, -2.0, -4.0)
-    ),
-    Change(
-        'the output is 57 times too large: is it in degrees? Return radians',
-        factor=pi / 180.0,
-        fits='degrees',
-    ),
-    *(
-        Change(
-            f'the gains are too large: try {share:g} times these',
-            factor=share,
-            added=(0.0, 0.0, feedforward),
-        )
-        for share in (0.1, 0.03)
-        for feedforward in (0.0, 1.0 - share)
-    ),
-    Change('e_y counts too little: try five times as much', inputs=(5.0, 1.0, 1.0)),
-    Change('e_psi counts too little: try three times as much', inputs=(1.0, 3.0, 1.0)),
-)
-
-
 class _Law(LaneLaw):
-    """A user's `Lane` that drives a plant, changed by a `Change`."""
+    """A user's `Lane` that drives a plant; `mended`, it has feedback that is right."""
 
-    def __init__(self, code: LaneCode, plant: Plant, change: Change) -> None:
+    def __init__(self, code: LaneCode, plant: Plant, probes: Probes, *, mended: bool) -> None:
         super().__init__()
         assert plant.track  # noqa: S101 (there is one)
-        self._track, self._plant, self._change = plant.track, plant, change
-        self._steer = partial(code.steer, code.new_lane(plant.track, change.inputs[2]))
+        self._track, self._plant, self._mended = plant.track, plant, mended
+        bend = -1.0 if mended and 'curvature' in probes.wrong else 1.0
+        self._scale = probes.scale if mended else 1.0
+        self._steer = partial(code.steer, code.new_lane(plant.track, bend))
 
     def steer_calculate(self, e_y: float, e_psi: float, speed: float, _: object) -> float:
         """Return the steering angle [rad]."""
-        by, place = self._change, self._plant.distance
-        steer, steady = steady_turn(self._track.curvature(place))
-        own = e_y * by.inputs[0], (e_psi - by.steady * steady) * by.inputs[1]
-        output = by.factor * self._steer((*own, speed, place + by.ahead))
-        added = zip(by.added, (e_y, e_psi, steer), strict=True)
-        output += sum(gain * value for gain, value in added)
+        place = self._plant.distance
+        if self._mended:
+            steady = steady_turn(self._track.curvature(place))[1]
+            ahead = self._steer((0.0, steady, speed, place)) / self._scale
+            output = ahead - _GAINS[0] * e_y - _GAINS[1] * (e_psi - steady)
+        else:
+            output = self._steer((e_y, e_psi, speed, place))
         return min(max(output, -self.output_max), self.output_max)
 
 
-@dataclass(frozen=True)
-class Drive:
-    """A drive with a user's law."""
+class Probes:
+    """What a law returns for each of its inputs alone [rad], and the mirror image of that.
 
-    log: TrackLog
-    is_whole: bool  #: whether the car stayed on the track
-
-    @property
-    def errors(self) -> tuple[float, float]:
-        """The RMS and the maximum of e_y [m]; of a car that left the track, infinite."""
-        e_y = self.log.e_y
-        if not self.is_whole:
-            return inf, inf
-        return float(np.sqrt(np.mean(e_y**2))), float(np.abs(e_y).max())
-
-    def describe(self) -> str:
-        """Return a sentence on the errors."""
-        if not self.is_whole:
-            return f'the car leaves the track after {self.log.s[-1]:.0f} m'
-        rms, maximum = self.errors
-        return f'RMS error {rms:.2f} m, at most {maximum:.2f} m'
-
-    @property
-    def table(self) -> Table:
-        """The laps, as text."""
-        laps, _ = track_laps_of(self.log)
-        rows = [
-            (
-                f'{lap.number + 1}',
-                f'{lap.time:.2f} s',
-                f'{lap.rms:.2f} m',
-                f'{lap.maximum:.2f} m',
-                f'{lap.at_limit:.0%} of the steps at its limit',
-            )
-            for lap in [*laps.finished, laps.current][:_LAPS]
-        ]
-        return Table('lap by lap', ('lap', 'time', 'RMS', 'at most', 'the steering'), rows)
-
-    def figure(self, title: str = '') -> Figure:
-        """Draw the best lap beside that with barc_sim's law."""
-        from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
-
-        runs = {'your Lane': self.log, 'LaneLQR': _usual()}
-        figure = cast('Figure', plot(*runs.values(), labels=[*runs]))
-        figure.axes[0].set_title(title, loc='left', pad=24.0)
-        return figure
-
-
-@cache
-def _usual() -> TrackLog:
-    """Return a lap with barc_sim's law."""
-    return lap(speed=SPEED, laps=_LAPS, dynamics='dynamic')
-
-
-def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
-    """Yield a finding for each criterion `lane.…`.
-
-    What follows from a mistake is not taken off again: a later drive is without it, if that is
-    better.
+    By these numbers it is known: a mistake is a wrong law that returns the same.
     """
-    try:
-        probes = _Probes(code)
-        yield Finding('lane.signs', *probes.judge())
-        mended, finding = _judge_return(code, probes)
-        yield finding
-        by, course = settings.thresholds, Track.named('L')
-        yield _judge_laps('lane.laps', code, course, _LAPS, mended, probes, by)
-        if 'lane.hidden' in criteria:
-            track = hidden_track(settings.seed)
-            yield _judge_laps('lane.hidden', code, track, 1, mended, None, by)
-    except UserError as error:
-        yield from (Finding(name, 0.0, str(error)) for name in DRIVE_LABELS if name != 'lane.delay')
-    yield Finding('lane.delay', 0.0, f'the plot of e_y, and two sentences: {BY_EYE}', open=True)
-
-
-def hidden_track(seed: int) -> Track:
-    """Return an L of other radii, mirrored."""
-    uniform = Random(f'{seed} track').uniform  # noqa: S311 (a simulation, not a secret)
-    first, second, upper, lower = (round(uniform(9.0, 13.0), 1) for _ in range(4))
-    rows = l_shape(first, second, upper, lower, straight=round(uniform(14.0, 20.0), 1))
-    lengths, radii = zip(*rows, strict=True)
-    curvatures = tuple(-1.0 / each if each else 0.0 for each in radii)
-    return Track(lengths, curvatures, name='the hidden track')
-
-
-class _Probes:
-    """What a law does with each of its inputs alone, and the mirror image of that."""
 
     def __init__(self, code: LaneCode) -> None:
+        """Call the law."""
         self.code = code
-        self.steer, steady = steady_turn(1.0 / _CIRCLE)
-        turn = Track((2.0 * pi * _CIRCLE,), (1.0 / _CIRCLE,))
-        rows = {'e_y': (_PROBED, 0.0), 'e_psi': (0.0, _PROBED), 'curvature': (0.0, steady)}
-        self.rows = {name: (*row, SPEED, 0.0) for name, row in rows.items()}
-        self.tracks = {'e_y': _STRAIGHT, 'e_psi': _STRAIGHT, 'curvature': turn}
+        self.rows = {
+            'e_y': (_STRAIGHT, _PROBED, 0.0),
+            'e_psi': (_STRAIGHT, 0.0, _PROBED),
+            'curvature': (_TURN, 0.0, _E_PSI),  # as in the steady turn
+            'level': (_TURN, 0.0, 0.0),
+        }
         self.outputs = {name: self._output(name) for name in self.rows}
         self.mirrored = {name: self._output(name, -1.0) for name in self.rows}
-        against = code.steer(code.new_lane(turn, -1.0), self.rows['curvature'])
+        half = {name: 0.5 * (each - self.mirrored[name]) for name, each in self.outputs.items()}
+        #: For 1 m and 1 rad; of a law that steers back to the line they are negative.
+        self.of_e_y, self.of_e_psi = half['e_y'] / _PROBED, half['e_psi'] / _PROBED
+        self.in_turn, self.level = half['curvature'], half['level']
+        against = code.steer(code.new_lane(_TURN, -1.0), (0.0, _E_PSI, SPEED, 0.0))
         bend = self.outputs['curvature'] - against
-        if abs(self.outputs['curvature'] - self.steer) <= abs(against - self.steer):
+        if abs(self.outputs['curvature'] - _STEER) <= abs(against - _STEER):
             bend = abs(bend)  # of a law with a large gain of e_psi
-        #: The effect of each input; negative: it has the wrong sign.
-        self.effects = {
-            name: 0.5 * (self.mirrored[name] - self.outputs[name]) for name in ('e_y', 'e_psi')
-        } | {'curvature': bend}
+        effects = {'e_y': -self.of_e_y, 'e_psi': -self.of_e_psi, 'curvature': bend}
+        self.has_effect = any(abs(each) > _NEGLIGIBLE for each in effects.values())
+        #: The inputs whose sign is wrong.
+        self.wrong = [name for name, effect in effects.items() if effect < -_NEGLIGIBLE]
+
+        #: How many times too large it is in a turn, where that is by far.
+        self.scale = self.in_turn / _STEER if self.in_turn > 5.0 * _STEER else 1.0
+
+    @cached_property
+    def late(self) -> float:
+        """How far [m] behind the start of an arc the law begins to steer for it."""
+        number = self.code.new_lane(_BEND)
+        steers = (
+            d
+            for d in range(-_SHIFT, _SHIFT + 1)
+            if _near(self.code.steer(number, (0.0, 0.0, SPEED, 50.0 + d)), self.level)
+        )
+        return next(steers, 0.0)
 
     def _output(self, name: str, sign: float = 1.0) -> float:
-        e_y, e_psi, *rest = self.rows[name]
-        row = (sign * e_y, sign * e_psi, *rest)
-        return self.code.steer(self.code.new_lane(self.tracks[name], sign), row)
-
-    @property
-    def wrong(self) -> list[str]:
-        """The inputs whose sign is wrong."""
-        return [name for name, effect in self.effects.items() if effect < -_NEGLIGIBLE]
-
-    def fits(self, change: Change) -> bool:
-        """Return whether a change makes sense for this law."""
-        found = {f'no {name}': abs(each) <= _NEGLIGIBLE for name, each in self.effects.items()}
-        low, high = _DEGREES
-        found['degrees'] = low < self.outputs['curvature'] / self.steer < high
-        return not change.fits or found[change.fits]
+        track, e_y, e_psi = self.rows[name]
+        number = self.code.new_lane(track, sign)
+        return self.code.steer(number, (sign * e_y, sign * e_psi, SPEED, 0.0))
 
     def place(self, name: str, *, reads: bool = False) -> str:
         """Return the line that makes the output for an input, or reads the curvature, as a text."""
-        values = [1.0 / _CIRCLE, -1.0 / _CIRCLE] if reads else [self.outputs[name]]
-        arguments = self.code.new_lane(self.tracks[name]), [self.rows[name]]
-        line = self.code.line_of('steer', arguments, values, [])
+        values = [_CURVATURE, -_CURVATURE] if reads else [self.outputs[name]]
+        track, *errors = self.rows[name]
+        line = self.code.line_of(
+            'steer', (self.code.new_lane(track), [(*errors, SPEED, 0.0)]), values, []
+        )
         return f'{line}: ' if line else ''
 
     def judge(self) -> tuple[float, str]:
@@ -348,11 +227,11 @@ class _Probes:
             'sign of the curvature right?',
         }
         if self.wrong:
-            first = self.wrong[0]
+            first, *others = self.wrong
             text = '; '.join(sentences[name] for name in self.wrong)
             place = self.place(first, reads=first == 'curvature')
-            return _ONE_WRONG if len(self.wrong) < _TWO else 0.0, place + text
-        if not any(abs(each) > _NEGLIGIBLE for each in self.effects.values()):
+            return 0.0 if others else _ONE_WRONG, place + text
+        if not self.has_effect:
             return 0.0, f'{self.place("e_y")}the angle is the same for all errors and curvatures'
         for name, output in self.outputs.items():
             if abs(output + self.mirrored[name]) > _NEGLIGIBLE:
@@ -363,35 +242,182 @@ class _Probes:
         return 1.0, 'the signs are right, and the mirror image gives the opposite angle'
 
 
+def _near(one: float, other: float) -> bool:
+    return abs(one - other) <= _NEAR
+
+
+class _Mistake(NamedTuple):
+    """A mistake in a law that steers to the right side."""
+
+    sentence: str
+    is_made: Callable[[Probes], bool]
+    shown: str = 'e_y'  #: the input for which the line of the output is named
+    reads: bool = False  #: the line that reads the curvature, instead
+
+
+#: On the way back to a straight.
+_ON_STRAIGHT = (
+    _Mistake(
+        'the output is 57 times too large: is it in degrees? Return radians',
+        lambda p: 45.0 < p.scale < 70.0,  # noqa: PLR2004
+    ),
+    _Mistake(
+        'the gains are too large: the steering is at its limit for small errors',
+        lambda p: p.of_e_y < -2.0 or p.of_e_psi < -6.0,  # noqa: PLR2004
+    ),
+    _Mistake('e_psi has no effect: add -0.6 * e_psi', lambda p: _near(p.of_e_psi, 0.0)),
+    _Mistake('e_y has no effect: add -0.2 * e_y', lambda p: _near(p.of_e_y, 0.0), 'e_psi'),
+    _Mistake('e_y counts too little: try five times as much', lambda p: p.of_e_y > -0.1),  # noqa: PLR2004
+    _Mistake('e_psi counts too little: try three times as much', lambda p: p.of_e_psi > -0.3),  # noqa: PLR2004
+)
+#: In laps.
+_IN_TURNS = (
+    _Mistake(
+        'the curvature has no effect: add the steering of steady(curvature(0.0)), and take its '
+        'e_psi off e_psi',
+        lambda p: _near(p.level, 0.0) and _near(p.in_turn, p.of_e_psi * _E_PSI),
+        'curvature',
+    ),
+    _Mistake(
+        'in a turn e_psi is not to be 0, but that of steady(curvature)',
+        lambda p: _near(p.level, _STEER) and not _near(p.in_turn, _STEER),
+        'curvature',
+        reads=True,
+    ),
+    _Mistake('the curvature is read {:g} m too late', lambda p: p.late > 0.0, 'curvature', True),
+    _Mistake('the curvature is read {:g} m too early', lambda p: p.late < 0.0, 'curvature', True),
+)
+
+
+def _named(mistakes: Sequence[_Mistake], probes: Probes, text: str) -> str:
+    """Return the text after the sentence of the mistake that is made."""
+    made = next((each for each in mistakes if each.is_made(probes)), None)
+    if made is None:
+        return text
+    sentence = made.sentence.format(abs(probes.late)) if '{' in made.sentence else made.sentence
+    return f'{probes.place(made.shown, reads=made.reads)}{sentence}. {text}'
+
+
+@cache
+def _usual() -> TrackLog:
+    """Return laps with barc_sim's law."""
+    return lap(speed=SPEED, laps=_LAPS, dynamics='dynamic')
+
+
+def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
+    """Yield a finding for each criterion `lane.…`.
+
+    What follows from a mistake is not taken off again: later drives are without it, too, and the
+    better one counts.
+    """
+    try:
+        probes, by = Probes(code), settings.thresholds
+        yield Finding('lane.signs', *probes.judge())
+        tries = [False, True] if probes.wrong else [False]
+        drive = partial(_drive, code, probes)
+        found = [(*_returned(partial(drive, mended=each)), each) for each in tries]
+        score, text, mended = max(found)
+        if score < 1.0:
+            named = _named(_ON_STRAIGHT, probes, text)
+            tries, text = [False, True] if named != text else tries, named
+        yield Finding('lane.return', score, f'{_PUT_RIGHT * mended}{text}')
+        hidden = hidden_track(settings.seed)
+        for criterion, track, laps in (
+            ('lane.laps', Track.named('L'), _LAPS),
+            ('lane.hidden', hidden, 1),
+        ):
+            if criterion in criteria:
+                drives = [(drive(track, laps * track.length, mended=each), each) for each in tries]
+                log, mended = max(drives, key=lambda each: by.score(*_errors(each[0])))
+                score = by.score(*_errors(log))
+                text = f'{_described(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
+                if score < 1.0 and track is not hidden:
+                    text = _named(_IN_TURNS, probes, text)
+                shown = Evidence(_table(log), partial(_figure, log))
+                text = f'{_PUT_RIGHT * mended}{text}'
+                yield Finding(criterion, score, text, None if track is hidden else shown)
+    except UserError as error:
+        yield from (Finding(name, 0.0, str(error)) for name in DRIVE_LABELS if name != 'lane.delay')
+    yield Finding('lane.delay', 0.0, f'the plot of e_y, and two sentences: {BY_EYE}', open=True)
+
+
 def _drive(
-    code: LaneCode, track: Track, change: Change, distance: float, e_y: float = 0.0
-) -> Drive:
+    code: LaneCode,
+    probes: Probes,
+    track: Track,
+    distance: float,
+    e_y: float = 0.0,
+    *,
+    mended: bool,
+) -> TrackLog:
     """Drive from a standstill, or beside the line at full speed."""
     plant = plant_of(track=track, road='flat', dynamics='dynamic')
     if e_y:
         plant.place(State(*track.place(0.0, e_y), SPEED))
-    law = _Law(code, plant, change)
+    law = _Law(code, plant, probes, mended=mended)
     log = closed_loop(
         plant, speed_reference=SPEED, distance=distance, max_duration=_MAX_DURATION, lane=law
     )
     assert isinstance(log, TrackLog)  # noqa: S101 (it has a track)
-    return Drive(log, bool(log.s[-1] >= distance))
+    return log
+
+
+def _is_whole(log: TrackLog) -> bool:
+    """Return whether the car stayed on the track: a drive ends at its distance, or there."""
+    return bool(np.abs(log.e_y[-1]) < 0.5 * log.width[-1])
+
+
+def _errors(log: TrackLog) -> tuple[float, float]:
+    """Return the RMS and the maximum of e_y [m]; of a car that left the track, infinite."""
+    if not _is_whole(log):
+        return inf, inf
+    return float(np.sqrt(np.mean(log.e_y**2))), float(np.abs(log.e_y).max())
+
+
+def _described(log: TrackLog) -> str:
+    if not _is_whole(log):
+        return f'the car leaves the track after {log.s[-1]:.0f} m'
+    return 'RMS error {:.2f} m, at most {:.2f} m'.format(*_errors(log))
+
+
+def _table(log: TrackLog) -> Table:
+    """Return the laps, as text."""
+    laps, _ = track_laps_of(log)
+    rows = [
+        (
+            f'{lap.number + 1}',
+            f'{lap.time:.2f} s',
+            f'{lap.rms:.2f} m',
+            f'{lap.maximum:.2f} m',
+            f'{lap.at_limit:.0%} of the steps at its limit',
+        )
+        for lap in [*laps.finished, laps.current][:_LAPS]
+    ]
+    return Table('lap by lap', ('lap', 'time', 'RMS', 'at most', 'the steering'), rows)
+
+
+def _figure(log: TrackLog, title: str = '') -> Figure:
+    """Draw the best lap beside that with barc_sim's law."""
+    from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
+
+    figure = cast('Figure', plot(log, _usual(), labels=['your Lane', 'LaneLQR']))
+    figure.axes[0].set_title(title, loc='left', pad=24.0)
+    return figure
 
 
 def _share(value: float, full: float, zero: float) -> float:
     return min(max((zero - value) / (zero - full), 0.0), 1.0)
 
 
-def _returned(code: LaneCode, change: Change) -> tuple[float, str]:
+def _returned(drive: Callable[..., TrackLog]) -> tuple[float, str]:
     """Return score and message of the way back, from the side that is worse."""
     found = []
     for start, side in ((_OFF, 'left'), (-_OFF, 'right')):
-        drive = _drive(code, _STRAIGHT, change, _SEEN, start)
-        log = drive.log
+        log = drive(_STRAIGHT, _SEEN, start)
         away = log.s[np.abs(log.e_y) > _BACK]
         over = max(float(np.max(-np.sign(start) * log.e_y)), 0.0) / _OFF
         limited = float(np.mean(np.abs(log.servo[log.s < _DISTANCE[0]]) >= STEERING_LIMIT))
-        back = float(away[-1]) if drive.is_whole and away[-1] < log.s[-1] - 1.0 else inf
+        back = float(away[-1]) if away[-1] < log.s[-1] - 1.0 else inf
         score = _share(back, *_DISTANCE) * _share(over, *_OVERSHOOT) * _share(limited, *_SATURATED)
         way = f'back after {back:.0f} m' if back < inf else f'not back within {_SEEN:g} m'
         text = f'from {_OFF:g} m to the {side}: {way}, overshoot {over:.0%}'
@@ -400,62 +426,14 @@ def _returned(code: LaneCode, change: Change) -> tuple[float, str]:
     return float(np.mean([score for score, _ in found])), min(found)[1]
 
 
-def _judge_return(code: LaneCode, probes: _Probes) -> tuple[list[Change], Finding]:
-    """Return what later drives are tried with, and the finding on the way back."""
-    changes = [Change()]
-    if probes.wrong:
-        e_y, e_psi, bend = (-1.0 if name in probes.wrong else 1.0 for name in probes.effects)
-        changes += [Change('lane.signs', (e_y, e_psi, bend), steady=each) for each in (0.0, 2.0)]
-    used, (score, text) = max(
-        ((each, _returned(code, each)) for each in changes), key=lambda each: each[1][0]
-    )
-    text = f'{_put_right(used)}{text}'
-    tries = [each for each in _TRIED if score < 1.0 and probes.fits(each)]
-    found = {each: _returned(code, each.on(used)) for each in tries}
-    best = max(found, key=lambda each: found[each][0], default=None)
-    if best and found[best][0] > score + _BETTER:
-        shown = 'e_psi' if best.fits == 'no e_y' else 'e_y'  # with an output other than 0
-        text = f'{probes.place(shown)}{best.sentence}. {text}. Put right: {found[best][1]}'
-        equal = (each for each in tries if found[each][0] == found[best][0])
-        changes += [each.on(used)._replace(sentence='lane.return') for each in equal]
-    return changes, Finding('lane.return', score, text)
-
-
-def _put_right(change: Change) -> str:
-    return f'with what {change.sentence} names put right: ' if change.sentence else ''
-
-
-def _judge_laps(
-    criterion: str,
-    code: LaneCode,
-    track: Track,
-    laps: int,
-    changes: list[Change],
-    probes: _Probes | None,
-    by: Thresholds,
-) -> Finding:
-    """Return the finding on laps; with `probes`, what would be better is tried."""
-    drives = {each: _drive(code, track, each, laps * track.length) for each in changes}
-    used = max(drives, key=lambda each: by.score(*drives[each].errors))
-    drive = drives[used]
-    score = by.score(*drive.errors)
-    text = f'{_put_right(used)}{drive.describe()}'
-    if drive.is_whole:
-        text += f' ({by.full_rms:g} and {by.full_max:g} m are full marks)'
-    if probes and score < 1.0:
-        tries = {
-            each: _drive(code, track, each.on(used), track.length)
-            for each in _TRIED
-            if probes.fits(each)
-        }
-        best = max(tries, key=lambda each: by.score(*tries[each].errors))
-        if by.score(*tries[best].errors) > score + _BETTER:
-            place = probes.place(
-                'curvature', reads=bool(best.ahead or (best.steady and not best.fits))
-            )
-            other = tries[best].describe()
-            text = f'{place}{best.sentence}. {text}. Put right, in a lap: {other}'
-    return Finding(criterion, score, text, drive if probes else None)
+def hidden_track(seed: int) -> Track:
+    """Return an L of other radii, mirrored."""
+    uniform = Random(f'{seed} track').uniform  # noqa: S311 (a simulation, not a secret)
+    first, second, upper, lower = (round(uniform(9.0, 13.0), 1) for _ in range(4))
+    rows = l_shape(first, second, upper, lower, straight=round(uniform(14.0, 20.0), 1))
+    lengths, radii = zip(*rows, strict=True)
+    curvatures = tuple(-1.0 / each if each else 0.0 for each in radii)
+    return Track(lengths, curvatures, name='the hidden track')
 
 
 def _judge(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
