@@ -173,47 +173,15 @@ class Conditions:
 
 @judges('loop.lab_road')
 def judge_lab_road(code: HillsCode, conditions: Conditions) -> Judged:
-    """Return the finding for the lab's road, with what the speed does on each stretch of it.
-
-    Where the score is not full, a gain is named with which the user's own code did better.
-    """
+    """Return the finding for the lab's road, with what the speed does on each stretch of it."""
     try:
         drive = _drive(code, conditions, Road.lab(), DISTANCE)
     except UserError as error:
         if NOT_WRITTEN in str(error) or not conditions.gains:
             raise
         raise UserError(f'{error} ({conditions})') from error
-    message = f'{drive.describe()}, {conditions}{drive.worst_stretch()}{_advice(code, drive)}'
+    message = f'{drive.describe()}, {conditions}{drive.worst_stretch()}'
     return drive.score, message, drive
-
-
-_TRIED = (1.5, 3.0)  #: times a gain
-_BETTER = 0.9  #: times the RMS error
-
-
-def _advice(code: HillsCode, drive: Drive) -> str:
-    """Return the larger gain with which the same code holds the speed best; empty if none does."""
-    conditions = drive.conditions
-    if drive.score == 1.0 or conditions.mended or not conditions.gains:
-        return ''
-    duration, best, advice = 2.0 * float(drive.log.t[-1]), drive, ''
-    for name, gain in zip(PID.gains, conditions.gains[:3], strict=True):
-        for factor in _TRIED if gain else ():
-            changed: Any = {name: factor * gain}
-            tried = replace(conditions, gains=conditions.gains._replace(**changed))
-            try:
-                other = _driven(code, tried, Road.lab(), DISTANCE, duration)
-            except UserError:
-                continue
-            (rms, _), (best_rms, _) = other.errors, best.errors
-            arrives = other.log.distance[-1] >= DISTANCE and other.score > best.score
-            if arrives and (drive.failure or rms < _BETTER * drive.errors[0]) and rms < best_rms:
-                best = other
-                advice = (
-                    f'. With {name} {factor * gain:g} in place of {gain:g} the RMS error is '
-                    f'{rms:.3f} m/s'
-                )
-    return advice
 
 
 @cache
@@ -398,67 +366,28 @@ class Drive:
 
 _BACKWARDS = 'the car drives backwards: is the error speed_reference - speed_current?'
 _HELD = 0.05  #: [m/s] An error up to this is negligible.
-_NEAR = 0.02  #: share of the reference within which it counts as reached
-_LONG_LIMIT = 0.1  #: [s] An output at its limit for a shorter time has no effect.
 _OWN_LIMIT = 25  #: calls: code that returns its largest output for longer has a limit of its own
-# Shares of the maximum error on a stretch:
-_CARRIED = 0.6  #: that the stretch starts with
-_SWINGS, _SWING = 4, 0.3  #: that a swing reaches, and how many count
-_STEADY = 0.5  #: that is left at the end, or on the other side
+_SWINGS, _SWING = 4, 0.3  #: how many count, and the share of the maximum error that one reaches
 
 
 def _stretch_remark(log: Log, part: slice, limit: float) -> str:
     """Return what the speed does on a stretch: what was measured, and no advice."""
-    error = log.speed_error[part]
-    if part.start == 0:
-        return _of_start(log.speed[part], error, limit)
-    slopes = np.sin(np.radians(log.theta_deg[[part.start - 1, part.start]]))
-    change = GRAVITY * float(np.diff(slopes)[0])
-    at_limit = float(np.count_nonzero(np.abs(log.motor[part]) >= limit)) * TS
-    what = _of_error(error, np.sign(change))
-    if np.abs(error).max() > _HELD and at_limit > _LONG_LIMIT:
-        what = f'the output was at its limit of {limit:g} m/s² for {at_limit:.1f} s'
-    return f'needs {abs(change):.1f} m/s² {"more" if change > 0.0 else "less"} at once: {what}'
-
-
-def _of_error(error: Floats, sign: float) -> str:
-    """Return how the error goes on, which a change of grade begins with `sign`."""
-    peak = float(np.abs(error).max())
+    error, remarks = log.speed_error[part], []
+    if part.start:
+        slopes = np.sin(np.radians(log.theta_deg[[part.start - 1, part.start]]))
+        change = GRAVITY * float(np.diff(slopes)[0])
+        remarks.append(f'needs {abs(change):.1f} m/s² {"more" if change > 0.0 else "less"} at once')
+    elif log.speed[part].min() < -_HELD:
+        remarks.append(_BACKWARDS)
+    large = error[np.abs(error) > max(_SWING * float(np.abs(error).max()), _HELD)]
+    if (swings := np.count_nonzero(np.diff(np.sign(large)))) >= _SWINGS:
+        remarks.append(f'the speed swings {swings} times')
+    at_limit = np.count_nonzero(np.abs(log.motor[part]) >= limit)
+    if at_limit > 1 and np.abs(error).max() > _HELD:
+        remarks.append(f'the output was at its limit of {limit:g} m/s² for {at_limit * TS:.1f} s')
     rest = float(np.mean(error[-max(len(error) // 5, 1) :]))
-    over = float(np.max(-sign * error))
-    swings = np.count_nonzero(np.diff(np.sign(error[np.abs(error) > _SWING * peak])))
-    sentences = {
-        f'held within {_HELD:g} m/s': peak <= _HELD,
-        f'the speed swings {swings} times, by up to {peak:.2f} m/s': swings >= _SWINGS,
-        f'starts {abs(error[0]):.2f} m/s off, {_end(error)}': abs(error[0]) >= _CARRIED * peak,
-        f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"} at its end': abs(rest)
-        > _STEADY * peak,
-        f'overshoots by {over:.2f} m/s': over > max(_STEADY * peak, _HELD),
-        f'{peak:.2f} m/s off, {_end(error)}': True,
-    }
-    return next(sentence for sentence, applies in sentences.items() if applies)
-
-
-def _of_start(speed: Floats, error: Floats, limit: float) -> str:
-    reference = float(speed[0] + error[0])
-    near = np.flatnonzero(np.abs(error) <= _NEAR * abs(reference))
-    if not near.size:
-        if speed.min() < -_HELD:
-            return _BACKWARDS
-        return f'{reference:g} m/s is not reached: the maximum speed is {speed.max():.2f} m/s'
-    text = f'{near[0] * TS:.2f} s to {reference:g} m/s'
-    if isfinite(limit):
-        text += f', where {limit:g} m/s² allow {reference / limit:.2f} s'
-    over = -float(error.min())
-    return f'{text}; then {over:.2f} m/s too fast' if over > _NEAR * reference else text
-
-
-def _end(error: Floats) -> str:
-    """Return when the error was gone."""
-    beyond = np.flatnonzero(np.abs(error) > max(0.1 * float(np.abs(error).max()), 0.01))
-    if beyond.size and beyond[-1] + 1 == len(error):
-        return 'not gone at the end of this one'
-    return f'gone after {(beyond[-1] + 1 if beyond.size else 0) * TS:.1f} s'
+    remarks.append(f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"} at its end')
+    return '; '.join(remarks)
 
 
 LABELS = {

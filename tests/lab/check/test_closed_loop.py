@@ -46,16 +46,11 @@ def remarks(finding: Finding) -> list[str]:
 @pytest.mark.parametrize(
     ('gains', 'stretch', 'words'),
     [
-        (RUN, 1, 'needs 1.7 m/s² more at once: held within 0.05 m/s'),
-        (RUN, 0, '1.00 s to 8 m/s, where 8 m/s² allow 1.00 s'),
-        ((10.0, 20.0, 0.0), STEEP, 'm/s off, gone after 1.2 s'),
-        ((2.0, 0.0, 0.0), STEEP, 'at once: 2.44 m/s too slow at its end'),
-        ((2.0, 0.0, 0.0), 2, 'starts 0.85 m/s off, gone after 1.1 s'),
-        ((2.0, 2.0, 0.0), 0, 'm/s too fast'),
-        ((5.0, 400.0, 0.0), STEEP, 'overshoots by'),
+        (RUN, 1, 'needs 1.7 m/s² more at once; 0.00 m/s too slow at its end'),
+        ((2.0, 0.0, 0.0), STEEP, 'at once; 2.44 m/s too slow at its end'),
         ((1.0, 100.0, 0.0), STEEP, 'the speed swings 4 times'),
         ((30.0, 200.0, 5.0), STEEP, 'the output was at its limit of 8 m/s² for 1.4 s'),
-        ((0.0, 0.0, 0.0), 0, '8 m/s is not reached'),
+        ((0.0, 0.0, 0.0), 0, '8.00 m/s too slow at its end'),
         ((-5.0, 0.0, 0.0), 0, 'the car drives backwards'),
     ],
 )
