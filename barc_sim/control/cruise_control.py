@@ -5,7 +5,7 @@ The controllers that it may use, of speed and lane, stand in a table by name.
 
 from __future__ import annotations
 
-from math import isfinite
+from math import isfinite, nan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.excitation import PRBS, CoastDown, Steps
@@ -100,6 +100,7 @@ _PARAMETERS = [
         'subtract_error',
         default=False,
         description='whether to control the true speed, z_vhcl minus ez_vhcl, not the measured',
+        read_only=True,
     ),
 ]
 
@@ -152,7 +153,6 @@ class CruiseControl:
         self.values: dict[str, Any] = {}  #: the parameters by name
         self._reference: Signal | None = None  # over time and place
         self._start: int | None = None  # [ns] stamp of the first state
-        self._awaits_error = True  # whether a state is answered only once its error is there
         self.configure(declare(self.parameters(acceleration_limit)))
         self.reset()
 
@@ -170,9 +170,6 @@ class CruiseControl:
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Set parameters."""
-        if self.values and values.get('subtract_error'):
-            # The present state came without its error: it is answered as measured.
-            self._awaits_error = False
         if 'speed_reference' in values:
             file = values.get('reference')
             self._has_file = bool(file)
@@ -215,15 +212,12 @@ class CruiseControl:
             None  # of subtract_error: as `take_state`
         )
         self._error: tuple[int, float] | None = None
+        self._answer = Answer(nan, nan, nan, 0)  # the latest
 
     def take_error(self, stamp: int, error: float) -> Answer | None:
-        """Take the error of a measured speed [m/s]; return as `take_state` does."""
-        if not self.values['subtract_error']:
-            return None
-        self._error, self._awaits_error = (stamp, error), True
-        if self._state is None or self._state[0] != stamp:
-            return None
-        return self.take_state(*self._state)
+        """Take the error of a measured speed [m/s], to subtract; return as `take_state` does."""
+        self._error = stamp, error
+        return self.take_state(*self._state) if self._state and self._state[0] == stamp else None
 
     def take_state(
         self, stamp: int, speed: float, x: float = 0.0, y: float = 0.0, psi: float = 0.0
@@ -232,7 +226,7 @@ class CruiseControl:
 
         None: it is not due before the state's error has come, or it is refused.
         """
-        if self.values['subtract_error'] and self._awaits_error:
+        if self.values['subtract_error']:
             self._state = stamp, speed, x, y, psi
             if self._error is None or self._error[0] != stamp:
                 return None
@@ -262,14 +256,15 @@ class CruiseControl:
         acceleration = float(self.controller.acc_calculate(reference, speed, dt))
         if self.lane:
             acceleration = self.lane.acceleration(acceleration)
-        return Answer(reference, speed, acceleration, stamp, steering)
+        self._answer = Answer(reference, speed, acceleration, stamp, steering)
+        return self._answer
 
-    def computed(self, answer: Answer) -> dict[str, Any]:
-        """Return what the controller computed for the latest `answer`: the fields of its message.
+    def computed(self) -> dict[str, Any]:
+        """Return what the controller computed for its latest answer: the fields of its message.
 
         That is PidState where `is_pid`, and ControllerState otherwise.
         """
-        controller = self.controller
+        controller, answer = self.controller, self._answer
         terms = {name: float(getattr(controller, name)) for name in controller.terms}
         named = terms if self.is_pid else {'names': [*terms], 'values': [*terms.values()]}
         return {

@@ -34,7 +34,7 @@ from barc_sim.ros.node_helpers import (
     frames,
     to_header,
     to_nanoseconds,
-    to_path,
+    to_poses,
 )
 from barc_sim.simulation.stepper import TOLERATED
 from barc_sim.vehicle.road import Road
@@ -299,7 +299,8 @@ def track_markers(track: Track, frame: str) -> MarkerArray:
 
 def track_path(track: Track, frame: str) -> Path:
     """Return a track's centre line."""
-    return to_path(to_header(0, frame), *_line(track))
+    header = to_header(0, frame)
+    return Path(header=header, **to_poses(header, _line(track)))
 
 
 def _line(track: Track, e_y: float = 0.0) -> list[list[float]]:

@@ -46,16 +46,15 @@ if TYPE_CHECKING:
 class VehicleSimulator(Node):
     """Publishes the state, and steps it with the command that answers it.
 
-    `stepper` has the rules, and counts `states`, `missed` deadlines and `slipped` periods. This
-    node converts, calls and publishes. State `k` is stamped `t_0 + k·T_s`.
+    `stepper` has the rules, and counts `states`, `missed` deadlines and `slipped` periods. State
+    `k` is stamped `t_0 + k·T_s`.
 
     Each state's stamp is published on `/clock` before the state, and every second while time stands
     still: at factor 1 once it is 0.1 s behind the wall clock, or if the parameter `clock` is true.
 
-    The service `reset` restarts the run once the present state is answered; the controller or relay
-    is reset, too. `pause` stops and resumes simulated time; meanwhile `step` takes one step. A
-    message on `initialpose` puts the car there, at rest. `finished` is done at the run's end, and
-    `refused` counts invalid messages.
+    The service `reset` restarts the run, with the controller or relay, once the present state is
+    answered. `pause` stops and resumes time; meanwhile `step` takes one step. A message on
+    `initialpose` puts the car there. `finished` is done at the end; `refused` counts bad messages.
 
     Examples
     --------
@@ -93,12 +92,7 @@ class VehicleSimulator(Node):
         `road` and `track` replace those of the parameters; `distance` [m] is the default of the
         parameter. Of several cars in a domain only one `keeps_clock`. `on_step` gets the simulated
         time [s] and what is published; it must be quick. `model` steps the car. `check_period` is
-        in seconds.
-
-        Raises
-        ------
-        UserError
-            if a parameter is out of range, or the topic has a simulator already.
+        in seconds. UserError: a parameter is out of range, or the topic has a simulator already.
         """
         super().__init__('vehicle_simulator', **options)
         self.track = declare_track(self, track)
@@ -107,19 +101,19 @@ class VehicleSimulator(Node):
         self.stepper = Stepper(values, self, model, self.road, self.track)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
-        self.finished, self._warning = Future(), RateLimitedWarning(self, 10.0)
-        self.refused, self._on_step = RefusedInput(self), on_step
+        self.finished, self.refused, self._on_step = Future(), RefusedInput(self), on_step
+        self.warn = RateLimitedWarning(self, 10.0).warn
 
         # One stamp for all messages of a state; to make new messages would cost more.
         self._subscribed, self._stamp = Subscribed(self), Time()
         place, car = (Header(stamp=self._stamp, frame_id=name) for name in frames(self))
         self._time, self._environment = ClockMessage(clock=self._stamp), Environment(header=place)
         self._state, self._error = ZDynBkMdl(header=place), EZDynBkMdl(header=car)
-        self._may_keep_clock, self.clock_pub = keeps_clock, None
+        self._may_keep_clock, self.clock_pub, self._track_pub = keeps_clock, None, None
         if values['clock'] or values['realtime_factor'] != 1.0:
             self.begin_clock()
-        self._place, self._track_pub = TrackState(header=place), None
         if self.track:
+            self._place = TrackState(header=place)
             self._track_pub = self.create_publisher(TrackState, names.TRACK_STATE, names.QOS)
         self._error_pub = self.create_publisher(EZDynBkMdl, names.STATE_ERROR, names.QOS)
         self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
@@ -175,10 +169,6 @@ class VehicleSimulator(Node):
         """End the run; may be called from any thread."""
         self.finished.set_result(None)
 
-    def warn(self, sentence: str, about: str = '') -> None:
-        """Warn; about one thing, where that is given, once in 10 s at most."""
-        self._warning.warn(lambda: sentence, about or sentence)
-
     def begin_clock(self) -> bool:
         """Publish `/clock` with each state from now on; return whether this node may do so."""
         if self._may_keep_clock and not self.clock_pub:
@@ -206,11 +196,11 @@ class VehicleSimulator(Node):
         self.stepper.retune(self.values)
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        pose = message.pose.pose
-        if place := to_state_at_rest(pose):
+        if place := to_state_at_rest(message.pose.pose):
             self.stepper.place(place)
         else:
-            self.refused.add(lambda: f'an initial pose that is not finite or no rotation: {pose}')
+            why = f'an initial pose that is not finite or no rotation: {message.pose.pose}'
+            self.refused.add(lambda: why)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = True, 'the car is back at the start'

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 import time
+from collections import Counter
 from math import atan2, cos, sin
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
-from nav_msgs.msg import Path
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from std_msgs.msg import Header
 
+from barc_sim.bags import names
 from barc_sim.bags.messages import NANOSECONDS, split_time
 from barc_sim.control.driver import DriverInput
 from barc_sim.errors import ANY, UserError, not_between
@@ -22,7 +23,7 @@ from barc_sim.vehicle.parameters import TRACK
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
     from rclpy.node import Node
     from rclpy.publisher import Publisher
@@ -104,15 +105,15 @@ def to_header(stamp_ns: int, frame_id: str = '') -> Header:
     return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
 
 
-def to_path(header: Header, x: Iterable[float], y: Iterable[float], psi: Iterable[float]) -> Path:
-    """Return poses on the map as a path."""
-    path = Path(header=header)
-    for at_x, at_y, heading in zip(x, y, psi, strict=True):
-        half = 0.5 * float(heading)
-        pose = Pose(position=Point(x=float(at_x), y=float(at_y)))
+def to_poses(header: Header, poses: Any) -> dict[str, Any]:  # noqa: ANN401 (x, y, psi: arrays)
+    """Return the field of a Path that has poses on the map."""
+    path = []
+    for x, y, psi in zip(*poses, strict=True):
+        half = 0.5 * float(psi)
+        pose = Pose(position=Point(x=float(x), y=float(y)))
         pose.orientation = Quaternion(z=sin(half), w=cos(half))
-        path.poses.append(PoseStamped(header=header, pose=pose))
-    return path
+        path.append(PoseStamped(header=header, pose=pose))
+    return {'poses': path}
 
 
 def to_nanoseconds(stamp: Time) -> int:
@@ -159,6 +160,40 @@ class Subscribed:
             self._window = stamp_ns // _RECOUNT_NS
             self._found = {pub for pub in self._node.publishers if pub.get_subscription_count()}
         return self._found
+
+
+class Outputs:
+    """The messages of a node that need not be made while nobody subscribes to them."""
+
+    def __init__(self, node: Node) -> None:
+        """Begin without any."""
+        self._node, self._subscribed = node, Subscribed(node)
+        self._outputs: list[tuple[Publisher, Any, Callable[[], Mapping[str, Any]], int]] = []
+        self._published: Counter[Publisher] = Counter()
+
+    def add(
+        self,
+        topic: str,
+        message: Any,  # noqa: ANN401 (of any type)
+        fields: Callable[[], Mapping[str, Any]],
+        every: int = 1,
+    ) -> None:
+        """Publish `message` with these `fields` from now on, for one of `every` so many states."""
+        publisher = self._node.create_publisher(type(message), topic, names.QOS)
+        self._outputs.append((publisher, message, fields, every))
+
+    def publish(self, stamp: Time) -> None:
+        """Publish the messages of the state with this stamp."""
+        subscribed = self._subscribed.at(to_nanoseconds(stamp))
+        for publisher, message, fields, every in self._outputs:
+            if publisher not in subscribed:
+                continue
+            if self._published[publisher] % every == 0:
+                message.header.stamp = stamp
+                for name, value in fields().items():
+                    setattr(message, name, value)
+                publisher.publish(message)
+            self._published[publisher] += 1
 
 
 class RateLimitedWarning:

@@ -172,8 +172,8 @@ class Outputs(Protocol):
     def finish(self) -> None:
         """End the run; may be called from any thread."""
 
-    def warn(self, sentence: str, about: str = '') -> None:
-        """Warn; about one thing, where that is given, once in 10 s at most."""
+    def warn(self, sentence: Callable[[], str], about: str) -> None:
+        """Warn about one thing, once in 10 s at most."""
 
     def begin_clock(self) -> bool:
         """Publish the simulated time from now on; return whether that is allowed."""
@@ -369,8 +369,10 @@ class Stepper:
                 return
             self.missed += 1
             self._outputs.warn(
-                f'missed deadlines: {self.missed} so far; no command answers state '
-                f'{self.states - 1} in time, and the last one holds',
+                lambda: (
+                    f'missed deadlines: {self.missed} so far; no command answers state '
+                    f'{self.states - 1} in time, and the last one holds'
+                ),
                 'missed deadlines',
             )
         self._step()
@@ -453,7 +455,7 @@ class Stepper:
             self._place, self._ends = None, False
         elif self._commands.timed_out(self._clock()):
             self._outputs.warn(
-                f'no command for {self._timeout:g} s: the car brakes to a standstill',
+                lambda: f'no command for {self._timeout:g} s: the car brakes to a standstill',
                 'timeout',
             )
             plant.brake(self._braking)
@@ -489,11 +491,12 @@ class Stepper:
     def _warn_of_lag(self) -> None:
         begun = self._outputs.begin_clock()
         where = '; /clock has the simulated time from now on' if begun else ''
-        self._outputs.warn(
+        why = (
             f'stamps are {self.stamp_lag:.1f} s behind the wall clock, because simulated time was '
             f'paused{where}: set use_sim_time in nodes that compare stamps with their clock, or '
             'reset the run'
         )
+        self._outputs.warn(lambda: why, 'stamps behind the clock')
 
     def _check_stamp(self, stamp: int) -> None:
         """Warn, once, of a command with a stamp [ns] that no state has."""
@@ -506,10 +509,10 @@ class Stepper:
             return
         self._warned_of_stamps = True
         away = (stamp - self.stamp) / _NANOSECONDS
-        self._outputs.warn(
+        why = (
             f'commands arrive stamped {away:+.3g} s from the state: copy its header, or leave the '
-            'stamp 0'
         )
+        self._outputs.warn(lambda: f'{why}stamp 0', 'stamps of commands')
 
     def _restart(self, why: str = RESET) -> None:
         if self.phase is Phase.FINISHED:

@@ -155,20 +155,6 @@ def test_state_and_error_of_different_stamps_are_not_joined(bench: Make) -> None
     assert [to_nanoseconds(command.header.stamp) for command in one.commands] == [40 * MS]
 
 
-def test_true_speed_is_controlled_from_the_first_error_on_where_asked_for_later(
-    bench: Make,
-) -> None:
-    one = bench()
-    one.answers([(0, 8.5)])
-    one.set(subtract_error=True)
-    one.answers([(20 * MS, 8.5)])  # its error came before anybody took it
-    for stamp in (40 * MS, 60 * MS):
-        one.send_error(stamp, 0.5)
-        one.answers([(stamp, 8.5)])
-    one.until(lambda: len(one.received) == 4)
-    assert [one.received[k].measurement for k in (0, 1, 3)] == [8.5, 8.5, 8.0]
-
-
 # Parameters
 
 

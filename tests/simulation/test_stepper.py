@@ -17,6 +17,8 @@ from barc_sim.vehicle.parameters import PARAMETERS
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from barc_sim.vehicle.plant import Observation
 
 
@@ -121,7 +123,7 @@ class Engine:
         self.deadlines = False
         self.starts = self.ends = 0
         self.warnings: list[str] = []
-        self.limited: list[str] = []  #: what each warning is about, where it is rate-limited
+        self.limited: list[str] = []  #: what each warning is about
         self.log: list[str] = []
         self.late: list[tuple[Command, int]] = []  #: commands that are delivered on request only
         self.stepper = Stepper(
@@ -150,8 +152,8 @@ class Engine:
     def finish(self) -> None:
         self.ends += 1
 
-    def warn(self, sentence: str, about: str = '') -> None:
-        self.warnings.append(sentence.partition(':')[0])
+    def warn(self, sentence: Callable[[], str], about: str) -> None:
+        self.warnings.append(sentence().partition(':')[0])
         self.limited.append(about)
 
     def begin_clock(self) -> bool:
