@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.metrics import Lap
 
 SIZE, DRIVE_SIZE = (9.6, 8.4), (9.6, 9.6)  #: [inch]
+_POSITION = 'Position along the road [m]'
 JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.
 _SHOWN = 120  # characters of a setting
 _MOST_LAPS = 5  #: in a caption
@@ -82,88 +83,74 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     """
     if not logs or any(not len(log) for log in logs):
         raise UserError('plot needs at least one log with a state: give the log of a run')
-    names = [*labels, *(f'run {k}' for k in range(len(labels) + 1, len(logs) + 1))]
-    runs = [*zip(names, logs, strict=False)]
+    names = [*labels, *(f'run {k}' for k in range(len(labels) + 1, len(logs) + 1))][: len(logs)]
     if ax is not None:
-        _draw_runs(runs, ax)
+        for log, name, color in zip(logs, names, cycle(RUN_COLOURS), strict=False):
+            _draw_speed(ax, _broken(use_measurement(log)), name, color)
+        ax.set_xlabel(_POSITION)
+        ax.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
         return ax.figure
     on_track = [log for log in logs if isinstance(log, TrackLog)]
+    title = ''.join(labels) if len(logs) == 1 else ''
     if len(on_track) == len(logs):
         figure = NotebookFigure(figsize=TRACK_SIZE)
-        title = ''.join(labels) if len(logs) == 1 else ''
-        return track_figure(*on_track, labels=names[: len(logs)], title=title, figure=figure)
-    figure = NotebookFigure(figsize=SIZE)
-    if len(logs) == 1:
-        return speed_figure(*logs, title=''.join(labels), figure=figure)
-    return _compare(runs, figure)
-
-
-@style.context(STYLE)
-def _compare(runs: Sequence[tuple[str, Log]], figure: Figure) -> Figure:
-    """Draw speed, error, grade and command of several runs, a line for each."""
-    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
-    panels = figure.subplots(4, 1, sharex=True, height_ratios=[4, 1.8, 1.4, 1.6])
-    _draw_runs(runs, *panels)
-    panels[0].set_xlabel('')
-    commands = [after_run_up(log, log.motor) for _, log in runs]
-    panels[-1].set_ylim(*limits(np.concatenate(commands), share=0.12, minimum=1.0))
-    panels[-1].set_xlabel('Position along the road [m]')
-    figure.align_ylabels()
-    return figure
-
-
-def _draw_runs(runs: Sequence[tuple[str, Log]], *panels: Axes) -> None:
-    """Draw the speed of runs, with their references; in further panels, error, grade, command."""
-    speed, *others = panels
-    for (name, run), color in zip(runs, cycle(RUN_COLOURS), strict=False):
-        line: dict[str, Any] = {'color': COLOURS[color].light, 'lw': 1.4}
-        log = _broken(use_measurement(run))
-        speed.plot(log.distance, log.speed, label=name, **line)
-        speed.plot(log.distance, log.reference, color=INK, lw=0.8, ls=DASHES, zorder=1)
-        if others:
-            error, grade, command = others
-            draw_error(error, log, **line)
-            grade.step(log.distance, log.theta_deg, where='post', **line)
-            grade.set_ylabel('Grade [°]')
-            command.step(log.distance, log.motor, where='post', **line)
-            command.set_ylabel('Command [m/s²]')
-    speed.set(xlabel='Position along the road [m]', ylabel='Speed [m/s]')
-    speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
+        return track_figure(*on_track, labels=names, title=title, figure=figure)
+    return speed_figure(*logs, labels=names, title=title, figure=NotebookFigure(figsize=SIZE))
 
 
 @style.context(STYLE)
 def speed_figure(
-    log: Log, *, title: str = '', settings: str = '', figure: Figure | None = None
+    *logs: Log,
+    labels: Sequence[str] = (),
+    title: str = '',
+    settings: str = '',
+    figure: Figure | None = None,
 ) -> Figure:
-    """Draw speed, its error, grade and command of at least one state against the position.
+    """Draw speed, its error, grade and command of runs with a state against the position.
 
     The error is that after the run-up; without a controller's reference (NaN), and in a shorter
-    run, there is none. `title` and `settings` are the two lines of the heading. `figure` is empty.
+    run, there is none. Several runs have a line each, with their `labels`. `title` and `settings`
+    are the two lines of the heading. `figure` is empty.
     """
-    log = use_measurement(log)
-    caption = _caption(log)
-    log = _broken(log)
+    runs = [_broken(use_measurement(log)) for log in logs]
     figure = figure or Figure(figsize=SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
-    heights = [4, 1.8, 1.4, 1.6] if has_error(log) else [4, 1.4, 1.6]
+    heights = [4, 1.8, 1.4, 1.6] if any(map(has_error, runs)) else [4, 1.4, 1.6]
     speed, *error, grade, command = figure.subplots(
         len(heights), 1, sharex=True, height_ratios=heights
     )
-    _draw_speed(speed, log)
-    for axes in error:
-        draw_error(axes, log, color=BLUE, lw=1.4)
-    _draw_grade(grade, log)
-    _draw_command(command, log)
-    speed.set_xlim(*limits(log.distance, share=0.01, minimum=0.5))
-    command.set_xlabel('Position along the road [m]')
-    command.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    looks: list[tuple[str, ...]] = [('', BLUE, MUTED, GREEN)]
+    if len(runs) > 1:
+        looks = [(name, *[color] * 3) for name, color in zip(labels, cycle(RUN_COLOURS))]
+    for log, (name, color, of_grade, of_command) in zip(runs, looks, strict=True):
+        steps: dict[str, Any] = {'where': 'post', 'marker': _marker(log), 'lw': 1.2}
+        _draw_speed(speed, log, name, color)
+        for axes in error:
+            draw_error(axes, log, color=color, lw=1.4)
+        grade.step(log.distance, log.theta_deg, color=of_grade, **steps)
+        command.step(log.distance, log.motor, color=of_command, **steps)
+    if len(runs) == 1:
+        _add_details(runs[0], speed, grade, command)
+        figure.supxlabel(_caption(logs[0]), x=0.99, ha='right', fontsize=9, color=MUTED)
+    _name_position(command, *runs)
+    speed.set_ylabel('Speed [m/s]')
+    grades = np.concatenate([log.theta_deg for log in runs])
+    grade.set(ylabel='Grade [°]', ylim=limits(grades, share=0.15, minimum=5.0))
+    commands = np.concatenate([after_run_up(log, log.motor) for log in runs])
+    command.set(ylabel='Command [m/s²]', ylim=limits(commands, share=0.12, minimum=1.0))
     # The heading's second line and the legend are above the axes, the title is above both.
     speed.set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
     speed.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
     speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.06), ncols=3, borderaxespad=0.0)
     figure.align_ylabels()
-    figure.supxlabel(caption, x=0.99, ha='right', fontsize=9, color=MUTED)
     return figure
+
+
+def _name_position(axes: Axes, *logs: Log) -> None:
+    """Name and scale the axis of the position."""
+    distance = np.concatenate([log.distance for log in logs])
+    axes.set(xlabel=_POSITION, xlim=limits(distance, share=0.01, minimum=0.5))
+    axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
 
 
 def figure_of(
@@ -209,11 +196,9 @@ def terms_figure(log: Log) -> Figure | None:
         )
     # Limits by the command: the terms at the start would hide the rest.
     low, high = limits(log.motor, share=0.5, minimum=1.0)
-    axes.set(xlim=limits(log.distance, share=0.01, minimum=0.5), ylim=(low, high))
+    axes.set(ylim=(low, high), ylabel='Acceleration [m/s²]')
     axes.axhline(0.0, color=GREY, lw=0.8)
-    axes.set_xlabel('Position along the road [m]')
-    axes.set_ylabel('Acceleration [m/s²]')
-    axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    _name_position(axes, log)
     axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.0)
     return figure
 
@@ -262,19 +247,21 @@ def _broken(log: Log) -> Log:
     )
 
 
-def _draw_speed(axes: Axes, log: Log) -> None:
-    """Draw the true speed, and its measurement and reference if they differ from it."""
-    plot = partial(axes.plot, log.distance, marker=_marker(log))
-    if np.any(log.e_v_x):
-        plot(log.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured')
-    plot(log.speed, color=BLUE, lw=2.0, label='speed')
+def _draw_speed(axes: Axes, log: Log, name: str, color: str) -> None:
+    """Draw the true speed and its reference, which only a run without a name names."""
+    marker = _marker(log)
+    axes.plot(
+        log.distance, log.speed, color=color, lw=1.4 if name else 2.0, marker=marker,
+        label=name or 'speed',
+    )  # fmt: skip
     if not np.all(np.isnan(log.reference)):
-        plot(log.reference, color=INK, lw=1.2, ls=DASHES, label='reference')
-    if np.min(log.speed) < 0.0:
-        axes.axhline(0.0, color=GREY, lw=0.8)
-    if has_error(log):
-        axes.set_ylim(*speed_limits(log))
-    axes.set_ylabel('Speed [m/s]')
+        line: dict[str, Any] = {
+            'color': INK,
+            'lw': 0.8 if name else 1.2,
+            'ls': DASHES,
+            'marker': marker,
+        }
+        axes.plot(log.distance, log.reference, label='' if name else 'reference', **line)
 
 
 def has_error(log: Log) -> bool:
@@ -291,38 +278,37 @@ def draw_error(axes: Axes, log: Log, **line: Any) -> None:  # noqa: ANN401 (Matp
     axes.set_ylabel('Error [m/s]')
 
 
-def _draw_grade(axes: Axes, log: Log) -> None:
-    axes.fill_between(log.distance, log.theta_deg, step='post', color=EARTH)
-    axes.step(log.distance, log.theta_deg, marker=_marker(log), where='post', color=MUTED, lw=1.2)
-    axes.set_ylim(*limits(log.theta_deg, share=0.15, minimum=5.0))
-    axes.set_ylabel('Grade [°]')
-
-
-def _draw_command(axes: Axes, log: Log) -> None:
-    axes.step(log.distance, log.motor, marker=_marker(log), where='post', color=GREEN, lw=1.2)
-    limit = motor_limit(log)
-    if limit:
+def _add_details(log: Log, speed: Axes, grade: Axes, command: Axes) -> None:
+    """Draw what only the figure of one run has room for."""
+    if np.any(log.e_v_x):
+        speed.plot(
+            log.distance, log.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured', zorder=1.9
+        )
+    if np.min(log.speed) < 0.0:
+        speed.axhline(0.0, color=GREY, lw=0.8)
+    if has_error(log):
+        speed.set_ylim(*speed_limits(log))
+    grade.fill_between(log.distance, log.theta_deg, step='post', color=EARTH)
+    if limit := motor_limit(log):
         did = acting(log)
         held = (np.abs(did) > AT_LIMIT * limit) & (np.abs(log.motor) > limit)
         for level in (limit, -limit):
-            axes.axhline(level, color=INK, lw=0.8, ls=DASHES)
+            command.axhline(level, color=INK, lw=0.8, ls=DASHES)
         at_limit = np.where(held, np.copysign(limit, did), np.nan)
-        axes.plot(log.distance, at_limit, color=GREEN, lw=3.0, label='motor at its limit')
-        axes.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
+        command.plot(log.distance, at_limit, color=GREEN, lw=3.0, label='motor at its limit')
     if missed := np.count_nonzero(log.missed):
-        axes.plot(
-            log.distance[log.missed],
-            np.zeros(missed),
-            ls='',
-            marker=TICKUP,
-            markersize=8,
-            color=INK,
-            transform=axes.get_xaxis_transform(),
-            label=f'{missed} missed deadline' + ('s' if missed > 1 else ''),
-        )
-        axes.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
-    axes.set_ylim(*limits(after_run_up(log, log.motor), share=0.12, minimum=1.0))
-    axes.set_ylabel('Command [m/s²]')
+        label = f'{missed} missed deadline' + ('s' if missed > 1 else '')
+        marks: dict[str, Any] = {
+            'ls': '',
+            'marker': TICKUP,
+            'markersize': 8,
+            'color': INK,
+            'label': label,
+        }
+        bottom = command.get_xaxis_transform()
+        command.plot(log.distance[log.missed], np.zeros(missed), transform=bottom, **marks)
+    if limit or missed:
+        command.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
 
 
 def _marker(log: Log) -> str:

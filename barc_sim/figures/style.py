@@ -52,7 +52,9 @@ TERM_DASHES = ((0.0, (8.0, 2.0)), (0.0, (2.0, 2.0)), (0.0, (8.0, 2.0, 2.0, 2.0))
 #: Of the forces on the car; the motor's is that of its command. The others have names beside them.
 FORCES = {'motor': 'green', 'gravity': 'muted', 'drag': 'muted', 'friction': 'muted'}
 #: Of several runs in one figure.
-RUN_COLOURS = ('blue', 'vermillion', 'green', 'purple', 'orange', 'sky')
+RUN_COLOURS = tuple(
+    COLOURS[name].light for name in ('blue', 'vermillion', 'green', 'purple', 'orange', 'sky')
+)
 BLUE = COLOURS['blue'].light
 SKY = COLOURS['sky'].light
 VERMILLION = COLOURS['vermillion'].light

@@ -14,7 +14,6 @@ from matplotlib.lines import Line2D
 from barc_sim.control.lane import STEERING_LIMIT
 from barc_sim.figures.style import (
     BLUE,
-    COLOURS,
     DASHES,
     EARTH,
     GREY,
@@ -152,7 +151,7 @@ def _best_laps(runs: Sequence[tuple[str, TrackLog]]) -> list[_Curve]:
     curves = []
     for (name, log), color in zip(runs, cycle(RUN_COLOURS), strict=False):
         *_, curve = _laps_of_a_run(log)
-        line = {'color': COLOURS[color].light, 'lw': 1.6}
+        line = {'color': color, 'lw': 1.6}
         curves.append(curve._replace(name=name, line=line))
     return curves
 
