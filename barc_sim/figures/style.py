@@ -9,6 +9,7 @@ import numpy as np
 
 from barc_sim.simulation.metrics import RUN_UP, laps_of
 from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,6 +141,23 @@ def motor_limit(log: Log) -> float:
     maximum = float(np.nanmax(did, initial=0.0))
     held = (did > AT_LIMIT * maximum) & (np.abs(log.motor) > maximum / AT_LIMIT)
     return round(maximum, 6) if np.count_nonzero(held) >= HELD else 0.0
+
+
+def driven_road(log: Log) -> Road | None:
+    """Return the road as far as a run has seen it; None where it recorded none.
+
+    A change of grade lies somewhere between two states: in the middle, then.
+    """
+    recorded = np.flatnonzero(np.isfinite(log.theta_deg) & np.isfinite(log.distance))
+    if not recorded.size:
+        return None
+    distance, first = np.unique(log.distance[recorded], return_index=True)
+    grade = log.theta_deg[recorded][first]
+    change = np.flatnonzero(np.diff(grade))
+    starts = np.append(distance[0], (distance[change] + distance[change + 1]) / 2.0)
+    grades = np.append(grade[0], grade[change + 1])
+    apart = np.append(np.diff(starts) > 0.0, True)
+    return Road(starts[apart], grades[apart])
 
 
 def limits(values: NDArray[np.float64], *, share: float, minimum: float) -> tuple[float, float]:

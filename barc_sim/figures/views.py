@@ -33,6 +33,7 @@ from barc_sim.figures.style import (
     STYLE,
     SURFACE,
     VERMILLION,
+    driven_road,
     limits,
     reading,
     speed_limits,
@@ -42,6 +43,7 @@ from barc_sim.figures.track_figure import Course, draw_course, true_pose
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import track_laps_of
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH
+from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     import pathlib
@@ -58,22 +60,23 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Images = Iterable[NDArray[np.uint8]]
+    Stretch = tuple[Road, float, float]  # of a road, and where it begins and ends [m]
     Box = tuple[float, float, float, float]  # left, bottom, width and height, as shares
 
 SIZE = (12.8, 7.2)  #: [inch]
 AHEAD = '#C4D3DD'  #: of the part of the run after the shown time
 #: [m] from the centre of mass to the rear axle and to the front axle.
 AXLES = (-1.5, 1.5)
+BEYOND = 60.0  #: [m] of the road that are drawn before and after a run
 POST = 10.0  #: [m] between two labels of the position
 LABELS = 12  #: more than are visible
+_READING = 0.115  #: the width of a reading, as a share
 GLASS, LAMP, RIM, WELL = '#DCEBF4', '#F0E442', '#D5D5D5', '#3A3A3A'
 
 
 class RunView(ABC):
     """A view of a run at any of its times; `update` moves its `artists`, drawn in order."""
 
-    #: The names of the readings, and where each ends as a share of the width.
-    READINGS: ClassVar[Mapping[str, float]]
     #: Where scene, course and chart are.
     PLACES: ClassVar[tuple[Box, Box, Box]]
     VIEW_WIDTH: ClassVar[float]  #: [m] visible at once
@@ -88,11 +91,11 @@ class RunView(ABC):
     chart_limits: tuple[float, float]
 
     def __init__(
-        self, log: Log, figure: Figure, *, title: str = '', way: Course | Terrain | None = None
+        self, log: Log, figure: Figure, *, title: str = '', way: Course | Stretch | None = None
     ) -> None:
         """Draw the fixed parts on `figure`, which is empty, and show the first state.
 
-        `way` is the whole track, or road; without it, as much of it as was driven.
+        `way` is the whole track, or stretch of a road; without it, as much of it as was driven.
         """
         self.figure = figure
         self._way: Any = way
@@ -132,6 +135,11 @@ class RunView(ABC):
 
     def update(self, t: float) -> None:
         """Show the run at `t` [s]: positions between states, commands of the state before."""
+        for name, text in self._show(t).items():
+            self._readings[name].set_text(text)
+
+    def _show(self, t: float) -> dict[str, str]:
+        """Move the artists to where they are at `t` [s]; return the readings."""
         log = self._log
         k = int(np.searchsorted(log.t, t + 1e-9, side='right')) - 1
         along, speed, charted, x, y = (
@@ -140,17 +148,18 @@ class RunView(ABC):
         )
         if k + 1 < len(log) and abs(log.distance[k + 1] - log.distance[k]) > JUMP:
             x, y = (float(values[k]) for values in self.course)  # put back to the start
-        readings = {'Time': reading(t, 2, ' s'), 'Speed': reading(speed, 2, ' m/s')}
-        readings |= self._place(k, t, x, y)
-        readings |= {'Command': reading(float(log.motor[k]), 2, ' m/s²')}
         self._here.set_data([x], [y])
         self._trace.set_data(
             np.append(self.along[: k + 1], along), np.append(self.charted[: k + 1], charted)
         )
         self._cursor.set_xdata([along, along])
         self._dot.set_data([along], [charted])
-        for name, text in readings.items():
-            self._readings[name].set_text(text)
+        return {
+            'Time': reading(t, 2, ' s'),
+            'Speed': reading(speed, 2, ' m/s'),
+            **self._place(k, t, x, y),
+            'Command': reading(float(log.motor[k]), 2, ' m/s²'),
+        }
 
     @abstractmethod
     def _draw_course(self, axes: Axes) -> None:
@@ -178,24 +187,19 @@ class RunView(ABC):
     def _draw_readings(self, axes: Axes, title: str) -> dict[str, Text]:
         axes.set_axis_off()
         axes.text(0.0, 0.5, title, fontsize=13, fontweight='bold', va='center')
-        for name, x in self.READINGS.items():
+        names = [*self._show(0.0)]
+        places = dict(zip(names, 1.0 - _READING * np.arange(len(names))[::-1], strict=True))
+        for name, x in places.items():
             axes.text(x, 0.68, name, color=MUTED, fontsize=9, ha='right', va='bottom')
         return {
             name: axes.text(x, 0.56, '', fontsize=15, ha='right', va='top')
-            for name, x in self.READINGS.items()
+            for name, x in places.items()
         }
 
 
 class SideView(RunView):
     """The car from the side on its road."""
 
-    READINGS: ClassVar = {
-        'Time': 0.5,
-        'Speed': 0.63,
-        'Reference': 0.76,
-        'Grade': 0.85,
-        'Command': 1.0,
-    }
     PLACES: ClassVar = (
         (0.0, 0.4, 1.0, 0.5),
         (0.06, 0.295, 0.925, 0.08),
@@ -208,16 +212,18 @@ class SideView(RunView):
     def read(self, log: Log) -> None:
         """Take the run, or from now on another one on the same fixed parts."""
         super().read(log)
-        self._road: Terrain = self._way or Terrain(self._log)
         self.along = self._log.distance
-        self.course = self.along, self._road.at(self.along)[1]
+        driven = driven_road(self._log) or Road.flat()
+        self._stretch: Stretch = self._way or (driven, self.along.min(), self.along.max())
+        self._road = self._stretch[0]
+        self.course = self.along, np.asarray(self._road.elevation(self.along))
 
     def _draw_scene(self, axes: Axes) -> list[Artist]:
         self.chart_limits = speed_limits(self._log)
         axes.set(facecolor='#F4F8FB')
         self._camera, self._body, self._wheel = Affine2D(), Affine2D(), Affine2D()
         ground = self._camera + axes.transData
-        x, y = self._road.horizontal, self._road.elevation
+        x, y = self._on_map(self._kinks(BEYOND))
         bottom = y.min() - 100.0
         earth = np.column_stack([[x[0], *x, x[-1]], [bottom, *y, bottom]])
         self._labels = [
@@ -234,9 +240,20 @@ class SideView(RunView):
             *car,
         ]
 
+    def _kinks(self, beyond: float) -> Floats:
+        """Return the places [m] between which the road of the run is straight, and its ends."""
+        road, first, last = self._stretch
+        inside = [s for s in road.starts if first - beyond < s < last + beyond]
+        return np.array([first - beyond, *inside, last + beyond])
+
+    def _on_map(self, s: Floats) -> tuple[Floats, Floats]:
+        """Return horizontal distance and elevation [m] at places along the road [m]."""
+        return np.asarray(self._road.horizontal(s)), np.asarray(self._road.elevation(s))
+
     def _draw_course(self, axes: Axes) -> None:
         """Draw the whole road, its heights enlarged."""
-        x, y = self._road.distance[1:-1], self._road.elevation[1:-1]
+        x = self._kinks(0.0)
+        y = np.asarray(self._road.elevation(x))
         axes.plot(x, y, color=SURFACE, lw=1.2)
         axes.set_axis_off()
         axes.fill_between(x, y, y.min() - 2.0, color=EARTH)
@@ -244,7 +261,7 @@ class SideView(RunView):
         axes.set_xlim(*limits(x, share=0.01, minimum=1.0))
 
     def _place(self, k: int, _t: float, x: float, _y: float) -> Mapping[str, str]:
-        rear, front = np.column_stack(self._road.at(np.add(x, AXLES)))
+        rear, front = np.column_stack(self._on_map(np.add(x, AXLES)))
         along = (front - rear) / np.hypot(*(front - rear))
         up = np.array([-along[1], along[0]])
         camera = (rear + front) / 2.0 + WHEEL_RADIUS * up
@@ -254,7 +271,7 @@ class SideView(RunView):
         first = np.ceil(x / POST - LABELS / 2) * POST
         for i, label in enumerate(self._labels):
             post = first + i * POST
-            at, height = (float(place) for place in self._road.at(post))
+            at, height = (float(place) for place in self._on_map(post))
             # A text costs more than all other artists of a frame.
             label.set_visible(abs(at - camera[0]) < self.VIEW_WIDTH / 2.0)
             label.set_position((at, height))
@@ -264,40 +281,6 @@ class SideView(RunView):
             'Reference': reading(float(log.reference[k]), 2, ' m/s'),
             'Grade': reading(float(log.theta_deg[k]), 0, '°'),
         }
-
-
-class Terrain:
-    """Converts a distance along the road's surface to a place on the map.
-
-    The horizontal distance is the integral of cos(theta) over the distance along the surface: 20 m
-    at 10° are 19.696 m on the map. It is zero where the distance is zero. `distance`, `horizontal`
-    and `elevation` [m] are the points of the road's surface, in rising order; the road is straight
-    between them, and 60 m longer at both ends.
-    """
-
-    def __init__(self, log: Any) -> None:  # noqa: ANN401 (a log, or its columns of a road)
-        """Take the road from a run of at least one state; without a recorded road it is flat."""
-        known = np.isfinite(log.theta_deg) & np.isfinite(log.elevation)
-        rows = np.flatnonzero(known if known.any() else ~known)
-        driven, first = np.unique(log.distance[rows], return_index=True)
-        theta = np.pad(np.radians(np.nan_to_num(log.theta_deg[rows][first])), 1, mode='edge')
-        rise = 60.0 * np.sin(theta)
-        elevation = np.pad(np.nan_to_num(log.elevation[rows][first]), 1, mode='edge')
-        self.elevation = elevation + np.array([-rise[0], *np.zeros(len(driven)), rise[-1]])
-        self.distance = np.array([driven[0] - 60.0, *driven, driven[-1] + 60.0])
-        # A change of grade is somewhere between two states: each half has one of the grades.
-        cosine = np.cos(theta)
-        steps = np.diff(self.distance) * (cosine[:-1] + cosine[1:]) / 2.0
-        horizontal = np.concatenate([[0.0], np.cumsum(steps)])
-        self.horizontal = horizontal - np.interp(0.0, self.distance, horizontal)
-
-    def at(self, distance: float | Floats) -> tuple[Floats, Floats]:
-        """Return horizontal distance and elevation [m] of the road's surface at `distance`."""
-        s = np.asarray(distance)
-        return (
-            np.interp(s, self.distance, self.horizontal),
-            np.interp(s, self.distance, self.elevation),
-        )
 
 
 def _car_from_the_side(body: Transform, wheel: Affine2D) -> list[Artist]:
@@ -337,13 +320,6 @@ def _car_from_the_side(body: Transform, wheel: Affine2D) -> list[Artist]:
 class TopView(RunView):
     """The car from above, on a grid, with its path."""
 
-    READINGS: ClassVar = {
-        'Time': 0.5,
-        'Speed': 0.63,
-        'Heading': 0.74,
-        'Steering': 0.85,
-        'Command': 1.0,
-    }
     PLACES: ClassVar = ((0.0, 0.28, 1.0, 0.62), (0.8, 0.03, 0.19, 0.22), (0.06, 0.09, 0.7, 0.165))
     VIEW_WIDTH = 44.0
 
@@ -414,15 +390,6 @@ class TopView(RunView):
 class TrackView(TopView):
     """The car on its track from above, and a pale one: the best lap at the same time of the lap."""
 
-    READINGS: ClassVar = {
-        'Time': 0.4,
-        'Speed': 0.52,
-        'Lap': 0.58,
-        'Lap time': 0.69,
-        'e_y': 0.79,
-        'Steering': 0.88,
-        'Command': 1.0,
-    }
     PLACES: ClassVar = ((0.0, 0.28, 1.0, 0.62), (0.76, 0.02, 0.23, 0.25), (0.06, 0.09, 0.66, 0.165))
     VIEW_WIDTH = 56.0
 
@@ -532,7 +499,7 @@ def _car_from_above(body: Transform, steering: Affine2D) -> list[Artist]:
     ]
 
 
-def view_of(log: Log, figure: Figure, title: str, way: Course | Terrain | None = None) -> RunView:
+def view_of(log: Log, figure: Figure, title: str, way: Course | Stretch | None = None) -> RunView:
     """Return the view for this run: from above on a track, and if a driver steered."""
     if isinstance(log, TrackLog):
         return TrackView(log, figure, title=title, way=way)

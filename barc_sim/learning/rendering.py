@@ -5,7 +5,6 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import replace
 from math import nan
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 from warnings import warn
 
@@ -14,7 +13,7 @@ from matplotlib.figure import Figure
 
 from barc_sim.figures import style
 from barc_sim.figures.track_figure import Course
-from barc_sim.figures.views import SIZE, Terrain, frames, view_of
+from barc_sim.figures.views import SIZE, frames, view_of
 from barc_sim.simulation.closed_loop import log_of_rows
 from barc_sim.simulation.log import LANE_STATE, columns_of
 from barc_sim.vehicle.plant import Sensor
@@ -24,9 +23,10 @@ if TYPE_CHECKING:
     from barc_sim.learning.tasks import Task
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.bike_model import Command
+    from barc_sim.vehicle.road import Road
 
 _DPI = 50  # 640 x 360
-_SHORTEST, _MARGIN = 100.0, 60.0  # [m] of a road that is drawn at once, and at its ends
+_SHORTEST = 100.0  # [m] of a road that is drawn at once
 _NO_WINDOW = "no window opens, as there is no display: nothing is shown; 'rgb_array' needs none"
 
 
@@ -82,14 +82,12 @@ class Picture:
     def _begin(self, log: Log, first: float, last: float) -> None:
         """Draw what stands still: the track with its lap, or the road between two places [m]."""
         task, figure = self._task, Figure(SIZE, _DPI)
-        way: Course | Terrain
+        way: Course | tuple[Road, float, float]
         if task.track:
             half = 0.5 * task.track.width
             way, limits = Course.of(task.track), (-half, half)
         else:
-            s: Any = np.arange(first - _MARGIN, last + _MARGIN)
-            way = Terrain(SimpleNamespace(distance=s, **task.road.at(s)._asdict()))
-            limits = 0.0, 2.0 * task.speed
+            way, limits = (task.road, first, last), (0.0, 2.0 * task.speed)
         self._view: RunView = view_of(log, figure, self._title, way)
         _, course, chart = figure.axes[:3]
         chart.set(xlim=(first, last), ylim=limits)

@@ -13,8 +13,6 @@ from functools import cache
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
-import numpy as np
-
 from barc_sim.control.cruise_control import DEFAULT_TYPE, GAINS, LANE_TYPES, TERMS, TYPES
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE, Gain
@@ -37,7 +35,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from barc_sim.control.speed import Controller
-    from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import Lap, Laps, TrackLap, TrackLaps
 
 #: The topics whose columns a row has as they are.
@@ -297,23 +294,6 @@ def _label(name: str, gain: Gain) -> str:
 def road_facts(road: Road) -> dict[str, list[float]]:
     """Return where stretches begin [m] and their grades [deg]."""
     return {'starts': list(road.starts), 'grades_deg': list(road.grades_deg)}
-
-
-def driven_road(log: Log) -> Road | None:
-    """Return the road as far as a run has seen it; None where it recorded none.
-
-    A change of grade lies somewhere between two states: in the middle, then.
-    """
-    recorded = np.flatnonzero(np.isfinite(log.theta_deg) & np.isfinite(log.distance))
-    if not recorded.size:
-        return None
-    distance, first = np.unique(log.distance[recorded], return_index=True)
-    grade = log.theta_deg[recorded][first]
-    change = np.flatnonzero(np.diff(grade))
-    return Road(
-        starts=(float(distance[0]), *((distance[change] + distance[change + 1]) / 2.0).tolist()),
-        grades_deg=(float(grade[0]), *grade[change + 1].tolist()),
-    )
 
 
 def _road(name: str | None) -> dict[str, list[float]] | None:

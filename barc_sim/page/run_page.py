@@ -13,7 +13,7 @@ import numpy as np
 from barc_sim.control.cruise_control import LANE_TYPES, TYPES
 from barc_sim.control.lane import LANE
 from barc_sim.control.speed import PID
-from barc_sim.figures.style import QUANTITIES, motor_limit, term_colours
+from barc_sim.figures.style import QUANTITIES, driven_road, motor_limit, term_colours
 from barc_sim.figures.track_figure import Course
 from barc_sim.page.feed import columns_in, rows_of
 from barc_sim.page.protocol import (
@@ -27,7 +27,6 @@ from barc_sim.page.protocol import (
     Press,
     Status,
     Tune,
-    driven_road,
     encode,
     facts,
     lap_facts,

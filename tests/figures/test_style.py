@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 from palette import READERS, contrast, difference
 
-from barc_sim.figures.style import COLOURS, limits, reading, use_measurement
+from barc_sim.figures.style import COLOURS, driven_road, limits, reading, use_measurement
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import NoiseLevels, Plant
+from barc_sim.vehicle.road import Road
 
 CSS = (resources.files('barc_sim.page') / 'web' / 'view.css').read_text('utf-8')
 GROUNDS = re.findall(r'--panel: light-dark\((#\w+), (#\w+)\)', CSS)[0]
@@ -84,6 +85,28 @@ def test_the_measurement_stands_for_a_truth_that_is_unknown() -> None:
     assert (shown.distance[-1], shown.speed[-1]) == (log.x[-1], log.v_x[-1])
     assert np.array_equal(shown.distance[:-1], log.distance[:-1])
     assert np.array_equal(shown.speed[:-1], log.speed[:-1])
+
+
+def test_the_road_of_a_run_is_the_one_that_it_drove_on() -> None:
+    log, lab, s = closed_loop(), Road.lab(), np.linspace(0.0, 180.0, 500)
+    there_and_back = log.map(lambda column: np.concatenate([column, column[::-1]]))
+    for run in (log, there_and_back):
+        road = driven_road(run)
+        assert road
+        assert road.grades_deg == lab.grades_deg
+        np.testing.assert_allclose(road.starts, lab.starts, atol=0.1)
+        np.testing.assert_allclose(road.elevation(s), lab.elevation(s), atol=0.03)
+        np.testing.assert_allclose(road.horizontal(s), lab.horizontal(s), atol=0.03)
+
+
+def test_where_no_road_was_recorded_there_is_none_and_the_last_grade_goes_on() -> None:
+    log = closed_loop()
+    assert driven_road(replace(log, theta_deg=np.full(len(log), np.nan))) is None
+    theta_deg = log.theta_deg.copy()
+    theta_deg[700:] = np.nan  # on the steep hill
+    road = driven_road(replace(log, theta_deg=theta_deg))
+    assert road
+    assert road.grade_deg(1000.0) == 30.0
 
 
 @pytest.mark.parametrize('backend', [None, 'tkagg'])

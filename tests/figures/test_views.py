@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from dataclasses import replace
-from math import atan2, cos, degrees, hypot, pi, radians
+from math import atan2, degrees, hypot, pi
 from typing import TYPE_CHECKING
 
 import imageio_ffmpeg
@@ -21,7 +21,6 @@ from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.figures.views import (
     SIZE,
     SideView,
-    Terrain,
     TopView,
     frame_times,
     frames,
@@ -31,7 +30,6 @@ from barc_sim.figures.views import (
 )
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import WHEEL_RADIUS, Vehicle
-from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -97,33 +95,6 @@ def texts(view: RunView) -> set[str]:
 
 def time_at(log: Log, distance: float) -> float:
     return float(np.interp(distance, log.distance, log.t))
-
-
-def test_the_road_on_the_map_is_that_of_the_lab(hills: Log) -> None:
-    road, s = Road.lab(), np.linspace(0.0, 180.0, 500)
-    assert Terrain(hills).at(s)[1] == pytest.approx([road.elevation(x) for x in s], abs=0.03)
-    # 20 m at 10° are 19.696 m; a kink lies somewhere between two states.
-    assert np.diff(Terrain(hills).at(np.array([20.0, 40.0]))[0]) == pytest.approx(19.696, abs=2e-3)
-    there_and_back = hills.map(lambda column: np.concatenate([column, column[::-1]]))
-    assert np.array_equal(Terrain(hills).horizontal, Terrain(there_and_back).horizontal)
-
-
-def test_beyond_what_was_driven_the_last_grade_continues() -> None:
-    uphill = closed_loop(distance=30.0)
-    (near, far), (low, high) = Terrain(uphill).at(uphill.distance[-1] + np.array([0.0, 10.0]))
-    assert far - near == pytest.approx(10.0 * cos(radians(10.0)))
-    assert (high - low) / (far - near) == pytest.approx(np.tan(radians(10.0)))
-
-
-def test_where_no_road_was_recorded_it_is_flat_or_as_before(hills: Log) -> None:
-    unknown = np.full(len(hills), np.nan)
-    terrain = Terrain(replace(hills, theta_deg=unknown, elevation=unknown))
-    assert not np.any(terrain.elevation)
-    theta_deg, elevation = hills.theta_deg.copy(), hills.elevation.copy()
-    theta_deg[700:] = elevation[700:] = np.nan  # on the steep hill
-    terrain = Terrain(replace(hills, theta_deg=theta_deg, elevation=elevation))
-    x, y = terrain.at(hills.distance[699] + np.array([0.0, 5.0]))
-    assert np.diff(y) / np.diff(x) == pytest.approx(np.tan(np.radians(hills.theta_deg[699])))
 
 
 def test_the_car_is_pitched_as_the_road_and_rolls_in_a_window_of_any_shape(hills: Log) -> None:

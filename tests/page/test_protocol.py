@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,7 +20,6 @@ from barc_sim.page.protocol import (
     Press,
     RequestError,
     Tune,
-    driven_road,
     encode,
     facts,
     parse,
@@ -184,15 +181,3 @@ def test_road_value_needs_no_file() -> None:
     road = Road(starts=(0.0,), grades_deg=(3.0,), name='no/such/file.csv')
     found = facts('acc', {'road': road.name}, {}, road=road)
     assert found['road'] == {'starts': [0.0], 'grades_deg': [3.0]}
-
-
-def test_the_road_of_a_run_is_the_one_that_it_drove_on() -> None:
-    road = driven_road(closed_loop())
-    assert road
-    assert road.grades_deg == (0.0, 10.0, 0.0, -10.0, 0.0, 30.0, 0.0, -30.0, 0.0)
-    np.testing.assert_allclose(road.starts, np.arange(0.0, 180.0, 20.0), atol=0.1)
-
-
-def test_a_run_that_recorded_no_road_has_none() -> None:
-    log = closed_loop(distance=3.0)
-    assert driven_road(replace(log, theta_deg=np.full(len(log), np.nan))) is None
