@@ -182,7 +182,6 @@ def _prepare() -> None:
     if sys.stdout is None:
         raise UserError('stdout is closed: redirect it, as with > /dev/null')
     _check_memory('barc_sim', _MIN_MEMORY)
-    _drop_missing_middleware()
     home = os.environ.get('HOME')
     if home and not Path(home).is_dir():
         import atexit  # noqa: PLC0415 (rare)
@@ -191,24 +190,6 @@ def _prepare() -> None:
 
         os.environ['HOME'] = folder = tempfile.mkdtemp(prefix='barc_sim_home_')
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
-
-
-def _drop_missing_middleware() -> None:
-    """Unset RMW_IMPLEMENTATION, with a warning, where this ROS has none of that name.
-
-    ROS would end the process while it is imported.
-    """
-    name = os.environ.get('RMW_IMPLEMENTATION')
-    spec = find_spec('rclpy') if name and has_ros() else None
-    if spec is None or spec.origin is None:
-        return
-    prefixes = [Path(each) for each in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)]
-    prefixes += Path(spec.origin).parents[4:5]
-    index = 'share/ament_index/resource_index/rmw_typesupport/*'
-    known = {path.name for prefix in prefixes for path in prefix.glob(index)}
-    if known and name not in known:
-        warn(f'RMW_IMPLEMENTATION is {name!r}, which this ROS does not have: its default is used')
-        del os.environ['RMW_IMPLEMENTATION']
 
 
 @contextmanager

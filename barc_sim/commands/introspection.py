@@ -106,8 +106,6 @@ def add_arguments_param(parser: Parser) -> None:
     verb = add_verb('set', 'set a parameter')
     verb.add_argument('name', metavar='NAME')
     verb.add_argument('value', metavar='VALUE', help='in YAML, as in 20.0')
-    verb = add_verb('describe', 'print type, meaning and bounds of parameters')
-    verb.add_argument('names', nargs='*', metavar='NAME', help='these only (all)')
     add_verb('dump', 'print all parameters of a node as a file for --params-file')
 
 
@@ -116,7 +114,6 @@ def run_param(options: Namespace) -> None:
     from barc_sim.ros.introspection import (  # noqa: PLC0415 (after rclpy, which may be absent)
         Parameters,
         observe,
-        print_descriptions,
         print_file,
         print_names,
         print_value,
@@ -133,8 +130,6 @@ def run_param(options: Namespace) -> None:
                 print_value(parameters, options.name)
             case 'set':
                 set_value(parameters, options.name, options.value)
-            case 'describe':
-                print_descriptions(parameters, options.names)
             case 'dump':
                 print_file(parameters)
 

@@ -432,9 +432,9 @@ class Parameters:
         names = self.checked(names)
         return dict(zip(names, self._request(self._client.get_parameters, names).values))  # noqa: B905
 
-    def descriptors(self, names: Sequence[str] = ()) -> list[ParameterDescriptor]:
-        """Return the descriptors of the named parameters, or of all."""
-        return [*self._request(self._client.describe_parameters, self.checked(names)).descriptors]
+    def descriptor(self, name: str) -> ParameterDescriptor:
+        """Return the descriptor of a parameter."""
+        return self._request(self._client.describe_parameters, self.checked([name])).descriptors[0]
 
     def set(self, name: str, value: object) -> str:
         """Set a parameter; return why that is impossible, or ''."""
@@ -473,37 +473,14 @@ def print_value(parameters: Parameters, name: str) -> None:
     if value.type == ParameterType.PARAMETER_NOT_SET:
         print('Parameter not set.')  # noqa: T201
         return
-    kind = _type_name(value.type).capitalize()
+    kind = Parameter.Type(value.type).name.replace('_', ' ').replace('BOOL', 'boolean').capitalize()
     label = kind.replace('array', 'values are') if 'array' in kind else f'{kind} value is'
     print(f'{label}: {parameter_value_to_python(value)}')  # noqa: T201
 
 
-def _type_name(number: int) -> str:
-    """Return the name of a type, as `ros2 param` has it."""
-    name: str = Parameter.Type(number).name
-    return name.lower().replace('_', ' ').replace('bool', 'boolean')
-
-
-def print_descriptions(parameters: Parameters, names: Sequence[str]) -> None:
-    """Print the lines of `ros2 param describe` for these parameters, or for all."""
-    for descriptor in parameters.descriptors(names):
-        lines = [f'Parameter name: {descriptor.name}', f'  Type: {_type_name(descriptor.type)}']
-        if descriptor.description:
-            lines.append(f'  Description: {descriptor.description}')
-        lines.append('  Constraints:')
-        if descriptor.read_only:
-            lines.append('    Read only: true')
-        for span in [*descriptor.floating_point_range, *descriptor.integer_range][:1]:
-            lines += [f'    Min value: {span.from_value}', f'    Max value: {span.to_value}']
-            lines += [f'    Step: {span.step}'] if span.step else []
-        if descriptor.additional_constraints:
-            lines.append(f'    Additional constraints: {descriptor.additional_constraints}')
-        print('\n'.join(lines))  # noqa: T201
-
-
 def set_value(parameters: Parameters, name: str, text: str) -> None:
     """Set a parameter to the value of `text`: in YAML, unless it is declared as a string."""
-    (descriptor,) = parameters.descriptors([name])
+    descriptor = parameters.descriptor(name)
     is_string = descriptor.type == ParameterType.PARAMETER_STRING
     try:
         value = yaml.load(text, yaml.BaseLoader if is_string else yaml.SafeLoader)  # noqa: S506

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 # Parts of a Fast DDS identifier (GID).
 _PROCESS = slice(8)  #: vendor, host, the lower half of the process's number, a random number
-_PARTICIPANT = slice(12)
 
 
 def node_graph(node: Node) -> NodeGraph:
@@ -113,18 +112,6 @@ def check_unique(node: Node, topic: str) -> None:
     """Check that `node` alone publishes `topic`."""
     if len(publishers(node, topic)) > 1:
         raise UserError(taken(node.resolve_topic_name(topic), node.context.get_domain_id()))
-
-
-def types_here(node: Node, topic: str) -> set[str]:
-    """Return the types that the participant's other nodes give `topic`: DDS accepts one."""
-    own = _own_gid(node) or b''
-    ends = node.get_publishers_info_by_topic(topic) + node.get_subscriptions_info_by_topic(topic)
-    return {
-        end.topic_type
-        for end in ends
-        if bytes(end.endpoint_gid)[_PARTICIPANT] == own[_PARTICIPANT]
-        and end.node_name != node.get_name()
-    }
 
 
 def all_own(node: Node, ends: Iterable[TopicEndpointInfo]) -> bool:

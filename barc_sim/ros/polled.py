@@ -7,22 +7,20 @@ import os
 import select
 import weakref
 from ctypes import c_size_t, c_void_p
-from itertools import islice
 from struct import Struct
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from builtin_interfaces.msg import Time
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.qos import QoSProfile
 
 from barc_sim.ros.executor.rclpy_private import set_listener
 from barc_sim.ros.executor.waiting import counter, retire
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from rclpy.node import Node
+    from rclpy.qos import QoSProfile
     from rclpy.subscription import Subscription
 
 
@@ -84,20 +82,6 @@ class Arrivals:
         os.eventfd_write(self._descriptor, 1)
 
 
-class Taken(NamedTuple):
-    """A message that was received."""
-
-    data: bytes  #: in CDR, with its header
-    published: int  #: [ns] since the epoch, by the publisher's clock
-    received: int  #: [ns] since the epoch
-    number: int  #: the publisher's count of its messages
-    publisher: bytes  #: its GID
-
-
-#: Those of `Taken`, which takes 0.4 us to make.
-_Fields = tuple[bytes, int, int, int, bytes]
-
-
 class _Allocator(ctypes.Structure):  # rcutils_allocator_t: four functions, and their state
     _fields_ = (('pointers', c_void_p * 5),)
 
@@ -115,20 +99,13 @@ class _Array(ctypes.Structure):  # rcutils_uint8_array_t
 #: rclpy's own take leaves out.
 _INFO = Struct('=qqQ16x16s')
 _MOST_INFO = 256  # bytes, as much as another rmw may write
-_SECOND = 1_000_000_000  # ns
 _NOTHING_THERE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
 
 
 class Taker:
-    """Takes messages through one buffer, which rcl makes larger; for one thread at a time.
+    """Takes messages through one buffer, which rcl makes larger; for one thread at a time."""
 
-    Parameters
-    ----------
-    node
-        On whose topic `_layout`, which is hidden and gone at once, one message is sent to check.
-    """
-
-    def __init__(self, node: Node) -> None:
+    def __init__(self) -> None:
         rcutils = ctypes.PyDLL('librcutils.so')
         rcutils.rcutils_get_default_allocator.restype = _Allocator
         self._array = _Array(allocator=rcutils.rcutils_get_default_allocator())
@@ -136,25 +113,24 @@ class Taker:
         # PyDLL keeps the interpreter's lock: to give it up for 2 us would cost more than that.
         self._take = ctypes.PyDLL('librcl.so').rcl_take_serialized_message
         self._free = rcutils.rcutils_uint8_array_fini
-        self._fits = self._takes_as_rclpy_does(node)
 
-    def take(self, subscription: Subscription, most: int) -> list[_Fields]:
-        """Return what waits in `subscription`, `most` messages: the fields of `Taken`.
+    def take(
+        self, subscription: Subscription, most: int
+    ) -> list[tuple[bytes, int, int, int, bytes]]:
+        """Return what waits in `subscription`, `most` messages.
+
+        Of each, the message in CDR; the times of publication and reception [ns]; the publisher's
+        count of its messages, and its GID.
 
         Raises
         ------
         RuntimeError
             rcl has failed.
         """
-        if self._fits:
-            return self._take_all(subscription, most)
-        return [*islice(_rclpys(subscription), most)]
-
-    def _take_all(self, subscription: Subscription, most: int) -> list[_Fields]:
         take, array, info, unpack = self._take, self._array, self._info, _INFO.unpack_from
         arguments = ctypes.byref(array), ctypes.byref(info), None
         buffer = (ctypes.c_char * 0)()
-        taken: list[_Fields] = []
+        taken: list[Any] = []
         result = 0
         with subscription.handle:
             pointer = c_void_p(subscription.handle.pointer)
@@ -168,35 +144,6 @@ class Taker:
             )
         return taken
 
-    def _takes_as_rclpy_does(self, node: Node) -> bool:
-        subscriptions = [polled(node, Time, '_layout', QoSProfile(depth=1)) for _ in range(2)]
-        publisher = node.create_publisher(Time, '_layout', 1)
-        publisher.publish(Time(sec=1))
-        try:
-            ((data, published, received, number, _),) = self._take_all(subscriptions[0], 2)
-            (theirs,) = _rclpys(subscriptions[1])
-            # Each subscription notes its own time of reception.
-            near = abs(received - theirs[2]) < _SECOND
-            return near and theirs == (data, published, theirs[2], number, b'')
-        except (ValueError, RuntimeError):  # not one message each
-            return False
-        finally:
-            node.destroy_publisher(publisher)
-            for subscription in subscriptions:
-                node.destroy_subscription(subscription)
-
     def close(self) -> None:
         """Free the buffer."""
         self._free(ctypes.byref(self._array))
-
-
-def _rclpys(subscription: Subscription) -> Iterator[_Fields]:
-    """Yield the same as a `Taker`, but for the publisher, the way of rclpy."""
-    while True:
-        with subscription.handle:
-            taken = subscription.handle.take_message(subscription.msg_type, True)
-        if taken is None:
-            return
-        data, about = taken
-        number = about['publication_sequence_number']
-        yield data, about['source_timestamp'], about['received_timestamp'], number or 0, b''

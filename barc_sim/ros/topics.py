@@ -24,7 +24,7 @@ from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 from barc_sim.bags.messages import Topic, definition
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
-from barc_sim.ros.peers import all_own, publishers, types_here
+from barc_sim.ros.peers import all_own, publishers
 from barc_sim.ros.polled import Arrivals, Taker, polled
 
 if TYPE_CHECKING:
@@ -250,7 +250,7 @@ class TopicSubscriptions:
         }
         self._wants = wants
         self._depth = depth
-        self._taker = Taker(node)
+        self._taker = Taker()
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`
         self._arrivals = Arrivals()
@@ -328,17 +328,12 @@ class TopicSubscriptions:
         """Subscribe to all publishers of a topic; return False where that is impossible.
 
         Where publishers do not agree on the topic's type, the first one's counts, unless another
-        node of this participant has the topic: DDS takes no second type then.
+        node of this process has the topic: DDS takes no second type then.
         """
         recorded = self._topics.get(name)
         count = len(publishers)
-        types = [publisher.topic_type for publisher in publishers]
-        early = recorded if recorded and not recorded.begun else None
-        if early and early.topic.type not in {*types, *types_here(self._node, name)}:
-            self._forget(early)
-            return True
-        type_name = recorded.topic.type if recorded else self._type(name, types)
-        for other in {*types} - {type_name}:
+        type_name = recorded.topic.type if recorded else publishers[0].topic_type
+        for other in {publisher.topic_type for publisher in publishers} - {type_name}:
             self._leave_out(f'{name} as {other}', f'its type is {type_name}')
         publishers = [publisher for publisher in publishers if publisher.topic_type == type_name]
         try:
@@ -347,34 +342,19 @@ class TopicSubscriptions:
         except (LookupError, UserError) as error:
             self.unknown[name] = f'{type_name}: {error}'
             return False
-        except RuntimeError:  # of rcl: a subscription with another type is not yet gone
+        except RuntimeError:  # of rcl: another node of this process has another type
+            self._follow(name, self._node.get_subscriptions_info_by_topic(name))
             return True
         self.unknown.pop(name, None)
         if recorded:
             recorded.publishers = count
         return True
 
-    def _type(self, name: str, types: Sequence[str]) -> str:
-        """Return the type to record a topic with, of those of its publishers if possible."""
-        here = types_here(self._node, name)
-        return next((each for each in types if each in here), next(iter(here), types[0]))
-
     def _leave_out(self, what: str, why: str) -> None:
         """Warn once that something is not recorded, and keep the reason."""
         if what not in self.unknown:
             self.unknown[what] = why
             self._node.get_logger().warning(f'{what} is not recorded: {why}')
-
-    def _forget(self, early: RecordedTopic) -> None:
-        """Unsubscribe from a topic that turns out to have another type.
-
-        The next `discover` begins anew, as DDS refuses a second type until the subscription is
-        gone, which the writer may still be taking from.
-        """
-        with self._lock:
-            del self._topics[early.topic.name]
-        self._destroy(early)
-        self.wake()
 
     def _begun(
         self, name: str, recorded: RecordedTopic | None, publishers: Sequence[TopicEndpointInfo]

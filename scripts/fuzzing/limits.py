@@ -106,7 +106,6 @@ _ENVIRONMENT: dict[str, tuple[str | None, ...]] = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': ('nonsense', 'OFF'),
     'ROS_STATIC_PEERS': ('no host;;',),
     'ROS_DISCOVERY_SERVER': ('nonsense',),
-    'RMW_IMPLEMENTATION': ('', 'nonsense', 'rmw_cyclonedds_cpp', '\udcff'),
     'FASTRTPS_DEFAULT_PROFILES_FILE': _PROFILES,
     'FASTDDS_DEFAULT_PROFILES_FILE': _PROFILES,
     'FASTDDS_BUILTIN_TRANSPORTS': ('nonsense',),

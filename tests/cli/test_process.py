@@ -139,15 +139,6 @@ def test_a_backend_that_matplotlib_does_not_have_is_named(tmp_path: Path) -> Non
 
 
 @needs_ros
-@pytest.mark.usefixtures('ros_domain')
-def test_a_middleware_that_ros_does_not_have_is_named(tmp_path: Path) -> None:
-    for command in (ROS, ('show', 'ECU')):
-        done = limited(*command, cwd=tmp_path, RMW_IMPLEMENTATION='rmw_nonsense')
-        assert b"RMW_IMPLEMENTATION is 'rmw_nonsense'" in done.stderr
-        assert done.returncode == 0
-
-
-@needs_ros
 @pytest.mark.parametrize(
     ('name', 'value', 'expected'),
     [

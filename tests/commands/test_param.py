@@ -75,14 +75,6 @@ def test_value_is_set(car: Node, name: str, text: str, expected: object) -> None
     assert value(car, name) == expected
 
 
-@pytest.mark.usefixtures('car')
-def test_description_and_bounds_are_printed() -> None:
-    assert barc('param', 'describe', '/one/car', 'mass').stdout == (
-        'Parameter name: mass\n  Type: double\n  Description: the mass [kg]\n  Constraints:\n'
-        '    Read only: true\n    Min value: 1.0\n    Max value: 1000000.0\n'
-    )
-
-
 @pytest.mark.parametrize(
     ('words', 'sentence'),
     [

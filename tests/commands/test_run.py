@@ -71,7 +71,6 @@ def assert_whole(path: Path) -> None:
 @pytest.mark.parametrize(
     ('command', 'words'),
     [
-        ('', 'acc or teleop was expected'),
         ('fly', "'fly'"),
         ('acc --realtime-factor 0', "nor 'max'"),
         ('acc --no-bag --bag-dir x', 'not allowed with'),

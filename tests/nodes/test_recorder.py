@@ -278,15 +278,6 @@ def test_a_topic_is_recorded_as_its_publishers_offer_it(
         assert offered.reliability.name == expected.reliability.name
 
 
-def test_a_topic_that_was_expected_with_another_type_is_recorded(
-    recorder: BagRecorder, stranger: Node
-) -> None:
-    recorder.expect({'value': ColorRGBA})
-    publisher = stranger.create_publisher(Float64, 'value', LATCHED)
-    publisher.publish(Float64(data=1.0))
-    wait_for(lambda: recorder.discover() or recorder.counts.get('/value') == 1)
-
-
 @pytest.mark.parametrize('expected', [True, False], ids=['expected', 'found'])
 def test_a_second_type_of_a_topic_is_named_and_costs_the_first_nothing(
     recorder: BagRecorder, talker: Node, stranger: Node, *, expected: bool

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from struct import Struct
 from typing import TYPE_CHECKING
 
 import pytest
@@ -15,8 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int64
 
-from barc_sim.ros import polled
-from barc_sim.ros.polled import Taken, Taker
+from barc_sim.ros.polled import Taker
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,31 +43,14 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
     time.sleep(0.01)  # so that the two times of a message cannot be mistaken for each other
     subscribed = time.time_ns()
     subscription = subscribing.create_subscription(Int64, 'number', print, LATCHED, raw=True)
-    taker = Taker(subscribing)
-    taken: list[Taken] = []
+    taker, taken = Taker(), []
     while len(taken) < 3:
-        taken += map(Taken._make, taker.take(subscription, 10))
+        taken += taker.take(subscription, 10)
     taker.close()
-    assert [deserialize_message(each.data, Int64).data for each in taken] == [0, 1, 2]
-    assert all(before <= each.published <= after for each in taken)
-    assert all(subscribed <= each.received <= time.time_ns() for each in taken)
-    assert [each.number for each in taken] == [1, 2, 3]
+    data, published, received, numbers, publishers = zip(*taken, strict=True)
+    assert [deserialize_message(each, Int64).data for each in data] == [0, 1, 2]
+    assert all(before <= each <= after for each in published)
+    assert all(subscribed <= each <= time.time_ns() for each in received)
+    assert numbers == (1, 2, 3)
     (info,) = subscribing.get_publishers_info_by_topic('number')
-    assert {each.publisher for each in taken} == {bytes(info.endpoint_gid)}
-
-
-def test_other_layouts_are_found_and_rclpys_own_take_is_used(
-    nodes: tuple[Node, Node], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(polled, '_INFO', Struct('=8xqqQ16x16s'))
-    publishing, subscribing = nodes
-    taker = Taker(subscribing)
-    subscription = subscribing.create_subscription(Int64, 'number', print, LATCHED, raw=True)
-    publisher = publishing.create_publisher(Int64, 'number', LATCHED)
-    publisher.publish(Int64(data=7))
-    taken: list[Taken] = []
-    while not taken:
-        taken += map(Taken._make, taker.take(subscription, 10))
-    taker.close()
-    assert [deserialize_message(each.data, Int64).data for each in taken] == [7]
-    assert [each.number for each in taken] == [1]
+    assert {*publishers} == {bytes(info.endpoint_gid)}

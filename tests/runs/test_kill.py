@@ -22,7 +22,7 @@ from rclpy.node import Node
 from barc_sim.bags import reader as bag
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.convert import recover
-from barc_sim.ros.polled import Taken, Taker
+from barc_sim.ros.polled import Taker
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,11 +44,10 @@ def test_a_killed_run_misses_a_quarter_second_at_most(
     moment = random.Random(run).uniform(0.3, 2.0)  # noqa: S311 (no secret)
     node = Node('witness', context=ros)
     subscription = node.create_subscription(ZDynBkMdl, 'z_vhcl', print, 10_000, raw=True)
-    taker = Taker(node)
-    seen: list[Taken] = []
+    taker, seen = Taker(), []
 
     def is_seen() -> bool:
-        seen.extend(map(Taken._make, taker.take(subscription, 10_000)))
+        seen.extend(taker.take(subscription, 10_000))
         return bool(seen)
 
     bags = tmp_path / 'bags'
@@ -67,11 +66,11 @@ def test_a_killed_run_misses_a_quarter_second_at_most(
     mcap_doctor.check(file)
     kept = states(file)
     assert sorted(kept) == list(range(1, len(kept) + 1))
-    for state in seen:
-        if state.received < killed - MOST_LOST:
-            assert state.number in kept
-        if state.number in kept:
-            assert kept[state.number] == (state.data, state.published)
+    for data, published, received, number, _ in seen:
+        if received < killed - MOST_LOST:
+            assert number in kept
+        if number in kept:
+            assert kept[number] == (data, published)
 
 
 def states(file: Path) -> dict[int, tuple[bytes, int]]:

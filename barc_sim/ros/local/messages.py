@@ -7,8 +7,7 @@ with the words of rclpy's own assertions.
 from __future__ import annotations
 
 import array
-from functools import cache, lru_cache
-from struct import Struct, calcsize
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 import numpy as np
@@ -18,8 +17,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from barc_sim.bags.messages import shipped
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from rosbags.typesys.store import Typestore
 
 LACKS = 'is not part of what stands in for ROS 2 here (barc_sim/ros/local): install ROS 2 for it'
@@ -29,8 +26,6 @@ _DEFAULTS: dict[tuple[str, str], Any] = {('geometry_msgs/msg/Quaternion', 'w'): 
 _NUMBERS = 'char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64'
 #: The code of each, as NumPy and `array` have it; of all else rclpy has lists.
 _CODES = dict(zip(_NUMBERS.split(), 'BfdbBhHiIqQ', strict=True))
-#: The code of each that `struct` packs, and of a string.
-_PACKED = _CODES | {'bool': '?', 'string': 's'}
 _ZERO = {'bool': False, 'string': '', 'byte': b'\0', 'float32': 0.0, 'float64': 0.0}
 _PARTS = ('Request', 'Response')
 _RESULT = 'bool success\nstring message'
@@ -130,53 +125,6 @@ class Message:
         return bytes(store().serialize_cdr(self.__copy__(), self.__msgtype__))
 
 
-@lru_cache(maxsize=64)
-def _packer(codes: str, *lengths: int) -> Callable[..., bytes]:
-    """Return what packs a message without lists: its numbers by their `codes`, and its strings.
-
-    A string, `s`, has one of the `lengths`, is packed behind that, and ends with a zero byte.
-    """
-    form, at, left = '<4s', 0, iter(lengths)
-    for code in codes:
-        size = 4 if code == 's' else calcsize(code)
-        gap = -at % size
-        of_text = next(left) if code == 's' else 0
-        form += f'{gap}x' + (f'I{of_text}s' if code == 's' else code)
-        at += gap + size + of_text
-    return Struct(form).pack
-
-
-def _quick_serialize(fields: Mapping[str, _Field]) -> str:
-    """Return a method that takes a third of rosbags' time; none for a message with a list."""
-    places = _places(fields, 'v')
-    if not places or not all(code for _, code in places):
-        return ''
-    texts = {f't{number}': at for number, (at, code) in enumerate(places) if code == 's'}
-    lines = ''.join(f"        {text} = {at}.encode() + b'\\0'\n" for text, at in texts.items())
-    lengths = ''.join(f', len({text})' for text in texts)
-    values = ', '.join(
-        f'len(t{number}), t{number}' if code == 's' else at
-        for number, (at, code) in enumerate(places)
-    )
-    codes = ''.join(code for _, code in places)
-    return (
-        f'\n    def __serialize__(self):\n        v = self.__copy__()\n{lines}'
-        f"        return packer('{codes}'{lengths})(b'\\0\\1\\0\\0', {values})\n"
-    )
-
-
-def _places(fields: Mapping[str, _Field], at: str) -> list[tuple[str, str]]:
-    """Return the expression and the code of each number and string; '' is that of all else."""
-    places: list[tuple[str, str]] = []
-    for name, field in fields.items():
-        place = f'{at}.{name}'
-        if field.is_many or field.base or not field.type.__fields__:
-            places.append((place, '' if field.is_many else _PACKED.get(field.base, '')))
-        else:
-            places += _places(field.type.__fields__, place)
-    return places
-
-
 def _shown(value: Any) -> str:
     return repr(_plain(value) if isinstance(value, array.array) else value)
 
@@ -268,7 +216,7 @@ class {short}(Message):
     def __copy__(self):
         made = new({short}){copy}
         return made
-{serialize}"""
+"""
 
 
 @cache
@@ -277,7 +225,7 @@ def _message(name: str) -> type[Any]:
     package, _, short = name.split('/')
     constants, described = store().fielddefs[name]
     fields = {each: _Field(name, each, *of) for each, of in described if each != _EMPTY}
-    scope: dict[str, Any] = {'Message': Message, 'new': object.__new__, 'packer': _packer}
+    scope: dict[str, Any] = {'Message': Message, 'new': object.__new__}
     for each, field in fields.items():
         scope |= {
             f'type_{each}': field.type,
@@ -294,7 +242,6 @@ def _message(name: str) -> type[Any]:
         arguments=', *, ' + ', '.join(f'{each}=None' for each in fields) if fields else '',
         init=lines('self.{n} = make_{n}() if {n} is None else {n}'),
         copy=lines('v = self.{n}; made.{n} = {f.quick_copy}'),
-        serialize=_quick_serialize(fields),
     )
     exec(source, scope)  # noqa: S102 (from the definitions)
     made: type[Any] = scope[short]
