@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
 
 # Without ROS its tests are left out.
-collect_ignore = [] if has_ros() else ['ros/executor']
+collect_ignore = [] if has_ros() else ['ros', 'commands/test_introspection.py']
 
 if has_ros():
     from barc_sim.ros.process import use_profiles

@@ -1,7 +1,6 @@
 """What `barc topics`, `echo` and `param` print, as a hidden node observes the running system.
 
-Messages are written as YAML here because the wheels of ROS lack `rosidl_runtime_py`; a test
-compares the two where both are installed.
+Messages are written as YAML here because the wheels of ROS lack `rosidl_runtime_py`.
 """
 
 from __future__ import annotations

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from math import isnan
-
 import pytest
 from convergence import (
     REFERENCE_DRIVES,
-    ROUNDING,
-    STEPS,
     ReferenceDrive,
     Study,
     final_state,
-    order,
     studies,
 )
 
@@ -44,18 +39,6 @@ def test_jumps_of_the_grade_leave_rk4_no_better_order(found: list[Study]) -> Non
     for study in lab:
         assert 0.3 < study.order < 1.5
         assert study.errors[-1] > 1e-3
-
-
-@pytest.mark.parametrize('exponent', [1, 2, 4])
-def test_order_is_the_slope(exponent: int) -> None:
-    errors = tuple(3.0 * ts**exponent for ts in STEPS)
-    assert order(errors) == pytest.approx(exponent)
-
-
-def test_order_takes_no_notice_of_rounding() -> None:
-    first = 1e3 * ROUNDING
-    assert order((first, first / 4.0, first / 16.0, 1e-13, 2e-13)) == pytest.approx(2.0)
-    assert isnan(order((first, 1e-12, 1e-13, 1e-13, 1e-13)))
 
 
 @pytest.mark.parametrize('drive', REFERENCE_DRIVES, ids=lambda drive: drive.name)

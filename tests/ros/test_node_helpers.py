@@ -1,21 +1,35 @@
-"""What nodes share: parameters declared from a table, and refused input."""
+"""What nodes share: parameters, refused input, claims to a topic, the take of messages."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
 from typing import TYPE_CHECKING
 
 import pytest
-
-pytest.importorskip('rclpy')
-
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Int64
 
+from barc_sim.control.keyboard import PARAMETERS as KEYBOARD
 from barc_sim.errors import Parameter, UserError
+from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.recorder import BagRecorder
+from barc_sim.nodes.relay import Relay
+from barc_sim.nodes.simulator import VehicleSimulator
+from barc_sim.nodes.view import ViewNode
 from barc_sim.ros import node_helpers
 from barc_sim.ros.node_helpers import RefusedInput, declare
+from barc_sim.ros.peers import claim, others_here
+from barc_sim.ros.polled import Taker
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
     from rclpy.context import Context
 
 TABLE = [
@@ -102,3 +116,104 @@ def test_every_refusal_counts_and_one_a_second_is_logged(
     first, second = logged
     assert 'refused nonsense' in first
     assert 'refused nonsense (4 refused so far)' in second
+
+
+#: rclpy's own; it describes one of the two.
+BUILT_IN = {'start_type_description_service', 'use_sim_time'}
+
+
+@pytest.mark.parametrize('kind', [CruiseController, Relay, VehicleSimulator, ViewNode, BagRecorder])
+def test_parameter_of_a_node_has_a_description(
+    ros: Context, tmp_path: Path, kind: type[Node]
+) -> None:
+    where = {'directory': tmp_path} if kind is BagRecorder else {}
+    node = kind(context=ros, **where)
+    try:
+        names = set(node.list_parameters(prefixes=[], depth=0).names) - BUILT_IN
+        assert names
+        missing = [name for name in names if not node.describe_parameter(name).description.strip()]
+        assert missing == []
+    finally:
+        if isinstance(node, BagRecorder):
+            node.close()
+        node.destroy_node()
+
+
+def test_parameters_of_the_keyboard_have_descriptions() -> None:
+    assert all(parameter.description for parameter in KEYBOARD)
+
+
+HOLDER = """
+import rclpy
+from rclpy.node import Node
+from barc_sim.ros.peers import claim
+rclpy.init()
+node = Node('holder')
+held = claim(node, 'z_vhcl')
+print('held', flush=True)
+input()
+"""
+
+
+def test_another_process_and_its_claim_are_known_until_it_is_killed(
+    ros: Context, ros_domain: int
+) -> None:
+    node = Node('car', context=ros)
+    assert not others_here(ros_domain)
+    with subprocess.Popen(
+        [sys.executable, '-c', HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as holder:
+        assert holder.stdout
+        assert holder.stdout.readline() == 'held\n'
+        assert others_here(ros_domain)
+        with pytest.raises(UserError):
+            claim(node, 'z_vhcl')
+        holder.kill()
+        holder.wait(timeout=20)
+    assert not others_here(ros_domain)
+    claim(node, 'z_vhcl').close()
+
+
+def test_topics_of_other_namespaces_are_free_however_long(ros: Context) -> None:
+    namespaces = ['', 'a', 'b', *(letter * 150 for letter in 'ab')]
+    nodes = [Node('car', namespace=namespace, context=ros) for namespace in namespaces]
+    held = [claim(node, 'z_vhcl') for node in nodes]
+    with pytest.raises(UserError):
+        claim(nodes[-1], 'z_vhcl')
+    for one in held:
+        one.close()
+
+
+#: A subscription that is created later receives what was published before.
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture
+def nodes(ros: Context) -> Iterator[tuple[Node, Node]]:
+    nodes = Node('publisher', context=ros), Node('subscriber', context=ros)
+    yield nodes
+    for node in nodes:
+        node.destroy_node()
+
+
+def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[Node, Node]) -> None:
+    publishing, subscribing = nodes
+    publisher = publishing.create_publisher(Int64, 'number', LATCHED)
+    before = time.time_ns()
+    for number in range(3):
+        publisher.publish(Int64(data=number))
+    after = time.time_ns()
+    time.sleep(0.01)  # so that the two times of a message cannot be mistaken for each other
+    subscribed = time.time_ns()
+    subscription = subscribing.create_subscription(Int64, 'number', print, LATCHED, raw=True)
+    taker, taken = Taker(), []
+    while len(taken) < 3:
+        taken += taker.take(subscription, 10)
+    taker.close()
+    data, published, received, numbers, publishers = zip(*taken, strict=True)
+    assert [deserialize_message(each, Int64).data for each in data] == [0, 1, 2]
+    assert all(before <= each <= after for each in published)
+    assert all(subscribed <= each <= time.time_ns() for each in received)
+    assert numbers == (1, 2, 3)
+    (info,) = subscribing.get_publishers_info_by_topic('number')
+    assert {*publishers} == {bytes(info.endpoint_gid)}

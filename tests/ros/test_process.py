@@ -12,9 +12,6 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import pytest
-
-pytest.importorskip('rclpy')
-
 import rclpy
 from command_line import barc
 

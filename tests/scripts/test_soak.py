@@ -36,28 +36,3 @@ def test_ordeal_is_gone_through_within_its_bounds(ordeal: str) -> None:
     sys.stderr.write(done.stderr)  # shown where it fails
     assert done.returncode == 0, done.stdout
     assert 'BROKEN' not in done.stdout
-
-
-def test_a_bound_that_is_broken_ends_it_with_code_1(tmp_path: Path) -> None:
-    (tmp_path / 'broken.py').write_text(
-        '"""Broken."""\n'
-        'from _figures import Figure\n'
-        'SHORT = "no shorter"\n'
-        'def soak(options):\n'
-        '    return [Figure("kept", 1.0, most=1.0), Figure("not kept", float("nan"), most=1.0)]\n'
-    )
-    for file in ('_soak.py', '_figures.py'):
-        (tmp_path / file).write_text((ROOT / 'scripts' / 'soaking' / file).read_text())
-    done = subprocess.run(
-        [sys.executable, str(tmp_path / '_soak.py'), 'broken'],
-        env=os.environ | {'PYTHONPATH': str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
-    assert done.returncode == 1, done.stderr
-    kept, broken = done.stdout.splitlines()
-    assert 'BROKEN' not in kept
-    assert broken.startswith('not kept')
-    assert broken.endswith('at most 1   BROKEN')

@@ -9,8 +9,6 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-pytest.importorskip('rclpy')
 from rclpy.serialization import deserialize_message
 
 from barc_sim.bags.messages import share

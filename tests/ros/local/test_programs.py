@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip('rclpy')
 _FILE = Path(__file__).with_name('programs.py')
 PROGRAMS = [
     node.name

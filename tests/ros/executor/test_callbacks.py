@@ -1,9 +1,11 @@
-"""Callback groups keep their promises, and nothing is starved."""
+"""Callback groups, coroutines and exceptions: rclpy's promises are kept, nothing is starved."""
 
 from __future__ import annotations
 
 import threading
 import time
+import traceback
+from contextlib import suppress
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -17,16 +19,20 @@ from std_srvs.srv import Empty
 from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from rclpy.callback_groups import CallbackGroup
     from rclpy.context import Context
 
     Until = Callable[[Callable[[], object]], None]
 
+
 pytestmark = pytest.mark.timeout(60)
 DEPTH = 1000
 DEADLINE = 20.0
+GROUPS = pytest.mark.parametrize(
+    'group_type', [ReentrantCallbackGroup, MutuallyExclusiveCallbackGroup]
+)
 
 
 class Overlap:
@@ -82,7 +88,7 @@ def test_callbacks_of_an_exclusive_group_never_overlap(node: Node, until: Until)
     assert all(each == list(range(100)) for each in received.values())
 
 
-@pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup])
+@GROUPS
 def test_short_callbacks_of_all_groups_run_in_one_thread(
     node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
 ) -> None:
@@ -241,7 +247,7 @@ def test_one_thread_executes_everything_in_turn(ros: Context) -> None:
     assert overlap.most == 1
 
 
-@pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup])
+@GROUPS
 def test_a_flood_starves_neither_timers_nor_other_topics_of_its_group(
     node: Node, until: Until, group_type: type[CallbackGroup]
 ) -> None:
@@ -263,17 +269,6 @@ def test_a_flood_starves_neither_timers_nor_other_topics_of_its_group(
     node.create_publisher(Time, 'quiet', DEPTH).publish(Time())
 
     until(lambda: len(ticks) >= 5 and heard and len(floods) > 20)
-
-
-def test_a_flooding_timer_does_not_starve_the_topics_of_its_group(node: Node, until: Until) -> None:
-    group = MutuallyExclusiveCallbackGroup()
-    never = threading.Event()
-    heard = []
-    node.create_timer(0.0001, lambda: never.wait(0.001), callback_group=group)  # always due
-    node.create_subscription(Time, 'a', heard.append, DEPTH, callback_group=group)
-    node.create_publisher(Time, 'a', DEPTH).publish(Time())
-
-    until(lambda: heard)
 
 
 def test_what_is_ready_at_once_is_executed_in_rclpys_order(
@@ -443,3 +438,288 @@ def test_a_timer_that_waits_for_its_group_claims_it_once(
         executor.spin_once(timeout_sec=0)
 
     assert group.claims == 1
+
+
+@GROUPS
+def test_a_callback_waits_for_a_future_of_another_callback(
+    node: Node, executor: QuickExecutor, until: Until, group_type: type[CallbackGroup]
+) -> None:
+    future = Future(executor=executor)
+    results = []
+
+    async def wait() -> None:
+        waiter.cancel()
+        results.append(await future)
+
+    def fulfil() -> None:
+        other.cancel()
+        future.set_result('done')
+
+    waiter = node.create_timer(0.001, wait, callback_group=group_type())
+    other = node.create_timer(0.01, fulfil, callback_group=group_type())
+
+    until(lambda: results)
+
+    assert results == ['done']
+
+
+def test_a_waiting_coroutine_keeps_its_exclusive_group(
+    node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    group = MutuallyExclusiveCallbackGroup()
+    future = Future(executor=executor)
+    order = []
+
+    async def wait() -> None:
+        order.append('begin')
+        await future
+        order.append('end')
+
+    guard = node.create_guard_condition(wait, callback_group=group)
+    guard.trigger()
+    until(lambda: order)
+    other = node.create_guard_condition(lambda: order.append('other'), callback_group=group)
+    other.trigger()
+    ticks = []
+    timer = node.create_timer(
+        0.001, lambda: ticks.append(1), callback_group=MutuallyExclusiveCallbackGroup()
+    )
+    until(lambda: len(ticks) > 5)
+    timer.cancel()
+    assert order == ['begin']
+
+    future.set_result(None)
+    executor.wake()
+    until(lambda: len(order) == 3)
+    assert order == ['begin', 'end', 'other']
+
+
+def test_tasks_run_and_wait_for_one_another(executor: QuickExecutor, until: Until) -> None:
+    async def double(future: Future) -> int:
+        return 2 * await future
+
+    first = executor.create_task(lambda: 1)
+    second = executor.create_task(double, first)
+    third = executor.create_task(double, second)
+
+    until(third.done)
+
+    assert third.result() == 4
+
+
+def test_what_comes_while_a_coroutine_is_stepped_is_not_missed(
+    node: Node, executor: QuickExecutor
+) -> None:
+    stepping = threading.Event()
+    come = threading.Event()
+    noticed = threading.Event()
+
+    class Late:
+        def __await__(self) -> Iterator[None]:
+            while not come.is_set():
+                stepping.set()
+                noticed.wait(20.0)
+                time.sleep(0.05)  # the executor waits again by now
+                yield
+
+    async def wait() -> str:
+        await Late()
+        return 'come'
+
+    guard = node.create_guard_condition(
+        noticed.set, callback_group=MutuallyExclusiveCallbackGroup()
+    )
+
+    def come_late() -> None:
+        stepping.wait(20.0)
+        come.set()
+        guard.trigger()
+
+    thread = threading.Thread(target=come_late)
+    thread.start()
+    task = executor.create_task(wait)
+    executor.spin_until_future_complete(task, 20.0)
+    thread.join()
+
+    assert task.result() == 'come'
+
+
+def test_a_waiting_coroutine_is_left_alone_while_nothing_happens(executor: QuickExecutor) -> None:
+    steps = []
+
+    class Waiting:
+        def __await__(self) -> Iterator[None]:
+            while True:
+                steps.append(1)
+                yield
+
+    async def wait() -> None:
+        await Waiting()
+
+    executor.create_task(wait)
+    executor.create_task(wait)
+    executor.spin_until_future_complete(Future(), 0.2)
+
+    assert 2 <= len(steps) <= 20
+
+
+def test_a_cancelled_task_is_dropped(executor: QuickExecutor, until: Until) -> None:
+    async def wait() -> None:
+        await Future(executor=executor)
+
+    task = executor.create_task(wait)
+    executor.spin_once(timeout_sec=0.01)
+    until(lambda: not task.executing())
+    task.cancel()
+    done = executor.create_task(lambda: 1)
+    until(done.done)
+    assert task.cancelled()
+
+
+def test_an_action_is_served_with_feedback_and_can_be_cancelled(
+    make_node: Callable[..., Node], until: Until
+) -> None:
+    fibonacci = pytest.importorskip('test_msgs.action').Fibonacci
+    action = pytest.importorskip('rclpy.action')
+    going_on = threading.Event()
+
+    def execute(goal: action.server.ServerGoalHandle) -> object:
+        goal.publish_feedback(fibonacci.Feedback(sequence=[0, 1]))
+        if goal.request.order < 0:
+            while not goal.is_cancel_requested:
+                going_on.wait(0.001)
+            goal.canceled()
+        else:
+            goal.succeed()
+        return fibonacci.Result(sequence=[goal.request.order])
+
+    server = action.ActionServer(
+        make_node('server'),
+        fibonacci,
+        'fibonacci',
+        execute,
+        cancel_callback=lambda _: action.CancelResponse.ACCEPT,
+    )
+    client = action.ActionClient(make_node('client'), fibonacci, 'fibonacci')
+    feedback = []
+    assert client.wait_for_server(20.0)
+
+    def send(order: int) -> object:
+        future = client.send_goal_async(
+            fibonacci.Goal(order=order), lambda message: feedback.append(message.feedback)
+        )
+        until(future.done)
+        assert future.result().accepted
+        return future.result()
+
+    result = send(3).get_result_async()
+    until(lambda: result.done() and feedback)
+    assert list(result.result().result.sequence) == [3]
+
+    endless = send(-1)
+    until(lambda: len(feedback) == 2)
+    cancelled = endless.cancel_goal_async()
+    result = endless.get_result_async()
+    until(lambda: cancelled.done() and result.done())
+    assert list(result.result().result.sequence) == [-1]
+    client.destroy()
+    server.destroy()
+
+
+class BrokenError(Exception):
+    """What the callbacks of these tests raise."""
+
+
+def break_down(*_: object) -> None:
+    raise BrokenError
+
+
+async def break_down_awaiting(*_: object) -> None:
+    raise BrokenError
+
+
+def spin_until_broken(executor: QuickExecutor) -> list[str]:
+    """Spin; return the names of the functions in the traceback."""
+    with pytest.raises(BrokenError) as raised:
+        executor.spin()
+    return [frame.name for frame in traceback.extract_tb(raised.value.__traceback__)]
+
+
+@pytest.mark.parametrize('callback', [break_down, break_down_awaiting])
+def test_an_exception_of_a_timer_ends_the_spin(
+    node: Node,
+    executor: QuickExecutor,
+    callback: Callable[..., object],
+) -> None:
+    timer = node.create_timer(0.001, callback)
+    assert spin_until_broken(executor)[-1] == callback.__name__
+    timer.cancel()
+
+
+def test_an_exception_after_waiting_for_a_future_ends_the_spin(
+    node: Node, executor: QuickExecutor
+) -> None:
+    future = executor.create_task(lambda: None)
+
+    async def wait_and_break_down() -> None:
+        await future
+        break_down()
+
+    guard = node.create_guard_condition(wait_and_break_down)
+    guard.trigger()
+    assert spin_until_broken(executor)[-2:] == ['wait_and_break_down', 'break_down']
+
+
+@pytest.mark.parametrize('error', [SystemExit, KeyboardInterrupt])
+def test_an_exception_that_is_to_end_the_process_ends_the_spin(
+    executor: QuickExecutor, error: type[BaseException]
+) -> None:
+    def end() -> None:
+        raise error
+
+    executor.create_task(end)
+    with pytest.raises(error):
+        executor.spin()
+
+
+def test_an_exception_of_a_task_beside_busy_callbacks_ends_the_spin(
+    node: Node, executor: QuickExecutor
+) -> None:
+    guard = node.create_guard_condition(lambda: guard.trigger())  # noqa: PLW0108
+    guard.trigger()
+    executor.create_task(break_down)
+    assert spin_until_broken(executor)[-1] == 'break_down'
+
+
+def test_an_exception_that_comes_while_nothing_else_is_ready_ends_it(
+    node: Node, executor: QuickExecutor
+) -> None:
+    waits = threading.Event()
+    node.create_timer(1e-3, lambda: (waits.wait(0.05), break_down()))
+    assert spin_until_broken(executor)[-1] == 'break_down'
+
+
+@GROUPS
+def test_an_exception_leaves_the_executor_and_the_group_usable(
+    node: Node, executor: QuickExecutor, until: Until, group_type: type[CallbackGroup]
+) -> None:
+    group = group_type()
+    timer = node.create_timer(0.001, break_down, callback_group=group)
+    spin_until_broken(executor)
+    timer.cancel()
+    for _ in range(10):  # further calls that had been handed off
+        with suppress(BrokenError):
+            executor.spin_once(timeout_sec=0)
+    ticks = []
+    node.create_timer(0.001, lambda: ticks.append(1), callback_group=group)
+    until(lambda: ticks)
+
+
+def test_one_exception_of_many_is_raised_by_each_spin(executor: QuickExecutor, node: Node) -> None:
+    node.create_subscription(Time, 'a', break_down, 10)
+    publisher = node.create_publisher(Time, 'a', 10)
+    for _ in range(3):
+        publisher.publish(Time())
+    for _ in range(3):
+        spin_until_broken(executor)
+    executor.spin_once(timeout_sec=0)

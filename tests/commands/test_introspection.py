@@ -1,0 +1,407 @@
+"""`topics`, `echo`, `param` and `graph`: what they print, how they end, and their sentences."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml
+from barc_interfaces.msg import ECU
+from command_line import barc, call, refused, spinning, started
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
+
+from barc_sim.bags import reader as bag
+from barc_sim.bags.names import NodeGraph
+from barc_sim.errors import Parameter, UserError
+from barc_sim.figures.graph_figure import lines
+from barc_sim.ros.introspection import describe_rate, field_of, to_yaml
+from barc_sim.ros.node_helpers import declare
+from barc_sim.ros.peers import node_graph
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from rclpy.context import Context
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wait a shorter time [s] for what is not in the ROS graph: all of it is in this process."""
+    monkeypatch.setattr('barc_sim.ros.introspection._PATIENCE', 0.5)
+    monkeypatch.setattr('barc_sim.ros.introspection._ALONE', 0.3)
+    monkeypatch.setattr('barc_sim.ros.introspection._STEADY', 0.2)
+
+
+@pytest.fixture
+def talker(ros: Context) -> Iterator[Node]:
+    """Return a node that publishes a command, counting, 100 times a second."""
+    node = Node('talker', context=ros, namespace='car')
+    commands = node.create_publisher(ECU, 'ecu', 10)
+    message = ECU(servo=-0.25)
+    message.header.stamp.sec = 7
+
+    def publish() -> None:
+        message.motor += 1.0
+        commands.publish(message)
+
+    node.create_timer(0.01, publish)
+    with spinning(ros, node):
+        yield node
+
+
+@pytest.mark.usefixtures('talker')
+def test_messages_are_documents_of_yaml() -> None:
+    done = barc('echo', '/car/ecu', '-n', '3')
+    assert (done.returncode, done.stderr) == (0, '')
+    *documents, rest = yaml.safe_load_all(done.stdout)
+    assert rest is None
+    assert len(documents) == 3
+    first = documents[0].pop('motor')
+    assert documents[0] == {
+        'header': {'stamp': {'sec': 7, 'nanosec': 0}, 'frame_id': ''},
+        'servo': -0.25,
+    }
+    assert [document['motor'] for document in documents[1:]] == [first + 1.0, first + 2.0]
+
+
+@pytest.mark.usefixtures('talker')
+def test_name_without_its_slash_will_do() -> None:
+    assert barc('echo', 'car/ecu', '--field', 'servo', '--once').stdout == '-0.25\n---\n'
+
+
+@pytest.mark.usefixtures('talker')
+def test_ctrl_c_ends_it_in_order() -> None:
+    with started('echo', '/car/ecu') as process:
+        assert process.stdout
+        assert process.stdout.readline() == 'header:\n'
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=20)
+        assert (process.returncode, err) == (0, '')
+
+
+@pytest.mark.parametrize(
+    'qos',
+    [
+        QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+        QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
+    ],
+    ids=['latched', 'best effort'],
+)
+def test_messages_are_received_with_the_quality_of_their_publisher(
+    ros: Context, qos: QoSProfile
+) -> None:
+    node = Node('talker', context=ros)
+    publisher = node.create_publisher(String, 'news', qos)
+    if qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        publisher.publish(String(data='news'))
+    else:
+        node.create_timer(0.01, lambda: publisher.publish(String(data='news')))
+    with spinning(ros, node):
+        assert barc('echo', 'news', '--once').stdout == 'data: news\n---\n'
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (['/car/ecus', '--once'], 'there is no topic /car/ecus: did you mean /car/ecu?'),
+        (
+            ['/car/ecu', '--field', 'moto'],
+            "there is no field 'moto': 'moto' is not among header, motor, servo",
+        ),
+        (
+            ['/car/ecu', '--field', 'header.stamp.s'],
+            "there is no field 'header.stamp.s': 's' is not among sec, nanosec",
+        ),
+        (
+            ['/car/ecu', '--field', 'motor.x'],
+            "there is no field 'motor.x': 'x' is within a float, which has no fields",
+        ),
+        (['/c ar'], "'/c ar' cannot be a topic: "),
+    ],
+)
+@pytest.mark.usefixtures('talker', 'impatient')
+def test_mistake_of_echo_is_one_sentence(options: list[str], sentence: str) -> None:
+    line = refused('echo', *options)
+    assert sentence in line
+    assert ' at /' not in line
+
+
+@pytest.mark.usefixtures('impatient')
+def test_empty_domain_is_one_sentence(ros_domain: int, tmp_path: Path) -> None:
+    nothing = f'no node is running in ROS domain {ros_domain}: start a run first'
+    sentences = {
+        ('echo', 'z_vhcl'): f'there is no topic /z_vhcl, nor any other in ROS domain {ros_domain}',
+        ('graph', '--save', str(tmp_path / 'graph.svg')): f'{nothing}, or name a bag (--bag)',
+        ('topics',): nothing,
+        ('param', 'list'): nothing,
+    }
+    for words, sentence in sentences.items():
+        assert refused(*words).startswith(f'barc {words[0]}: error: {sentence}')
+
+
+LONG = Float64MultiArray(data=[float(i) for i in range(200)])
+
+
+def test_field_order_is_that_of_the_definition() -> None:
+    assert to_yaml(ECU(motor=1e-7, servo=float('nan'))) == (
+        "header:\n  stamp:\n    sec: 0\n    nanosec: 0\n  frame_id: ''\n"
+        'motor: 1.0e-07\nservo: .nan\n'
+    )
+
+
+def test_long_arrays_and_strings_are_cut_unless_asked_otherwise() -> None:
+    assert to_yaml(LONG).count('\n- ') == 129
+    assert to_yaml(LONG, None).count('\n- ') == 200
+    assert to_yaml(String(data='x' * 200), 3) == 'data: xxx...\n'
+
+
+def test_field_may_be_an_element() -> None:
+    message = Float64MultiArray()
+    message.layout.dim = [MultiArrayDimension(label='a'), MultiArrayDimension(label='b')]
+    assert field_of(message, 'layout.dim.1.label') == 'b'
+    with pytest.raises(UserError, match=r"no field 'layout\.dim\.2': '2' is not an index below 2"):
+        field_of(message, 'layout.dim.2')
+
+
+@pytest.mark.parametrize(
+    ('times', 'words'),
+    [
+        ([], 'no message'),
+        ([5], '1 message'),
+        (
+            [0, 10_000_000, 30_000_000],
+            'average rate: 66.667 min: 0.010s max: 0.020s std dev: 0.00500s window: 2',
+        ),
+        ([5, 5], 'average rate: 0.000 min: 0.000s max: 0.000s std dev: 0.00000s window: 1'),
+    ],
+)
+def test_rate_is_printed_as_by_ros2_topic_hz(times: list[int], words: str) -> None:
+    assert describe_rate(times) == words
+
+
+BUILT_IN = ['start_type_description_service', 'use_sim_time']
+TABLE = [
+    Parameter('gain', 30.0, 'how much [1/s]', (0.0, 100.0)),
+    Parameter('mass', 2000.0, 'the mass [kg]', (1.0, 1e6), read_only=True),
+    Parameter('road', 'lab', 'the road'),
+    Parameter('seed', 0, 'the seed', (0, 2**53)),
+    Parameter('wait', default=True, description='whether to wait'),
+]
+
+
+@pytest.fixture
+def car(ros: Context) -> Iterator[Node]:
+    """Return a node with parameters of every kind that we have."""
+    node = Node('car', context=ros, namespace='one')
+    declare(node, TABLE)
+    with spinning(ros, node):
+        yield node
+
+
+def value(node: Node, name: str) -> object:
+    return node.get_parameter(name).value
+
+
+@pytest.mark.usefixtures('car')
+def test_names_are_listed_of_one_node_and_of_all() -> None:
+    names = [f'  {name}' for name in sorted([*(one.name for one in TABLE), *BUILT_IN])]
+    assert barc('param', 'list', 'one/car').stdout.splitlines() == names
+    assert barc('param', 'list').stdout.splitlines() == ['/one/car:', *names]
+
+
+@pytest.mark.usefixtures('car')
+def test_value_is_printed_with_its_type() -> None:
+    assert barc('param', 'get', '/one/car', 'gain').stdout == 'Double value is: 30.0\n'
+    assert barc('param', 'get', '/one/car', 'wait').stdout == 'Boolean value is: True\n'
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'expected'),
+    [
+        ('gain', '20.0', 20.0),
+        ('gain', '20', 20.0),
+        ('gain', '1e-7', 1e-7),
+        ('road', '7', '7'),
+        ('road', 'off', 'off'),
+        ('seed', '7', 7),
+        ('wait', 'false', False),
+    ],
+)
+def test_value_is_set(car: Node, name: str, text: str, expected: object) -> None:
+    done = barc('param', 'set', '/one/car', name, text)
+    assert (done.returncode, done.stdout, done.stderr) == (0, 'Set parameter successful\n', '')
+    assert value(car, name) == expected
+
+
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [
+        ('get /one/car gian', '/one/car has no parameter gian: did you mean gain?'),
+        ('get /one/cat gain', 'there is no node /one/cat: did you mean /one/car?'),
+        ('set /one/car gain {', "'{' is not a value in YAML: a string may need quotes"),
+        (
+            'set /one/car seed 1.5',
+            (
+                'parameter seed cannot be set: /one/car refused it: Wrong parameter type, expected '
+                "'Type.INTEGER' got 'Type.DOUBLE'"
+            ),
+        ),
+        (
+            'set /one/car gain 101.0',
+            (
+                'parameter gain cannot be set: /one/car refused it: Parameter gain out of range '
+                'Min: 0.0, Max: 100.0, value: 101.0'
+            ),
+        ),
+        (
+            'set /one/car mass 1000',
+            (
+                'parameter mass cannot be set: it is read-only: set it at the start '
+                '(--ros-args -p car:mass:=1000.0)'
+            ),
+        ),
+    ],
+)
+@pytest.mark.usefixtures('impatient')
+def test_mistake_of_param_is_one_sentence(car: Node, words: str, sentence: str) -> None:
+    before = [value(car, parameter.name) for parameter in TABLE]
+    assert refused('param', *words.split()) == f'barc param: error: {sentence}'
+    assert [value(car, parameter.name) for parameter in TABLE] == before
+
+
+@pytest.mark.usefixtures('impatient')
+def test_node_that_offers_no_parameters_is_named(ros: Context) -> None:
+    mute = Node('mute', context=ros, start_parameter_services=False)
+    with spinning(ros, mute):
+        assert 'error: /mute has no parameter services' in refused('param', 'list', 'mute')
+        among = barc('param', 'list')
+    assert (among.returncode, among.stdout) == (0, '')
+    assert '/mute has no parameter services' in among.stderr
+
+
+def test_dump_is_a_file_of_parameters(car: Node) -> None:
+    given = {'gain': 1e-7, 'road': '7', 'seed': 2**53, 'wait': False}
+    car.set_parameters([RosParameter(name, value=one) for name, one in given.items()])
+    car.declare_parameter('motor.delay', 0.02)
+    dump = yaml.safe_load(barc('param', 'dump', '/one/car').stdout)
+    (found,) = (each['ros__parameters'] for node, each in dump.items() if node == '/one/car')
+    assert {name: found[name] for name in given} == given
+    assert found['motor'] == {'delay': 0.02}
+
+
+@pytest.fixture
+def endpoints(ros: Context) -> Iterator[None]:
+    """Run a node that publishes at 50 Hz, one that listens, and hidden topics."""
+    talker, listener = Node('talker', context=ros), Node('listener', context=ros)
+    commands = talker.create_publisher(ECU, 'ecu', 10)
+    talker.create_publisher(String, '_hidden', 10)
+    talker.create_timer(0.02, lambda: commands.publish(ECU()))
+    listener.create_subscription(ECU, 'ecu', lambda _: None, 10)
+    with spinning(ros, talker, listener):
+        yield
+
+
+@pytest.mark.usefixtures('endpoints')
+def test_topics_have_types_and_counts_of_both_ends() -> None:
+    done = barc('topics')
+    assert (done.returncode, done.stderr) == (0, '')
+    lines = done.stdout.splitlines()
+    assert '/ecu [barc_interfaces/msg/ECU] 1 publisher, 1 subscriber' in lines
+    assert '/rosout [rcl_interfaces/msg/Log] 2 publishers, 0 subscribers' in lines
+    assert '_hidden' not in done.stdout
+
+
+@pytest.mark.usefixtures('endpoints')
+def test_verbose_prints_nodes_and_their_quality_of_service() -> None:
+    done = barc('topics', '-v', '--include-hidden-topics')
+    assert '/_hidden [std_msgs/msg/String] 1 publisher, 0 subscribers' in done.stdout
+    ours = done.stdout.partition('/ecu [')[2]
+    assert ours.startswith('barc_interfaces/msg/ECU] 1 publisher, 1 subscriber')
+    publisher, subscription, *_ = ours.split('\n\n')[1:]
+    assert 'Node name: talker\n' in publisher
+    assert 'Endpoint type: PUBLISHER\n' in publisher
+    assert 'Node name: listener\n' in subscription
+    assert 'Reliability: RELIABLE\n' in subscription
+
+
+@pytest.mark.usefixtures('endpoints')
+def test_rate_is_measured() -> None:
+    done = barc('topics', 'ecu', '--hz', '0.5')
+    _, rate = done.stdout.splitlines()
+    words = re.fullmatch(
+        r'  average rate: ([\d.]+) min: [\d.]+s max: [\d.]+s std dev: [\d.]+s window: (\d+)', rate
+    )
+    assert words
+    assert 5.0 < float(words[1]) < 60.0  # 50 on a machine that keeps up
+    assert int(words[2]) > 1
+
+
+@pytest.mark.usefixtures('endpoints', 'impatient')
+def test_topic_without_endpoints_is_one_sentence() -> None:
+    assert refused('topics', 'ecus').endswith(': there is no topic /ecus: did you mean /ecu?')
+
+
+TELEOP = {'/vehicle_simulator', '/relay', '/bag_recorder'}
+TOPICS = {'/cmd_vel', '/ecu', '/z_vhcl', '/ez_vhcl', '/environment'}
+
+
+def texts(path: Path) -> set[str]:
+    """Return what is written in an SVG file."""
+    nodes = ET.parse(path).iter('{http://www.w3.org/2000/svg}text')
+    return {''.join(node.itertext()).strip() for node in nodes}
+
+
+def test_links_are_seen_as_they_are(ros: Context) -> None:
+    talker, listener = Node('talker', context=ros), Node('listener', context=ros, namespace='a')
+    talker.create_publisher(String, 'chatter', 10)
+    talker.create_publisher(String, '_hidden', 10)
+    listener.create_subscription(String, '/chatter', lambda _: None, 10)
+    try:
+        graph = node_graph(talker)
+    finally:
+        talker.destroy_node()
+        listener.destroy_node()
+    assert graph.nodes == ('/a/listener', '/talker')
+    assert graph.topics['/chatter'] == 'std_msgs/msg/String'
+    assert ('/talker', '/chatter') in graph.publications
+    assert ('/chatter', '/a/listener') in graph.subscriptions
+    assert '/_hidden' not in graph.topics
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures('ros_domain')
+def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
+    with started('teleop', '--view', 'none', cwd=tmp_path, stderr=subprocess.DEVNULL) as run:
+        assert run.stdout
+        run.stdout.readline()  # names the engine
+        run.stdout.readline()  # it drives
+        live = call('graph', '--save', 'live.svg', cwd=tmp_path)
+        run.send_signal(signal.SIGTERM)
+        run.communicate(timeout=60)
+    assert live.returncode == 0, live.stderr
+    (path,) = (tmp_path / 'bags').iterdir()
+    recorded = call('graph', '--bag', str(path), cwd=tmp_path)
+    assert recorded.stdout.splitlines()[:-1] == live.stdout.splitlines()[:-1]
+    for name in ('live.svg', 'graph.svg'):
+        assert texts(tmp_path / name) >= TELEOP | TOPICS
+    assert '/relay              turns the driver' in live.stdout
+
+    graph = NodeGraph.from_json(bag.info(path)['graph'])
+    assert set(graph.nodes) == TELEOP
+    assert set(graph.topics) >= TOPICS
+    assert ('/relay', '/ecu') in graph.publications
+    assert ('/ecu', '/vehicle_simulator') in graph.subscriptions
+    assert ('/ecu', '/bag_recorder') in graph.subscriptions
+
+
+def test_node_of_others_is_marked() -> None:
+    graph = NodeGraph(('/rviz',), {}, (), ())
+    assert lines(graph)[1] == '/rviz  (not of this package)'
