@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from argparse import ArgumentTypeError
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import make_folder, read_regular, saving
 from barc_sim.cli.parser import number, whole
@@ -18,18 +17,15 @@ from barc_sim.lab.handout import BY_HAND, RUBRICS, handout_of, names_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.lab.grade.classroom import Student
     from barc_sim.lab.grade.grade import Grade
-    from barc_sim.lab.grade.rubric import ByHand, Rubric
 
     _Outcome = tuple[Path, Grade | str]
 
 _CLASS, _SETTINGS, _RECORD = 'class.csv', 'class.json', 'record.json'
 _RESERVED = {_CLASS, _SETTINGS, 'class.html', 'canvas.csv', 'gradescope.csv'}
-_AGAIN = 'look at the points by hand again'
 _MAX_BYTES = 4 << 20  # of a file that this command has written
 
 
@@ -89,13 +85,6 @@ def add_arguments(parser: Parser) -> None:
     )
 
 
-def _cores() -> int:
-    """Return the number of cores that this process may use, where the system limits that."""
-    if hasattr(os, 'sched_getaffinity'):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def run(options: Namespace) -> int:
     """Write the reports and print the score; return the exit code."""
     from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
@@ -110,16 +99,12 @@ def run(options: Namespace) -> int:
     students = classroom.read_roster(options.roster) if options.roster else []
     folders = {path: out if alone else _folder(out, path) for path in paths}
     before = {} if alone else _records(out)
-    entered = _entered(folders, before, students, points)
+    hands = {path: rubric.entered(folder, points) for path, folder in folders.items()}
     check(sandbox=not options.unconfined)
-    with grade.processes(options.jobs or _cores()) as executor:
-        outcomes = grade.run(
-            executor,
-            {path: hand for path, (hand, _) in entered.items()},
-            *(points, Limits(total=options.time_limit)),
-            sandbox=not options.unconfined,
-        )
-        grades, failures, interrupted = _collect(outcomes, out, folders, entered, before)
+    limits = Limits(total=options.time_limit)
+    with grade.processes(options.jobs) as executor:
+        outcomes = grade.run(executor, hands, points, limits, sandbox=not options.unconfined)
+        grades, failures, interrupted = _collect(outcomes, out, folders)
     found = classroom.entries(before | grades, failures, students, options.due)
     files = {_CLASS: classroom.as_csv(found, points)}
     if not alone:
@@ -127,15 +112,12 @@ def run(options: Namespace) -> int:
         files |= classroom.gradebooks(found, points) if students else {}
     for name, text in files.items():
         _write(out, out / name, text.encode())
-    counted = [each.grade for each in found if each.grade and not each.newer]
-    shown = [*grades.values()] if len(paths) == 1 else counted
+    shown = [*grades.values()] if len(paths) == 1 else classroom.counted(found)
     lines = [*classroom.summary(shown, points), str(out if alone else out / 'class.html')]
     print('\n'.join(lines))  # noqa: T201
     for name, failure in failures.items():
         print(f'barc grade: {name} could not be graded: {failure}', file=sys.stderr)  # noqa: T201
-    if interrupted:
-        return INTERRUPTED
-    return 1 if failures else 0
+    return INTERRUPTED if interrupted else 1 if failures else 0
 
 
 def _rubric_of(paths: Iterable[Path]) -> str:
@@ -156,21 +138,18 @@ def moment(text: str) -> datetime:
         ) from None
 
 
-#: What a class keeps for the next time, and what reads it.
-_KEPT: dict[str, Callable[[str], Any]] = {'roster': Path, 'due': moment}
-
-
 def _keep(options: Namespace, out: Path) -> str:
-    """Add what the class in `out` keeps to the options; return what it is to keep, as JSON."""
+    """Take the roster and due time of the class in `out` where none are given; return them."""
     try:
         kept = json.loads(read_regular(out / _SETTINGS, _MAX_BYTES))
     except (OSError, ValueError):
         kept = {}
-    for name, converted in _KEPT.items():
-        if value := getattr(options, name):
-            kept[name] = str(value.absolute() if isinstance(value, Path) else value)
-        elif name in kept:
-            setattr(options, name, converted(kept[name]))
+    if options.roster:
+        kept['roster'] = str(options.roster.absolute())
+    if options.due:
+        kept['due'] = str(options.due)
+    options.roster = Path(kept['roster']) if 'roster' in kept else None
+    options.due = moment(kept['due']) if 'due' in kept else None
     return json.dumps(kept)
 
 
@@ -182,47 +161,23 @@ def _folder(out: Path, submission: Path) -> Path:
 
 def _records(out: Path) -> dict[str, Grade]:
     """Return what was graded before, by folder."""
-    return {file.parent.name: _record(file) for file in sorted(out.glob(f'*/{_RECORD}'))}
-
-
-def _record(file: Path) -> Grade:
     from barc_sim.lab.grade.grade import from_record  # noqa: PLC0415
 
+    found: dict[str, Grade] = {}
+    file = out
     try:
-        return from_record(read_regular(file, _MAX_BYTES))
+        for file in sorted(out.glob(f'*/{_RECORD}')):
+            found[file.parent.name] = from_record(read_regular(file, _MAX_BYTES))
     except (TypeError, ValueError):
         raise UserError(
-            f'{file} is not a record of this version of barc grade: remove '
-            f'{file.parents[1]}/*/{_RECORD}; what was entered by hand stays'
+            f'{file} is not a record of this version of barc grade: remove {out}/*/{_RECORD}; what '
+            'was entered by hand stays'
         ) from None
-
-
-def _entered(
-    folders: dict[Path, Path], before: dict[str, Grade], students: list[Student], points: Rubric
-) -> dict[Path, tuple[ByHand, Path]]:
-    """Return what is entered by hand for each submission, and the folder that it is from.
-
-    For one that is new, that is an earlier folder of the same student.
-    """
-    from barc_sim.lab.grade.classroom import owner  # noqa: PLC0415
-    from barc_sim.lab.grade.rubric import ByHand, entered  # noqa: PLC0415
-
-    found = {}
-    for path, folder in folders.items():
-        student = owner(path.name, students)
-        others = [name for name in before if student and owner(name, students) is student]
-        sources = [folder, *(folder.with_name(name) for name in others)]
-        hands = ((hand, source) for source in sources if (hand := entered(source, points)))
-        found[path] = next(hands, (ByHand(), folder))
     return found
 
 
 def _collect(
-    outcomes: Iterable[_Outcome],
-    out: Path,
-    folders: dict[Path, Path],
-    entered: dict[Path, tuple[ByHand, Path]],
-    before: dict[str, Grade],
+    outcomes: Iterable[_Outcome], out: Path, folders: dict[Path, Path]
 ) -> tuple[dict[str, Grade], dict[str, str], bool]:
     """Write the files of each submission as it finishes; also return whether Ctrl-C came."""
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
@@ -239,16 +194,10 @@ def _collect(
             if isinstance(outcome, str):
                 failures[folder.name] = outcome
                 continue
-            source = entered[path][1]
-            note = _look_again(source, before.get(source.name), outcome)
-            grade = outcome._replace(notes=(*outcome.notes, *note), files={})
+            grade = outcome._replace(files={})
             files = {**outcome.files, _RECORD: grade.record()}
             if folder == out:  # of a submission alone
                 del files[_RECORD], files[BY_HAND]
-            elif grade.is_by_hand and source == folder:
-                del files[BY_HAND]
-            elif grade.is_by_hand:
-                files[BY_HAND] = read_regular(source / BY_HAND, _MAX_BYTES)
             with uninterrupted():  # a submission has all of its files, and a row, or none
                 for name, data in files.items():
                     _write(out, folder / name, data)
@@ -256,16 +205,6 @@ def _collect(
     except KeyboardInterrupt:
         return grades, failures, True
     return grades, failures, False
-
-
-def _look_again(source: Path, prior: Grade | None, grade: Grade) -> list[str]:
-    """Return a note where points were entered for other code, until the file is edited again."""
-    if not (grade.is_by_hand and prior):
-        return []
-    edited = (source / BY_HAND).stat().st_mtime_ns > (source / _RECORD).stat().st_mtime_ns
-    if prior.hashes != grade.hashes:
-        return [f'{_AGAIN}: they were entered for {source.name}, and the code has changed']
-    return [] if edited else [note for note in prior.notes if note.startswith(_AGAIN)]
 
 
 def _write(out: Path, path: Path, data: bytes) -> None:

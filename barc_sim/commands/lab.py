@@ -14,7 +14,6 @@ from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments, barc_path
 from barc_sim.errors import UserError, escaped
 from barc_sim.lab.handout import HANDOUTS, HILLS, Handout, files_in, handout_of
-from barc_sim.runs.options import add_engine_option, choose_engine
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -112,7 +111,8 @@ def add_arguments_submit(parser: Parser) -> None:
     parser.description = (
         'Pack what you hand in as one zip: code, gains, the bags of the course and of the drive '
         'by hand with their reports (plots and graph), its video, your description. Each part '
-        'that is missing is named in a line; the rest is packed.'
+        'that is missing is named in a line; the rest is packed. The course is driven anew with '
+        'your files, without waiting.'
     )
     parser.epilog = 'barc grade takes the zip as it is.'
     parser.add_argument('folder', type=Path, metavar='LAB', help='your folder')
@@ -120,18 +120,11 @@ def add_arguments_submit(parser: Parser) -> None:
         '--save', metavar='FILE', help='the zip to write (the name of your folder, here)'
     )
     parser.add_argument(
-        '--course',
-        type=Path,
-        metavar='BAG',
-        help='your drive over the course (one is made with your files, without waiting)',
-    )
-    parser.add_argument(
         '--teleop',
         type=Path,
         metavar='BAG',
         help='your drive by hand (the newest of teleop in ./bags or LAB/bags)',
     )
-    add_engine_option(parser)
 
 
 def run_submit(options: Namespace) -> None:
@@ -145,15 +138,12 @@ def run_submit(options: Namespace) -> None:
     path = target(options.save or f'{folder.resolve().name}.zip', ARCHIVES)
     from barc_sim.lab import submit  # noqa: PLC0415 (slow: not to refuse)
 
-    engine = choose_engine(options)
     bags = (Path('bags'), folder / 'bags')
-    teleop = options.teleop or submit.newest_drive(bags, 'teleop')
+    teleop = options.teleop or submit.newest_drive(bags)
     beside = [] if teleop is None else [teleop if teleop.is_dir() else teleop.parent]
     video = submit.newest_video([folder, *beside])
     with saving(path) as part, tempfile.TemporaryDirectory() as made:
-        course, why = options.course, ''
-        if course is None:
-            course, why = _drive(folder, Path(made), engine)
+        course, why = _drive(folder, Path(made))
         parts = [*submit.collect(folder, course, why, teleop, video)]
         submit.write(part, parts)
     for line in parts:
@@ -161,10 +151,10 @@ def run_submit(options: Namespace) -> None:
     print(f'{path}  ({submit.size(path)})')  # noqa: T201
 
 
-def _drive(folder: Path, bags: Path, engine: str) -> tuple[Path | None, str]:
+def _drive(folder: Path, bags: Path) -> tuple[Path | None, str]:
     """Drive over the course with a folder's files; return the bag, and why it ended badly."""
     words = handout_of(files_in(folder)).drive.split()
-    options = [str(folder), '--realtime-factor', 'max', '--engine', engine]
+    options = [str(folder), '--realtime-factor', 'max', '--engine', 'local']
     try:
         # In a process of its own, which the files can end.
         done = subprocess.run(  # noqa: S603 (our own command)
@@ -182,4 +172,4 @@ def _drive(folder: Path, bags: Path, engine: str) -> tuple[Path | None, str]:
     if done.returncode == 0:
         return bag, ''
     lines = done.stderr.strip().splitlines() or [f'the drive ended with {done.returncode}']
-    return bag, lines[-1].removeprefix('barc acc: error: ')
+    return bag, f'its end: {lines[-1].removeprefix("barc acc: error: ")}'

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import shutil
 import zipfile
+from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from barc_sim.bags import contents, reader
 from barc_sim.cli.files import open_regular
-from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.submissions import MAX_ARCHIVE, listed, take
 from barc_sim.lab.handout import files_in, handout_of, names_of
-from barc_sim.lab.report import Facts, page, read
+from barc_sim.lab.report import page, read
 from barc_sim.lab.user_code.source import compiled, find_gains
 from barc_sim.lab.user_code.source import read as read_source
 from barc_sim.simulation.log import TrackLog
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from barc_sim.lab.user_code.source import ChosenGains
 
 #: The text of the printed lines, in the zip.
 SUMMARY = 'summary.txt'
@@ -53,15 +52,14 @@ def collect(
 
     `why` is the sentence of a course that has no bag, or did not end well.
     """
-    facts, fault = _facts(course)
     yield from _code(folder)
     parts = handout_of(files_in(folder)).files
     if 'controller' in parts:
-        yield _gains(folder, facts.info if facts else {})
-    if text := why or fault:
-        yield Part('course', f'its end: {text}' if facts else text, missing=True)
-    if course and facts:
-        yield _course(course, facts, folder)
+        yield _gains(folder)
+    if why:
+        yield Part('course', why, missing=True)
+    if course:
+        yield _course(course)
     if 'relay' in parts:
         yield _teleop(teleop)
         yield _video(video)
@@ -92,20 +90,19 @@ def size(path: Path) -> str:
     return f'{bytes_ / 2**20:.1f} MiB{limit if bytes_ > MAX_ARCHIVE else ""}'
 
 
-def newest_drive(folders: Sequence[Path], command: str) -> Path | None:
-    """Return the newest bag of a run of `barc COMMAND` in one of `folders`."""
+def newest_drive(folders: Sequence[Path]) -> Path | None:
+    """Return the newest bag of a drive by hand in one of `folders`."""
     files = {file for folder in folders for file in folder.glob('*/*.mcap')}
     newest_first = sorted(files, key=lambda file: file.stat().st_mtime_ns, reverse=True)
-    return next((f.parent for f in newest_first if _command(f.parent) == command), None)
+    return next((f.parent for f in newest_first if _is_by_hand(f.parent)), None)
 
 
-def _command(bag: Path) -> str:
-    """Return `acc` or `teleop`, where the bag is of such a run."""
+def _is_by_hand(bag: Path) -> bool:
+    """Return whether a bag is of a run of `barc teleop`."""
     try:
-        _, command, *_ = [*reader.info(bag).get('command', '').split(), '', '']
+        return reader.info(bag).get('command', '').split()[1:2] == ['teleop']
     except UserError:
-        return ''
-    return command
+        return False
 
 
 def newest_video(folders: Iterable[Path]) -> Path | None:
@@ -114,16 +111,6 @@ def newest_video(folders: Iterable[Path]) -> Path | None:
         file for folder in folders for file in folder.glob('*') if file.suffix.lower() in _VIDEOS
     ]
     return max(videos, key=lambda file: file.stat().st_mtime_ns, default=None)
-
-
-def _facts(bag: Path | None) -> tuple[Facts | None, str]:
-    """Return the facts of a bag; without any, the reason."""
-    if bag is None:
-        return None, ''
-    try:
-        return read(bag), ''
-    except UserError as error:
-        return None, str(error)
 
 
 def _code(folder: Path) -> Iterator[Part]:
@@ -147,30 +134,20 @@ def _code(folder: Path) -> Iterator[Part]:
             yield Part('code', f'{found} is the template: nothing is written in it', missing=True)
 
 
-def _chosen_gains(folder: Path) -> ChosenGains | None:
-    """Return the gains that the folder's controller chooses; none of its code is run."""
+def _gains(folder: Path) -> Part:
+    """Return the line of the gains that the folder's controller chooses; none of it is run."""
     path = files_in(folder).get('controller')
-    try:
-        return find_gains(compiled(read_source(path, path.name)).tree, path.name) if path else None
-    except UserError:
-        return None
-
-
-def _gains(folder: Path, info: Mapping[str, str]) -> Part:
-    chosen = _chosen_gains(folder)
-    driven = [float(info[name]) for name in PID.gains if name in info]
-    if chosen and driven in ([], [*chosen[:3]]):
+    chosen = None
+    with suppress(UserError):
+        chosen = path and find_gains(compiled(read_source(path, path.name)).tree, path.name)
+    if chosen:
         return Part('gains', str(chosen))
     text = 'controller.py chooses none: write pid = PID(kp=…, ki=…, kd=…) below its class'
-    if chosen:
-        text = f'barc grade drives with {chosen}'
-    if driven and any(f'--{name}' in info.get('command', '') for name in PID.gains):
-        kp, ki, kd = driven
-        return Part('gains', f'kp {kp:g}, ki {ki:g}, kd {kd:g} ({info["command"]}); {text}')
-    return Part('gains', text, missing=chosen is None)
+    return Part('gains', text, missing=True)
 
 
-def _course(bag: Path, facts: Facts, folder: Path) -> Part:
+def _course(bag: Path) -> Part:
+    facts = read(bag)
     result, log = facts.shown_lap.summary, facts.log
     text = f'{log.distance[-1]:.1f} m in {log.t[-1]:.1f} s'
     if facts.holds_speed and result.max_error_after_run_up >= 0.0:
@@ -180,12 +157,6 @@ def _course(bag: Path, facts: Facts, folder: Path) -> Part:
         )
     if isinstance(log, TrackLog):
         text = f'{len(log.lap_times)} laps; e_y at most {np.abs(log.e_y).max():.2f} m'
-    own = {name: text for name, text in facts.sources.items() if (folder / name).is_file()}
-    now = {name: _start(folder / name).decode(errors='replace') for name in own}
-    if changed := [name for name, text in own.items() if now[name] != text]:
-        text += f'; since then {", ".join(changed)} changed: drive again'
-    elif not own:
-        text += "; the code that drove is not this folder's: drive with --lab"
     return Part('course', text, _bag(bag, 'course') | {'report.html': page(facts).encode()})
 
 
@@ -197,10 +168,13 @@ def _bag(bag: Path, name: str) -> dict[str, bytes | Path]:
 
 
 def _teleop(bag: Path | None) -> Part:
-    facts, fault = _facts(bag)
-    if bag is None or facts is None:
-        text = fault or 'drive with barc teleop, or name a bag: --teleop'
+    if bag is None:
+        text = 'drive with barc teleop, or name a bag: --teleop'
         return Part('teleop', text, missing=True)
+    try:
+        facts = read(bag)
+    except UserError as error:
+        return Part('teleop', str(error), missing=True)
     text = f'{facts.log.t[-1]:.1f} s by hand ({facts.info.get("command", "no command known")})'
     return Part('teleop', text, _bag(bag, 'teleop') | {'teleop.html': page(facts).encode()})
 
@@ -213,18 +187,12 @@ def _video(video: Path | None) -> Part:
     )
 
 
-def _start(file: Path) -> bytes:
-    """Return all bytes of a text, and no more than the first megabyte of another file."""
-    with open_regular(file) as text:
-        return text.read(1 << 20)
-
-
 def _description(folder: Path) -> Part:
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _TEXTS)
     templates = handout_of(files_in(folder)).templates()
     for stem in _DESCRIPTIONS:
         for file in files:
             same = file.stem.lower() == stem and file.is_file()
-            if same and _start(file) not in (b'', templates.get(file.name)):
+            if same and file.read_bytes() not in (b'', templates.get(file.name)):
                 return Part('description', file.name, {file.name: file})
     return Part('description', 'write what you did, and why, in description.md', missing=True)

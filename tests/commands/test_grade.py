@@ -26,7 +26,6 @@ from barc_sim.commands import grade
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import check
 from barc_sim.lab.grade.grade import Grade
-from barc_sim.lab.grade.rubric import ByHand
 from barc_sim.lab.handout import BY_HAND
 
 if TYPE_CHECKING:
@@ -308,7 +307,7 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
     path = tmp_path / 'ada'
     outcomes = [(path, done), (path, done)]
     grades, _, interrupted = grade._collect(  # noqa: SLF001 (at that very moment)
-        outcomes, tmp_path, {path: tmp_path}, {path: (ByHand(), tmp_path)}, {}
+        outcomes, tmp_path, {path: tmp_path}
     )
     assert ([each.name for each in grades.values()], interrupted) == (['ada'], True)
     assert sorted(file.name for file in tmp_path.iterdir()) == ['report.html', 'results.json']

@@ -128,7 +128,7 @@ class CodeServer:
 
     def relay(
         self, twists: Sequence[Sequence[float]], duration: float, calls: Sequence[Sequence[float]]
-    ) -> list[Command]:
+    ) -> Sequence[Command]:
         """Return what a relay commands: for `twists` a program, in these `calls` a function."""
         return self._code.relay_commands(twists, duration, calls)
 

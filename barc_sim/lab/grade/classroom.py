@@ -181,8 +181,9 @@ def entries(
     newest: dict[Student | str, str] = {}
     for name in sorted(owners, key=lambda name: (name in grades and grades[name].handed_in, name)):
         newest[owners[name] or name] = name
-    counted = {name: grade.passages for name, grade in grades.items() if name in newest.values()}
-    similar = alike(counted)
+    similar = alike(
+        {name: grade.passages for name, grade in grades.items() if name in newest.values()}
+    )
     found = [Entry(student=student) for student in students if student not in newest]
     for name, student in owners.items():
         grade, newer = grades.get(name), newest[student or name]
@@ -195,6 +196,11 @@ def entries(
         late = _late(name, grade, due)
         found.append(Entry(name, grade, student, again, others, late, tuple(looks)))
     return sorted(found, key=lambda each: (each.section, each.name.casefold(), each.folder))
+
+
+def counted(found: Iterable[Entry]) -> list[Grade]:
+    """Return the grades that count: those of the latest submissions."""
+    return [each.grade for each in found if each.grade and not each.newer]
 
 
 def _late(name: str, grade: Grade | None, due: datetime | None) -> str:
@@ -347,8 +353,8 @@ def summary(grades: Sequence[Grade], rubric: Rubric) -> list[str]:
 
 def page(found: Sequence[Entry], rubric: Rubric) -> str:
     """Return the class as one HTML page, with links to the reports beside it."""
-    counted = [each.grade for each in found if each.grade and not each.newer]
-    tasks = _rows(_tasks(rubric, 'Score'), counted)
+    grades = counted(found)
+    tasks = _rows(_tasks(rubric, 'Score'), grades)
     criteria = [_Task(LABELS[name], (name,), worth) for name, worth in rubric.points.items()]
     bins = Counter(
         min(int(_BINS * score / task.worth), _BINS - 1)
@@ -360,16 +366,16 @@ def page(found: Sequence[Entry], rubric: Rubric) -> str:
         title=rubric.title,
         nonce=secrets.token_urlsafe(),
         numbers={
-            'submissions': len(counted),
+            'submissions': len(grades),
             'late': sum(bool(each.late) for each in found if not each.newer),
-            'to judge by eye': sum(bool(grade.open) for grade in counted),
+            'to judge by eye': sum(bool(grade.open) for grade in grades),
             'nothing handed in': sum(not each.folder for each in found),
         },
         tasks=tasks,
         bins=[(k * 100 // _BINS, (k + 1) * 100 // _BINS, bins[k]) for k in range(_BINS)],
         tallest=max(bins.values(), default=1),
-        criteria=_rows(criteria, counted),
-        mistakes=_mistakes(counted),
+        criteria=_rows(criteria, grades),
+        mistakes=_mistakes(grades),
         sections=sorted({each.section for each in found} - {''}),
         entries=found,
     )

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.confined.process import Limits
     from barc_sim.lab.grade.rubric import ByHand, Rubric
     from barc_sim.lab.grade.submissions import Submission
-    from barc_sim.lab.judge import Evidence, Finding
+    from barc_sim.lab.judge import Evidence
 
 
 _HEAD = """\
@@ -51,6 +51,11 @@ class Item(NamedTuple):
     open: bool = False  #: it is judged by eye: its points are 0 until they are given by hand
     evidence: Evidence | None = None  #: what the report's figure shows
 
+    @property
+    def status(self) -> str:
+        """The word of Gradescope for its points."""
+        return 'passed' if self.points >= self.max_points else 'failed'
+
 
 class Grade(NamedTuple):
     """The points of a submission, with its notes and output, and the files of its report."""
@@ -66,7 +71,6 @@ class Grade(NamedTuple):
     gains: str = ''  #: that drove the roads, and where they come from
     tolerated: tuple[str, ...] = ()  #: a phrase each
     comment: str = ''  #: of a person
-    is_by_hand: bool = False  #: whether a person has entered anything
     handed_in: float = 0.0  #: [s] since the epoch
     passages: frozenset[int] = frozenset()  #: of its code, see `similarity`
     files: Mapping[str, bytes] = {}  #: by name
@@ -141,7 +145,14 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         seed=rubric.settings.seed,
         visibility=rubric.visibility,
         items=tuple(
-            _item(findings[name], worth, rubric)
+            Item(
+                name,
+                rubric.points_for(findings[name]),
+                worth,
+                escaped(findings[name].message),
+                findings[name].open,
+                findings[name].evidence,
+            )
             for name, worth in rubric.worth(findings.values()).items()
         ),
         notes=notes,
@@ -154,9 +165,15 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     )
 
 
-def _item(found: Finding, worth: float, rubric: Rubric) -> Item:
-    points, message = rubric.points_for(found), escaped(found.message)
-    return Item(found.criterion, points, worth, message, found.open, found.evidence)
+def report(path: Path, hand: ByHand, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
+    """Grade the submission at `path`, with its files; what is entered by hand counts."""
+    computed = grade(read(path), rubric, limits, sandbox=sandbox)
+    found = _merged(computed, hand, rubric)
+    files = {'results.json': gradescope(found).encode(), 'report.html': page(found).encode()}
+    if not hand:
+        files[BY_HAND] = _empty(computed).encode()
+    items = tuple(item._replace(evidence=None) for item in found.items)
+    return found._replace(items=items, files=files)
 
 
 def _merged(grade: Grade, hand: ByHand, rubric: Rubric) -> Grade:
@@ -169,20 +186,7 @@ def _merged(grade: Grade, hand: ByHand, rubric: Rubric) -> Grade:
         message = '; '.join(filter(None, texts))
         items[name] = computed._replace(points=points, message=message, open=False)
     order = tuple(items[name] for name in rubric.points if name in items)
-    return grade._replace(items=order, comment=hand.comment, is_by_hand=bool(hand))
-
-
-def report(path: Path, hand: ByHand, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
-    """Grade the submission at `path`, with its files; what is entered by hand counts."""
-    computed = grade(read(path), rubric, limits, sandbox=sandbox)
-    found = _merged(computed, hand, rubric)
-    files = {
-        'results.json': gradescope(found).encode(),
-        'report.html': page(found, _figure(found)).encode(),
-        BY_HAND: _empty(computed).encode(),
-    }
-    items = tuple(item._replace(evidence=None) for item in found.items)
-    return found._replace(items=items, files=files)
+    return grade._replace(items=order, comment=hand.comment)
 
 
 def _empty(grade: Grade) -> str:
@@ -195,32 +199,19 @@ def _empty(grade: Grade) -> str:
     return f'{_HEAD}comment:\npoints:\n{"".join(lines)}'
 
 
-def _figure(grade: Grade) -> bytes:
-    """Return the runs that were judged as a PNG; empty if there are none."""
-    data = io.BytesIO()
+def page(grade: Grade) -> str:
+    """Return the HTML report, with the runs that were judged as a figure."""
+    png = io.BytesIO()
     for runs in filter(None, (item.evidence for item in grade.items)):
-        runs.figure('').savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
-    return data.getvalue()
-
-
-def page(grade: Grade, figures: bytes) -> str:
-    """Return the HTML report; `figures` is a PNG, or empty."""
+        runs.figure('').savefig(png, format='png', dpi=_DPI, metadata={'Software': ''})
     return render(
         'grade',
         grade=grade,
         score=f'{grade.score:g} / {grade.max_score:g}'
         + (f', {sum(grade.open.values()):g} open' if grade.open else ''),
         labels=LABELS,
-        figures=data_url('image/png', figures) if figures else '',
+        figures=data_url('image/png', png.getvalue()) if png.tell() else '',
     )
-
-
-def _points(item: Item) -> dict[str, object]:
-    """Return the entries of a criterion's points; open ones have none."""
-    if item.open:
-        return {}
-    status = 'passed' if item.points >= item.max_points else 'failed'
-    return {'score': item.points, 'status': status}
 
 
 def gradescope(grade: Grade) -> str:
@@ -236,8 +227,9 @@ def gradescope(grade: Grade) -> str:
             'output': item.message,
             'output_format': 'text',
             'visibility': grade.visibility,
-            **_points(item),
         }
+        # Open ones have none.
+        | ({} if item.open else {'score': item.points, 'status': item.status})
         for item in grade.items
     ]
     remarks = {
@@ -260,8 +252,8 @@ def gradescope(grade: Grade) -> str:
 
 
 @contextmanager
-def processes(jobs: int) -> Iterator[Executor]:
-    """Give `jobs` processes of this machine.
+def processes(jobs: int | None) -> Iterator[Executor]:
+    """Give `jobs` processes of this machine, by default one for each core.
 
     When the block ends, those still at work end, and their folders go; they also end with this
     process, however it ends.

@@ -19,6 +19,7 @@ import tokenize
 import zipfile
 import zlib
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib import resources
@@ -44,14 +45,12 @@ MAX_FILE = 1 << 20  #: bytes
 MAX_FILES = 200
 MAX_TOTAL = 8 << 20  #: bytes
 _MAX_NAME = 255  # bytes of a file's or folder's name, as in most file systems
-_MAX_DEPTH = 20  # folders within folders
-_MAX_PATH = 1000  # bytes of a file's path in the submission
+_MAX_DEPTH, _MAX_PATH = 20, 1000  # folders within folders, and bytes of a file's path
 _MAX_NOTES = 10
 MAX_ARCHIVE = 256 << 20  #: bytes
 MAX_ENTRIES = 2000  #: files of an archive
-_MAX_READ = (
-    2 << 20
-)  # bytes of it at once: more than a file, and than a directory of so many entries
+# Bytes of it at once: more than a file, and than a directory of so many entries.
+_MAX_READ = 2 << 20
 
 
 class Member(NamedTuple):
@@ -114,7 +113,12 @@ def read(path: Path) -> Submission:
     files: dict[str, bytes] = {}
     notes: list[str] = []
     try:
-        _read(path, files, notes)
+        if fault := _unreadable(path):
+            notes.append(fault)
+        elif not (
+            take(listed(path), files, notes) if path.is_dir() else _unpack(path, files, notes)
+        ):
+            notes.append('it is empty')
     except Exception as error:  # noqa: BLE001 (a submission decides what opening it raises)
         notes.append(f'it cannot be read: {_reason(error)}')
     if len(notes) > _MAX_NOTES:
@@ -127,24 +131,19 @@ def _handed_in(path: Path) -> float:
     return max((each.lstat().st_mtime for each in files), default=path.lstat().st_mtime)
 
 
-def _read(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
-    """Add the files of the submission at `path`, and notes on what is left out."""
-    if path.is_symlink():
-        notes.append('it is a link, which is not followed: hand in the files themselves')
-        return
-    if path.is_dir():
-        if not take(listed(path), files, notes):
-            notes.append('it is empty')
-        return
+def _unreadable(path: Path) -> str:
+    """Return why a submission is not opened; empty for a folder or an archive."""
     status = path.lstat()
+    if path.is_symlink():
+        return 'it is a link, which is not followed: hand in the files themselves'
+    if path.is_dir():
+        return ''
     if not stat.S_ISREG(status.st_mode):
-        notes.append('it is no regular file: hand in a .zip or a folder')
-    elif not is_archive(path):
-        notes.append(f'a single {path.suffix} file cannot be graded: hand in a .zip or a folder')
-    elif status.st_size > MAX_ARCHIVE:
-        notes.append(f'it has more than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one')
-    else:
-        _unpack(path, files, notes)
+        return 'it is no regular file: hand in a .zip or a folder'
+    if not is_archive(path):
+        return f'a single {path.suffix} file cannot be graded: hand in a .zip or a folder'
+    too_big = f'it has more than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
+    return too_big if status.st_size > MAX_ARCHIVE else ''
 
 
 def is_archive(path: Path) -> bool:
@@ -164,8 +163,8 @@ class _Bounded(io.FileIO):
         return data
 
 
-def _unpack(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
-    """Add the files of an archive; of a damaged one, reading it can raise any exception."""
+def _unpack(path: Path, files: dict[str, bytes], notes: list[str]) -> int:
+    """Take the files of an archive; of a damaged one, reading it can raise any exception."""
     with (
         open_regular(path, follow=False) as file,
         _Bounded(file.fileno(), closefd=False) as bounded,
@@ -174,10 +173,8 @@ def _unpack(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
         infos = [info for info in archive.infolist() if not info.is_dir()]
         if len(infos) > MAX_ENTRIES:
             raise OverflowError(f'it holds more than {MAX_ENTRIES} files')
-        if not take(
-            _from_the_graded([_zipped(archive, info) for info in infos], notes), files, notes
-        ):
-            notes.append('it is empty')
+        members = [_zipped(archive, info) for info in infos]
+        return take(_from_the_graded(members, notes), files, notes)
 
 
 def _zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
@@ -241,20 +238,18 @@ def is_evidence(path: str) -> bool:
 def _fault(member: Member, files: dict[str, bytes], folders: set[str], parents: list[str]) -> str:
     """Return why a file cannot be taken, as the rest of a sentence; empty if it can."""
     path = PurePosixPath(member.path)
-    size = len(os.fsencode(member.path))
-    longest = max((len(os.fsencode(part)) for part in path.parts), default=0)
-    faults = {
-        'leads out of the archive': path.is_absolute() or '..' in path.parts,
-        member.fault: bool(member.fault),
-        f'has a name that no file can have: at most {_MAX_NAME} bytes': '\0' in member.path
-        or not 0 < longest <= _MAX_NAME,
-        f'lies too deep: at most {_MAX_DEPTH} folders and {_MAX_PATH} bytes': size > _MAX_PATH
-        or len(path.parts) > _MAX_DEPTH,
-        'is there twice: the first is taken': member.path in files,
-        'is a file and a folder at once': member.path in folders
-        or any(parent in files for parent in parents),
-    }
-    return next((fault for fault, found in faults.items() if found), '')
+    if path.is_absolute() or '..' in path.parts:
+        return 'leads out of the archive'
+    sizes = [len(os.fsencode(part)) for part in path.parts]
+    if '\0' in member.path or not 0 < max(sizes, default=0) <= _MAX_NAME:
+        return f'has a name that no file can have: at most {_MAX_NAME} bytes'
+    if sum(sizes) > _MAX_PATH or len(sizes) > _MAX_DEPTH:
+        return f'lies too deep: at most {_MAX_DEPTH} folders and {_MAX_PATH} bytes'
+    if member.path in files:
+        return 'is there twice: the first is taken'
+    if member.path in folders or any(parent in files for parent in parents):
+        return 'is a file and a folder at once'
+    return member.fault
 
 
 def _reason(error: Exception) -> str:
@@ -285,24 +280,25 @@ def _data(path: Path, size: int) -> bytes:
 
 def _from_the_graded(members: list[Member], notes: list[str]) -> Iterator[Member]:
     """Yield the files in the folder of the first graded file, and below."""
-    paths = [PurePosixPath(member.path) for member in members]
     folders: dict[PurePosixPath, list[str]] = {}
-    for path in paths:
+    for path in (PurePosixPath(member.path) for member in members):
         if not any(map(_of_tools, path.parts)):
             folders.setdefault(path.parent, []).append(path.name)
     copies = {folder: names for folder, all_ in folders.items() if (names := graded(all_))}
     top = min(copies, key=lambda folder: len(folder.parts), default=PurePosixPath())
-    for folder, names in copies.items():
-        for name in names if folder != top else ():
-            first = escaped(str(top / (name if name in copies[top] else copies[top][0])))
-            notes.append(f'{escaped(str(folder / name))} is not graded: {first} comes first')
-    for member, path in zip(members, paths, strict=True):
+    notes += [
+        f'{escaped(str(folder / name))} is not graded: {escaped(str(top / copies[top][0]))} comes '
+        'first'
+        for folder, names in copies.items()
+        for name in names
+        if folder != top
+    ]
+    for member in members:
+        path = PurePosixPath(member.path)
         if '..' in path.parts or path.is_absolute():
             yield member
-        elif top in path.parents:
-            inner = path.relative_to(top)
-            if not any(map(_of_tools, inner.parts)):
-                yield member._replace(path=inner.as_posix())
+        elif top in path.parents and not any(map(_of_tools, path.relative_to(top).parts)):
+            yield member._replace(path=path.relative_to(top).as_posix())
 
 
 #: Tokens of a passage: about two lines of code.
@@ -391,31 +387,19 @@ def _of_text(text: str) -> Iterator[int]:
 
 
 def _tokens(text: str) -> Iterator[str]:
-    """Yield the tokens of Python code without layout, up to its first error."""
+    """Yield the tokens of Python code without layout and docstrings, up to its first error."""
     # Without indentation, which no error can be in then.
     lines = io.StringIO('\n'.join(line.strip() for line in text.splitlines()) + '\n')
-    before = ''
-    waiting = ''  # a string that can be a docstring
-    try:
+    words: list[str] = []  # of a statement
+    with suppress(tokenize.TokenError, SyntaxError):
         for token in tokenize.generate_tokens(lines.readline):
-            if token.type in _LAYOUT:
-                continue
-            word = ';' if token.type == tokenize.NEWLINE else token.string
-            if waiting and word != ';':
-                yield waiting
-            if waiting and word == ';':
-                waiting, before = '', ';'
-                continue
-            waiting = ''
-            if token.type == tokenize.STRING:
-                word = '""'
-                if before in ('', ';'):
-                    waiting = word
-                    continue
-            yield word
-            before = word
-    except (tokenize.TokenError, SyntaxError):
-        return
+            if token.type == tokenize.NEWLINE:
+                if words != ['""']:
+                    yield from (*words, ';')
+                words = []
+            elif token.type not in _LAYOUT:
+                words.append('""' if token.type == tokenize.STRING else token.string)
+    yield from words
 
 
 @cache

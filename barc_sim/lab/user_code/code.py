@@ -67,47 +67,44 @@ class Called(NamedTuple):
     """A function, class or method of a user's that barc_sim calls."""
 
     part: str  #: its file, see `FILES`
-    takes: tuple[str, ...] | None  #: None: any arguments
+    takes: str | None  #: the names of its arguments; None: any
     numbers: int = 0  #: that it returns; 0: any object
     returns: str = 'an object'  #: the same in words
     method: str = ''  #: of a class: what is called of its objects
     timed: bool = False  #: it may require the time step as one more argument, of any name
 
 
-def _called(part: str, takes: str | None, *more: Any, **named: Any) -> Called:  # noqa: ANN401
-    return Called(part, None if takes is None else tuple(takes.split()), *more, **named)
-
-
-_RELAY = _called('relay', 'linear_x angular_z', 2, 'two finite numbers, [motor, servo]', timed=True)
 _ERRORS = 'two finite numbers, [e_y, e_psi]'
 #: What is called of a user's files.
 _CALLED = {
-    'bikeFE': _called(
+    'bikeFE': Called(
         'model',
         'x y psi v a d_f a0 m Ff theta ts',
         4,
         'four finite numbers, [x_next, y_next, psi_next, v_next]',
     ),
-    'PID': _called('controller', 'kp ki kd', method='acc_calculate'),
-    'acc_calculate': _called(
+    'PID': Called('controller', 'kp ki kd', method='acc_calculate'),
+    'acc_calculate': Called(
         'controller',
         'speed_reference speed_current',
         1,
         'a finite number, the acceleration [m/s²]',
         timed=True,
     ),
-    'Relay': _called('relay', '', method='relay'),
-    'relay': _RELAY,
-    'Lane': _called('lane', None, method='steer_calculate'),
-    'steer_calculate': _called(
+    'Relay': Called('relay', '', method='relay'),
+    'relay': Called(
+        'relay', 'linear_x angular_z', 2, 'two finite numbers, [motor, servo]', timed=True
+    ),
+    'Lane': Called('lane', None, method='steer_calculate'),
+    'steer_calculate': Called(
         'lane', 'e_y e_psi speed curvature', 1, 'a finite number, the steering angle [rad]'
     ),
-    'straight_errors': _called('lane', 'x y psi x_0 y_0 psi_0', 2, _ERRORS),
-    'arc_errors': _called('lane', 'x y psi x_c y_c radius', 2, _ERRORS),
-    'steady': _called('lane', 'curvature', 2, 'two finite numbers, [delta, e_psi]'),
-    'policy': _called('policy', 'observation', returns='a list of actions'),
-    'command': _called('identify', 't', 1, 'a finite number, the acceleration [m/s²]'),
-    'estimate': _called(
+    'straight_errors': Called('lane', 'x y psi x_0 y_0 psi_0', 2, _ERRORS),
+    'arc_errors': Called('lane', 'x y psi x_c y_c radius', 2, _ERRORS),
+    'steady': Called('lane', 'curvature', 2, 'two finite numbers, [delta, e_psi]'),
+    'policy': Called('policy', 'observation', returns='a list of actions'),
+    'command': Called('identify', 't', 1, 'a finite number, the acceleration [m/s²]'),
+    'estimate': Called(
         'identify',
         't v a',
         6,
@@ -143,7 +140,7 @@ class UserFunction:
         self._takes_all = Parameter.VAR_KEYWORD in kinds
         self._positions = {name: position for position, name in enumerate(self.parameters)}
         self._dt = 'dt'  # its name of the time step
-        takes = self.parameters if called.takes is None else called.takes
+        takes = self.parameters if called.takes is None else called.takes.split()
         if not _binds(found, len(takes)):
             further = self.parameters[len(takes) :] if called.timed else ()
             steps = [name for name in further if _binds(found, len(takes), **{name: 0.0})]
@@ -166,11 +163,9 @@ class UserFunction:
         except (Exception, SystemExit, OutOfTime) as error:
             raise self._raised(error, args, options) from error
         numbers = self.called.numbers
-        if not numbers:
+        if not numbers or _is_plain(result, numbers):
             return result
-        found = _plain(result, numbers)
-        if found is None:
-            found = self.attempt(_converted, result, numbers)
+        found = self.attempt(_converted, result, numbers)
         if found is None:
             hint = ': is its return missing?' if result is None else ''
             raise UserCodeError(
@@ -246,13 +241,12 @@ def _binds(found: Signature, count: int, **options: float) -> bool:
     return True
 
 
-def _plain(result: Any, count: int) -> Any:  # noqa: ANN401 (a user's)
-    """Return a result that is finite floats already, checked in each step; else None."""
+def _is_plain(result: Any, count: int) -> bool:  # noqa: ANN401 (a user's)
+    """Return whether a result is finite floats already, which each step checks."""
     if count == 1:
-        return result if type(result) is float and isfinite(result) else None
-    if type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT:
-        return result if isfinite(sum(result)) or all(map(isfinite, result)) else None
-    return None
+        return type(result) is float and isfinite(result)
+    is_floats = type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT
+    return is_floats and all(map(isfinite, result))
 
 
 def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: ANN401 (a user's)
@@ -271,11 +265,8 @@ def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: 
 
 def _cause(folder: Folder, error: BaseException) -> str:
     """Return a sentence on the name that made a call fail; empty if none is known."""
-    frames = [
-        (frame, line)
-        for frame, line in traceback.walk_tb(error.__traceback__)
-        if frame.f_code.co_filename in folder.trees
-    ]
+    walked = traceback.walk_tb(error.__traceback__)
+    frames = [each for each in walked if each[0].f_code.co_filename in folder.trees]
     if not frames:
         return ''
     frame, line = frames[-1]
@@ -294,8 +285,7 @@ def _cause(folder: Folder, error: BaseException) -> str:
     ]
     for function in sorted(called, key=lambda node: (node.end_lineno, node.end_col_offset)):
         name = ast.unparse(function)
-        value = names.get(name, len)
-        if not callable(value):
+        if not callable(value := names.get(name, len)):
             hides = hasattr(builtins, name) or hasattr(math, name)
             missing = 'is a * missing before the bracket?'
             why = f'it hides the function {name}' if hides else missing
@@ -331,15 +321,8 @@ class UserCode:
         """
         # Without `..`, for the names of folders.
         self.paths = {part: Path(os.path.abspath(file)) for part, file in (files or {}).items()}  # noqa: PTH100
-        parents = dict.fromkeys(path.parent for path in self.paths.values())
         self._folders = {
-            parent: Folder(
-                parent,
-                output,
-                f'{count}_{parent.name}/' if len(parents) > 1 else '',
-                budget=budget,
-            )
-            for count, parent in enumerate(parents, 1)
+            path.parent: Folder(path.parent, output, budget=budget) for path in self.paths.values()
         }
         self._loaded: dict[str, Any] = {}  # by part: a UserFunction, a RelayProgram, or its error
 
@@ -349,30 +332,16 @@ class UserCode:
             self._part(part)
         return self
 
-    @property
-    def model(self) -> UserFunction | None:
-        """Their `bikeFE`; it also gets `l_f`, `l_r` and `g` if it takes them."""
-        return self._part('model')  # type: ignore[no-any-return]
-
-    @property
-    def controller(self) -> UserFunction | None:
-        """Their class `PID`; it also gets `output_min` and `output_max` if it takes them."""
-        return self._part('controller')  # type: ignore[no-any-return]
-
-    @property
-    def lane(self) -> UserFunction | None:
-        """Their class `Lane`; the arguments of its constructor are its gains."""
-        return self._part('lane')  # type: ignore[no-any-return]
-
-    @property
-    def identify(self) -> UserFunction | None:
-        """Their function `command` of the time."""
-        return self._part('identify')  # type: ignore[no-any-return]
-
-    @property
-    def relay(self) -> UserFunction | RelayProgram | None:
-        """Their function `relay`, their class `Relay`, or a whole program of ROS."""
-        return self._part('relay')  # type: ignore[no-any-return]
+    #: Their `bikeFE`; it also gets `l_f`, `l_r` and `g` if it takes them.
+    model = property(lambda self: self._part('model'))
+    #: Their class `PID`; it also gets `output_min` and `output_max` if it takes them.
+    controller = property(lambda self: self._part('controller'))
+    #: Their class `Lane`; the arguments of its constructor are its gains.
+    lane = property(lambda self: self._part('lane'))
+    #: Their function `command` of the time.
+    identify = property(lambda self: self._part('identify'))
+    #: Their function `relay`, their class `Relay`, or a whole program of ROS.
+    relay = property(lambda self: self._part('relay'))
 
     def _part(self, part: str) -> Any:  # noqa: ANN401 (see `_loaded`)
         if part in self.paths and part not in self._loaded:
@@ -420,7 +389,7 @@ class UserCode:
             )
         found = UserFunction(folder, value, called)
         if called.method and not callable(guarded(getattr, value, called.method, default=None)):
-            arguments = ', '.join(('self', *(_CALLED[called.method].takes or ())))
+            arguments = ', '.join(('self', *(_CALLED[called.method].takes or '').split()))
             raise UserCodeError(
                 f'{found.place()}: the class {name} has no method {called.method}({arguments})'
             )
@@ -458,10 +427,10 @@ class UserCode:
 
     def new_relay(self) -> Relay:
         """Return a new relay, to be called for a Twist `dt` seconds after the last call."""
-        relay = self.relay
-        assert relay  # noqa: S101 (there is the file)
+        relay: Any = self.relay
         if not isinstance(relay, UserFunction):
-            return relay.start()
+            live: Relay = relay.start()
+            return live
         return self.new('relay') if relay.called.method else relay
 
     def relay_commands(
@@ -469,10 +438,11 @@ class UserCode:
         twists: Sequence[Sequence[float]],
         duration: float,
         calls: Sequence[Sequence[float]],
-    ) -> list[Command]:
+    ) -> Sequence[Command]:
         """Return what a relay commands: for `twists` a program, in these `calls` a function."""
-        if self.relay and not isinstance(self.relay, UserFunction):
-            return self.relay.commands(twists, duration)
+        if not isinstance(self.relay, UserFunction):
+            commands: Sequence[Command] = self.relay.commands(twists, duration)
+            return commands
         relay, dt = self.new_relay(), calls[1][0] - calls[0][0]
         return [Command(t, *relay(x, z, dt=dt)) for t, x, z in calls]
 
@@ -571,7 +541,7 @@ class UserObject:
         reset = self._step.attempt(getattr, self._instance, 'reset')
         if reset is None:
             return False
-        called = Called('controller', (), returns='it to clear the PID')
+        called = Called('controller', '', returns='it to clear the PID')
         UserFunction(self._step.folder, reset, called)()
         return True
 

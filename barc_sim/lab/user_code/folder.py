@@ -6,7 +6,6 @@ module that is not here, so that a file that imports it loads.
 
 from __future__ import annotations
 
-import ast
 import builtins
 import contextlib
 import ctypes
@@ -28,6 +27,7 @@ from barc_sim.errors import without_addresses
 from barc_sim.lab.user_code.source import Reassigned, Source, compiled, guarded_lines, read
 
 if TYPE_CHECKING:
+    import ast
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from types import CodeType, FrameType, ModuleType
 
@@ -45,8 +45,8 @@ MAX_COMMANDS = 8000  #: of a relay's run; it has 20 a second
 _SHOWN = 120
 _POLL = 0.05
 _raise_in_thread = ctypes.pythonapi.PyThreadState_SetAsyncExc
-_ROS_1 = {
-    *('rospy', 'roslib', 'barc', 'labs', 'rosbag', 'rosgraph', 'rosnode', 'rostopic'),
+_ROS = {
+    *('rclpy', 'rospy', 'roslib', 'barc', 'labs', 'rosbag', 'rosgraph', 'rosnode', 'rostopic'),
     *('dynamic_reconfigure', 'tf', 'tf2_ros', 'cv_bridge'),
 }
 #: Packages of the lab's messages, which exist in ROS 1 and in ROS 2.
@@ -58,14 +58,10 @@ _OPERATORS = (
 )
 
 
-def _is_ros_1(module: str) -> bool:
-    """Return whether `module` is one of ROS 1, or of the lab's packages for it."""
-    return module.partition('.')[0] in _ROS_1
-
-
 def _is_ros(module: str) -> bool:
-    """Return whether `module` is one of ROS, which user code does not need."""
-    return _is_ros_1(module) or module == 'rclpy' or bool(_MESSAGES.fullmatch(module))
+    """Return whether `module` is one of ROS, or of the lab's packages for it."""
+    top = module.partition('.')[0]
+    return top in _ROS or bool(_MESSAGES.fullmatch(module))
 
 
 class AbsentModuleError(Exception):
@@ -128,19 +124,17 @@ class Folder:
         self,
         path: Path,
         output: Callable[[str], object] | None = None,
-        prefix: str = '',
         *,
         budget: float | None = None,
+        numbers: Mapping[str, float] | None = None,
     ) -> None:
         """Pass the modules' printed text to `output`, or to stdout without it.
 
-        `prefix` is put before the names of the folder's files in messages. `budget` [s] is that of
-        each call; None in the process of a submission: of packages only NumPy is here.
+        `budget` [s] is that of each call; None in the process of a submission: of packages only
+        NumPy is here. Where the files assign to the names in `numbers`, these are assigned.
         """
-        self.path, self._output, self._prefix, self.budget = path, output, prefix, budget
-        self._numbers: Mapping[str, float] = {}
+        self.path, self._output, self.budget, self._numbers = path, output, budget, numbers
         self._guarded: dict[str, frozenset[int]] = {}
-        self._uses_rclpy = False
         self.trees: dict[str, ast.Module] = {}  #: of the loaded files, by path
         self.tolerated: list[str] = []  #: in them, a phrase each
         #: Gives the modules that take the place of others.
@@ -155,9 +149,7 @@ class Folder:
 
     def again(self, numbers: Mapping[str, float] | None = None) -> Folder:
         """Return the same folder with nothing loaded; its files assign `numbers`, if any."""
-        folder = Folder(self.path, self._output, self._prefix, budget=self.budget)
-        folder._numbers = numbers or {}
-        return folder
+        return Folder(self.path, self._output, budget=self.budget, numbers=numbers)
 
     def load(self, file: Path, name: str = '') -> ModuleType:
         """Import `file`, once, with a `name` other than its own; its exceptions are passed on."""
@@ -191,10 +183,6 @@ class Folder:
         result = compiled(source)
         self.trees[path] = result.tree
         self._guarded[path] = guarded_lines(result.tree)
-        self._uses_rclpy |= any(
-            isinstance(node, ast.Import) and any(alias.name == 'rclpy' for alias in node.names)
-            for node in ast.walk(result.tree)
-        )
         for phrase in result.tolerated:
             self._tolerate(f'{source.name}: {phrase}')
         if not self._numbers:
@@ -214,7 +202,7 @@ class Folder:
         return f'{source.name}, line {line}' if source else None
 
     def _read(self, path: Path) -> Source:
-        self.sources[str(path)] = read(path, self._prefix + str(path.relative_to(self.path)))
+        self.sources[str(path)] = read(path, str(path.relative_to(self.path)))
         return self.sources[str(path)]
 
     def _import(
@@ -268,36 +256,30 @@ class Folder:
         fromlist: Sequence[str],
     ) -> ModuleType:
         """Return a module of Python or of an installed package, or an `Absent`."""
-        top = name.partition('.')[0]
+        top, missing, is_ros = name.partition('.')[0], name, _is_ros(name)
         path, line = self._importing_line()
-        source = self.sources.get(path)
-        here = source is None or top in sys.stdlib_module_names or top == 'numpy'
-        if not here and self.budget is not None:
-            here = not _is_ros(name) or (self._uses_rclpy and not _is_ros_1(name))
-        missing = name
-        if here:
+        source, guarded = self.sources.get(path), line in self._guarded.get(path, ())
+        python = source is None or top in sys.stdlib_module_names or top == 'numpy'
+        if python or (self.budget is not None and not is_ros):
             try:
                 return __import__(name, globals, locals, fromlist, 0)
             except ModuleNotFoundError as error:
-                if source is None or line in self._guarded.get(path, ()):
+                if source is None or guarded:
                     raise
                 missing = error.name or name
         assert source  # noqa: S101 (others are here)
-        if not _is_ros(name) and (line in self._guarded[path] or '*' in (fromlist or ())):
+        if not is_ros and (guarded or '*' in (fromlist or ())):
             raise ModuleNotFoundError(missing, name=missing)
-        ros = _is_ros(name)
         reason = (
             'ROS 1 is not here and not needed: barc_sim provides the nodes, and calls PID every '
             '0.02 s'
-            if ros
+            if is_ros
             else f'there is no module {missing!r} here ({source.name}, line {line}): NumPy and '
             "Python's own modules are; install it for your own runs, put it into the folder, or "
             'do without it'
         )
-        self._tolerate(
-            f'{source.name}, line {line}: {source.line(line)}: '
-            + ('ROS is not needed' if ros else 'not here')
-        )
+        why = 'ROS is not needed' if is_ros else 'not here'
+        self._tolerate(f'{source.name}, line {line}: {source.line(line)}: {why}')
         absent: Any = Absent(name if fromlist else top, reason)
         return absent  # type: ignore[no-any-return]
 

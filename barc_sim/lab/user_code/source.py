@@ -7,13 +7,13 @@ import hashlib
 import re
 import warnings
 from math import isfinite
-from typing import TYPE_CHECKING, NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
     from types import CodeType
 
@@ -21,14 +21,8 @@ _MAX_BYTES = 1_000_000
 _SHOWN = 120  #: characters of a wrong line
 _INDENTATION = re.compile(r'^[ \t]+', re.MULTILINE)
 _PRINT = re.compile(r'print\s+(?![=(])(?:>>\s*\w[\w.]*\s*,\s*)?(.*?),?$')
-#: Error messages of Python 3 about Python 2 code, and what to write instead.
-_PYTHON_2 = {
-    'multiple exception types': 'write "except … as …:"',
-    "call to 'exec'": 'write exec(…)',
-    'leading zeros in decimal': 'write an octal number as 0o…',
-}
 #: The defaults of PID's gains in the lab's template, which nobody has chosen.
-_TEMPLATE = (1.0, 1.0, 1.0)
+_TEMPLATE = [1.0, 1.0, 1.0]
 _MAX_GAIN = 1e12
 #: Names of a gain, in lower case: kp, k_p, p, p_gain, gain_p, kpgain, proportional, …
 _GAIN = re.compile(
@@ -100,7 +94,8 @@ def compiled(source: Source) -> Compiled:
                 tree = ast.parse(source.text.encode(), source.name)
             except TabError:
                 tolerated = ('tabs and blanks are mixed, a tab counts as 8',)
-                tree = ast.parse(_INDENTATION.sub(_with_blanks, source.text), source.name)
+                text = _INDENTATION.sub(lambda match: match[0].expandtabs(8), source.text)
+                tree = ast.parse(text, source.name)
             code = compile(tree, str(source.path), 'exec', dont_inherit=True)
     except SyntaxError as error:
         raise _syntax_error(source, error) from error
@@ -109,8 +104,14 @@ def compiled(source: Source) -> Compiled:
     return Compiled(code, tree, tolerated)
 
 
-def _with_blanks(indentation: re.Match[str]) -> str:
-    return indentation[0].expandtabs(8)
+def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
+    text = ((error.text or '').strip() or source.line(error.lineno or 0))[:_SHOWN]
+    at = f'{source.name}, line {error.lineno or 1}'
+    if 'print' in error.msg and (statement := _PRINT.match(text)):
+        return UserCodeError(
+            f'{at}: {text}: this is the print of Python 2: write print({statement[1]})'
+        )
+    return UserCodeError(f'{at}: syntax error: {error.msg}' + (f': {text}' if text else ''))
 
 
 class Reassigned(ast.NodeTransformer):
@@ -135,24 +136,6 @@ class Reassigned(ast.NodeTransformer):
         return [node, *(ast.fix_missing_locations(ast.copy_location(new, node)) for new in added)]
 
     visit_AnnAssign = visit_Assign  # noqa: N815 (as ast calls it)
-
-
-def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
-    text = ((error.text or '').strip() or source.line(error.lineno or 0))[:_SHOWN]
-    at = f'{source.name}, line {error.lineno or 1}'
-    if 'print' in error.msg and (statement := _PRINT.match(text)):
-        lines = [
-            str(number)
-            for number, line in enumerate(source.text.splitlines(), 1)
-            if _PRINT.match(line.strip())
-        ]
-        more = f'; so in the lines {", ".join(lines)}' if len(lines) > 1 else ''
-        return UserCodeError(
-            f'{at}: {text}: this is the print of Python 2: write print({statement[1]}){more}'
-        )
-    if python_2 := next((new for old, new in _PYTHON_2.items() if old in error.msg), ''):
-        return UserCodeError(f'{at}: this is Python 2: {python_2}: {text}')
-    return UserCodeError(f'{at}: syntax error: {error.msg}' + (f': {text}' if text else ''))
 
 
 def guarded_lines(tree: ast.Module) -> frozenset[int]:
@@ -208,81 +191,72 @@ def find_gains(tree: ast.Module, file: str) -> ChosenGains | None:
     They are those of the last call `PID(…)` of numbers and constants, else the defaults of its
     constructor, if they are not the template's.
     """
-    constructor = _constructor(tree)
-    parameters = _parameters(constructor) if constructor else dict.fromkeys(('kp', 'ki', 'kd'))
+    nodes = sorted(ast.walk(tree), key=lambda node: getattr(node, 'lineno', 0))
+    constructor = next(
+        (
+            method
+            for node in nodes
+            if isinstance(node, ast.ClassDef) and node.name == 'PID'
+            for method in node.body
+            if isinstance(method, ast.FunctionDef) and method.name == '__init__'
+        ),
+        None,
+    )
+    parameters: dict[str, ast.expr | None] = dict.fromkeys(('kp', 'ki', 'kd'))
+    if constructor:
+        own = [argument.arg for argument in constructor.args.args][1:]
+        given = zip(reversed(own), reversed(constructor.args.defaults), strict=False)
+        parameters = dict.fromkeys(own) | dict(given)
     names = gain_names([*parameters])
-    constants = _constants(tree)
-    calls = [node for node in ast.walk(tree) if _makes_pid(node)]
-    for call in sorted(calls, key=lambda node: node.lineno, reverse=True):
+    constants = _constants(nodes)
+    for call in reversed(nodes):
+        if not isinstance(call, ast.Call) or 'PID' not in {
+            getattr(call.func, 'id', ''),
+            getattr(call.func, 'attr', ''),
+        }:
+            continue
         passed: dict[str, ast.expr | None] = dict(zip(parameters, call.args, strict=False))
         passed |= {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
-        if passed.keys() & set(names):
-            gains = _numbers([(parameters | passed).get(name) for name in names], constants)
-            if gains:
-                return ChosenGains(*gains, f'{file}, line {call.lineno}')
-    gains = _numbers([parameters[name] for name in names], {})
-    if constructor and gains and gains != _TEMPLATE:
-        return ChosenGains(*gains, f'{file}, defaults, line {constructor.lineno}')
-    return None
+        gains = [_number((parameters | passed).get(name), constants) for name in names]
+        if passed.keys() & set(names) and (found := _chosen(gains, f'{file}, line {call.lineno}')):
+            return found
+    defaults = [_number(parameters[name], {}) for name in names]
+    if constructor is None or defaults == _TEMPLATE:
+        return None
+    return _chosen(defaults, f'{file}, defaults, line {constructor.lineno}')
 
 
-def _constructor(tree: ast.Module) -> ast.FunctionDef | None:
-    classes = (n for n in ast.walk(tree) if isinstance(n, ast.ClassDef) and n.name == 'PID')
-    methods = (part for each in classes for part in each.body if isinstance(part, ast.FunctionDef))
-    return next((method for method in methods if method.name == '__init__'), None)
+def _chosen(gains: Sequence[float | None], origin: str) -> ChosenGains | None:
+    """Return three gains, or None where one of them is not known."""
+    kp, ki, kd = gains if len(gains) == len('pid') else (None, None, None)
+    if kp is None or ki is None or kd is None:
+        return None
+    return ChosenGains(kp, ki, kd, origin)
 
 
-def _parameters(function: ast.FunctionDef) -> dict[str, ast.expr | None]:
-    """Return the arguments after self, with their defaults."""
-    names = [argument.arg for argument in function.args.args][1:]
-    defaults = dict(zip(reversed(names), reversed(function.args.defaults), strict=False))
-    return {name: defaults.get(name) for name in names}
-
-
-def _makes_pid(node: ast.AST) -> TypeGuard[ast.Call]:
-    if not isinstance(node, ast.Call):
-        return False
-    return 'PID' in (getattr(node.func, 'id', ''), getattr(node.func, 'attr', ''))
-
-
-def _constants(tree: ast.Module) -> dict[str, float]:
+def _constants(nodes: Iterable[ast.AST]) -> dict[str, float]:
     """Return the names that are assigned numbers; the last assignment counts."""
     found: dict[str, float] = {}
-    for name, value in sorted(_assignments(tree), key=lambda pair: pair[0].lineno):
-        number = _number(value, found)
-        if number is not None:
-            found[name.id] = number
+    for node in nodes:
+        for target in node.targets if isinstance(node, ast.Assign) else ():
+            pairs = [(target, node.value)]  # type: ignore[attr-defined]
+            if isinstance(target, ast.Tuple) and isinstance(pairs[0][1], ast.Tuple):
+                pairs = [*zip(target.elts, pairs[0][1].elts, strict=False)]
+            for name, value in pairs:
+                number = _number(value, found)
+                if isinstance(name, ast.Name) and number is not None:
+                    found[name.id] = number
     return found
 
 
-def _assignments(tree: ast.Module) -> Iterator[tuple[ast.Name, ast.expr]]:
-    for node in ast.walk(tree):
-        if not isinstance(node, ast.Assign):
-            continue
-        for target in node.targets:
-            pairs: list[tuple[ast.expr, ast.expr]] = [(target, node.value)]
-            if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
-                pairs = [*zip(target.elts, node.value.elts, strict=False)]
-            yield from ((name, value) for name, value in pairs if isinstance(name, ast.Name))
-
-
-def _numbers(
-    values: Sequence[ast.expr | None], constants: Mapping[str, float]
-) -> tuple[float, float, float] | None:
-    """Return three gains, or None where one of them is not known."""
-    found = [None if value is None else _number(value, constants) for value in values]
-    kp, ki, kd = found if len(found) == len('pid') else (None, None, None)
-    return None if kp is None or ki is None or kd is None else (kp, ki, kd)
-
-
-def _number(expression: ast.expr, constants: Mapping[str, float]) -> float | None:
+def _number(expression: ast.expr | None, constants: Mapping[str, float]) -> float | None:
     """Return the value of an expression of numbers and constants; None for another one."""
-    for node in ast.walk(expression):
+    for node in ast.walk(expression or ast.Constant(None)):
         if not isinstance(node, _ARITHMETIC) or (
             isinstance(node, ast.Constant) and type(node.value) not in {int, float}
         ):
             return None
-    code = compile(ast.Expression(expression), '<gain>', 'eval')
+    code = compile(ast.Expression(expression), '<gain>', 'eval')  # type: ignore[arg-type]
     try:
         value = float(eval(code, {'__builtins__': {}}, dict(constants)))  # noqa: S307 (arithmetic)
     except (ArithmeticError, NameError):
