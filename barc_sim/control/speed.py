@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from copy import deepcopy
+from inspect import signature
 from math import inf, isfinite, nan, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -457,7 +458,7 @@ class Adapter:
 
 def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the user's)
     """Return the name by which a method takes dt; empty: by position; None: it takes none."""
-    accepted = inspect.signature(method)
+    accepted = signature(method)
     parameters = accepted.parameters
     if 'dt' in parameters and parameters['dt'].kind is not inspect.Parameter.POSITIONAL_ONLY:
         return 'dt'
