@@ -11,7 +11,7 @@ from math import inf, pi, sin
 from typing import TYPE_CHECKING
 
 from barc_sim.control.lane import LaneLQR
-from barc_sim.control.speed import Gain, check_gains
+from barc_sim.control.speed import Gain, take_gains
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,11 +38,7 @@ class TestSignal(ABC):
         self, *, output_min: float = -inf, output_max: float = inf, **gains: float
     ) -> None:
         """Take the gains by name, and limits of the output [m/s²]."""
-        for name, gain in self.gains.items():
-            setattr(self, name, gains.pop(name, gain.default))
-        if gains:
-            raise TypeError(f'no such gain: {", ".join(gains)}')
-        check_gains(self)
+        take_gains(self, gains)
         self.output_min, self.output_max = output_min, output_max
         self.reset()
 

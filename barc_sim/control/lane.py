@@ -17,7 +17,7 @@ from copy import deepcopy
 from math import asin, atan2, copysign, cos, hypot, inf, sin, sqrt
 from typing import TYPE_CHECKING, Any, Protocol
 
-from barc_sim.control.speed import Gain, check_gains, read_term
+from barc_sim.control.speed import Gain, read_term, take_gains
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R
 from barc_sim.vehicle.track import Frenet, beside_arc
@@ -82,12 +82,8 @@ class LaneLaw:
         **gains: float,
     ) -> None:
         """Take gains by name, the distances of the axles [m], and the limit of the output [rad]."""
-        if unknown := ', '.join(gains.keys() - self.gains.keys()):
-            raise UserError(f'{unknown}: this law has no such gain, but {", ".join(self.gains)}')
         self.l_f, self.l_r, self.output_max = l_f, l_r, output_max
-        for name, gain in self.gains.items():
-            setattr(self, name, gains.get(name, gain.default))
-        check_gains(self)
+        take_gains(self, gains)
         self.reset()
 
     def reset(self) -> None:

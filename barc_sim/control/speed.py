@@ -79,6 +79,19 @@ def check_gains(controller: Tunable) -> None:
         Parameter(name, gain.default, gain.meaning, gain.between).check(getattr(controller, name))
 
 
+def take_gains(controller: Tunable, values: Mapping[str, float]) -> None:
+    """Set the gains of a controller by name, those that are not given to their defaults.
+
+    UserError: it has no such gain, or one is beyond its limits.
+    """
+    if unknown := ', '.join(values.keys() - controller.gains.keys()):
+        names = ', '.join(controller.gains)
+        raise UserError(f'{unknown}: this controller has no such gain, but {names}')
+    for name, gain in controller.gains.items():
+        setattr(controller, name, values.get(name, gain.default))
+    check_gains(controller)
+
+
 #: The run's gains. On the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.
 KP, KI, KD = 30.0, 200.0, 0.1
 #: Of a gain: a user's controller may have its error the other way round.

@@ -10,6 +10,7 @@ import inspect
 from copy import deepcopy
 from math import inf, isfinite, nan
 from operator import attrgetter
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -168,6 +169,7 @@ def simulate(
     >>> print(f'{log.speed[-1]:.1f} m/s after {log.t[-1]:.1f} s')
     8.0 m/s after 23.0 s
     """
+    arguments = locals()
     named = {'kp': kp, 'ki': ki, 'kd': kd}
     gains = {name: gain for name, gain in named.items() if gain is not None}
     if controller is not None and gains:
@@ -175,12 +177,7 @@ def simulate(
             f'{", ".join(gains)} are gains of the PID, and controller={controller!r} is in its '
             'place: give one or the other'
         )
-    check_arguments(
-        speed_reference=speed_reference,
-        acceleration_limit=acceleration_limit,
-        distance=distance,
-        max_duration=max_duration,
-    )
+    plant = plant_of(**arguments)
     if isinstance(lane, type) or (lane and not callable(getattr(lane, 'steer_calculate', None))):
         raise UserError(
             f'lane={lane!r} must be an object with a method steer_calculate(e_y, e_psi, speed, '
@@ -188,23 +185,6 @@ def simulate(
         )
     if reference is None:
         check_ahead(speed_reference, distance)
-    plant = plant_of(
-        road=road,
-        vehicle=vehicle,
-        noise=noise,
-        delay=delay,
-        sensor_delay=sensor_delay,
-        disturbance=disturbance,
-        model=model,
-        seed=seed,
-        integrator=integrator,
-        dynamics=dynamics,
-        lateral=lateral,
-        ts=ts,
-        track=track,
-        servo=servo,
-        e_y=e_y,
-    )
     driving: Controller = PID(**gains)
     if controller is not None:
         driving = as_controller(controller)
@@ -222,59 +202,41 @@ def simulate(
     )
 
 
-def plant_of(
-    *,
-    road: Road | str | PathLike[str] = 'lab',
-    vehicle: Vehicle | None = None,
-    noise: float | NoiseLevels = 0.0,
-    delay: float = 0.0,
-    sensor_delay: float = 0.0,
-    disturbance: float | str | PathLike[str] | Signal = 0.0,
-    model: Model = bikeFE,
-    seed: int = 0,
-    integrator: str = 'euler',
-    dynamics: str = 'kinematic',
-    lateral: LateralParameters | None = None,
-    ts: float = 0.02,
-    track: Track | str | PathLike[str] | None = None,
-    servo: Actuator | None = None,
-    e_y: float = 0.0,
-) -> Plant:
-    """Return the plant at the start of a run, of those arguments of `simulate` that make it.
+def plant_of(**arguments: Any) -> Plant:  # noqa: ANN401 (of `simulate`)
+    """Return the plant at the start of a run of `simulate` with these of its arguments.
 
     UserError: one of them is out of its limits, or they contradict one another.
     """
-    check_arguments(seed=seed, noise=noise, delay=delay, sensor_delay=sensor_delay, ts=ts, e_y=e_y)
-    for name, value, kind in (
-        ('vehicle', vehicle, Vehicle),
-        ('lateral', lateral, LateralParameters),
-        ('servo', servo, Actuator),
-    ):
+    given = SimpleNamespace(**{**(simulate.__kwdefaults__ or {}), **arguments})
+    check_arguments(**{name: value for name, value in arguments.items() if name in LIMITS})
+    for name, kind in (('vehicle', Vehicle), ('lateral', LateralParameters), ('servo', Actuator)):
+        value = getattr(given, name)
         if value is not None and not isinstance(value, kind):
             field = kind._fields[0]
             example = f'{kind.__name__}({field}={getattr(kind(), field)})'
             raise UserError(f'{name} {value!r} must be of type {kind.__name__}, such as {example}')
-    force = signal(disturbance, ROWS['disturbance'], FORCE_COLUMN)
-    is_constant = isinstance(disturbance, (float, int))
+    force = signal(given.disturbance, ROWS['disturbance'], FORCE_COLUMN)
+    is_constant = isinstance(given.disturbance, (float, int))
+    noise, model, vehicle = given.noise, given.model, given.vehicle
     plant = Plant(
-        road=Road.of(road),
+        road=Road.of(given.road),
         vehicle=vehicle and Vehicle(*vehicle),  # which checks it: `_replace` does not
-        ts=round(ts * NANOSECONDS) / NANOSECONDS,
+        ts=round(given.ts * NANOSECONDS) / NANOSECONDS,
         noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),
-        seed=seed,
-        sensor_delay=sensor_delay,
+        seed=given.seed,
+        sensor_delay=given.sensor_delay,
         force=force(0.0, 0.0) if is_constant else 0.0,
         disturbance=None if is_constant else force,
         model=model if model is bikeFE else _with_options(model),
-        motor=Actuator(delay=delay),
-        servo=servo or (SERVO._replace(delay=delay) if track else None),
-        integrator=integrator,
-        dynamics=dynamics,
-        lateral=lateral,
-        track=Track.of(track) if track else None,
+        motor=Actuator(delay=given.delay),
+        servo=given.servo or (SERVO._replace(delay=given.delay) if given.track else None),
+        integrator=given.integrator,
+        dynamics=given.dynamics,
+        lateral=given.lateral,
+        track=Track.of(given.track) if given.track else None,
     )
-    if plant.track and e_y:
-        plant.place(State(*plant.track.place(0.0, e_y)))
+    if plant.track and given.e_y:
+        plant.place(State(*plant.track.place(0.0, given.e_y)))
     return plant
 
 

@@ -171,7 +171,7 @@ def test_gains_are_checked(kind: type[LaneLaw]) -> None:
     name, gain = next(iter(kind.gains.items()))
     with pytest.raises(UserError, match=f'{name}: -1 is not a number from'):
         kind(**{name: -1.0})
-    with pytest.raises(UserError, match=f'kp: this law has no such gain, but {name}'):
+    with pytest.raises(UserError, match=f'kp: this controller has no such gain, but {name}'):
         kind(kp=1.0)
     assert getattr(kind(), name) == gain.default
 
