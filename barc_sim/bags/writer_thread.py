@@ -8,7 +8,7 @@ import time
 from bisect import bisect_left
 from collections import Counter, deque
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from barc_sim.bags.messages import leading_time
 from barc_sim.bags.recording import short_of_space
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 #: longer the more wait in DDS, and a long poll makes the executor hand over to another thread.
 _PERIOD, _PERIOD_OF_MANY = 0.05, 0.01
 _MANY = 100
-#: [s] The longest sleep while nothing arrives; then the disk is checked.
-_LONGEST_SLEEP = 1.0
 #: [s] between the ends of two chunks. A kill loses the messages of this time, and of one poll.
 _CHUNK_PERIOD = 0.1
 
@@ -44,9 +42,6 @@ class WriterThread:
         The bag's writer; only the thread uses it from now on.
     source
         Returns the waiting messages; called in the thread.
-    arrivals
-        What to sleep for while there are no messages, by `wait(timeout)` and `wake()`; without it,
-        the source is polled.
     reserve
         Space to leave free [B].
     on_failure
@@ -60,10 +55,7 @@ class WriterThread:
         source: Callable[[], Iterable[MessageFields]],
         reserve: int,
         on_failure: Callable[[str | None], None],
-        arrivals: Any = None,  # noqa: ANN401 (of either carrier)
     ) -> None:
-        self._arrivals = arrivals
-        self._unflushed = True  # messages were written since the last flush
         self._lock = threading.Lock()
         self.paused = False
         self.snapshot: float | None = None  #: [s] to keep until `write_snapshot`; None: write all
@@ -92,16 +84,6 @@ class WriterThread:
         while not self._closing.wait(_PERIOD_OF_MANY if self._arrived > _MANY else _PERIOD):
             with self._lock:
                 self._run_once()
-            if self._arrivals and self._is_idle:
-                self._sleep()
-
-    def _sleep(self) -> None:
-        try:
-            self._arrivals.wait(_LONGEST_SLEEP)
-        except Exception as error:  # noqa: BLE001 (a thread's end would go unnoticed)
-            self._arrivals = None  # the source is polled from now on
-            with self._lock:
-                self._fail(error)
 
     def write_now(self) -> None:
         """Write what waits in the calling thread, unless the writer's is about it."""
@@ -111,11 +93,6 @@ class WriterThread:
             finally:
                 self._lock.release()
 
-    @property
-    def _is_idle(self) -> bool:
-        busy = self._arrived or self._unflushed or self._late or self._stuck
-        return not (busy or self._closing.is_set())
-
     def _run_once(self) -> None:
         try:
             if not self._stuck and not self._broken:
@@ -124,7 +101,6 @@ class WriterThread:
                 self._chunk_due = time.monotonic() + _CHUNK_PERIOD
                 self._check_disk()
                 self._writer.flush()
-                self._unflushed = False
                 if self._stuck and not self._broken:
                     self._stuck = False
                     self._on_failure(None)
@@ -148,7 +124,6 @@ class WriterThread:
                 return
             messages, self._kept, self._snapshot_due = self._kept, deque(), False
         if messages:
-            self._unflushed = True
             self._writer.write(messages)
 
     def write_snapshot(self) -> None:
@@ -230,8 +205,6 @@ class WriterThread:
         if self._closing.is_set():
             return
         self._closing.set()
-        if self._arrivals:
-            self._arrivals.wake()
         if self._thread.is_alive():
             self._thread.join()
         with self._lock:

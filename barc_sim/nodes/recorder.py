@@ -172,11 +172,8 @@ class BagRecorder(Node):
             compression=settings.compression,
         )
         self._writers.append(self._writer)
-        arrivals = self._topics if has_dds() else None
-        self._thread = WriterThread(
-            self._writer, self._topics.take, reserve, self._on_failure, arrivals
-        )
-        if not arrivals:
+        self._thread = WriterThread(self._writer, self._topics.take, reserve, self._on_failure)
+        if not has_dds():
             self._topics.on_full = self._thread.write_now
         self._thread.do(lambda writer: writer.attach(self._attachments))
         self._thread.use_sim_time = self._use_sim_time

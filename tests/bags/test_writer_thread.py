@@ -206,31 +206,6 @@ def _refuse(*_: object) -> None:
     raise OSError(28, 'No space left on device')
 
 
-class FailingSleep:
-    """Arrivals that cannot be waited for."""
-
-    def wait(self, _: float) -> None:
-        """Fail."""
-        raise RuntimeError('no listener')
-
-    def wake(self) -> None:
-        """Do nothing."""
-
-
-def test_a_sleep_that_fails_is_reported_and_what_follows_is_recorded(
-    tmp_path: Path, source: Source, failures: list[str | None]
-) -> None:
-    (tmp_path / 'run').mkdir()
-    writer = BagWriter(tmp_path / 'run')
-    thread = WriterThread(writer, source.take, 0, failures.append, FailingSleep())
-    thread.start()
-    wait_for(lambda: bool(failures))
-    source.put(1)
-    wait_for(lambda: recorded(tmp_path) == [1])
-    thread.close()
-    assert 'no listener' in str(failures[0])
-
-
 @pytest.mark.parametrize('reserve', [2**70], indirect=True)
 def test_shortage_of_space_is_reported_while_there_is_enough_to_finish(
     thread: WriterThread, source: Source, failures: list[str | None], tmp_path: Path

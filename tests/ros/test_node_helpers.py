@@ -24,7 +24,7 @@ from barc_sim.nodes.view import ViewNode
 from barc_sim.ros import node_helpers
 from barc_sim.ros.node_helpers import RefusedInput, declare
 from barc_sim.ros.peers import claim, others_here
-from barc_sim.ros.polled import Taker
+from barc_sim.ros.topics import Taker
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

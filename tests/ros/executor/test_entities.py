@@ -28,7 +28,7 @@ from std_msgs.msg import Header
 
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.executor.rclpy_private import set_listener
-from barc_sim.ros.polled import PolledCallbackGroup
+from barc_sim.ros.topics import PolledCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable
