@@ -32,7 +32,7 @@ from barc_sim.bags import names
 from barc_sim.cli.parser import MAX_PORT
 from barc_sim.errors import Parameter, UserError
 from barc_sim.page.feed import FIELDS, STATE_FIELDS, Feed, is_valid, values_of
-from barc_sim.page.protocol import CONTROLLER, SIMULATOR, TUNABLE, Drive, Status
+from barc_sim.page.protocol import CONTROLLER, SIMULATOR, TUNABLE, Drive, Pause, Press, Status, Tune
 from barc_sim.page.run_page import RunPage
 from barc_sim.ros.node_helpers import declare, to_nanoseconds
 
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from barc_sim.page.feed import Sample
+    from barc_sim.page.protocol import Request
     from barc_sim.page.run_page import OnDone
     from barc_sim.simulation.stepper import Stepper
     from barc_sim.vehicle.road import Road
@@ -132,7 +133,7 @@ class ViewNode(Node):
         self.create_subscription(
             ParameterEvent, '/parameter_events', _keep_in(self._events), _DEPTH
         )
-        page.start(self._feed, clients, self._drive, self._changes)
+        page.start(self._feed, self._drive, clients.request, clients.parameters, self._changes)
 
     @property
     def latest(self) -> int:
@@ -264,23 +265,19 @@ class NodeClients:
             service: node.create_client(kind, service) for service, kind in _SERVICES.items()
         }
 
-    def reset(self, on_done: OnDone) -> None:
-        """Reset the car to the start."""
-        self._request(names.RESET_SIMULATOR, Trigger.Request(), on_done)
+    def request(self, request: Request, on_done: OnDone) -> None:
+        """Pass a request of a page to its service."""
+        service, message = _call_of(request)
 
-    def reset_controller(self, on_done: OnDone) -> None:
-        """Make the controller forget its past."""
-        self._request(names.RESET_CONTROLLER, Trigger.Request(), on_done)
+        def on_response(response: Any) -> None:  # noqa: ANN401 (the service's own)
+            if isinstance(response, SetParameters.Response):
+                on_done(response.results[0].successful, response.results[0].reason)
+            else:
+                on_done(response.success, response.message)
 
-    def pause(self, on: bool, on_done: OnDone) -> None:
-        """Pause or resume simulated time."""
-        self._request(names.PAUSE_SIMULATOR, SetBool.Request(data=on), on_done)
-
-    def tune(self, node: str, name: str, value: float, on_done: OnDone) -> None:
-        """Set a parameter of a node."""
-        parameter = RosParameter(name, value=value).to_parameter_msg()
-        request = SetParameters.Request(parameters=[parameter])
-        self._request(f'{node}/set_parameters', request, on_done)
+        if not self._call(service, message, on_response):
+            name = self._node.resolve_service_name(service)
+            self._deliver(partial(on_done, False, f'no node offers {name}'))
 
     def parameters(
         self, node: str, wanted: Sequence[str], on_values: Callable[[dict[str, Any]], None]
@@ -296,17 +293,6 @@ class NodeClients:
             f'{node}/get_parameters', GetParameters.Request(names=wanted), on_response
         )
 
-    def _request(self, service: str, request: Any, on_done: OnDone) -> None:  # noqa: ANN401
-        def on_response(response: Any) -> None:  # noqa: ANN401 (the service's own)
-            if isinstance(response, SetParameters.Response):
-                on_done(response.results[0].successful, response.results[0].reason)
-            else:
-                on_done(response.success, response.message)
-
-        if not self._call(service, request, on_response):
-            name = self._node.resolve_service_name(service)
-            self._deliver(partial(on_done, False, f'no node offers {name}'))
-
     def _call(self, service: str, request: Any, on_response: Callable[[Any], None]) -> bool:  # noqa: ANN401
         """Call a service if it is there."""
         client = self._clients[service]
@@ -316,3 +302,17 @@ class NodeClients:
             lambda future: self._deliver(partial(on_response, future.result()))
         )
         return True
+
+
+def _call_of(request: Request) -> tuple[str, Any]:
+    """Return the service of a page's request, and the message to it."""
+    match request:
+        case Tune(name, value):
+            parameter = RosParameter(name, value=value).to_parameter_msg()
+            message = SetParameters.Request(parameters=[parameter])
+            return f'{TUNABLE[name]}/set_parameters', message
+        case Pause(on):
+            return names.PAUSE_SIMULATOR, SetBool.Request(data=on)
+        case Press('reset'):
+            return names.RESET_SIMULATOR, Trigger.Request()
+    return names.RESET_CONTROLLER, Trigger.Request()

@@ -6,7 +6,7 @@ import time
 from contextlib import suppress
 from functools import partial
 from threading import Event
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,11 +40,11 @@ from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import laps_of, track_laps_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from barc_sim.control.speed import Controller
     from barc_sim.page.feed import Feed
-    from barc_sim.page.protocol import File, Request
+    from barc_sim.page.protocol import Request
     from barc_sim.page.server import Page
     from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import Laps
@@ -52,6 +52,7 @@ if TYPE_CHECKING:
 
     #: Called with whether the request succeeded, and if not, with the reason.
     OnDone = Callable[[bool, str], None]
+    OnValues = Callable[[dict[str, Any]], None]  # called with parameters
 
 _SLOW_PERIOD = 0.1  #: [s] between two polls while no page is open
 _STATUS_PERIOD = 0.25  #: [s]
@@ -65,46 +66,6 @@ _MIN_PERIOD = 0.01  #: [s] between two commands that differ
 _REST = Drive()
 _BRAKE = Drive(brake=1.0)
 _HELD = (_REST, _BRAKE)  #: sent once: they hold until the next command
-
-
-class Clients(Protocol):
-    """Passes a page's requests to the simulator and the controller, without waiting.
-
-    What is passed back is called in the server's thread.
-    """
-
-    def reset(self, on_done: OnDone) -> None:
-        """Reset the car to the start."""
-
-    def reset_controller(self, on_done: OnDone) -> None:
-        """Reset the controller alone."""
-
-    def pause(self, on: bool, on_done: OnDone) -> None:
-        """Pause or resume simulated time."""
-
-    def tune(self, node: str, name: str, value: float, on_done: OnDone) -> None:
-        """Set a parameter of a node."""
-
-    def parameters(
-        self, node: str, names: Sequence[str], on_values: Callable[[dict[str, Any]], None]
-    ) -> bool:
-        """Request parameters of a node; False if it is not there."""
-
-
-class Offer(Protocol):
-    """What a page can do after the end of its run."""
-
-    def message(self) -> str:
-        """Return the message that shows a page what is offered."""
-
-    def file(self, name: str) -> File | None:
-        """Return a file to download."""
-
-    def compare(self) -> Iterable[str | bytes]:
-        """Return the messages that show the run before."""
-
-    def again(self, values: Mapping[str, float]) -> str:
-        """Drive again with these values of the sliders; return the next page's address."""
 
 
 class DriverArbiter:
@@ -185,7 +146,6 @@ class RunPage(Host):
         self._status = status
         self._road = road
         self._finish = finish
-        self._offer: Offer | None = None  # after the end
         self._arbiter = DriverArbiter()
         self._parameters: dict[str, dict[str, Any]] = {SIMULATOR: {}, CONTROLLER: {}}  # by node
         self._kind: type[Controller] | None = None  # of the controller, None until it is received
@@ -202,17 +162,21 @@ class RunPage(Host):
     def start(
         self,
         feed: Feed,
-        clients: Clients,
         drive: Callable[[Drive], None],
+        request: Callable[[Request, OnDone], None],
+        parameters: Callable[[str, Sequence[str], OnValues], bool],
         changes: Callable[[], Iterable[tuple[str, str, float]]],
     ) -> None:
         """Serve the page.
 
-        `feed` has the states; `drive` publishes a driver's input; `changes` returns the
-        parameters that have changed since the last call: node, name and value.
+        `feed` has the states; `drive` publishes a driver's input; `request` passes any other
+        request to the simulator or the controller; `parameters` requests parameters of a node,
+        and returns False if it is not there; `changes` returns those that have changed since the
+        last call: node, name and value. None waits, and what is passed back is called in the
+        server's thread.
         """
-        self._feed, self._clients = feed, clients
-        self._drive, self._changes = drive, changes
+        self._feed, self._drive, self._request = feed, drive, request
+        self._parameters_of, self._changes = parameters, changes
         self._server.start()
 
     @property
@@ -245,10 +209,14 @@ class RunPage(Host):
         self._server.call(end)
         done.wait(_MAX_WAIT)
 
-    def keep(self, offer: Offer) -> None:
-        """Offer the pages what they can do after the end; may be called from any thread."""
-        self._offer = offer
-        self._server.call(lambda: self._server.send(offer.message()))
+    def hand_over(self, host: Host, message: str) -> None:
+        """Let `host` serve the pages from now on, and send them a message; from any thread."""
+
+        def hand_over() -> None:
+            self._server.host = host
+            self._server.send(message)
+
+        self._server.call(hand_over)
 
     def close(self) -> None:
         """Close all pages and the port."""
@@ -262,12 +230,16 @@ class RunPage(Host):
         yield self._feed.history()
         if self._ended is not None:
             yield self._ended
-        if self._offer:
-            yield self._offer.message()
 
-    def file(self, name: str) -> File | None:
-        """Return a file that is offered after the end."""
-        return self._offer.file(name) if self._offer else None
+    @property
+    def values(self) -> dict[str, float]:
+        """The values of the sliders, of cruise control."""
+        values: dict[str, float] = self._facts()['tuning']
+        return values if self._mode == 'acc' else {}
+
+    def send(self, message: str) -> None:
+        """Send a message to all pages."""
+        self._server.send(message)
 
     def _facts(self) -> dict[str, Any]:
         kind, (simulator, controller) = self._kind or PID, self._parameters.values()
@@ -276,24 +248,21 @@ class RunPage(Host):
 
     def receive(self, page: Page, request: Request) -> None:
         """Handle a page's request."""
-        if self._ended is not None:
-            self._receive_after_end(page, request)
-            return
         match request:
+            case Tune(name, value) if self._ended is not None:  # for the next run
+                self._on_parameters(TUNABLE[name], {name: value})
+            case _ if self._ended is not None:
+                pass
             case Drive():
                 self._request_drive(page, request)
-            case Tune(name, value):
-                on_done = partial(self._on_done, page, name)
-                self._clients.tune(TUNABLE[name], name, value, on_done)
+            case Press('finish'):
+                if self._finish:
+                    self._finish()
             case Pause(on):
-                self._clients.pause(on, partial(self._on_paused, page, on))
-            case Press('reset'):
-                self._clients.reset(partial(self._on_done, page, 'reset'))
-            case Press('reset_controller'):
-                on_done = partial(self._on_done, page, 'reset the controller')
-                self._clients.reset_controller(on_done)
-            case Press('finish') if self._finish:
-                self._finish()
+                self._request(request, partial(self._on_paused, page, on))
+            case Tune() | Press('reset' | 'reset_controller'):
+                what = request[0].replace('reset_', 'reset the ')
+                self._request(request, partial(self._on_done, page, what))
 
     def _request_drive(self, page: Page, request: Drive) -> None:
         now = time.monotonic()
@@ -301,17 +270,6 @@ class RunPage(Host):
             self._publish(now)
         else:
             page.send(encode('refused', what='drive', why='another page is driving'))
-
-    def _receive_after_end(self, page: Page, request: Request) -> None:
-        match request:
-            case Tune(name, value):  # for the next run
-                self._on_parameters(TUNABLE[name], {name: value})
-            case Press('compare') if self._offer:
-                for message in self._offer.compare():
-                    page.send(message)
-            case Press('again') if self._offer:
-                values: dict[str, float] = self._facts()['tuning'] if self._mode == 'acc' else {}
-                self._server.send(encode('again', address=self._offer.again(values)))
 
     def leave(self, page: Page) -> None:
         """Release the keys of a page that has closed."""
@@ -382,24 +340,22 @@ class RunPage(Host):
         """Request the parameters that are unknown, and take those that have changed."""
         if not self._parameters[SIMULATOR]:
             on_values = partial(self._on_parameters, SIMULATOR)
-            self._request(SIMULATOR, OF_SIMULATOR, on_values)
+            self._ask(SIMULATOR, OF_SIMULATOR, on_values)
         if self._kind is None:
-            self._request(CONTROLLER, ('controller_type',), self._on_controller_type)
+            self._ask(CONTROLLER, ('controller_type',), self._on_controller_type)
         elif self._lane is None and self._parameters[SIMULATOR].get('track'):
-            self._request(CONTROLLER, ('lane_type',), self._on_lane_type)
+            self._ask(CONTROLLER, ('lane_type',), self._on_lane_type)
         elif not self._parameters[CONTROLLER]:
             on_values = partial(self._on_parameters, CONTROLLER)
             wanted = (*self._kind.gains, *OTHERS, *self._lane_gains())
-            self._request(CONTROLLER, wanted, on_values)
+            self._ask(CONTROLLER, wanted, on_values)
         for node, name, value in self._changes():
             self._on_parameters(node, {name: value})
 
-    def _request(
-        self, node: str, parameters: Sequence[str], on_values: Callable[[dict[str, Any]], None]
-    ) -> None:
+    def _ask(self, node: str, parameters: Sequence[str], on_values: OnValues) -> None:
         """Request parameters of a node, unless a recent request is still unanswered."""
         now = time.monotonic()
-        if now >= self._retry_at.get(node, 0.0) and self._clients.parameters(
+        if now >= self._retry_at.get(node, 0.0) and self._parameters_of(
             node, parameters, on_values
         ):
             self._retry_at[node] = now + _RETRY_AFTER

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import hmac
 import logging
 import os
 import socket
 import webbrowser
 from abc import ABC, abstractmethod
-from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
 from ipaddress import ip_address
 from pathlib import Path
-from secrets import compare_digest, token_bytes, token_hex, token_urlsafe
+from secrets import compare_digest, token_hex, token_urlsafe
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import urlsplit
@@ -25,7 +23,6 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
-from barc_sim.cli.files import read_regular
 from barc_sim.cli.process import is_at_desktop, warn
 from barc_sim.errors import UserError
 from barc_sim.figures.style import style_sheet
@@ -60,9 +57,8 @@ _MAX_UNSENT = 1 << 20  #: [byte] unsent to a slow page, before it misses states
 _MAX_MESSAGES_PER_SECOND = 200  #: messages from a page, so that none keeps the process busy
 _PING = 5.0  #: [s]
 HOUR = 3600.0  #: [s]
-_CHECKOUT = Path(__file__).resolve().parents[2]
-_SECRET_LENGTH = 32  #: [byte]
-_TOKEN_LENGTH = 22  #: characters
+#: In the environment, with a port: the token of the run that follows one on that port.
+NEXT_RUN = 'BARC_SIM_PAGE_'
 _POLICY_VIOLATION = 1008
 _TRY_AGAIN_LATER = 1013
 _QUIET = logging.getLogger('barc_sim.page.server')
@@ -149,10 +145,9 @@ class ViewServer:
 
     def __init__(self, host: Host, address: str = '127.0.0.1', port: int = 0) -> None:
         """Listen on `port` of `address`; 0 for any that is free."""
-        self._host = host
+        self.host = host  #: may be replaced by another one, in the server's thread
         self._socket = _listen(address, port)
-        # The same for each run of this checkout on a port, so that an open page finds the next run.
-        self._token = (port and kept_token(port)) or token_urlsafe(16)
+        self._token = os.environ.pop(f'{NEXT_RUN}{port}', '') or token_urlsafe(16)
         self._run_id = token_hex(8)
         if not ip_address(self._socket.getsockname()[0]).is_loopback:
             warn(
@@ -236,7 +231,7 @@ class ViewServer:
 
     async def _pulse(self) -> None:
         while True:  # noqa: ASYNC110 (there is no event to wait for)
-            await asyncio.sleep(self._host.pulse())
+            await asyncio.sleep(self.host.pulse())
 
     async def _answer(self, connection: ServerConnection, request: HttpRequest) -> Response | None:
         """Return a file or an error, or None for a websocket that may open."""
@@ -257,7 +252,7 @@ class ViewServer:
     async def _file(self, name: str) -> Response:
         if name in self._files:
             return _response(HTTPStatus.OK, _TYPES[Path(name).suffix], self._files[name])
-        if file := await asyncio.to_thread(self._host.file, name):
+        if file := await asyncio.to_thread(self.host.file, name):
             disposition = {'Content-Disposition': f'attachment; filename="{file.name}"'}
             return _response(HTTPStatus.OK, file.kind, file.body, disposition)
         return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
@@ -269,19 +264,19 @@ class ViewServer:
         page = Page(connection)
         try:
             broadcast([connection], encode('run', id=self._run_id))
-            for message in self._host.greet():
+            for message in self.host.greet():
                 broadcast([connection], message)
             self._pages[connection] = page
             async for data in connection:
                 page.count(self._loop.time())
-                self._host.receive(page, parse(data))
+                self.host.receive(page, parse(data))
         except RequestError as error:
             await connection.close(_POLICY_VIOLATION, f'malformed: {error}'[:100])
         except ConnectionClosed:
             pass
         finally:
             self._pages.pop(connection, None)
-            self._host.leave(page)
+            self.host.leave(page)
 
 
 def _is_same_origin(headers: Headers) -> bool:
@@ -330,46 +325,6 @@ def _response(
     headers = {'Content-Type': kind, 'Content-Length': str(len(body)), 'Connection': 'close'}
     headers |= _HEADERS | dict(more or {})
     return Response(status.value, status.phrase, Headers(headers), body)
-
-
-def kept_token(port: int, state: Path | None = None) -> str | None:
-    """Return the token of this checkout's page on `port`; None where no secret can be kept.
-
-    It derives from a secret that only the user can read, in `state`: by default the user's
-    directory for state.
-    """
-    secret = _secret(state or _state_directory())
-    if secret is None:
-        return None
-    return hmac.new(secret, f'{_CHECKOUT}:{port}'.encode(), 'sha256').hexdigest()[:_TOKEN_LENGTH]
-
-
-def _state_directory() -> Path:
-    home = os.environ.get('XDG_STATE_HOME') or Path('~/.local/state').expanduser()
-    return Path(home) / 'barc_sim'
-
-
-def _secret(directory: Path) -> bytes | None:
-    """Return the user's secret, made where there is none."""
-    path = directory / 'page_secret'
-    with suppress(OSError, RuntimeError, UserError):
-        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with (
-            suppress(FileExistsError),
-            open(path, 'xb', opener=partial(os.open, mode=0o600)) as file,
-        ):
-            file.write(token_bytes(_SECRET_LENGTH))
-        secret = read_regular(path, _SECRET_LENGTH, follow=False)
-        if len(secret) == _SECRET_LENGTH and _is_private(path.stat()):
-            return secret
-    return None
-
-
-def _is_private(status: os.stat_result) -> bool:
-    """Return whether a file is the user's own, and no other user can read it."""
-    if not hasattr(os, 'getuid'):  # on Windows the user's folder is closed to others
-        return True
-    return status.st_uid == os.getuid() and not status.st_mode & 0o077
 
 
 def open_page(url: str, environment: Mapping[str, str] = os.environ) -> bool:

@@ -9,7 +9,7 @@ import zipfile
 from functools import cache
 from io import BytesIO
 from typing import TYPE_CHECKING
-from urllib.parse import urlsplit, urlunsplit
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from barc_sim.cli.parser import ROS_ARGS
 from barc_sim.cli.process import NO_BROWSER
 from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
-from barc_sim.page.protocol import CAR, OTHERS, SIMULATOR, File, encode
-from barc_sim.page.server import kept_token
+from barc_sim.page.protocol import CAR, OTHERS, SIMULATOR, File, Press, encode
+from barc_sim.page.server import NEXT_RUN, Host
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.cli.process import StopSignals
+    from barc_sim.page.protocol import Request
     from barc_sim.page.run_page import RunPage
+    from barc_sim.page.server import Page
     from barc_sim.simulation.log import Log
 
 _GONE_AFTER = 3.0  #: [s] without a page: a page that is loaded again is away for less
@@ -44,42 +46,57 @@ def serve_ended_run(page: RunPage, options: Namespace, bag: Path | None, stop: S
     if not page.is_watched:
         page.close()
         return
-    offer = EndedRun(page.url, options.argv, bag)
-    page.keep(offer)
+    ended = EndedRun(page, options.argv, bag)
+    page.hand_over(ended, ended.offer())
     if not options.quiet:
         print('page    stays until it is closed, or Ctrl-C', flush=True)  # noqa: T201
     seen = time.monotonic()
-    while not (stop.requested.wait(_POLL_PERIOD) or offer.next_command):
+    while not (stop.requested.wait(_POLL_PERIOD) or ended.next_command):
         if page.is_watched:
             seen = time.monotonic()
         elif time.monotonic() > seen + _GONE_AFTER:
             break
     page.close()
-    if offer.next_command and not stop.requested.is_set():
+    if ended.next_command and not stop.requested.is_set():
         os.environ[NO_BROWSER] = '1'  # the page is open
-        os.execv(sys.executable, [sys.executable, '-m', 'barc_sim', *offer.next_command])  # noqa: S606
+        os.execv(sys.executable, [sys.executable, '-m', 'barc_sim', *ended.next_command])  # noqa: S606
 
 
-class EndedRun:
-    """What the page of an ended run offers."""
+class EndedRun(Host):
+    """Serves the page of an ended run, with what can be done after it."""
 
-    def __init__(self, url: str, argv: list[str], bag: Path | None) -> None:
-        """Offer for the run of the command line `argv`, whose page is at `url`."""
+    def __init__(self, page: RunPage, argv: list[str], bag: Path | None) -> None:
+        """Serve the `page` of the run of the command line `argv`."""
         self.next_command: list[str] | None = None  #: of the next run, once it is asked for
-        self._url, self._argv, self._bag = urlsplit(url), argv, bag
+        self._page, self._argv, self._bag = page, argv, bag
         self._before = _bag_before(bag) if bag else None
         self._files = [_REPORT, _BAG] if bag else []
         if bag and sum(path.stat().st_size for path in bag.iterdir()) > _LARGEST_BAG:
             self._files.remove(_BAG)
 
-    def message(self) -> str:
-        """Return the message that shows a page what is offered."""
-        return encode(
-            'kept',
-            files=self._files,
-            before=self._before.name if self._before else None,
-            again=self._next_token() is not None,
-        )
+    def offer(self) -> str:
+        """Return the message that shows a page what can be done."""
+        before = self._before.name if self._before else None
+        return encode('kept', files=self._files, before=before)
+
+    def greet(self) -> Iterator[str | bytes]:
+        """Yield the messages for a new page."""
+        yield from self._page.greet()
+        yield self.offer()
+
+    def receive(self, page: Page, request: Request) -> None:
+        """Show the run before, drive again, or take a slider's value for the next run."""
+        match request:
+            case Press('compare'):
+                for message in self.compare():
+                    page.send(message)
+            case Press('again'):
+                url = urlsplit(self._page.url)
+                self.next_command = next_command(self._argv, self._page.values, url.port or 0)
+                os.environ[f'{NEXT_RUN}{url.port}'] = url.path.strip('/')
+                self._page.send(encode('again', address=self._page.url))
+            case _:
+                self._page.receive(page, request)
 
     def file(self, name: str) -> File | None:
         """Return the report or the bag."""
@@ -97,14 +114,6 @@ class EndedRun:
             from barc_sim.page.run_page import other_run  # noqa: PLC0415
 
             yield from other_run(log, self._before.name)
-
-    def again(self, values: Mapping[str, float]) -> str:
-        """Drive again with these values of the sliders; return the next page's address."""
-        self.next_command = next_command(self._argv, values, self._url.port or 0)
-        return urlunsplit(self._url._replace(path=f'/{self._next_token()}/'))
-
-    def _next_token(self) -> str | None:
-        return kept_token(self._url.port or 0)
 
 
 def next_command(argv: list[str], values: Mapping[str, float], port: int) -> list[str]:

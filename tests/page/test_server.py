@@ -9,7 +9,6 @@ import socket
 import time
 import webbrowser
 from contextlib import ExitStack, suppress
-from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -22,7 +21,7 @@ from websockets.sync.client import connect
 
 from barc_sim.errors import UserError
 from barc_sim.page.protocol import Drive, File, encode
-from barc_sim.page.server import ViewServer, kept_token, open_page
+from barc_sim.page.server import NEXT_RUN, ViewServer, open_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -170,6 +169,19 @@ def test_every_server_has_a_token_of_its_own(host: Host) -> None:
         server.close()
     assert token(servers[0]) != token(servers[1])
     assert len(token(servers[0])) >= 20
+
+
+def test_the_run_that_follows_has_the_token_that_it_is_given(
+    host: Host, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as free:
+        port = free.getsockname()[1]
+    monkeypatch.setenv(f'{NEXT_RUN}{port}', 'kept')
+    for is_kept in (True, False):  # once
+        server = ViewServer(host, port=port)
+        server.start()
+        server.close()
+        assert (token(server) == 'kept') == is_kept
 
 
 @pytest.mark.parametrize(
@@ -354,49 +366,6 @@ def test_silent_connections_keep_no_descriptors_and_no_page_away(server: ViewSer
         assert time.monotonic() - began < 10.0
         with page(server) as opened:
             assert opened.recv()
-
-
-# The token, the same for each run on a port
-
-
-def test_token_is_that_of_the_port_and_the_user(tmp_path: Path) -> None:
-    token = kept_token(8080, tmp_path / 'a')
-    assert token
-    assert len(token) >= 22
-    assert kept_token(8080, tmp_path / 'a') == token
-    assert kept_token(8081, tmp_path / 'a') != token
-    assert kept_token(8080, tmp_path / 'b') != token
-    (secret,) = (tmp_path / 'a').iterdir()
-    assert secret.stat().st_mode & 0o077 == 0
-
-
-@pytest.mark.parametrize('mode', [0o640, 0o604])
-def test_secret_that_others_can_read_is_not_used(tmp_path: Path, mode: int) -> None:
-    kept_token(8080, tmp_path)
-    (secret,) = tmp_path.iterdir()
-    secret.chmod(mode)
-    assert kept_token(8080, tmp_path) is None
-
-
-def test_no_directory_for_the_secret_gives_no_token(tmp_path: Path) -> None:
-    (tmp_path / 'file').touch()
-    assert kept_token(8080, tmp_path / 'file') is None
-
-
-def test_something_else_in_place_of_the_secret_is_neither_read_nor_followed(tmp_path: Path) -> None:
-    foreign = tmp_path / 'foreign'
-    foreign.write_bytes(bytes(32))
-    foreign.chmod(0o600)
-    for name, make in {
-        'pipe': os.mkfifo,
-        'folder': Path.mkdir,
-        'link': lambda path: path.symlink_to(foreign),
-    }.items():
-        state = tmp_path / name
-        state.mkdir()
-        make(state / 'page_secret')
-        assert kept_token(8080, state) is None
-    assert foreign.read_bytes() == bytes(32)
 
 
 # The browser

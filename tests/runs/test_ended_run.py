@@ -7,6 +7,8 @@ import json
 import os
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from urllib.request import urlopen
 
 import pytest
@@ -49,8 +51,9 @@ def test_report_and_bag_can_be_downloaded_and_the_run_before_is_compared(tmp_pat
         tmp_path / '2026-01-01_00-00-00'
     )
     bag = drive(tmp_path, '--distance', '12')
-    ended = EndedRun(URL, ['acc'], bag)
-    offered = json.loads(ended.message())
+    page: Any = SimpleNamespace(url=URL)
+    ended = EndedRun(page, ['acc'], bag)
+    offered = json.loads(ended.offer())
     assert offered['files'] == ['report.html', 'bag.zip']
     assert offered['before'] == before.name
     report = ended.file('report.html')
@@ -66,15 +69,14 @@ def test_report_and_bag_can_be_downloaded_and_the_run_before_is_compared(tmp_pat
     other, rows = ended.compare()
     assert json.loads(other)['title'] == before.name
     assert len(rows) % 8 == 0
-    assert EndedRun(URL, ['acc'], None).file('bag.zip') is None
+    assert EndedRun(page, ['acc'], None).file('bag.zip') is None
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures('ros_domain')
 def test_page_ends_the_run_and_drives_again_with_other_gains(tmp_path: Path) -> None:
     words = ('acc', '--view', 'web', '--laps', '0')
-    environment = os.environ | ENVIRONMENT | {'XDG_STATE_HOME': str(tmp_path / 'state')}
-    with started(*words, cwd=tmp_path, env=environment, stderr=None) as process:
+    with started(*words, cwd=tmp_path, env=os.environ | ENVIRONMENT, stderr=None) as process:
         assert process.stdout
         process.stdout.readline()
         url = process.stdout.readline().split()[-1]
@@ -85,7 +87,7 @@ def test_page_ends_the_run_and_drives_again_with_other_gains(tmp_path: Path) -> 
             wait(socket, 'status')
             socket.send(json.dumps({'type': 'finish'}))
             assert wait(socket, 'end')['bag']
-            assert wait(socket, 'kept')['again']
+            assert wait(socket, 'kept')['files']
             with urlopen(f'{url}bag.zip', timeout=PATIENCE) as answer:  # noqa: S310 (our own)
                 assert zipfile.ZipFile(io.BytesIO(answer.read())).namelist()
             socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 4.5}))

@@ -22,7 +22,7 @@ async function fetchRun() {
 }
 
 export class Connection {
-  /** `on`: a function for each type of message, and for rows, lost, closed, moved and next. */
+  /** `on`: a function for each type of message, and for rows, lost, closed and moved. */
   constructor(on) {
     this.on = on;
     this.attempts = 0;
@@ -100,17 +100,10 @@ export class Connection {
     if (address === location.href) location.reload();
   }
 
-  /** After the end, report the next run at this address or port. */
+  /** After the end, report another run at this port. */
   async #lookForNextRun() {
-    const ended = this.run;
-    for (;;) {
-      await sleep(NEXT_RUN);
-      const run = await fetchRun();
-      if (this.follows) return;
-      if (run === MOVED) this.on.moved();
-      else if (run && run !== ended) this.on.next();
-      else continue;
-      return;
-    }
+    do await sleep(NEXT_RUN);
+    while (!this.follows && await fetchRun() !== MOVED);
+    if (!this.follows) this.on.moved();
   }
 }

@@ -91,7 +91,7 @@ export class Lesson {
   }
 
   /** Offer downloads, the run before and another run; `request` sends a request. */
-  offer({ files, before, again }, request) {
+  offer({ files, before }, request) {
     const button = (text, type, once) => make('button', {
       type: 'button',
       textContent: text,
@@ -102,7 +102,7 @@ export class Lesson {
     });
     const names = { 'report.html': 'Download report', 'bag.zip': 'Download bag' };
     document.getElementById('offers').replaceChildren(
-      ...(again ? [button('Drive again', 'again', true)] : []),
+      button('Drive again', 'again', true),
       ...(before ? [button('Compare with the run before', 'compare', true)] : []),
       ...files.map((name) => make('a', {
         className: 'button', href: name, download: '', textContent: names[name],

@@ -202,7 +202,7 @@ const connection = new Connection({
   },
   /** Offer what the run's process still does after the end. */
   kept(offer) {
-    document.body.toggleAttribute('data-kept', offer.again);
+    document.body.toggleAttribute('data-kept', true);
     element('tuning-heading').textContent = 'The next run';
     const request = (type) => connection.send(type);
     lesson.offer(offer, request);
@@ -220,12 +220,6 @@ const connection = new Connection({
     received = null;
     setState('lost', 'Another run');
     showMessage('Another run serves this port now: open the address that it printed.');
-  },
-  next() {
-    showMessage('The next run has started at this address.');
-    element('message').append(' ', make('button', {
-      type: 'button', textContent: 'Open it', onclick: () => location.reload(),
-    }));
   },
   closed(reason) {
     received = null;
