@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import radians
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
@@ -14,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from barc_sim.control.speed import KD, KI, KP, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.learning.tasks import AHEAD, TASKS, Seen, Task
+from barc_sim.learning.tasks import AHEAD, TASKS, Task
 from barc_sim.simulation.fast import PIDs
 from barc_sim.vehicle.bike_model import Command, State
 
@@ -57,6 +56,7 @@ class CarEnv(gymnasium.Env[Any, Any]):
         self.observation_space, self.action_space = spaces(self.task)
         self.render_mode, self._is_shown = render_mode, render_mode == 'human'
         self._picture: Picture | None = None
+        self._plant: Any = None  # a Plant, from the first reset on
         self.metadata = self.metadata | {'render_fps': round(1.0 / self.task.ts)}
         self._pid = speed_controller(limit=self.task.limits['motor'])
 
@@ -66,12 +66,15 @@ class CarEnv(gymnasium.Env[Any, Any]):
         task = self.task
         shares = self.np_random.random(_DRAWS + len(task.ranges)).tolist()
         start = {name: float(x) for name, x in task.start(shares[:4], options).items()}
-        self._plant = task.plant(task.draw(shares[_DRAWS:]), int(shares[4] * 2.0**53))
-        self._plant.place(State(*task.pose(start), start['v']), near=start['s'])
+        if not self._plant or task.varies:
+            self._plant = task.plant(task.draw(shares[_DRAWS:]), int(shares[4] * 2.0**53))
+        self._plant.restart(State(*task.pose(start), start['v']), near=start['s'])
         self._pid.reset()
         self._command, self._near, self._steps = Command(), start['s'], 0
         self._lap, self._lap_began = 0, None if start['s'] else 0.0
         self._lap_times: tuple[float, ...] = ()
+        if self._picture:
+            self._picture.begin()
         observation, info = self._observe(), self._info()
         if self._is_shown:
             self.render()
@@ -110,19 +113,18 @@ class CarEnv(gymnasium.Env[Any, Any]):
 
     def _observe(self) -> Floats:
         task, plant = self.task, self._plant
-        x, y, psi, speed, _, _ = plant.sensor.measure(plant.motion())[0]
+        motion = plant.motion()
+        if is_noisy := plant.sensor.is_noisy:
+            motion, _ = plant.sensor.measure(motion)
+        x, y, psi, speed, _, _ = motion
         motor, servo = self._command
         track, near, e_y, e_psi = task.track, x, 0.0, 0.0
         if track:
-            found: Any = plant.on_track
-            if plant.sensor.is_noisy:
-                found = track.frenet(x, y, psi, self._near)
+            found: Any = track.frenet(x, y, psi, self._near) if is_noisy else plant.on_track
             near, e_y, e_psi = found[:3]
-            ahead = track.preview(near, AHEAD)
-        else:
-            ahead = [radians(task.road.grade_deg(x + d)) for d in AHEAD]
         self._near, self._speed = near, speed
-        return task.observe(Seen(task.speed - speed, e_y, e_psi, speed, motor, servo, ahead))
+        seen = task.speed - speed, e_y, e_psi, speed, motor, servo
+        return task.observe(seen, task.ahead(near))
 
     def _info(self) -> dict[str, Any]:
         plant = self._plant
@@ -251,7 +253,8 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         ahead = task.track.curvature(places) if task.track else task.road.at(places).theta_deg
         ahead = ahead if task.track else np.radians(ahead)
         error = task.speed - self._speed
-        return task.observe(Seen(error, e_y, e_psi, self._speed, self._motor, self._servo, ahead))
+        seen = error, e_y, e_psi, self._speed, self._motor, self._servo
+        return task.observe(seen, ahead)
 
     def _info(self) -> dict[str, Any]:
         plants = self._plants

@@ -35,13 +35,20 @@ class Picture:
 
     def __init__(self, task: Task, *, in_window: bool) -> None:
         """Open a window `in_window`; warn where there is no display."""
-        self._task, self._plant, self._in_window = task, None, in_window
+        self._task, self._in_window = task, in_window
+        self.begin()
         self._title = type(task).__name__
         self._window = style.window(SIZE, self._title) if in_window else None
         if self._window:
             self._window.canvas.mpl_connect('close_event', lambda _: self.close())
         elif in_window:
             warn(_NO_WINDOW, stacklevel=3)
+
+    def begin(self) -> None:
+        """Forget the way so far, of another episode."""
+        self._rows: list[Any] = []
+        self._times: list[float] = []
+        self._stretch = nan
 
     def close(self) -> None:
         """Close the window for good."""
@@ -53,8 +60,6 @@ class Picture:
         """Return the picture at `t` [s]; None where a window shows it, or should."""
         if self._in_window and not self._window:
             return None
-        if plant is not self._plant:
-            self._plant, self._rows, self._times, self._stretch = plant, [], [], nan
         still = copy(plant)
         still.sensor = Sensor()  # the run's own would draw other noise after it
         self._rows.append((still.observe(), command, (0.0,)))

@@ -7,11 +7,12 @@ batch, and the policy that drives a run, which is here, too.
 from __future__ import annotations
 
 import os
-from itertools import product
+from bisect import bisect_right
+from itertools import pairwise, product
 from math import inf, isnan, pi, radians
-from operator import attrgetter
+from operator import itemgetter
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.track import Pose
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -54,22 +55,15 @@ _VARIED = {
 }
 
 
-class Seen(NamedTuple):
-    """What a car measures, its latest command, and the road ahead of it; arrays, of many."""
-
-    error: Any  #: [m/s] speed to hold less the measured one
-    e_y: Any  #: [m]
-    e_psi: Any  #: [rad]
-    speed: Any  #: [m/s] along the car's axis
-    motor: Any  #: [m/s²]
-    servo: Any  #: [rad]
-    ahead: Any  #: curvature [1/m], or incline [rad], at each of `AHEAD`
+#: What a car measures, and its latest command: speed to hold less the measured one [m/s], e_y [m],
+#: e_psi [rad], speed along the car's axis [m/s], acceleration [m/s²], steering [rad].
+SEEN = 'error', 'e_y', 'e_psi', 'speed', 'motor', 'servo'
 
 
 class Task:
     """The options that all environments have, and what each makes of them."""
 
-    #: The observation's numbers: the names of `Seen`, and the bounds of each, either way.
+    #: The observation's numbers: of `SEEN`, by name, and the bounds of each, either way.
     observed: ClassVar[Mapping[str, float]]
     #: What an action commands, each from -1 to 1: that share of the limit.
     actions: ClassVar[tuple[str, ...]]
@@ -116,19 +110,25 @@ class Task:
                 raise UserError(
                     f'ranges: {name} from {low:g} to {high:g} must be the other way round'
                 )
-        self.servo: Actuator | None = self._options.get('servo')
         self.noise = noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise)
+        #: Whether episodes have plants of their own.
+        self.varies = bool(self.ranges or any(self.noise))
+        self.servo: Actuator | None = self._options.get('servo')
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
         like = self.plant({})
         self.road, self.track, self.ts = like.road, like.track, like.ts
         self.length = self.track.length if self.track else self.road.starts[-1]  # [m]
         self._options |= {'road': self.road, 'track': self.track}  # read once
+        if track := self.track:
+            self.ahead = _preview(track.starts, track.curvature, track.is_closed)
+        else:
+            self.ahead = _preview(self.road.starts, lambda x: radians(self.road.grade_deg(x)))
         ahead = [2.0 / self.track.width if self.track else 0.5 * pi] * len(AHEAD)
         known = {**self.limits, 'e_y': self.track.width if self.track else 0.0}
         bounds = [known.get(name, bound) for name, bound in self.observed.items()]
         self.high = np.array([*bounds, *ahead])
-        self._low, self._own = -self.high, attrgetter(*self.observed)
+        self._low, self._own = -self.high, itemgetter(*map(SEEN.index, self.observed))
 
     def plant(self, drawn: Mapping[str, float], seed: int = 0) -> Plant:
         """Return the plant of an episode with these of `ranges`, and this seed of the noise."""
@@ -206,10 +206,15 @@ class Task:
             return self.track.place(start['s'], start['e_y'], start['e_psi'])
         return Pose(start['s'], 0.0 * start['s'], 0.0 * start['s'])
 
-    def observe(self, seen: Seen) -> Floats:
-        """Return the observation, of shape (numbers,), or (cars, numbers)."""
-        values = np.array([*self._own(seen), *seen.ahead]).T
-        within: Floats = np.minimum(np.maximum(values, self._low), self.high)
+    def observe(self, seen: tuple[Any, ...], ahead: Any) -> Floats:  # noqa: ANN401 (or arrays)
+        """Return the observation, of shape (numbers,), or (cars, numbers).
+
+        `seen` is what `SEEN` names, and `ahead` the curvature [1/m], or incline [rad], at each of
+        `AHEAD`.
+        """
+        values = np.array((*self._own(seen), *ahead)).T
+        np.maximum(values, self._low, out=values)
+        within: Floats = np.minimum(values, self.high, out=values)
         return within
 
     def is_over(self, s: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401 (flags of arrays)
@@ -222,6 +227,25 @@ class Task:
     def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401
         """Return the reward of a step of `way` [m] that ended there."""
         raise NotImplementedError
+
+
+def _preview(
+    starts: Sequence[float], at: Callable[[float], float], is_closed: bool = False
+) -> Callable[[float], tuple[float, ...]]:
+    """Return a function of s [m]: what is at each of `AHEAD` from there.
+
+    `at` changes at `starts` alone, [m], of which the last is the length where the way `is_closed`:
+    so does this function at the places that lie so far before them, and is a table.
+    """
+    length = starts[-1] if is_closed else inf
+    ends = sorted({start - d for start in starts for d in AHEAD})
+    if is_closed:
+        ends = sorted({end % length for end in ends})
+    middles = [ends[0] - 1.0, *(0.5 * (a + b) for a, b in pairwise(ends)), ends[-1] + 1.0]
+    table = [tuple(at(middle + d) for d in AHEAD) for middle in middles]
+    if is_closed:
+        table[0] = table[-1] = tuple(at(0.5 * (ends[-1] + ends[0] + length) + d) for d in AHEAD)
+    return lambda s: table[bisect_right(ends, s % length if is_closed else s)]
 
 
 class Hills(Task):
@@ -356,7 +380,7 @@ class Policy:
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
         ahead = [curvature(d) for d in AHEAD]
-        self._act(Seen(self.task.speed - speed, e_y, e_psi, speed, self._motor, self._servo, ahead))
+        self._act(self.task.speed - speed, e_y, e_psi, speed, ahead)
         if len(self.task.actions) > 1:
             self.acceleration = self._motor
         return self._servo
@@ -367,13 +391,13 @@ class Policy:
 
     def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:  # noqa: ARG002
         """Return the acceleration [m/s²] for speeds in m/s."""
-        ahead = [radians(self.task.road.grade_deg(self._x + d)) for d in AHEAD]
-        error = speed_reference - speed_current
-        self._act(Seen(error, 0.0, 0.0, speed_current, self._motor, self._servo, ahead))
+        ahead = self.task.ahead(self._x)
+        self._act(speed_reference - speed_current, 0.0, 0.0, speed_current, ahead)
         return self._motor
 
-    def _act(self, seen: Seen) -> None:
-        motor, self._servo = self.task.command(self._policy(self.task.observe(seen)))
+    def _act(self, error: float, e_y: float, e_psi: float, speed: float, ahead: Any) -> None:  # noqa: ANN401
+        seen = error, e_y, e_psi, speed, self._motor, self._servo
+        motor, self._servo = self.task.command(self._policy(self.task.observe(seen, ahead)))
         self._motor = motor or 0.0
 
 

@@ -467,6 +467,11 @@ class Plant:
             self.on_track = None
             self._locate(near)
 
+    def restart(self, state: State, near: float | None = None) -> None:
+        """Do as `place` does, at the start of a new run."""
+        self._steps = 0
+        self.place(state, near)
+
     def brake(self, deceleration: float) -> None:
         """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
 

@@ -191,17 +191,6 @@ class Track:
         found: Floats = self._columns[2, self._segments(s)[0]]
         return found
 
-    def preview(self, s: float, distances: Iterable[float]) -> list[float]:
-        """Return the curvature [1/m] at `s` plus each of the distances [m]: `curvature`, faster."""
-        starts, curvatures, is_closed = self.starts, self.curvatures, self.is_closed
-        length, n, found = starts[-1], len(curvatures), []
-        for distance in distances:
-            there = s + distance
-            if is_closed and not 0.0 <= there < length:
-                there -= floor(there / length) * length
-            found.append(curvatures[bisect_right(starts, there, 1, n) - 1])
-        return found
-
     def place(self, s: Any, e_y: Any = 0.0, e_psi: Any = 0.0) -> Pose:  # noqa: ANN401 (or arrays)
         """Return the pose on the map of a pose on the track; arrays, of arrays."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
@@ -221,11 +210,11 @@ class Track:
         segment by segment, so that neither a crossing nor a part of the track nearby takes the
         place of the right one, and s grows over the finish line. Without it the nearest counts.
         """
-        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
-
         if not isinstance(x, (float, int)):
             return self._frenet_many(x, y, psi, self._nearest(x, y) if near is None else near)
         if near is None:
+            import numpy as np  # noqa: PLC0415 (in each call it would take long)
+
             near = float(self._nearest(np.array([x]), np.array([y]))[0])
         n, length, is_closed = len(self.lengths), self.starts[-1], self.is_closed
         i, _ = self.segment(near)

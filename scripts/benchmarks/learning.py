@@ -2,7 +2,8 @@
 
 Random actions, restarts included. One car is the single environment of `gymnasium.make`, beside
 HighwayEnv's lane keeping and racetrack where that is installed (pip install highway-env); more cars
-are one batch.
+are one batch. The row of processes has one for each core, by the wall's clock: a batch in each, or
+Gymnasium's AsyncVectorEnv with one car in each.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ if TYPE_CHECKING:
 
 _CARS = {'1 car': 1, '100 cars': 100, '1,000 cars': 1000, '10,000 cars': 10_000}
 _CARS['100,000 cars'] = 100_000
+_PROCESSES = 'Lane, processes'
 _OURS: dict[str, tuple[str, dict[str, Any]]] = {
     'Lane, kinematic': ('barc_sim/Lane-v0', {}),
     'Lane, dynamic': ('barc_sim/Lane-v0', {'dynamics': 'dynamic'}),
     'Lane, noise': ('barc_sim/Lane-v0', {'noise': 0.1}),
     'Race, kinematic': ('barc_sim/Race-v0', {}),
     'Hills': ('barc_sim/Hills-v0', {}),
+    _PROCESSES: ('barc_sim/Lane-v0', {}),
 }
 _THEIRS: dict[str, tuple[str, dict[str, Any]]] = {
     'HighwayEnv, lane keeping': ('lane-keeping-v0', {}),
@@ -54,6 +57,7 @@ def measure(options: argparse.Namespace) -> Found:
             name=subjects[name][0],
             options=subjects[name][1],
             cars=_CARS[case],
+            processes=name == _PROCESSES,
             seconds=options.seconds,
         ),
     )
