@@ -164,12 +164,12 @@ class MirrorNode(Node):
         if 'markers' in self._pubs:
             self._road_pub = self.create_publisher(MarkerArray, names.ROAD_MARKERS, _LATCHED)
             shown = (
-                track_markers(track, self._map) if track else road_markers(self._road, self._odom)
+                track_markers(track, self._odom) if track else road_markers(self._road, self._odom)
             )
             self._road_pub.publish(shown)
         if track and 'path' in self._pubs:
             self._track_pub = self.create_publisher(Path, names.TRACK_PATH, _LATCHED)
-            self._track_pub.publish(track_path(track, self._map))
+            self._track_pub.publish(track_path(track, self._odom))
         self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS_ALL)
         if 'diagnostics' in self._pubs:

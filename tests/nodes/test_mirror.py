@@ -149,7 +149,7 @@ def test_a_track_is_latched_as_a_path_and_as_markers(bench: Make) -> None:
     world.peer.create_subscription(Path, 'track_path', paths.append, LATCHED)
     world.until(lambda: bool(roads and paths))
     surface, line = roads[0].markers
-    assert {each.header.frame_id for each in (surface, line, paths[0])} == {'map'}
+    assert {each.header.frame_id for each in (surface, line, paths[0])} == {'odom'}
     edges = [track.frenet(each.x, each.y, 0.0).e_y for each in surface.points]
     assert {round(e_y, 9) for e_y in edges} == {-3.0, 3.0}
     poses = [each.pose for each in paths[0].poses]
