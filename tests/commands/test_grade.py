@@ -183,28 +183,12 @@ def test_a_broken_submission_gets_zero_and_the_reason(
     assert reason in messages(content)
 
 
-def test_an_archive_is_graded_as_a_folder_is(graded: Graded) -> None:
-    assert results(graded[1], 'packed.zip')['score'] == ALL_POINTS - MODEL_POINTS
-
-
 def test_what_is_printed_is_shown_and_not_run(graded: Graded) -> None:
     page = (graded[1] / 'print_much' / 'report.html').read_text()
 
     assert '&lt;script&gt;alert(1)' in page
     assert '<script' not in page
     assert '[and more]' in page
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'message'),
-    [
-        (['nowhere'], "there is no folder 'nowhere'"),
-        (['.', '--jobs', '0'], 'argument --jobs: 0 is not a whole number of at least 1'),
-        (['.', '--rubric', 'none.yaml'], "the rubric 'none.yaml' cannot be read"),
-    ],
-)
-def test_a_wrong_option_is_refused(arguments: list[str], message: str) -> None:
-    assert message in refused('grade', *arguments)
 
 
 #: Sleeps in each call: below the limit of one call, and of processor time.

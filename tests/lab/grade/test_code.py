@@ -56,14 +56,6 @@ def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Pa
         assert there.acc_calculate(*SAMPLES[0]) == expected[0]
 
 
-def test_controllers_do_not_share_what_they_remember(folder: Callable[..., Path]) -> None:
-    with HillsCode(folder(controller=CONTROLLER)) as code:
-        first, second = code.new_pid(0.0, 1.0, 0.0), code.new_pid(0.0, 1.0, 0.0)
-        first.acc_sequence(SAMPLES)
-
-        assert second.acc_calculate(8.0, 0.0, 0.02) == 0.0
-
-
 def test_an_infinity_that_is_forged_is_refused(folder: Callable[..., Path]) -> None:
     text = """
 import os

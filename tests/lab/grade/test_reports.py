@@ -6,22 +6,17 @@ import csv
 import io
 import json
 import re
-from typing import TYPE_CHECKING
 
 import pytest
 from markupsafe import escape
 
-from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import classroom
 from barc_sim.lab.grade import grade as report
 from barc_sim.lab.grade.grade import Grade, Item
-from barc_sim.lab.grade.rubric import ByHand, Rubric
+from barc_sim.lab.grade.rubric import Rubric
 from barc_sim.lab.judge import Settings
 from barc_sim.lab.labs.pid import Conditions, Drive
 from barc_sim.simulation.closed_loop import closed_loop
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
 LOG = closed_loop(distance=20.0)
@@ -83,18 +78,6 @@ def test_the_html_report_needs_no_network() -> None:
     assert 'src="data:image/png;base64,' in text
     assert not re.search(r'(src|href)=(?!"data:)', text)
     assert not re.search(r'https?:', text)
-
-
-def test_the_report_has_its_figure_where_there_is_one_to_draw(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    for drawn in (True, False):
-        monkeypatch.setattr(report, 'grade', lambda *_, d=drawn, **__: grade(HOSTILE, drawn=d))
-        one, other = (
-            report.report(tmp_path, ByHand(), RUBRIC, Limits(), sandbox=True) for _ in range(2)
-        )
-        assert one.files == other.files
-        assert (b'data:image/png' in one.files['report.html']) == drawn
 
 
 def grade_of(name: str, points: float, message: str = 'wrong', third: float | None = None) -> Grade:

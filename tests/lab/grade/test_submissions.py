@@ -91,22 +91,6 @@ def test_a_folder_gives_its_own_files_and_a_note_on_what_is_none(
     assert link.notes == ('it is a link, which is not followed: hand in the files themselves',)
 
 
-def test_a_file_that_may_not_be_read_is_told_of(
-    folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = folder(controller='', bike_model='')
-
-    def refuse(path: Path, flags: int, **options: int) -> int:
-        if str(path).endswith('bike_model.py'):
-            raise PermissionError(13, 'Permission denied')
-        return opened(path, flags, **options)
-
-    opened = os.open
-    monkeypatch.setattr('os.open', refuse)
-
-    assert only_the_controller(path) == ('bike_model.py cannot be read: Permission denied',)
-
-
 def test_of_too_many_files_those_at_the_top_are_taken(folder: Callable[..., Path]) -> None:
     path = folder(controller='')
     (path / 'a').mkdir()

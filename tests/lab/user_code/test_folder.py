@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.lab.user_code.folder import AbsentModuleError, Budget, Folder, OutOfTime
-from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,15 +22,6 @@ def folder(path: Path, **files: str) -> Folder:
     for name, text in files.items():
         (path / f'{name}.py').write_text(text)
     return Folder(path, budget=1.0)
-
-
-def test_helpers_of_one_name_are_not_mixed(tmp_path: Path) -> None:
-    folders = [
-        folder(tmp_path / name, main='import helpers', helpers=f'name = {name!r}')
-        for name in ('one', 'other')
-    ]
-    modules = [each.load(each.path / 'main.py') for each in folders]
-    assert [module.helpers.name for module in modules] == ['one', 'other']
 
 
 def test_a_helper_that_is_imported_late_is_the_folders_own(tmp_path: Path) -> None:
@@ -96,22 +86,6 @@ def test_a_dataclass_with_annotations_as_text_can_be_made(tmp_path: Path) -> Non
     )
     own = folder(tmp_path, main=text)
     assert own.load(own.path / 'main.py').A().x == 1
-
-
-def test_a_folder_that_has_gone_keeps_what_was_loaded(tmp_path: Path) -> None:
-    text = 'import helpers\ndef late():\n    import helpers\n    return helpers.x\n'
-    own = folder(tmp_path / 'lab', main=text, helpers='x = 1')
-    module = own.load(own.path / 'main.py')
-    for file in own.path.iterdir():
-        file.unlink()
-    own.path.rmdir()
-    assert module.late() == 1
-
-
-def test_a_helper_that_cannot_be_compiled_is_named(tmp_path: Path) -> None:
-    own = folder(tmp_path, main='import helpers', helpers='x = (')
-    with pytest.raises(UserCodeError, match=r'^helpers\.py, line 1: syntax error'):
-        own.load(own.path / 'main.py')
 
 
 ROS_1 = """\
@@ -182,13 +156,6 @@ def test_an_import_that_has_a_replacement_fails_where_it_is_not_here(tmp_path: P
 def forever() -> None:
     while True:
         pass
-
-
-def test_a_call_within_its_time_returns_and_raises_as_without() -> None:
-    budget = Budget(10.0)
-    assert budget.call(divmod, 7, 2) == (3, 1)
-    with pytest.raises(ZeroDivisionError):
-        budget.call(divmod, 1, 0)
 
 
 def test_a_call_is_ended_in_whichever_thread_it_is_made() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 from typing import TYPE_CHECKING
@@ -119,26 +118,10 @@ def test_an_exception_names_its_line_and_what_was_passed_in(
     assert caught.value.__cause__ is not None
 
 
-def test_an_exception_names_the_line_of_a_helper(tmp_path: Path) -> None:
-    lab(tmp_path, helpers='def half(x):\n    return x / 0\n')
-    with pytest.raises(UserCodeError, match=r'^helpers\.py, line 2: bikeFE\(.* ZeroDivisionError'):
-        model(tmp_path, 'from helpers import half; return half(x)')(*ROW)
-
-
 def test_an_exception_whose_text_fails_is_told_all_the_same(tmp_path: Path) -> None:
     before = 'class E(Exception):\n    def __str__(self):\n        return 1 / 0\n'
     with pytest.raises(UserCodeError, match=r'line 5: .* raised E; expected'):
         model(tmp_path, 'raise E', before)(*ROW)
-
-
-def test_a_call_without_a_budget_starts_no_thread(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr('threading.Thread.start', None)
-    path = lab(tmp_path, bike_model=f'{HEAD}    return [x, y, psi, v]\n') / 'bike_model.py'
-    found = load(path, budget=None).model
-    assert found
-    assert found(*ROW)[3] == 8.0
 
 
 @pytest.mark.parametrize(
@@ -232,11 +215,6 @@ def controller(tmp_path: Path, text: str) -> Callable[..., UserObject]:
     return load(lab(tmp_path, controller=text) / 'controller.py', budget=SHORT).new_pid
 
 
-def test_options_are_told_to_a_class_that_takes_them(tmp_path: Path) -> None:
-    new = controller(tmp_path, PID)
-    assert new(1.0, 0.0, 0.0, scale=2.0, limit=8.0).acc_calculate(8.0, 7.0, 0.0) == 3.0
-
-
 @pytest.mark.parametrize('dt', ['dt', 'dt=None', 'interval', '*, dt', 'gain=2, dt=None'])
 def test_dt_is_told_to_those_who_take_it(tmp_path: Path, dt: str) -> None:
     name = dt.rsplit(maxsplit=1)[-1].partition('=')[0]
@@ -252,60 +230,6 @@ def test_gains_and_terms_are_those_of_the_object(tmp_path: Path) -> None:
     pid.acc_calculate(8.0, 7.0, 0.02)
     assert [pid.read(name) for name in ('kp', 'ki', 'kd', 'proportional')] == [5.0, 6.0, 7.0, 5.0]
     assert math.isnan(pid.read('integral'))
-
-
-def test_gains_that_the_object_has_not_are_not_set(tmp_path: Path) -> None:
-    text = (
-        'class PID:\n    __slots__ = ()\n    def __init__(self, kp, ki, kd): pass\n'
-        '    def acc_calculate(self, r, c): return 1\n'
-    )
-    pid = controller(tmp_path, text)(1.0, 2.0, 3.0)
-    pid.set_gains({'kp': 5.0, 'ki': 6.0, 'kd': 7.0})
-    assert pid.acc_calculate(8.0, 7.0, 0.02) == 1.0
-
-
-def test_a_command_that_is_no_number_is_refused(tmp_path: Path) -> None:
-    text = PID.replace('return self.proportional + self.calls', 'return [1.0]')
-    sentence = (
-        r'controller\.py, line 7: acc_calculate\(speed_reference=8.0, speed_current=7.0\) returned '
-        r'\[1.0\]; expected a finite number, the acceleration'
-    )
-    with pytest.raises(UserCodeError, match=sentence):
-        controller(tmp_path, text)(1.0, 2.0, 3.0).acc_calculate(8.0, 7.0, 0.02)
-
-
-def test_a_constructor_that_fails_names_the_gains(tmp_path: Path) -> None:
-    text = PID.replace('self.calls = 0', 'raise ValueError(kp)')
-    with pytest.raises(
-        UserCodeError, match=r'line 5: PID\(kp=30.0, ki=2.0, kd=0.0\) raised ValueError: 30.0'
-    ):
-        controller(tmp_path, text)(30.0, 2.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    'text',
-    [
-        'def relay(linear_x, angular_z):\n    return 4 * linear_x, angular_z / 2\n',
-        'def relay(linear_x, angular_z, dt):\n    return [4 * linear_x, angular_z / 2]\n',
-        'class Relay:\n    def relay(self, x, z):\n        return 4 * x, z / 2\n',
-    ],
-)
-def test_a_relay_is_a_function_or_a_class(tmp_path: Path, text: str) -> None:
-    code = load(lab(tmp_path, relay=text) / 'relay.py')
-    assert code.new_relay()(1.0, -1.0, dt=0.05) == [4.0, -0.5]
-
-
-def test_a_lab_has_what_its_folder_has(tmp_path: Path) -> None:
-    folder = lab(tmp_path, controller='import helpers\n' + PID, helpers='', unused='')
-    found = load_folder(folder)
-    assert found.model is None
-    assert found.relay is None
-    assert found.controller
-    assert sorted(source.name for source in found.sources) == ['controller.py', 'helpers.py']
-    controller_source = next(s for s in found.sources if s.name == 'controller.py')
-    data = (folder / 'controller.py').read_bytes()
-    assert controller_source.text.encode() == data
-    assert controller_source.sha256 == hashlib.sha256(data).hexdigest()
 
 
 def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
@@ -341,16 +265,6 @@ def test_what_is_printed_goes_where_it_is_wanted(
     found.model(*ROW)
     assert printed == ['loaded\n', '1.0-2.0']
     assert capsys.readouterr().out == ''
-
-
-@pytest.mark.parametrize(
-    'name', ['Bike_Model.py', 'bike_model_final(1).py', 'bikemodel.py', 'my_bike_model.py']
-)
-def test_a_file_of_a_similar_name_is_taken_and_noted(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_text(f'{HEAD}    return [x, y, psi, v]\n')
-    found = load_folder(tmp_path)
-    assert found.model
-    assert found.tolerated == (f'{name} is taken as bike_model.py: did you mean that name?',)
 
 
 def test_the_first_of_two_missing_products_is_named(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.errors import UserError
 from barc_sim.lab.user_code.source import UserCodeError, compiled, find_gains, read
 
 if TYPE_CHECKING:
@@ -67,11 +66,6 @@ def test_the_mark_that_windows_puts_in_front_is_no_harm(tmp_path: Path) -> None:
 def test_a_file_of_no_sensible_size_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserCodeError, match='more than 1000000 bytes'):
         source(tmp_path, b'#' * 1_000_001)
-
-
-def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match='is a folder, where a regular file is expected'):
-        read(tmp_path, 'controller.py')
 
 
 PID = 'class PID:\n    def __init__(self, kp=1, ki=1, kd=1): pass\n'
