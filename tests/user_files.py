@@ -7,7 +7,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.lab.confined.child import CodeServer
 from barc_sim.lab.handout import FILES
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.identify import IdentifyCode
@@ -219,7 +218,7 @@ class LocalCode(HillsCode, LaneCode, IdentifyCode):
 
     def __init__(self, code: Any) -> None:  # noqa: ANN401 (a UserCode, or what has its names)
         super().__init__(Path())
-        self._code, self._server = code, CodeServer(code)
+        self._code = code
 
     def has(self, part: str) -> bool:
         """Return whether there is this part of `FILES`."""
@@ -227,7 +226,8 @@ class LocalCode(HillsCode, LaneCode, IdentifyCode):
 
     def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
         """Return the result of a request."""
-        return self._server.call(do, *arguments)
+        found = getattr(self._code, do)
+        return found(*arguments) if callable(found) else found
 
 
 @cache

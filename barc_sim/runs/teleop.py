@@ -15,7 +15,7 @@ from barc_sim.control.driver import PEDAL
 from barc_sim.control.keyboard import Terminal
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
-from barc_sim.lab.user_code.code import UserFunction
+from barc_sim.lab.user_code.folder import UserFunction
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.relay import Relay
 from barc_sim.runs.composition import Run, carrier, check_left_out, read_inputs

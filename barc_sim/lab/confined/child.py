@@ -15,20 +15,16 @@ import os
 import re
 import signal
 import sys
-from bisect import bisect_right
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
-from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
     from types import FrameType, ModuleType
 
-    from barc_sim.lab.user_code.code import UserCode
-    from barc_sim.lab.user_code.folder import Command
 
 MAX_TEXT = 4000  #: characters of an error; what is longer is cut
 NO_PIPES = 97  #: exit code of a process whose pipes have been closed
@@ -37,7 +33,6 @@ _MODE_FILTER, _RESTRICT_SELF = 2, 446
 _INSTRUCTION = 8  # bytes of a seccomp program
 _MAX_RELAY = 1 << 20  # bytes of a relay's file
 _MARGIN = 0.5  # [s] of processor time, for the sentence with the line that ran out of it
-_MAX_VALUES = 5000  # of the names in a function
 
 
 class _Installed(MetaPathFinder):
@@ -66,123 +61,6 @@ class _Installed(MetaPathFinder):
         )
 
 
-class CodeServer:
-    """Calls the functions of user code by requests: those of the methods below."""
-
-    def __init__(self, code: UserCode) -> None:
-        """Call those of `code`."""
-        self._code = code
-        self._controllers: dict[int, Any] = {}
-
-    def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
-        """Return what the method called `do` returns."""
-        return getattr(self, do)(*arguments)
-
-    def functions(
-        self,
-        name: str,
-        rows: Sequence[Sequence[float]],
-        options: Mapping[str, float] = {},
-        again: Mapping[str, float] | None = None,
-    ) -> list[list[float]]:
-        """Return the result of a function for each row of its arguments.
-
-        With `again`, its file is loaded again, and its names get these numbers.
-        """
-        function = self._code.function(name, again=again)
-        return [function(*row, **options) for row in rows]
-
-    def new_pid(
-        self, number: int, kp: float, ki: float, kd: float, limit: float, fresh: bool
-    ) -> None:
-        """Make the controller `number`; with `fresh`, of its file loaded again."""
-        self._controllers[number] = self._code.new_pid(
-            kp, ki, kd, fresh=fresh, output_min=-limit, output_max=limit
-        )
-
-    def steps(self, number: int, rows: Sequence[tuple[float, float, float]]) -> list[float]:
-        """Return the outputs of a controller for one row after the other."""
-        controller = self._controller(number)
-        return [controller.acc_calculate(*row) for row in rows]
-
-    def reset(self, number: int) -> bool:
-        """Call the `reset` of a controller; return whether there is one."""
-        return bool(self._controller(number).reset())
-
-    def new_lane(self, number: int, ends: Sequence[float], curvatures: Sequence[float]) -> None:
-        """Make the `Lane` `number`, for a track of these segments; its file is loaded again."""
-        self._controllers[number] = self._code.new('lane', fresh=True), ends, curvatures
-
-    def steer(self, number: int, rows: Sequence[tuple[float, float, float, float]]) -> list[float]:
-        """Return the outputs of a `Lane` for e_y, e_psi, speed and place on the track."""
-        steer, ends, curvatures = self._controller(number)
-
-        def ahead(place: float) -> Callable[[float], float]:
-            def curvature(d: float) -> float:
-                return float(curvatures[bisect_right(ends, (place + d) % ends[-1]) % len(ends)])
-
-            curvature.__qualname__ = 'curvature'  # as an error shows it
-            return curvature
-
-        return [steer(*errors, ahead(place)) for *errors, place in rows]
-
-    def relay(
-        self, twists: Sequence[Sequence[float]], duration: float, calls: Sequence[Sequence[float]]
-    ) -> Sequence[Command]:
-        """Return what a relay commands: for `twists` a program, in these `calls` a function."""
-        return self._code.relay_commands(twists, duration, calls)
-
-    def lines(self, do: str, *arguments: Any) -> list[tuple[str, float]]:  # noqa: ANN401 (JSON)
-        """Return the lines that give numbers to names in a request, with these; last, its return.
-
-        Names are local ones, and those of `self`.
-        """
-        names = {str(source.path): source.name for source in self._code.sources}
-        before: dict[FrameType, tuple[int, dict[str, Any]]] = {}
-        found: list[tuple[str, float]] = []
-
-        def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any] | None:
-            file = names.get(frame.f_code.co_filename)
-            if file is None or len(found) > _MAX_VALUES:
-                return None
-            own = getattr(frame.f_locals.get('self'), '__dict__', {})
-            values = {**frame.f_locals, **{f'self.{name}': value for name, value in own.items()}}
-            line, old = before.get(frame, (0, values))
-            found.extend(
-                (f'{file}, line {line}', float(value))
-                for name, value in values.items()
-                if isinstance(value, (int, float)) and old.get(name) is not value
-            )
-            if event == 'return':
-                found.append((f'{file}, line {frame.f_lineno}', nan))
-            before[frame] = frame.f_lineno, values
-            return trace
-
-        usual = sys.gettrace()
-        sys.settrace(trace)
-        try:
-            self.call(do, *arguments)
-        finally:
-            sys.settrace(usual)
-        return found
-
-    def name(self) -> str:
-        """Return the name in `identify.py`."""
-        return self._code.name
-
-    def notes(self) -> dict[str, Any]:
-        """Return the chosen gains, what was tolerated, and the keys that a relay reads."""
-        code = self._code
-        return {'gains': code.gains, 'tolerated': code.tolerated, 'keys': code.relay_keys}
-
-    def _controller(self, number: int) -> Any:  # noqa: ANN401 (a UserObject, or one and its track)
-        if number not in self._controllers:
-            from barc_sim.errors import UserError  # noqa: PLC0415 (its folder is known by now)
-
-            raise UserError('PID: the process of this controller has ended')
-        return self._controllers[number]
-
-
 def _handler(seconds: float) -> Callable[..., Any]:
     """Return what answers the requests on the files of the current folder.
 
@@ -198,7 +76,12 @@ def _handler(seconds: float) -> Callable[..., Any]:
         from barc_sim.lab.user_code import relay_program  # noqa: PLC0415
 
         relay_program.prepare()
-    call = CodeServer(UserCode(files, budget=None)).call
+    code = UserCode(files, budget=None)
+
+    def call(do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
+        found = getattr(code, do)
+        return found(*arguments) if callable(found) else found
+
     if not hasattr(signal, 'setitimer'):  # Windows: the grader ends the process
         return call
 

@@ -128,7 +128,7 @@ class LaneCode(JudgedCode):
         It reads the curvature times `sign`.
         """
         number = next(self._lanes)
-        self.call('new_lane', number, track.starts[1:], [sign * each for each in track.curvatures])
+        self.call('make_lane', number, track.starts[1:], [sign * each for each in track.curvatures])
         return number
 
     def steer(self, number: int, row: Sequence[float]) -> float:

@@ -49,7 +49,7 @@ TS = 0.02  #: [s]
 Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
 #: The user's name for what a request calls; others call a PID.
-_CALLED = {'functions': 'bikeFE', 'relay': 'relay', 'notes': 'notes'}
+_CALLED = {'functions': 'bikeFE', 'relay_commands': 'relay', 'notes': 'notes'}
 _STATE = 4  # numbers
 _numbers = count()  # of the controllers
 
@@ -87,12 +87,12 @@ class HillsCode(JudgedCode):
         again, so that no global variable has a value of an earlier run.
         """
         number = next(_numbers)
-        self.call('new_pid', number, kp, ki, kd, limit, fresh)
+        self.call('make_pid', number, kp, ki, kd, limit, fresh)
         return JudgedController(self, number)
 
     def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
         """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
-        found = self.call('relay', twists, duration, _relay_calls(twists, duration))
+        found = self.call('relay_commands', twists, duration, _relay_calls(twists, duration))
         rows = min(len(found), MAX_COMMANDS) if isinstance(found, list) else -1
         return [Command(*row) for row in rows_of('relay', found, rows, len(Command._fields))]
 

@@ -5,29 +5,26 @@ This module runs in the process of a submission: it imports no law of barc_sim.
 
 from __future__ import annotations
 
-import ast
-import builtins
 import json
-import math
 import os
 import shlex
-import traceback
-from inspect import Parameter, Signature, signature, unwrap
-from itertools import islice
-from math import isfinite, nan
+import sys
+from bisect import bisect_right
+from inspect import signature
+from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.errors import UserError
 from barc_sim.lab.handout import FILES, files_in
 from barc_sim.lab.user_code.folder import (
     BUDGET,
-    NOT_WRITTEN,
-    AbsentModuleError,
     Budget,
+    Called,
     Command,
     Folder,
     OutOfTime,
+    UserFunction,
     describe_error,
     guarded,
     number,
@@ -45,7 +42,7 @@ from barc_sim.lab.user_code.source import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
-    from types import ModuleType
+    from types import FrameType, ModuleType
 
     from typing_extensions import Self
 
@@ -53,25 +50,12 @@ if TYPE_CHECKING:
 
     Relay = Callable[..., Sequence[float]]  #: of linear_x, angular_z and dt=; motor and servo
 
-_T = TypeVar('_T')
-
-_FLOAT = {float}
 #: The start of the names of the user's files, as attachments of a bag.
 _ATTACHED = 'student/'
 _GAINS = 3  # of a PID
+_MAX_VALUES = 5000  # of the names in a function
 #: [s] Time budget to load a file: it might import SciPy.
 _LOADING = 20.0
-
-
-class Called(NamedTuple):
-    """A function, class or method of a user's that barc_sim calls."""
-
-    part: str  #: its file, see `FILES`
-    takes: str | None  #: the names of its arguments; None: any
-    numbers: int = 0  #: that it returns; 0: any object
-    returns: str = 'an object'  #: the same in words
-    method: str = ''  #: of a class: what is called of its objects
-    timed: bool = False  #: it may require the time step as one more argument, of any name
 
 
 _ERRORS = 'two finite numbers, [e_y, e_psi]'
@@ -122,177 +106,6 @@ _MAIN = {
 }
 
 
-class UserFunction:
-    """A user's function, method or class, called with the arguments and options that it takes.
-
-    What fails, takes too long or returns something else than expected is a UserCodeError: one
-    sentence with the file, the line and the values.
-    """
-
-    def __init__(self, folder: Folder, function: Any, called: Called) -> None:  # noqa: ANN401 (a user's)
-        """Check that `function` takes the arguments of `called`."""
-        self.folder, self.function, self.called = folder, function, called
-        self._call = Budget(folder.budget).call if folder.budget else _call
-        found = self._signature()
-        #: The names of its arguments.
-        self.parameters = [*found.parameters]
-        kinds = [each.kind for each in found.parameters.values()]
-        self._takes_all = Parameter.VAR_KEYWORD in kinds
-        self._positions = {name: position for position, name in enumerate(self.parameters)}
-        self._dt = 'dt'  # its name of the time step
-        takes = self.parameters if called.takes is None else called.takes.split()
-        if not _binds(found, len(takes)):
-            further = self.parameters[len(takes) :] if called.timed else ()
-            steps = [name for name in further if _binds(found, len(takes), **{name: 0.0})]
-            if not steps:
-                raise UserCodeError(
-                    f'{self.place()}: {self._name()} takes ({", ".join(self.parameters)}); '
-                    f'expected ({", ".join(takes)})'
-                )
-            self._dt = steps[0]
-
-    def __call__(self, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (a user's)
-        """Return what the function returns: a float, a list of floats, or an object."""
-        if self._dt != 'dt':
-            options[self._dt] = options.pop('dt')
-        if not self._takes_all:
-            positions, first = self._positions, len(args)
-            options = {n: v for n, v in options.items() if positions.get(n, -1) >= first}
-        try:
-            result = self._call(self.function, *args, **options)
-        except (Exception, SystemExit, OutOfTime) as error:
-            raise self._raised(error, args, options) from error
-        numbers = self.called.numbers
-        if not numbers or _is_plain(result, numbers):
-            return result
-        found = self.attempt(_converted, result, numbers)
-        if found is None:
-            hint = ': is its return missing?' if result is None else ''
-            raise UserCodeError(
-                f'{self.place()}: {self._call_text(args, options)} returned '
-                f'{short_repr(result)}; expected {self.called.returns}{hint}'
-            )
-        return found
-
-    def attempt(self, function: Callable[..., _T], /, *args: object) -> _T | None:
-        """Return what `function` returns of a user's values; None where it fails or takes too long.
-
-        What a user's value does when it is inspected is the user's code, too.
-        """
-        found: _T | None = guarded(self._call, function, *args, default=None)
-        return found
-
-    def place(self) -> str:
-        """Return the file and line that define the function, or the method that makes a class."""
-        made: Any = vars(self.function).get('__init__') if isinstance(self.function, type) else None
-        code = guarded(
-            lambda: getattr(unwrap(made or self.function), '__code__', None), default=None
-        )
-        found = self.folder.place(code.co_filename, code.co_firstlineno) if code else None
-        return found or self.folder.path.name
-
-    def _signature(self) -> Signature:
-        try:
-            return signature(self.function)
-        except Exception as error:
-            raise UserCodeError(
-                f'{self.place()}: expected a function, got {short_repr(self.function)}'
-            ) from error
-
-    def _raised(
-        self, error: BaseException, args: tuple[Any, ...], options: Mapping[str, Any]
-    ) -> UserCodeError:
-        place = raised_at(self.folder, error) or self.place()
-        call = self._call_text(args, options)
-        if isinstance(error, OutOfTime):
-            return UserCodeError(
-                f'{place}: {call} did not return within {self.folder.budget or error.seconds:g} s; '
-                f'expected {self.called.returns}: is there an endless loop?'
-            )
-        if isinstance(error, AbsentModuleError):
-            return UserCodeError(f'{place}: {call} uses {error}')
-        # The lab's own templates have the name TODO where code is missing.
-        if isinstance(error, NotImplementedError) or getattr(error, 'name', '') == 'TODO':
-            return UserCodeError(f'{place}: {self._name()} {NOT_WRITTEN}')
-        text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
-        hint = _cause(self.folder, error)
-        text = f'{text}: {hint}' if hint else text
-        return UserCodeError(f'{place}: {call} raised {text}; expected {self.called.returns}')
-
-    def _call_text(self, args: tuple[Any, ...], options: Mapping[str, Any]) -> str:
-        names = [name for name in self.parameters if name not in options]
-        passed = {**dict(zip(names, args, strict=False)), **options}
-        values = ', '.join(f'{name}={short_repr(value)}' for name, value in passed.items())
-        return f'{self._name()}({values})'
-
-    def _name(self) -> str:
-        return str(guarded(getattr, self.function, '__name__', default='a function'))
-
-
-def _call(function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
-    return function(*args, **kwargs)
-
-
-def _binds(found: Signature, count: int, **options: float) -> bool:
-    try:
-        found.bind(*range(count), **options)
-    except TypeError:
-        return False
-    return True
-
-
-def _is_plain(result: Any, count: int) -> bool:  # noqa: ANN401 (a user's)
-    """Return whether a result is finite floats already, which each step checks."""
-    if count == 1:
-        return type(result) is float and isfinite(result)
-    is_floats = type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT
-    return is_floats and all(map(isfinite, result))
-
-
-def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: ANN401 (a user's)
-    """Return a number, or a list of `count` numbers, as finite floats; None for something else."""
-    if count == 1:
-        value = number(result)
-        return value if value is not None and isfinite(value) else None
-    if hasattr(result, 'ravel'):
-        result = list(islice(result.ravel(), count + 1))
-    if not isinstance(result, (list, tuple)) or len(result) != count:
-        return None
-    values = [number(value) for value in islice(result, count)]
-    finite = [value for value in values if value is not None and isfinite(value)]
-    return finite if len(finite) == count else None
-
-
-def _cause(folder: Folder, error: BaseException) -> str:
-    """Return a sentence on the name that made a call fail; empty if none is known."""
-    walked = traceback.walk_tb(error.__traceback__)
-    frames = [each for each in walked if each[0].f_code.co_filename in folder.trees]
-    if not frames:
-        return ''
-    frame, line = frames[-1]
-    own: dict[str, Any] = guarded(lambda: vars(frame.f_locals['self']), default={})
-    if isinstance(error, NameError) and error.name in own:
-        return f'did you mean self.{error.name}?'
-    if "'function'" in describe_error(error):
-        return 'is a call missing, as in f(0.0)?'
-    if not isinstance(error, TypeError) or 'object is not callable' not in describe_error(error):
-        return ''
-    names = {**frame.f_globals, **frame.f_locals, **{f'self.{n}': v for n, v in own.items()}}
-    called = [
-        node.func
-        for node in ast.walk(folder.trees[frame.f_code.co_filename])
-        if isinstance(node, ast.Call) and node.lineno <= line <= (node.end_lineno or line)
-    ]
-    for function in sorted(called, key=lambda node: (node.end_lineno, node.end_col_offset)):
-        name = ast.unparse(function)
-        if not callable(value := names.get(name, len)):
-            hides = hasattr(builtins, name) or hasattr(math, name)
-            missing = 'is a * missing before the bracket?'
-            why = f'it hides the function {name}' if hides else missing
-            return f'{name} is {short_repr(value)}: {why}'
-    return ''
-
-
 class UserCode:
     """A user's model, controller, relay and lane, each loaded when it is first used.
 
@@ -324,6 +137,7 @@ class UserCode:
         self._folders = {
             path.parent: Folder(path.parent, output, budget=budget) for path in self.paths.values()
         }
+        self._made: dict[int, Any] = {}  # by the requests' numbers
         self._loaded: dict[str, Any] = {}  # by part: a UserFunction, a RelayProgram, or its error
 
     def load(self) -> Self:
@@ -505,6 +319,99 @@ class UserCode:
     def attachments(self) -> dict[str, bytes]:
         """Return the user's files, by their names as attachments of a bag."""
         return {_ATTACHED + source.name: source.text.encode() for source in self.sources}
+
+    # What the grader requests of the process of a submission, beside `relay_commands` and `name`.
+
+    def functions(
+        self,
+        name: str,
+        rows: Sequence[Sequence[float]],
+        options: Mapping[str, float] = {},
+        again: Mapping[str, float] | None = None,
+    ) -> list[list[float]]:
+        """Return the result of a function for each row of its arguments.
+
+        With `again`, its file is loaded again, and its names get these numbers.
+        """
+        function = self.function(name, again=again)
+        return [function(*row, **options) for row in rows]
+
+    def make_pid(
+        self, number: int, kp: float, ki: float, kd: float, limit: float, fresh: bool
+    ) -> None:
+        """Make the controller `number`; with `fresh`, of its file loaded again."""
+        self._made[number] = self.new_pid(
+            kp, ki, kd, fresh=fresh, output_min=-limit, output_max=limit
+        )
+
+    def steps(self, number: int, rows: Sequence[tuple[float, float, float]]) -> list[float]:
+        """Return the outputs of a controller for one row after the other."""
+        controller = self._object(number)
+        return [controller.acc_calculate(*row) for row in rows]
+
+    def reset(self, number: int) -> bool:
+        """Call the `reset` of a controller; return whether there is one."""
+        return bool(self._object(number).reset())
+
+    def make_lane(self, number: int, ends: Sequence[float], curvatures: Sequence[float]) -> None:
+        """Make the `Lane` `number`, for a track of these segments; its file is loaded again."""
+        self._made[number] = self.new('lane', fresh=True), ends, curvatures
+
+    def steer(self, number: int, rows: Sequence[tuple[float, float, float, float]]) -> list[float]:
+        """Return the outputs of a `Lane` for e_y, e_psi, speed and place on the track."""
+        steer, ends, curvatures = self._object(number)
+
+        def ahead(place: float) -> Callable[[float], float]:
+            def curvature(d: float) -> float:
+                return float(curvatures[bisect_right(ends, (place + d) % ends[-1]) % len(ends)])
+
+            curvature.__qualname__ = 'curvature'  # as an error shows it
+            return curvature
+
+        return [steer(*errors, ahead(place)) for *errors, place in rows]
+
+    def lines(self, do: str, *arguments: Any) -> list[tuple[str, float]]:  # noqa: ANN401 (JSON)
+        """Return the lines that give numbers to names in a request, with these; last, its return.
+
+        Names are local ones, and those of `self`.
+        """
+        names = {str(source.path): source.name for source in self.sources}
+        before: dict[FrameType, tuple[int, dict[str, Any]]] = {}
+        found: list[tuple[str, float]] = []
+
+        def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any] | None:
+            file = names.get(frame.f_code.co_filename)
+            if file is None or len(found) > _MAX_VALUES:
+                return None
+            own = getattr(frame.f_locals.get('self'), '__dict__', {})
+            values = {**frame.f_locals, **{f'self.{name}': value for name, value in own.items()}}
+            line, old = before.get(frame, (0, values))
+            found.extend(
+                (f'{file}, line {line}', float(value))
+                for name, value in values.items()
+                if isinstance(value, (int, float)) and old.get(name) is not value
+            )
+            if event == 'return':
+                found.append((f'{file}, line {frame.f_lineno}', nan))
+            before[frame] = frame.f_lineno, values
+            return trace
+
+        usual = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            getattr(self, do)(*arguments)
+        finally:
+            sys.settrace(usual)
+        return found
+
+    def notes(self) -> dict[str, Any]:
+        """Return the chosen gains, what was tolerated, and the keys that a relay reads."""
+        return {'gains': self.gains, 'tolerated': self.tolerated, 'keys': self.relay_keys}
+
+    def _object(self, number: int) -> Any:  # noqa: ANN401 (a UserObject, or one and its track)
+        if number not in self._made:
+            raise UserError('PID: the process of this controller has ended')
+        return self._made[number]
 
 
 class UserObject:

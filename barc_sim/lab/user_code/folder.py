@@ -6,10 +6,13 @@ module that is not here, so that a file that imports it loads.
 
 from __future__ import annotations
 
+import ast
 import builtins
 import contextlib
 import ctypes
 import io
+import math
+import os
 import re
 import sys
 import threading
@@ -18,16 +21,25 @@ import traceback
 import weakref
 from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec, resolve_name
+from inspect import Parameter, Signature, signature, unwrap
+from itertools import islice
+from math import isfinite
 from pathlib import Path
 from threading import get_ident
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 from barc_sim.errors import without_addresses
-from barc_sim.lab.user_code.source import Reassigned, Source, compiled, guarded_lines, read
+from barc_sim.lab.user_code.source import (
+    Reassigned,
+    Source,
+    UserCodeError,
+    compiled,
+    guarded_lines,
+    read,
+)
 
 if TYPE_CHECKING:
-    import ast
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from types import CodeType, FrameType, ModuleType
 
@@ -43,6 +55,7 @@ NOT_WRITTEN = 'is not written yet (TODO)'
 BY_EYE = 'judge it by eye'
 MAX_COMMANDS = 8000  #: of a relay's run; it has 20 a second
 _SHOWN = 120
+_FLOAT = {float}
 _POLL = 0.05
 _raise_in_thread = ctypes.pythonapi.PyThreadState_SetAsyncExc
 _ROS = {
@@ -460,3 +473,185 @@ def raised_at(folder: Folder, error: BaseException) -> str | None:
         if (place := folder.place(frame.f_code.co_filename, line))
     ]
     return places[-1] if places else None
+
+
+class Called(NamedTuple):
+    """A function, class or method of a user's that barc_sim calls."""
+
+    part: str  #: its file, see `FILES`
+    takes: str | None  #: the names of its arguments; None: any
+    numbers: int = 0  #: that it returns; 0: any object
+    returns: str = 'an object'  #: the same in words
+    method: str = ''  #: of a class: what is called of its objects
+    timed: bool = False  #: it may require the time step as one more argument, of any name
+
+
+class UserFunction:
+    """A user's function, method or class, called with the arguments and options that it takes.
+
+    What fails, takes too long or returns something else than expected is a UserCodeError: one
+    sentence with the file, the line and the values.
+    """
+
+    def __init__(self, folder: Folder, function: Any, called: Called) -> None:  # noqa: ANN401 (a user's)
+        """Check that `function` takes the arguments of `called`."""
+        self.folder, self.function, self.called = folder, function, called
+        self._call = Budget(folder.budget).call if folder.budget else _call
+        found = self._signature()
+        #: The names of its arguments.
+        self.parameters = [*found.parameters]
+        kinds = [each.kind for each in found.parameters.values()]
+        self._takes_all = Parameter.VAR_KEYWORD in kinds
+        self._positions = {name: position for position, name in enumerate(self.parameters)}
+        self._dt = 'dt'  # its name of the time step
+        takes = self.parameters if called.takes is None else called.takes.split()
+        if not _binds(found, len(takes)):
+            further = self.parameters[len(takes) :] if called.timed else ()
+            steps = [name for name in further if _binds(found, len(takes), **{name: 0.0})]
+            if not steps:
+                raise UserCodeError(
+                    f'{self.place()}: {self._name()} takes ({", ".join(self.parameters)}); '
+                    f'expected ({", ".join(takes)})'
+                )
+            self._dt = steps[0]
+
+    def __call__(self, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (a user's)
+        """Return what the function returns: a float, a list of floats, or an object."""
+        if self._dt != 'dt':
+            options[self._dt] = options.pop('dt')
+        if not self._takes_all:
+            positions, first = self._positions, len(args)
+            options = {n: v for n, v in options.items() if positions.get(n, -1) >= first}
+        try:
+            result = self._call(self.function, *args, **options)
+        except (Exception, SystemExit, OutOfTime) as error:
+            raise self._raised(error, args, options) from error
+        numbers = self.called.numbers
+        if not numbers or _is_plain(result, numbers):
+            return result
+        found = self.attempt(_converted, result, numbers)
+        if found is None:
+            hint = ': is its return missing?' if result is None else ''
+            raise UserCodeError(
+                f'{self.place()}: {self._call_text(args, options)} returned '
+                f'{short_repr(result)}; expected {self.called.returns}{hint}'
+            )
+        return found
+
+    def attempt(self, function: Callable[..., _T], /, *args: object) -> _T | None:
+        """Return what `function` returns of a user's values; None where it fails or takes too long.
+
+        What a user's value does when it is inspected is the user's code, too.
+        """
+        found: _T | None = guarded(self._call, function, *args, default=None)
+        return found
+
+    def place(self) -> str:
+        """Return the file and line that define the function, or the method that makes a class."""
+        made: Any = vars(self.function).get('__init__') if isinstance(self.function, type) else None
+        code = guarded(
+            lambda: getattr(unwrap(made or self.function), '__code__', None), default=None
+        )
+        found = self.folder.place(code.co_filename, code.co_firstlineno) if code else None
+        return found or self.folder.path.name
+
+    def _signature(self) -> Signature:
+        try:
+            return signature(self.function)
+        except Exception as error:
+            raise UserCodeError(
+                f'{self.place()}: expected a function, got {short_repr(self.function)}'
+            ) from error
+
+    def _raised(
+        self, error: BaseException, args: tuple[Any, ...], options: Mapping[str, Any]
+    ) -> UserCodeError:
+        place = raised_at(self.folder, error) or self.place()
+        call = self._call_text(args, options)
+        if isinstance(error, OutOfTime):
+            return UserCodeError(
+                f'{place}: {call} did not return within {self.folder.budget or error.seconds:g} s; '
+                f'expected {self.called.returns}: is there an endless loop?'
+            )
+        if isinstance(error, AbsentModuleError):
+            return UserCodeError(f'{place}: {call} uses {error}')
+        # The lab's own templates have the name TODO where code is missing.
+        if isinstance(error, NotImplementedError) or getattr(error, 'name', '') == 'TODO':
+            return UserCodeError(f'{place}: {self._name()} {NOT_WRITTEN}')
+        text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
+        hint = _cause(self.folder, error)
+        text = f'{text}: {hint}' if hint else text
+        return UserCodeError(f'{place}: {call} raised {text}; expected {self.called.returns}')
+
+    def _call_text(self, args: tuple[Any, ...], options: Mapping[str, Any]) -> str:
+        names = [name for name in self.parameters if name not in options]
+        passed = {**dict(zip(names, args, strict=False)), **options}
+        values = ', '.join(f'{name}={short_repr(value)}' for name, value in passed.items())
+        return f'{self._name()}({values})'
+
+    def _name(self) -> str:
+        return str(guarded(getattr, self.function, '__name__', default='a function'))
+
+
+def _call(function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+    return function(*args, **kwargs)
+
+
+def _binds(found: Signature, count: int, **options: float) -> bool:
+    try:
+        found.bind(*range(count), **options)
+    except TypeError:
+        return False
+    return True
+
+
+def _is_plain(result: Any, count: int) -> bool:  # noqa: ANN401 (a user's)
+    """Return whether a result is finite floats already, which each step checks."""
+    if count == 1:
+        return type(result) is float and isfinite(result)
+    is_floats = type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT
+    return is_floats and all(map(isfinite, result))
+
+
+def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: ANN401 (a user's)
+    """Return a number, or a list of `count` numbers, as finite floats; None for something else."""
+    if count == 1:
+        value = number(result)
+        return value if value is not None and isfinite(value) else None
+    if hasattr(result, 'ravel'):
+        result = list(islice(result.ravel(), count + 1))
+    if not isinstance(result, (list, tuple)) or len(result) != count:
+        return None
+    values = [number(value) for value in islice(result, count)]
+    finite = [value for value in values if value is not None and isfinite(value)]
+    return finite if len(finite) == count else None
+
+
+def _cause(folder: Folder, error: BaseException) -> str:
+    """Return a sentence on the name that made a call fail; empty if none is known."""
+    walked = traceback.walk_tb(error.__traceback__)
+    frames = [each for each in walked if each[0].f_code.co_filename in folder.trees]
+    if not frames:
+        return ''
+    frame, line = frames[-1]
+    own: dict[str, Any] = guarded(lambda: vars(frame.f_locals['self']), default={})
+    if isinstance(error, NameError) and error.name in own:
+        return f'did you mean self.{error.name}?'
+    if "'function'" in describe_error(error):
+        return 'is a call missing, as in f(0.0)?'
+    if not isinstance(error, TypeError) or 'object is not callable' not in describe_error(error):
+        return ''
+    names = {**frame.f_globals, **frame.f_locals, **{f'self.{n}': v for n, v in own.items()}}
+    called = [
+        node.func
+        for node in ast.walk(folder.trees[frame.f_code.co_filename])
+        if isinstance(node, ast.Call) and node.lineno <= line <= (node.end_lineno or line)
+    ]
+    for function in sorted(called, key=lambda node: (node.end_lineno, node.end_col_offset)):
+        name = ast.unparse(function)
+        if not callable(value := names.get(name, len)):
+            hides = hasattr(builtins, name) or hasattr(math, name)
+            missing = 'is a * missing before the bracket?'
+            why = f'it hides the function {name}' if hides else missing
+            return f'{name} is {short_repr(value)}: {why}'
+    return ''

@@ -117,15 +117,15 @@ def test_the_beginning_of_what_is_printed_is_kept(folder: Callable[..., Path]) -
     [
         "notes = lambda self: {'gains': [1, 2, 3, 'x' * 10**6], 'tolerated': ['y' * 10**6] * 10}",
         'notes = lambda self: 10**4000',
-        'relay = lambda self, *_: [[0.1, 0.2, 0.3]] * 10**5',
-        "relay = lambda self, *_: [[0, 'x', None]]",
-        "relay = lambda self, *_: {'x': 1}",
+        'relay_commands = lambda self, *_: [[0.1, 0.2, 0.3]] * 10**5',
+        "relay_commands = lambda self, *_: [[0, 'x', None]]",
+        "relay_commands = lambda self, *_: {'x': 1}",
     ],
 )
 def test_forged_answers_of_any_shape_and_size_are_sentences(
     folder: Callable[..., Path], forged: str
 ) -> None:
-    patch = f"import sys\nsys.modules['__main__'].CodeServer.{forged}\n"
+    patch = f"import sys\nsys.modules['barc_sim.lab.user_code.code'].UserCode.{forged}\n"
     text = f'{patch}def relay(x, z): return [x, z]\n'
     with HillsCode(folder(relay=text, bike_model=patch + MODEL)) as code:
         code.bike_fe(ROWS[:1])

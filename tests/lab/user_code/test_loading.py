@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from barc_sim.lab.user_code.code import UserFunction, UserObject
+    from barc_sim.lab.user_code.code import UserObject
+    from barc_sim.lab.user_code.folder import UserFunction
 
 #: A request for each part.
 CALLS = {
     'model': ('functions', 'bikeFE', []),
-    'controller': ('new_pid', 1, 1.0, 1.0, 1.0, 8.0, True),
-    'relay': ('relay', [], 1.0, []),
+    'controller': ('make_pid', 1, 1.0, 1.0, 1.0, 8.0, True),
+    'relay': ('relay_commands', [], 1.0, []),
 }
 ROW = (1.0, 2.0, 0.5, 8.0, 0.25, 0.1, 0.013, 2000.0, 0.017, 0.1, 0.02)
 CALLED = (

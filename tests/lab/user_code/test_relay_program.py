@@ -21,8 +21,8 @@ from relays import (
 )
 from user_files import LocalCode, load_folder
 
-from barc_sim.lab.user_code.code import UserCode, UserFunction
-from barc_sim.lab.user_code.folder import Command, TimedTwist
+from barc_sim.lab.user_code.code import UserCode
+from barc_sim.lab.user_code.folder import Command, TimedTwist, UserFunction
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
