@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from math import inf
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.driver import Driver
+from barc_sim.control.excitation import TestSignal
 from barc_sim.control.lane import LaneLaw
 from barc_sim.control.speed import PID, Adapter, Gain
 from barc_sim.lab.user_code.code import UserCode
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.user_code.code import UserObject
 
 COMMANDS = 60.0  #: [s] of `identify.py`
+_HALF_STEP = 0.01  # [s]
 
 
 class UserController(Adapter):
@@ -56,29 +57,20 @@ def controller_of(file: Path) -> UserController:
     return UserController(UserCode({'controller': file}, output=lambda _: None).load())
 
 
-class UserCommands:
+class UserCommands(TestSignal):
     """A user's function `command` of the time as a `Controller` without gains and terms."""
 
-    gains: Mapping[str, Gain] = {}
     terms: Mapping[str, str] = {}
+    hold = 0.0
 
     def __init__(self, code: UserCode) -> None:
         """Begin at 0 s."""
         self._command: Any = code.identify
-        self.output_min, self.output_max = -inf, inf
-        self.reset()
+        super().__init__()
 
-    def reset(self) -> None:
-        """Begin again at 0 s."""
-        self.t, self.saturated = -1.0, False
-
-    def acc_calculate(self, _: float, __: float, dt: float) -> float:
-        """Return the acceleration [m/s²], `dt` seconds after the last call."""
-        self.t = 0.0 if self.t < 0.0 else self.t + dt
-        raw = self._command(self.t) if self.t < COMMANDS - 0.5 * dt else 0.0
-        output = min(max(raw, self.output_min), self.output_max)
-        self.saturated = output != raw
-        return output
+    def signal(self, _: float, __: float, /) -> float:
+        """Return the acceleration [m/s²] at `t`."""
+        return float(self._command(self.t)) if self.t < COMMANDS - _HALF_STEP else 0.0
 
 
 class UserLane:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import builtins
-import contextlib
 import ctypes
 import io
 import math
@@ -20,11 +19,10 @@ import time
 import traceback
 import weakref
 from importlib.machinery import ModuleSpec
-from importlib.util import module_from_spec, resolve_name
+from importlib.util import module_from_spec
 from inspect import Parameter, Signature, signature, unwrap
 from itertools import islice
 from math import isfinite
-from pathlib import Path
 from threading import get_ident
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
@@ -40,7 +38,8 @@ from barc_sim.lab.user_code.source import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
     from types import CodeType, FrameType, ModuleType
 
     _P = ParamSpec('_P')
@@ -153,7 +152,7 @@ class Folder:
         #: Gives the modules that take the place of others.
         self.stand_in: Callable[[str], Any] = lambda _: None
         self.sources: dict[str, Source] = {}  #: the loaded files, by path
-        self._names = frozenset(_modules_in(path)) - sys.stdlib_module_names
+        self._names = {file.stem for file in path.glob('*.py')} - sys.stdlib_module_names
         self._modules: dict[str, ModuleType] = {}
         #: The names that all of its files find.
         self.builtins = {**vars(builtins), '__import__': self._import, 'input': _no_input}
@@ -171,12 +170,9 @@ class Folder:
 
     def _run(self, name: str, file: Path) -> ModuleType:
         """Return the new module `name`, in which the file has run."""
-        is_package = file.name == '__init__.py'
-        module = module_from_spec(ModuleSpec(name, None, is_package=is_package))
+        module = module_from_spec(ModuleSpec(name, None))
         # All of the module's functions find `import` and `print` here.
         vars(module).update(__file__=str(file), __builtins__=self.builtins)
-        if is_package:
-            module.__path__ = [str(file.parent)]
         self._modules[name] = module
         is_new = name not in sys.modules
         if is_new:
@@ -229,37 +225,13 @@ class Folder:
         top = name.partition('.')[0]
         if level == 0 and (stand_in := self.stand_in(name if fromlist else top)):
             return stand_in  # type: ignore[no-any-return]
-        package = (globals or {}).get('__package__')
-        if level and package:
-            name = resolve_name('.' * level + name, package)
-        elif level and not name:
+        if level and not name:
             # A file of the lab's package is loaded by itself: its neighbours are in its folder.
             found = {each: self._import(each, globals, locals, (each,)) for each in fromlist}
             return SimpleNamespace(**found)  # type: ignore[return-value]
-        top = name.partition('.')[0]
-        if top not in self._names:
-            return self._import_installed(name, globals, locals, fromlist)
-        module = self._own(name)
-        if hasattr(module, '__path__'):
-            for each in fromlist or ():
-                if not hasattr(module, each):
-                    with contextlib.suppress(ModuleNotFoundError):
-                        self._own(f'{name}.{each}')
-        return module if fromlist else self._own(top)
-
-    def _own(self, name: str) -> ModuleType:
-        """Return a module of the folder, after the packages that it is in."""
-        parent, _, tail = name.rpartition('.')
-        package = self._own(parent) if parent else SimpleNamespace(__path__=[str(self.path)])
-        if name in self._modules:
-            return self._modules[name]
-        for folder in getattr(package, '__path__', ()):
-            for file in (Path(folder, tail, '__init__.py'), Path(folder, f'{tail}.py')):
-                if file.is_file():
-                    module = self._run(name, file)
-                    setattr(package, tail, module)
-                    return module
-        raise ModuleNotFoundError(f'No module named {name!r}', name=name)
+        if top in self._names:
+            return self.load(self.path / f'{top}.py', top)
+        return self._import_installed(name, globals, locals, fromlist)
 
     def _import_installed(
         self,
@@ -306,15 +278,6 @@ class Folder:
     def _tolerate(self, phrase: str) -> None:
         if phrase not in self.tolerated:
             self.tolerated.append(phrase)
-
-
-def _modules_in(folder: Path) -> Iterator[str]:
-    with contextlib.suppress(OSError):
-        for path in folder.iterdir():
-            if path.suffix == '.py':
-                yield path.stem
-            elif (path / '__init__.py').is_file():
-                yield path.name
 
 
 def _print_to(output: Callable[[str], object]) -> Callable[..., None]:

@@ -15,9 +15,10 @@ from barc_sim.__main__ import main as barc
 from barc_sim.errors import UserError
 from barc_sim.lab.grade import grade as grade_room
 from barc_sim.lab.grade.classroom import Student, owner, read_roster
-from barc_sim.lab.grade.rubric import Rubric, entered
+from barc_sim.lab.grade.rubric import ByHand, Rubric, entered
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 ROSTER = """name,id,section
@@ -164,3 +165,24 @@ def test_grading_again_loses_nothing(
     page = (out / 'class.html').read_text(encoding='utf-8')
     assert f'href="{AGAIN}/report.html"' in page
     assert str(out / 'class.html') in capsys.readouterr().out
+
+
+def test_a_fault_of_the_grader_does_not_stop_the_others(
+    folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def report(path: Path, *_: object, **__: object) -> str:
+        if path.name == 's1':
+            raise MemoryError('too little')
+        return path.name
+
+    monkeypatch.setattr(grade_room, 'report', report)
+    paths = {folder(f's{i}'): ByHand() for i in range(3)}
+    with ThreadPoolExecutor(2) as pool:
+        outcomes = grade_room.run(pool, paths, sandbox=True)
+        found = {path.name: outcome for path, outcome in outcomes}
+
+    assert found == {
+        's0': 's0',
+        's1': 'MemoryError: too little',
+        's2': 's2',
+    }

@@ -64,16 +64,6 @@ def test_modules_may_import_one_another(tmp_path: Path) -> None:
     assert module.helpers.f() is module.helpers
 
 
-def test_a_package_is_imported_with_its_modules(tmp_path: Path) -> None:
-    package = tmp_path / 'tools'
-    folder(package, __init__='', one='from .two import x', two='x = 3')
-    own = folder(tmp_path, main='from tools.one import x\nimport tools.two as two')
-    module = own.load(own.path / 'main.py')
-    assert module.x == module.two.x == 3
-    assert str(tmp_path / 'tools' / 'two.py') in own.sources
-    assert own.sources[str(tmp_path / 'tools' / 'two.py')].name == 'tools/two.py'
-
-
 def test_a_standard_module_is_not_hidden_by_a_file_of_its_name(tmp_path: Path) -> None:
     own = folder(tmp_path, main='import random', random='mine = True')
     assert not hasattr(own.load(own.path / 'main.py').random, 'mine')
