@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
-from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -18,47 +16,26 @@ from barc_sim.ros.topics import TopicSubscriptions
 
 try:
     import foxglove
-    from foxglove.websocket import Capability, ServerListener
+    from foxglove.websocket import Capability
 except ModuleNotFoundError:
-    foxglove, ServerListener = None, object  # type: ignore[assignment,misc]
+    foxglove = None  # type: ignore[assignment]
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from foxglove.websocket import ChannelView, Client
-
-
-#: [s] between two polls of the topics, while a client is subscribed and while none is.
-_PERIOD, _SLOW_PERIOD = 0.02, 0.1
-#: [s] between two searches for new topics.
-_DISCOVERY_PERIOD = 0.2
+#: [s] between two polls of the topics, two searches for new ones, two times of what is latched.
+_PERIOD, _DISCOVERY_PERIOD, _LATCHED_PERIOD = 0.02, 0.2, 1.0
 _HOST = '127.0.0.1'
 
 
 class FoxgloveServer(Node):
-    """Serves all visible topics at `url` on this machine, in a thread of its own.
+    """Serves all visible topics at `url` on this machine.
 
     Messages bear the simulated time where there is a `/clock`, else the time of their reception.
-    Latched messages are sent again to late clients.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> rclpy.init()
-    >>> server = FoxgloveServer(port=0)
-    >>> server.url.rpartition(':')[0]
-    'ws://127.0.0.1'
-    >>> server.destroy_node()
-    >>> rclpy.shutdown()
+    Latched messages are sent once a second, as clients come late.
     """
 
     def __init__(self, port: int = FOXGLOVE_PORT, **options: Any) -> None:  # noqa: ANN401
         """Serve at `port`, unless the parameter `port` is set; 0: at any that is free.
 
-        Raises
-        ------
-        UserError
-            The Foxglove SDK is not installed, or the port cannot be had.
+        UserError: the Foxglove SDK is not installed, or the port cannot be had.
         """
         if foxglove is None:
             raise UserError(
@@ -69,34 +46,30 @@ class FoxgloveServer(Node):
         what, between = 'its port; 0: any that is free', (0, MAX_PORT)
         port = declare(self, [Parameter('port', port, what, between, read_only=True)])['port']
         self._channels: dict[str, foxglove.Channel] = {}
-        self._latched: dict[str, bytes] = {}
-        self._asked: list[str] = []  # topics to which a client has subscribed
+        self._latched: dict[str, Message] = {}
         self._time: int | None = None  # [ns] of `/clock`
-        self._sdk_context = foxglove.Context()
+        self._sdk_context = context = foxglove.Context()
         try:
             self._server = foxglove.start_server(
                 name='barc_sim',
                 host=_HOST,
                 port=port,
                 capabilities=[Capability.Time],
-                server_listener=_Listener(self._asked),
-                context=self._sdk_context,
+                context=context,
             )
         except RuntimeError as error:
             raise UserError(f'port {port} cannot be had for Foxglove: {error}') from None
         self.url = f'ws://{_HOST}:{self._server.port}'  #: to open in the app
-        self._topics = TopicSubscriptions(self, _is_visible)
+        self._topics = TopicSubscriptions(self, lambda topic, _: '/_' not in topic)
         self._discover()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=steady)
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name='foxglove', daemon=True)
-        self._thread.start()
+        self.create_timer(_PERIOD, self._serve, clock=steady)
+        self.create_timer(_LATCHED_PERIOD, self._repeat, clock=steady)
 
     def destroy_node(self) -> None:
         """Send the waiting messages, close the port, and destroy the node."""
-        self._closing.set()
-        self._thread.join()
+        self._serve()
         self._server.stop()
         self._topics.close()
         super().destroy_node()
@@ -106,20 +79,8 @@ class FoxgloveServer(Node):
             self.get_logger().warning(f'{name} is not served: {self._topics.unknown[name]}')
 
     def _serve(self) -> None:
-        closing = False
-        while not closing:
-            is_watched = any(channel.has_sinks() for channel in self._channels.values())
-            closing = self._closing.wait(_PERIOD if is_watched else _SLOW_PERIOD)
-            messages = map(Message._make, self._topics.take())
-            self._send(sorted(messages, key=attrgetter('received')))
-
-    def _send(self, messages: Iterable[Message]) -> None:
-        """Send messages, in order, to the clients that subscribe to their topics."""
-        while self._asked:
-            name = self._asked.pop()
-            if name in self._latched:
-                self._channels[name].log(self._latched[name], log_time=self._time)
-        for message in messages:
+        """Send what has arrived, in order."""
+        for message in sorted(map(Message._make, self._topics.take()), key=lambda m: m.received):
             topic = message.topic
             if topic.name not in self._channels:
                 schema = foxglove.Schema(
@@ -132,20 +93,13 @@ class FoxgloveServer(Node):
                 self._time = leading_time(message.data)
                 self._server.broadcast_time(self._time)
             if any(profile['durability'] == 'transient_local' for profile in topic.offered_qos):
-                self._latched[topic.name] = message.data
-            at = message.received if self._time is None else self._time
-            self._channels[topic.name].log(message.data, log_time=at)
+                self._latched[topic.name] = message
+            self._send(message)
 
+    def _repeat(self) -> None:
+        for message in self._latched.values():
+            self._send(message)
 
-def _is_visible(topic: str, _: object = ()) -> bool:
-    return '/_' not in topic
-
-
-class _Listener(ServerListener):
-    """Keeps the topics of new subscriptions; called in a thread of the SDK."""
-
-    def __init__(self, asked: list[str]) -> None:
-        self._asked = asked
-
-    def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
-        self._asked.append(channel.topic)
+    def _send(self, message: Message) -> None:
+        at = message.received if self._time is None else self._time
+        self._channels[message.topic.name].log(message.data, log_time=at)

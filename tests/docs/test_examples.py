@@ -33,7 +33,6 @@ NEED_DAQP = {
     'barc_sim.control.mpc.MPC',
     'barc_sim.control.mpc.SpeedMPC',
 }
-NEED_FOXGLOVE = ('barc_sim.nodes.foxglove.FoxgloveServer',)
 
 
 @pytest.fixture(scope='module')
@@ -77,8 +76,6 @@ def test_the_examples_of_a_room_are_right(
     tests = [test for each in _modules(room) for test in found.find(each) if test.examples]
     assert tests
     for test in tests:
-        if test.name in NEED_FOXGLOVE and not find_spec('foxglove'):
-            continue
         if test.name in NEED_DAQP and not find_spec('daqp'):
             continue
         folder = tmp_path / test.name  # of its own

@@ -39,17 +39,7 @@ MESSAGE, TIME = 1, 2
 
 
 class Client:
-    """A client that subscribes to every channel.
-
-    Attributes
-    ----------
-    channels
-        The advertised channels, by topic.
-    messages
-        Log time [ns] and data, by topic.
-    times
-        [ns] that the server has sent.
-    """
+    """A client that subscribes to every channel."""
 
     def __init__(self, connection: ClientConnection) -> None:
         self._connection = connection
@@ -133,26 +123,6 @@ def test_channels_are_cdr_with_the_schemas_of_bags(server: FoxgloveServer, sourc
     assert channel['schema'] == definition('std_msgs/msg/Header')
 
 
-def test_messages_arrive_as_they_were_published(server: FoxgloveServer, source: Node) -> None:
-    publisher = source.create_publisher(Header, 'header', 10)
-    with client_of(server) as client:
-        sent = []
-
-        def arrived() -> bool:
-            sent.append(to_header(len(sent), 'map'))
-            publisher.publish(sent[-1])
-            return len(client.messages.get('/header', ())) >= 5
-
-        client.until(arrived)
-        before = time.time_ns()
-        found = [deserialize_message(data, Header) for _, data in client.messages['/header']]
-        assert all(header in sent for header in found)
-        assert [header.stamp.nanosec for header in found] == sorted(
-            header.stamp.nanosec for header in found
-        )
-        assert all(abs(before - at) < 60e9 for at, _ in client.messages['/header'])
-
-
 def test_latched_message_is_sent_to_late_clients(server: FoxgloveServer, source: Node) -> None:
     publisher = source.create_publisher(Header, 'latched', LATCHED)
     publisher.publish(to_header(7))
@@ -175,4 +145,6 @@ def test_messages_bear_simulated_time_where_there_is_a_clock(
             return any(at == 5_000_000_001 for at, _ in client.messages.get('/header', ()))
 
         client.until(arrived)
+        _, data = client.latest('/header')
+        assert deserialize_message(data, Header) == Header()
         assert set(client.times) == {5_000_000_001}
