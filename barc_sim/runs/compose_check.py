@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,8 +27,8 @@ _FOUND = 'found.json'
 _DEADLINE = 60.0  #: [s] for all of it, on a busy machine
 _MAX_FILE = 64 << 20  #: bytes of what it prints, and of its bag
 _LAST_WORDS = 4096  #: bytes of what it has printed
-_UNSPUN = 20.0  #: [s] after which nodes count that nobody spins
-_STABLE = 0.5  #: [s] for which nodes that are spun stay the same
+#: [s] after which nodes count that nobody spins, and that an executor spins.
+_UNSPUN, _SPUN = 20.0, 0.5
 
 
 class Verdict(NamedTuple):
@@ -101,39 +100,30 @@ def _run(file: Path) -> tuple[list[str], dict[str, list[str]], str]:
 
 
 def _run_here(file: str) -> None:
-    """Run the script on what stands in for ROS, until its nodes stay the same.
-
-    They are written to a file, by full name: two can have the same.
-    """
+    """Run the script on what stands in for ROS; write its nodes, by full name, to a file."""
     import resource  # noqa: PLC0415 (of Unix)
 
     from barc_sim.ros.local import install  # noqa: PLC0415 (as the script's own process)
     from barc_sim.ros.local.executor import Executor  # noqa: PLC0415
 
-    world, spin, seen = install(), Executor._spin, 0  # noqa: SLF001
+    world, spin = install(), Executor._spin  # noqa: SLF001
 
-    def look(*_: object) -> None:
-        nonlocal seen
-        nodes = [*world.nodes]
-        if len(nodes) != seen:
-            seen = len(nodes)
-            signal.setitimer(signal.ITIMER_REAL, _STABLE)
-            return
+    def report(*_: object) -> None:
         publishers: dict[str, list[str]] = {topic: [] for topic in _TOPICS}
-        for node in nodes:
+        for node in world.nodes:
             for publisher in node.publishers:
                 publishers.get(publisher.topic_name, []).append(node.get_name())
-        names = sorted(node.get_fully_qualified_name() for node in nodes)
+        names = sorted(node.get_fully_qualified_name() for node in world.nodes)
         Path(_FOUND).write_text(json.dumps((names, publishers)), encoding='utf-8')
         os._exit(0)
 
     def first_spin(self: Executor, *args: Any, **options: Any) -> None:  # noqa: ANN401
         Executor._spin = spin  # type: ignore[method-assign]  # noqa: SLF001
-        signal.setitimer(signal.ITIMER_REAL, _STABLE)
+        signal.setitimer(signal.ITIMER_REAL, _SPUN)
         spin(self, *args, **options)
 
     Executor._spin = first_spin  # type: ignore[method-assign]  # noqa: SLF001
-    signal.signal(signal.SIGALRM, look)
+    signal.signal(signal.SIGALRM, report)
     signal.setitimer(signal.ITIMER_REAL, _UNSPUN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (_MAX_FILE, _MAX_FILE))  # of what it prints, too
     sys.argv, sys.path[0] = [file], str(Path(file).parent)
@@ -149,8 +139,6 @@ def _faults(nodes: list[str], publishers: dict[str, list[str]], listed: str) -> 
         )
     if _SIMULATOR not in nodes:
         faults.append(f'there is no node {_SIMULATOR}')
-    twice = [name for name, number in Counter(nodes).items() if number > 1]
-    faults += [f'{name} is there twice: a node needs a name of its own' for name in twice]
     for topic, names in publishers.items():
         if len(names) != 1:
             found = f' ({", ".join(names)})' if names else ''

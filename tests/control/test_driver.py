@@ -71,13 +71,6 @@ def test_the_brake_stops_the_car_either_way_and_stays_on(speed: float) -> None:
     assert all(v * speed >= 0.0 for v in speeds)
 
 
-def test_another_request_releases_the_brake() -> None:
-    driver = Driver()
-    driver.receive(FULL_BRAKE, 0.0)
-    driver.receive(COAST, 1.0)
-    assert driver.command(1.0, 5.0).motor == 0.0
-
-
 def test_a_command_that_holds_for_longer_than_it_should_does_not_reverse_the_car() -> None:
     driver = Driver()
     speed = 5.0
@@ -85,12 +78,6 @@ def test_a_command_that_holds_for_longer_than_it_should_does_not_reverse_the_car
     for k in range(100):
         speed += 1.6 * driver.dt * driver.command(k * driver.dt, speed).motor
         assert speed >= 0.0
-
-
-def test_the_car_reaches_the_greatest_speed_and_not_more() -> None:
-    speed = drive(Driver(Limits(speed=6.0)), DriverInput(forward=1.0), 20.0)
-    assert speed == pytest.approx(6.0)
-    assert drive(Driver(Limits(speed=6.0)), DriverInput(forward=-1.0), 20.0) == pytest.approx(-6.0)
 
 
 def test_the_wheel_turns_at_its_rate_up_to_its_limit() -> None:

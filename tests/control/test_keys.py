@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -87,12 +85,6 @@ def test_a_sequence_without_end_is_given_up() -> None:
     assert KeyEvent('up') in events(b'\x1b[' + b'1' * 1000, b'w', b'w')
 
 
-@given(st.binary(max_size=200), st.lists(st.integers(0, 200)))
-def test_where_the_bytes_are_cut_makes_no_difference(data: bytes, cuts: list[int]) -> None:
-    edges = sorted({0, len(data), *(cut for cut in cuts if cut < len(data))})
-    assert events(*(data[a:b] for a, b in pairwise(edges))) == events(data)
-
-
 @given(st.binary(max_size=300))
 def test_no_bytes_do_harm(data: bytes) -> None:
     keys = HeldKeys()
@@ -167,13 +159,6 @@ def test_nothing_follows_the_brake_so_that_it_stays_on() -> None:
     assert held.request(0.0) == FULL_BRAKE
     held.handle(KeyEvent('space', released=True), 0.2)
     assert held.request(0.2) is None
-
-
-def test_a_key_still_held_when_the_brake_is_released_counts_again() -> None:
-    held = press('up', 'space', releases=True)
-    assert held.request(0.0) == FULL_BRAKE
-    held.handle(KeyEvent('space', released=True), 0.2)
-    assert held.request(0.2) == DriverInput(forward=1.0)
 
 
 def test_a_window_that_loses_the_focus_coasts() -> None:

@@ -78,19 +78,6 @@ def test_keys_are_read_without_enter_and_not_echoed(console: Pty, terminal: Term
     assert console.shown(b'\x1b[?2004l') == b'\x1b[?1004l\x1b[?2004l'
 
 
-@pytest.mark.parametrize('key', [b'\x03', b'q'])
-def test_ctrl_c_is_a_key(console: Pty, terminal: Terminal, key: bytes) -> None:
-    assert terminal
-    console.type(key)
-    assert console.next() == KeyEvent('quit')
-
-
-@pytest.mark.usefixtures('terminal')
-def test_ctrl_s_and_ctrl_z_do_nothing(console: Pty) -> None:
-    console.type(b'\x13\x1a\x1cw')
-    assert console.next() == KeyEvent('up')
-
-
 def test_settings_are_as_before_after_close_and_not_meanwhile(
     console: Pty, terminal: Terminal
 ) -> None:
@@ -99,24 +86,6 @@ def test_settings_are_as_before_after_close_and_not_meanwhile(
     assert console.settings() == console.before
     terminal.close()
     assert console.settings() == console.before
-
-
-def test_settings_are_as_before_after_an_error(console: Pty) -> None:
-    def fail() -> None:
-        with Terminal(console.fd) as terminal:
-            terminal.listen(console.events.put)
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        fail()
-    assert console.settings() == console.before
-
-
-def test_what_is_written_still_begins_at_the_left(console: Pty, terminal: Terminal) -> None:
-    assert terminal
-    console.shown(b'\x1b[?u')
-    os.write(console.fd, b'a\nb')
-    assert console.shown(b'b') == b'a\r\nb'
 
 
 def test_kitty_protocol_is_used_where_offered_and_ended(console: Pty, terminal: Terminal) -> None:

@@ -18,7 +18,6 @@ from barc_sim.control.driver import (
     VelocityDriver,
     make_driver,
 )
-from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -125,12 +124,6 @@ def test_every_finite_twist_gives_a_command_within_the_limits(
         assert abs(servo) <= LIMITS.steering
 
 
-def test_speed_asked_for_is_limited() -> None:
-    driver = VelocityDriver(LIMITS._replace(speed=2.0))
-    seen = drive(lambda _: DriverInput(forward=5.0), 5.0, driver=driver)
-    assert seen[-1].true.v_x == pytest.approx(2.0, abs=1e-3)
-
-
 def values(**changed: float | str) -> dict[str, float | str | bool]:
     """Return the parameters of the relay."""
     return {each.name: each.default for each in PARAMETERS} | changed
@@ -144,10 +137,3 @@ def test_parameter_names_what_a_twist_means() -> None:
     driver.command(0.0, 0.0)
     assert driver.request == (6.0, 0.3, 0.0)
     assert not isinstance(make_driver(values()), VelocityDriver)
-
-
-def test_other_meaning_is_refused_in_a_sentence() -> None:
-    with pytest.raises(UserError, match=r"input of relay is 'pedals': expected one of pedal, vel"):
-        make_driver(values(input='pedals'))
-    with pytest.raises(UserError, match="a relay of one's own gets each Twist as shares"):
-        make_driver(values(input='velocity'), VelocityDriver())

@@ -20,7 +20,6 @@ from user_files import load
 from barc_sim.bags import names
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR, speed_controller
-from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros.node_helpers import to_header, to_nanoseconds
@@ -262,32 +261,6 @@ def test_a_laws_own_terms_are_published_by_name(bench: Make) -> None:
     one.until(lambda: len(received) == 1)
     assert (received[0].names, received[0].values.tolist()) == (['weight'], [0.5])
     assert received[0].of_e_y < 0.0
-
-
-def test_limits_of_the_acceleration_make_a_profile_of_the_speed(bench: Make) -> None:
-    one = bench(track='oval', speed_reference=12.0, lateral_limit=3.2, longitudinal_limit=2.0)
-    assert [one.controller.reference(0.0, s) for s in (25.0, 60.0)] == [12.0, pytest.approx(8.0)]
-    one.set(lateral_limit=5.0)
-    assert one.controller.reference(0.0, 60.0) == pytest.approx(10.0)
-    one.set(speed_reference=4.0)
-    assert one.controller.reference(0.0, 60.0) == 4.0
-    one.set(speed_reference=-1.0)
-    assert one.controller.reference(0.0, 60.0) == -1.0
-
-
-@pytest.mark.parametrize(
-    ('parameters', 'complaint'),
-    [
-        ({'track': 'M'}, "track 'M' is neither 'L'"),
-        ({'track': 'L', 'lane_type': 'pid'}, "lane_type of controller is 'pid': expected lqr or"),
-        ({'track': 'L', 'lane.q_e_y': 0.0}, r'lane.q_e_y of controller: 0 is not a number'),
-    ],
-)
-def test_a_lane_that_cannot_be_kept_is_refused(
-    bench: Make, parameters: dict[str, Any], complaint: str
-) -> None:
-    with pytest.raises(UserError, match=complaint):
-        bench(**parameters)
 
 
 def test_another_controller_answers_with_the_nodes_gains_and_limit(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pty
-import random
 import subprocess
 import sys
 import termios
@@ -118,29 +117,6 @@ def test_its_end_is_the_brake(bench: Bench) -> None:
     bench.keyboard.destroy_node()
     bench.until(lambda: FULL_BRAKE in bench.received)
     assert termios.tcgetattr(bench.fd) == bench.before
-
-
-def test_random_bytes_pastes_and_cut_sequences_leave_it_running(bench: Bench) -> None:
-    rng = random.Random(4)  # noqa: S311 (no secret)
-    noise = bytes(rng.choice([b for b in range(256) if b not in b'qQ\x03']) for _ in range(10_000))
-    # What would be a quit in the kitty protocol, and a paste that never ends, are not random.
-    noise = noise.replace(b'u', b'v').replace(b'~', b'}')
-    position = 0
-    while position < len(noise):
-        size = rng.randrange(1, 200)
-        bench.type(noise[position : position + size])
-        position += size
-        bench.executor.spin_once(timeout_sec=0.0)
-    bench.type(b'\x18\x1b[200~wwww q \x1b[A')
-    bench.type(b'\x1b[201~')
-    spin_for(bench, 1.0)
-    bench.received.clear()
-    bench.type(b'\x1b')
-    spin_for(bench, 0.05)
-    bench.type(b'[A')
-    bench.until(lambda: UP in bench.received)
-    assert not bench.keyboard.finished.done()
-    assert all(-1.0 <= share <= 1.0 for request in bench.received for share in request)
 
 
 def test_closing_its_terminal_brakes_where_it_runs_alone(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -26,6 +25,7 @@ from barc_sim.ros.node_helpers import to_nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from rclpy.context import Context
     from rclpy.publisher import Publisher
@@ -127,30 +127,6 @@ def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: flo
     assert simulator.stepper.missed == 0
 
 
-def test_reset_of_a_relay_is_listed_only_where_there_is_a_relay(world: World) -> None:
-    simulator = world.simulator(realtime_factor=LOCK_STEP)
-    world.driver(partial(command, 1.0))
-    world.until(lambda: bool(world.states))
-
-    def services() -> set[str]:
-        return {name for name, _ in simulator.get_service_names_and_types()}
-
-    assert '/relay/reset' not in services()
-
-    resets: list[object] = []
-
-    def on_reset(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        resets.append(request)
-        return response
-
-    relay = world.add(Node('relay', context=world.context))
-    relay.create_service(Trigger, 'relay/reset', on_reset)
-    world.until(lambda: '/relay/reset' in services())
-    client = relay.create_client(Trigger, 'vehicle_simulator/reset')
-    answer = client.call_async(Trigger.Request())
-    world.until(lambda: answer.done() and bool(resets))
-
-
 def test_the_place_on_the_track_waits_at_its_reader_when_the_state_comes(world: World) -> None:
     places: list[TrackState] = []
     seen: list[tuple[int, int]] = []  # stamps of the state, and of the newest place
@@ -176,32 +152,6 @@ def test_the_place_on_the_track_waits_at_its_reader_when_the_state_comes(world: 
     assert simulator.road.grades_deg == (0.0,)
 
 
-@pytest.mark.parametrize(
-    ('parameters', 'complaint'),
-    [
-        ({'track': 'M'}, "track 'M' is neither 'L', 'oval', .* nor a CSV file"),
-        ({'track': 'road.csv', 'laps': 2}, "track 'road.csv' is not closed: expected laps 1"),
-    ],
-)
-def test_a_track_that_cannot_be_driven_is_refused(
-    world: World,
-    parameters: dict[str, Any],
-    complaint: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path('road.csv').write_text('length_m,radius_m\n10,0\n', 'utf-8')
-    with pytest.raises(UserError, match=complaint):
-        world.simulator(**parameters)
-
-
-def test_without_a_track_there_is_no_topic_of_it(world: World) -> None:
-    topics = dict(world.simulator().get_topic_names_and_types())
-    assert '/track_vhcl' not in topics
-    assert '/z_vhcl' in topics
-
-
 # Who drives
 
 
@@ -220,16 +170,6 @@ def test_waits_for_a_controller_with_one_warning(world: World, capfd: Capture) -
     world.until(waited_for)
     assert simulator.stepper.states == 0
     assert log.count(sentence) == 1
-
-
-def test_run_without_a_controller_counts_missed_commands_and_warns_once_in_10_s(
-    world: World, capfd: Capture
-) -> None:
-    simulator = world.simulator(wait_for_controller=False, realtime_factor=10.0)
-    world.until(lambda: simulator.stepper.states >= 5)
-    assert simulator.stepper.missed == simulator.stepper.states - 1
-    (warning,) = [line for line in capfd.readouterr().err.splitlines() if 'missed' in line]
-    assert 'missed deadlines: 1 so far; no command answers state 0 in time' in warning
 
 
 def test_new_controller_receives_the_state_that_waits_for_its_answer(world: World) -> None:
@@ -353,17 +293,6 @@ def test_road_file_that_is_gone_does_not_matter_at_a_reset(world: World, tmp_pat
     environments.clear()
     world.until(lambda: world.states[-1].x > 3.5)
     assert {round(each.theta) for each in environments} == {5, -5}
-
-
-def test_reset_says_that_the_car_is_not_back_yet(world: World) -> None:
-    simulator = world.simulator(realtime_factor=LOCK_STEP, check_period=60.0)
-    world.driver()
-    world.until(lambda: simulator.stepper.states == 1)
-    client = world.nodes[-1].create_client(Trigger, 'vehicle_simulator/reset')
-    answer = client.call_async(Trigger.Request())
-    world.until(answer.done)
-    assert answer.result().message == ('the car goes back when state 0 is answered, or after 1 s')
-    assert simulator.stepper.states == 1
 
 
 def test_nodes_that_drive_together_are_named(world: World, capfd: Capture) -> None:

@@ -7,14 +7,14 @@ import pty
 import time
 from contextlib import closing, redirect_stdout, suppress
 from functools import partial
-from math import nan, radians
+from math import radians
 from typing import TYPE_CHECKING
 
 import pytest
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.runs.terminal import Display, UserOutput, cruise_line, drive_line, print_summary
-from barc_sim.simulation.metrics import SegmentErrors, SpeedErrors, Summary
+from barc_sim.simulation.metrics import SegmentErrors, Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -100,18 +100,6 @@ def test_terminal_gets_a_line_in_place_and_its_cursor_back(
     assert text.replace(SHOW, '').endswith('\n')
 
 
-def test_terminal_is_drawn_ten_times_a_second(
-    terminal: Terminal, clock: Callable[[float], None]
-) -> None:
-    with redirect_stdout(terminal.stdout):
-        shown = Display(0.0)
-        for k in range(100):
-            clock(10.0 + 0.01 * k)
-            shown.show(*STATE)
-        assert terminal.shown().count(' m/s  error') == 10
-        shown.close()
-
-
 def test_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
         shown = Display()
@@ -173,13 +161,6 @@ def test_table_has_a_row_per_stretch_and_the_other_figures(capsys: Capture) -> N
     )
 
 
-def test_table_of_a_run_without_a_state_has_no_nan(capsys: Capture) -> None:
-    print_summary(SpeedErrors().summary(), slipped=0)
-    out = capsys.readouterr().out
-    assert str(nan) not in out
-    assert 'after 10 m' in out
-
-
 # What user code prints
 
 
@@ -192,10 +173,3 @@ def test_pieces_become_whole_lines(capsys: Capture) -> None:
     output.show = lines.append
     output.close()
     assert lines == ['d']
-
-
-def test_what_code_prints_is_not_shown_where_quiet(capsys: Capture) -> None:
-    output = UserOutput(quiet=True)
-    output('a\n')
-    output.close()
-    assert capsys.readouterr().out == ''

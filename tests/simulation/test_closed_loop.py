@@ -90,12 +90,6 @@ def test_log_has_road_forces_and_terms_of_each_state(lab_run: Log) -> None:
     assert not lab_run.missed.any()
 
 
-def test_controller_sees_what_the_sensor_measures() -> None:
-    log = closed_loop(Plant(noise=NoiseLevels(v_x=0.5)), PID(1.0, 0.0, 0.0), distance=20.0)
-    assert log.e_v_x.any()
-    assert log.motor == pytest.approx(8.0 - log.v_x)
-
-
 # Where it ends
 
 
@@ -211,11 +205,6 @@ def test_a_controller_of_two_arguments_drives_within_the_limit_from_its_beginnin
     assert first.x[-1] >= 180.0
     assert np.abs(first.motor).max() == 8.0
     assert_same(first, second)
-
-
-def test_gains_beside_a_controller_are_refused() -> None:
-    with pytest.raises(UserError, match=r'kp, kd are gains of the PID'):
-        simulate(kp=1.0, kd=2.0, controller=LabPid())
 
 
 def test_a_vehicle_that_is_none_is_refused() -> None:

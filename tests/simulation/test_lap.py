@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLQR
-from barc_sim.control.speed import LQR, PID
+from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
-from barc_sim.simulation.closed_loop import lap, simulate
+from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.log import Log, TrackLog
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import Command, State
@@ -91,12 +91,6 @@ def test_noise_reaches_the_law_and_the_log_has_the_true_place() -> None:
     assert np.abs(true.e_y - log.e_y).max() < 1e-9  # of the speed alone
     across = lap(track='oval', laps=1, noise=NoiseLevels(ey=0.1))
     assert np.corrcoef(np.diff(across.servo), np.diff(across.e_ey))[0, 1] < -0.9
-
-
-def test_any_controller_of_the_speed_drives() -> None:
-    log = lap(track='oval', laps=1, controller=LQR(), speed=lambda _, s: 5.0 if s < 80.0 else 7.0)
-    assert set(log.own_terms) == set(LQR.terms)
-    assert (log.reference == np.where(log.s < 80.0, 5.0, 7.0)).all()
 
 
 def test_a_law_of_ones_own_begins_anew_in_each_run() -> None:
@@ -211,7 +205,3 @@ def test_a_car_that_rolls_back_over_the_line_stays_in_its_lap() -> None:
 def test_what_is_no_lap_is_refused(options: dict[str, Any], complaint: str) -> None:
     with pytest.raises(UserError, match=complaint):
         lap(**options)
-
-
-def test_without_a_track_nothing_steers() -> None:
-    assert simulate(distance=30.0, lane=LaneLQR()) == simulate(distance=30.0)

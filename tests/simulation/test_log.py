@@ -24,7 +24,6 @@ from barc_sim.simulation.log import (
     Log,
     columns_of,
 )
-from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import Command, State
 from barc_sim.vehicle.plant import NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
@@ -41,12 +40,6 @@ def log() -> Log:
 def test_array_of_another_length_is_refused_by_name(log: Log, name: str) -> None:
     with pytest.raises(ValueError, match=rf'^{name} has shape \(50,\), expected \(51,\)$'):
         replace(log, **{name: getattr(log, name)[1:]})
-
-
-@pytest.mark.parametrize(('shape', 'expected'), [((), r'\(1,\)'), ((3, 17), r'\(51,\)')])
-def test_time_that_is_no_vector_is_refused(log: Log, shape: tuple[int, ...], expected: str) -> None:
-    with pytest.raises(ValueError, match=rf'^t has shape .*, expected {expected}$'):
-        replace(log, t=np.zeros(shape))
 
 
 @pytest.mark.parametrize('psi', [0.0, 0.5, 2.0, -3.0])
@@ -103,33 +96,12 @@ def test_frame_has_every_column_with_its_unit(log: Log) -> None:
     assert frame.attrs['units']['theta_deg'] == 'deg'
 
 
-def test_frame_has_the_terms_of_a_controller_that_is_no_pid() -> None:
-    log = closed_loop(controller=LQR(output_min=-8.0, output_max=8.0), distance=3.0)
-    frame = log.to_frame()
-    assert [*frame][-2:] == ['feedback', 'compensation']
-    assert frame.attrs['units']['feedback'] == 'm/s²'
-    assert frame['proportional'].isna().all()
-
-
 def test_without_pandas_the_frame_is_refused_in_a_sentence(
     log: Log, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, 'pandas', None)
     with pytest.raises(UserError, match=r"to_frame needs pandas.*pip install 'barc_sim\[pandas\]'"):
         log.to_frame()
-
-
-def test_repr_is_a_line(log: Log) -> None:
-    error = f'{summary(log).rms_error:.3f}'
-    assert repr(log) == f'<Log: 51 states, 1.00 s, 3.9 m, speed error {error} m/s RMS>'
-    assert repr(log.map(lambda column: column[:0])) == '<Log: no states>'
-
-
-def test_plot_is_that_of_the_package(log: Log) -> None:
-    assert barc_sim.Log is Log
-    figure = log.plot()
-    assert next(axes.get_ylabel() for axes in figure.axes) == 'Speed [m/s]'
-    assert figure._repr_png_().startswith(b'\x89PNG')
 
 
 @pytest.mark.parametrize('controller', [None, LQR(output_min=-8.0, output_max=8.0)])
@@ -170,8 +142,3 @@ def test_a_file_that_unpacks_to_too_much_is_refused(
     monkeypatch.setattr('barc_sim.simulation.log._MAX_SIZE', 100_000)
     with pytest.raises(UserError, match='it holds more than 100000 bytes'):
         Log.read(tmp_path / 'run.npz')
-
-
-def test_terms_of_another_length_are_refused_by_name(log: Log) -> None:
-    with pytest.raises(ValueError, match=r'^feedback has shape \(50,\), expected \(51,\)$'):
-        replace(log, own_terms={'feedback': log.motor[1:]})

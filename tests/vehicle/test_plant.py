@@ -66,15 +66,6 @@ def test_actuators_that_are_off_do_what_is_commanded(motor: float, servo: float)
     assert actuators.now is command
 
 
-@properties
-@given(commands=st.lists(values, max_size=5), lag=st.floats(0.01, 1.0))
-def test_one_actuator_leaves_the_other_alone(commands: list[float], lag: float) -> None:
-    actuators = Actuators(Actuator(), Actuator(lag=lag), TS)
-    for command in commands:
-        assert actuators.advance(Command(command, 1.0)).motor == command == actuators.now.motor
-        assert 0.0 < actuators.now.servo < 1.0
-
-
 # Delay
 
 
@@ -144,12 +135,6 @@ def test_response_stays_between_where_it_is_and_where_it_goes(
     assert low - 1e-9 <= after <= high + 1e-9
     assert low - 1e-9 <= mean <= high + 1e-9
     assert abs(after - value) <= rate * t + 1e-9
-
-
-def test_lag_and_its_mean_are_right_where_it_is_long_or_short() -> None:
-    after, mean = Actuator(lag=100.0).respond(0.0, 1.0, TS)
-    assert (after, mean) == (pytest.approx(TS / 100.0, rel=1e-3), pytest.approx(0.0, abs=1e-3))
-    assert Actuator(lag=1e-12).respond(0.0, 1.0, TS) == (1.0, pytest.approx(1.0))
 
 
 # Limits
@@ -481,15 +466,6 @@ def own_model(*arguments: float, **keywords: float) -> list[float]:
 def test_what_does_not_go_together_is_refused(options: dict[str, Any], sentence: str) -> None:
     with pytest.raises(UserError, match=sentence):
         Plant(**options)
-
-
-def test_noise_can_be_turned_on_between_two_steps() -> None:
-    plant = Plant(seed=3)
-    assert plant.observe().error == MeasurementError()
-    plant.sensor.noise = NoiseLevels(v_x=0.5)
-    noisy = plant.observe()
-    assert noisy.error == Plant(seed=3, noise=NoiseLevels(v_x=0.5)).observe().error
-    assert noisy.measured.v_x == noisy.true.v_x + noisy.error.v_x != noisy.true.v_x
 
 
 # Disturbance

@@ -55,15 +55,6 @@ def test_elevation_is_the_integral_of_the_grades_sine(road: Road) -> None:
     assert road.elevation(begin) == 0.0
 
 
-@properties
-@given(road=roads())
-def test_outer_stretches_have_no_outer_end(road: Road) -> None:
-    assert road.grade_deg(road.starts[0] - 1e3) == road.grades_deg[0]
-    assert road.grade_deg(road.starts[-1] + 1e3) == road.grades_deg[-1]
-    fall = 1e3 * sin(radians(road.grades_deg[0]))
-    assert road.elevation(road.starts[0] - 1e3) == pytest.approx(-fall)
-
-
 @pytest.mark.parametrize(
     ('starts', 'grades_deg', 'message'),
     [
@@ -167,13 +158,6 @@ def test_way_on_the_map_and_climb_are_never_longer_than_the_way(s: float, ds: fl
     assert way <= ds + 1e-9
     if road.stretch(s) == road.stretch(s + ds):
         assert way == pytest.approx(ds, abs=1e-9)
-
-
-def test_map_begins_where_the_distance_is_zero() -> None:
-    road = Road(starts=(-30.0, 10.0), grades_deg=(60.0, 0.0))
-    assert road.horizontal(0.0) == 0.0
-    assert road.horizontal(-30.0) == pytest.approx(-15.0)
-    assert road.horizontal(20.0) == pytest.approx(15.0)
 
 
 def force(given: object) -> Signal:
