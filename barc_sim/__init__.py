@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from barc_sim.bags.reader import read as read_bag
     from barc_sim.control.lane import LaneLQR, PurePursuit, Stanley, speed_profile
     from barc_sim.control.mpc import MPC, SpeedMPC
+    from barc_sim.control.planning import racing_line
     from barc_sim.control.speed import LQR, PID
     from barc_sim.figures.run_figures import plot
     from barc_sim.simulation.closed_loop import lap, simulate
@@ -67,7 +68,6 @@ if TYPE_CHECKING:
     from barc_sim.tuning.search import sweep
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.plant import Actuator
-    from barc_sim.vehicle.racing_line import racing_line
     from barc_sim.vehicle.road import Road
     from barc_sim.vehicle.track import Track
 
@@ -113,7 +113,7 @@ _EXPORTS = {
     'identify': ('tuning.identification', 'identify'),
     'lap': ('simulation.closed_loop', 'lap'),
     'plot': ('figures.run_figures', 'plot'),
-    'racing_line': ('vehicle.racing_line', 'racing_line'),
+    'racing_line': ('control.planning', 'racing_line'),
     'read_bag': ('bags.reader', 'read'),
     'simulate': ('simulation.closed_loop', 'simulate'),
     'speed_profile': ('control.lane', 'speed_profile'),

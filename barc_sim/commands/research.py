@@ -131,7 +131,7 @@ def add_arguments_raceline(parser: Parser) -> None:
 def run_raceline(options: Namespace) -> None:
     """Print the lap's time, and write the line."""
     from barc_sim.control.lane import speed_profile  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.vehicle.racing_line import lap_time, racing_line, write_line  # noqa: PLC0415
+    from barc_sim.control.planning import lap_time, racing_line, write_line  # noqa: PLC0415
     from barc_sim.vehicle.track import Track  # noqa: PLC0415
 
     output = target(options.output, ('csv',)) if options.output else None

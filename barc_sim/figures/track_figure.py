@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from barc_sim.control.lane import STEERING_LIMIT
+from barc_sim.control.planning import lap_time
 from barc_sim.figures.style import (
     BLUE,
     DASHES,
@@ -25,7 +26,6 @@ from barc_sim.figures.style import (
     use_measurement,
 )
 from barc_sim.simulation.metrics import track_laps_of
-from barc_sim.vehicle.racing_line import lap_time
 from barc_sim.vehicle.track import WIDTH
 
 if TYPE_CHECKING:

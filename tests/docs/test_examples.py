@@ -29,7 +29,7 @@ ROOMS = (
 NEED_ROS = ('ros', 'nodes')
 #: Examples that need an optional package.
 NEED_DAQP = {
-    'barc_sim.vehicle.racing_line.racing_line',
+    'barc_sim.control.planning.racing_line',
     'barc_sim.control.mpc.MPC',
     'barc_sim.control.mpc.SpeedMPC',
 }

@@ -1,0 +1,331 @@
+"""What quadratic programs plan: the racing line of a track, and the next metres of an MPC.
+
+The MPC's errors are predicted over the distance along the centre line, not over time: then their
+model is the same at every speed, and so are the weights. With κ of the centre line, the actual
+angle δ, its steady turn δ(κ), e_psi(κ), and λ = v · lag, for a distance s::
+
+    e_y' = e_psi - e_psi(κ) + (l_r / L)(δ - δ(κ))    e_psi' = (δ - δ(κ)) / L    δ' = (u - δ) / λ
+
+The commands on their way bring the measured errors to where the next command acts (a Smith
+predictor). From there on, in steps of `step` metres over which u is held, the program minimises::
+
+    Σ step (q_e_y e_y² + q_e_psi (e_psi - e_psi(κ))² + (u - δ(κ))²) + q_change Σ (u - u before)²
+
+with the limits of the angle and of its rate. Behind the last step is the cost of the LQR, from the
+algebraic Riccati equation: the first command is that LQR's where no limit, no lag and no weight of
+the change matter (Rawlings, Mayne, Diehl, "Model Predictive Control", 2.5).
+
+Where the speed is planned, too, its square is linear in the acceleration over the distance, and the
+plan reaches as far as the way to a stop::
+
+    (v²)' = 2 a        v² |κ| ≤ lateral        |a| ≤ longitudinal        v ≤ top_speed
+
+The speeds of the plan are those of the lane's model.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import lru_cache
+from importlib import import_module
+from math import exp
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from barc_sim.control.lane import steady_turn
+from barc_sim.errors import UserError
+from barc_sim.vehicle.plant import Actuator
+from barc_sim.vehicle.track import Track
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from os import PathLike
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from barc_sim.control.lane import Curvature
+
+    Floats = NDArray[np.float64]
+
+_MARGIN = 0.2  #: of the width
+_SPACING = 0.5  #: [m] between two points of the line, as far as the least and most points allow
+_LEAST, _MOST = 100, 800
+_ROUNDS = 30
+_SETTLED = 1e-3  #: [m] A round that moves the line less is the last.
+_STEP = 0.05  #: [m] of the integral over a lap
+HORIZON = 20  #: steps of an MPC
+_SLOWEST = 0.1  #: [m/s] A slower car counts as one of this speed.
+_LOOKS = 4  #: of the curvature in a step of the speed
+_CHANGE = np.eye(HORIZON) - np.eye(HORIZON, k=-1)
+_SUM = np.tril(np.ones((HORIZON, HORIZON)))
+#: daqp's codes of limits: those of the second half may be broken where there is no other way.
+_SOFT = np.repeat(np.array([0, 8], np.intc), HORIZON)
+
+
+def solver() -> Any:  # noqa: ANN401 (a module without types)
+    """Return the module daqp, which solves quadratic programs; UserError: it is not there."""
+    try:
+        return import_module('daqp')
+    except ImportError:
+        raise UserError(
+            "racing line and MPC need daqp, which is not installed: pip install 'barc_sim[mpc]'"
+        ) from None
+
+
+def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | None = None) -> Track:
+    """Return the line of least curvature on a closed track, itself a `Track` to drive on.
+
+    The line minimises ∫ κ² dl, with the curvature κ over the length l of the line itself, and keeps
+    `margin` [m] from both edges, a fifth of the width unless given. Each round of Gauss-Newton is a
+    quadratic program for the offsets n from the centre line (Heilmeier et al., "Minimum curvature
+    trajectory planning and control for an autonomous race car", Vehicle System Dynamics 58, 2020).
+
+    Examples
+    --------
+    >>> from barc_sim import racing_line, speed_profile, Track
+    >>> for track in (Track.named('L'), racing_line('L')):
+    ...     print(f'{lap_time(track, speed_profile(track, 12.0, 3.5, 2.0)):.2f} s')
+    25.38 s
+    21.07 s
+    """
+    track = Track.of(track)
+    half = 0.5 * track.width
+    margin = _MARGIN * track.width if margin is None else margin
+    if not track.is_closed:
+        raise UserError(f'track {track.name!r} is not closed: a racing line is that of flying laps')
+    if not 0.0 < margin < half:
+        raise UserError(
+            f'margin {margin!r} must be above 0 and below half of the width, {half:g} m'
+        )
+    n = min(max(round(track.length / _SPACING), _LEAST), _MOST)
+    h = track.length / n
+    centre = track.place(np.arange(n) * h)
+    normal = -np.sin(centre.psi), np.cos(centre.psi)
+    one = np.eye(n)
+    ahead, behind = np.roll(one, 1, axis=1), np.roll(one, -1, axis=1)
+    first, second = (ahead - behind) / (2.0 * h), (ahead - 2.0 * one + behind) / h**2
+    bounds, none = np.full(n, half - margin), np.empty((0, n))
+    offsets = np.zeros(n)
+    solve = solver().solve
+    for _ in range(_ROUNDS):
+        x, y = (c + offsets * across for c, across in zip(centre[:2], normal, strict=True))
+        residuals, jacobian = _bending(first, second, x, y, *normal)
+        hessian = jacobian.T @ jacobian + 1e-9 * one
+        gradient = jacobian.T @ (residuals - jacobian @ offsets)
+        found, _, flag, _ = solve(hessian, gradient, none, bounds, -bounds)
+        if flag < 1:
+            raise UserError(f'no racing line of {track.name!r} was found: give another margin')
+        found = np.clip(found, -bounds, bounds)
+        moved, offsets = float(np.abs(found - offsets).max()), found
+        if moved < _SETTLED:
+            break
+    x, y = (c + offsets * across for c, across in zip(centre[:2], normal, strict=True))
+    width = 2.0 * (half - float(np.abs(offsets).max()))
+    return Track.through(x.tolist(), y.tolist(), width, f'{track.name} racing line')
+
+
+def _bending(
+    first: Floats, second: Floats, x: Floats, y: Floats, u: Floats, v: Floats
+) -> tuple[Floats, Floats]:
+    """Return κ √(dl/ds) at points (x, y), and its derivatives by offsets along normals (u, v).
+
+    `first` and `second` are the matrices that take the derivatives over s.
+    """
+    dx, dy, ddx, ddy = first @ x, first @ y, second @ x, second @ y
+    speed = np.hypot(dx, dy)
+    residuals = (dx * ddy - dy * ddx) / speed**2.5
+    bend = dx[:, None] * (second * v) - dy[:, None] * (second * u)
+    bend += ddy[:, None] * (first * u) - ddx[:, None] * (first * v)
+    stretch = dx[:, None] * (first * u) + dy[:, None] * (first * v)
+    return residuals, bend / speed[:, None] ** 2.5 - 2.5 * (residuals / speed**2)[:, None] * stretch
+
+
+def lap_time(track: Track, speed: Callable[[float, float], float]) -> float:
+    """Return the time [s] of a flying lap at `speed` [m/s], a function of time and place."""
+    n = round(track.length / _STEP)
+    step = track.length / n
+    return sum(step / speed(0.0, (k + 0.5) * step) for k in range(n))
+
+
+def write_line(
+    path: Path, track: Track, line: Track, speed: Callable[[float, float], float]
+) -> None:
+    """Write a racing line as a file of a track: its points, the ways to the edges, and its speed.
+
+    `Track.named` reads it, and so does what reads the files of the racetrack database.
+    """
+    s = np.array(line.starts[:-1:2])  # two arcs lead from point to point
+    x, y, psi = map(np.asarray, line.place(s))
+    e_y, half = np.asarray(track.frenet(x, y, psi).e_y), 0.5 * track.width
+    planned = np.array([speed(0.0, each) for each in s.tolist()])
+    rows = np.column_stack([x, y, half + e_y, half - e_y, planned])
+    header = 'x_m,y_m,w_tr_right_m,w_tr_left_m,speed_mps'
+    np.savetxt(path, rows, '%.17g', ',', header=header, comments='')
+
+
+class Planner:
+    """What an MPC computes: the program of each state, and what it knows of the past."""
+
+    def __init__(self, law: Any) -> None:  # noqa: ANN401 (it imports this module)
+        """Begin at rest, with the gains of an MPC, to which acceleration and terms go, too."""
+        self._law, self._solve = law, solver().solve
+        self.prediction = np.zeros((HORIZON + 1, 2))
+        self._servo = self._latest = 0.0  # [rad] the angle, and the command before
+        self._sent: deque[float] = deque()  # the commands on their way
+
+    def steer(self, e_y: float, e_psi: float, speed: float, curvature: Curvature) -> float:
+        """Return the command [rad] for errors in metres and radians, and a speed in m/s."""
+        law = self._law
+        v, actuator = max(abs(speed), _SLOWEST), Actuator(lag=law.lag, rate=law.rate)
+        start, state = self._where_it_acts(actuator, e_y, e_psi, v, curvature)
+        speeds = np.full(HORIZON, v)
+        if 'top_speed' in law.gains:
+            speeds = self._speeds(v, start, curvature)
+        command = self._plan(state, start, speeds, curvature)
+        self._latest = min(max(command, -law.output_max), law.output_max)
+        self._sent.append(self._latest)
+        self._servo, _ = actuator.respond(self._servo, self._sent.popleft(), law.period)
+        return self._latest
+
+    def _where_it_acts(
+        self, actuator: Actuator, e_y: float, e_psi: float, v: float, curvature: Curvature
+    ) -> tuple[float, Floats]:
+        """Return the distance [m] until the next command acts; and e_y, e_psi and δ there."""
+        law = self._law
+        waiting = round(law.delay / law.period)
+        while len(self._sent) < waiting:
+            self._sent.appendleft(self._servo)
+        while len(self._sent) > waiting:
+            self._sent.popleft()
+        length, angle, ahead, step = law.l_f + law.l_r, self._servo, 0.0, v * law.period
+        for command in self._sent:
+            angle, mean = actuator.respond(angle, command, law.period)
+            steer, heading = steady_turn(curvature(ahead + 0.5 * step), law.l_f, law.l_r)
+            turn = (mean - steer) * step / length
+            e_y += (e_psi + 0.5 * turn - heading) * step + law.l_r * turn
+            e_psi, ahead = e_psi + turn, ahead + step
+        return ahead, np.array([e_y, e_psi, angle])
+
+    def _plan(self, state: Floats, start: float, speeds: Floats, curvature: Curvature) -> float:
+        """Return the first command [rad] of the best plan from `state` on."""
+        law, n, step = self._law, HORIZON, self._law.step
+        bends = [curvature(start + (k + 0.5) * step) for k in range(n)]
+        steer, heading = np.array([steady_turn(bend, law.l_f, law.l_r) for bend in bends]).T
+        law.feedforward = float(steer[0])
+        # The states as linear functions of the commands; the last column is without any.
+        now = np.zeros((3, n + 1))
+        now[:, n] = state
+        across, turned = np.empty((n, n + 1)), np.empty((n, n + 1))
+        models = {v: self._model(v) for v in {*speeds.tolist()}}
+        for k, v in enumerate(speeds.tolist()):
+            matrix, by_command, by_track = models[v]
+            now = matrix @ now
+            now[:, k] += by_command
+            now[:, n] -= by_track * steer[k]
+            now[0, n] -= step * heading[k]
+            across[k], turned[k] = now[0], now[1]
+        turned[:-1, n] -= heading[1:]
+        turned[-1, n] -= heading[-1]
+        root = np.vstack([across[-1], turned[-1]])
+        terminal = _cost_to_go(law.q_e_y, law.q_e_psi, step, law.l_f + law.l_r, law.l_r)
+        y, e = across[:-1], turned[:-1]
+        by_all = step * (law.q_e_y * y.T @ y + law.q_e_psi * e.T @ e) + root.T @ terminal @ root
+        hessian = by_all[:n, :n] + step * np.eye(n) + law.q_change * _CHANGE.T @ _CHANGE
+        gradient = by_all[:n, n] - step * steer
+        gradient[0] -= law.q_change * self._latest
+        limit = np.full(n, law.output_max)
+        change = law.rate * step / speeds
+        change[0] = law.rate * law.period
+        first = np.zeros(n)
+        first[0] = self._latest
+        upper, lower = (
+            np.concatenate([sign * limit, first + sign * change]) for sign in (1.0, -1.0)
+        )
+        commands, _, flag, _ = self._solve(hessian, gradient, _CHANGE, upper, lower)
+        law.infeasible = float(flag < 1)
+        if law.infeasible:
+            commands = np.full(n, self._latest)
+        self.prediction[0] = start, state[0]
+        self.prediction[1:, 0] = start + step * np.arange(1, n + 1)
+        self.prediction[1:, 1] = across[:, :n] @ commands + across[:, n]
+        return float(commands[0])
+
+    def _speeds(self, v: float, start: float, curvature: Curvature) -> Floats:
+        """Return the speed [m/s] in each step of the plan, `start` metres ahead."""
+        law, n, top = self._law, HORIZON, self._law.top_speed**2
+        step = max(1.0, top / (2.0 * law.longitudinal * n))
+        look = step / _LOOKS
+        bends = np.abs([curvature(k * look) for k in range((n + 1) * _LOOKS + 1)])
+        bends = np.maximum(bends[:-1], bends[1:])
+        limits = (law.lateral / np.maximum(bends, law.lateral / top)).reshape(n + 1, -1)
+        near, allowed = limits[0], limits.min(1)
+        allowed = np.minimum(allowed[:-1], allowed[1:])
+        # Within the first step, the way to an arc counts, not to the step's end.
+        ways = step / (look * np.maximum(np.arange(_LOOKS), 1.0))
+        allowed[0] = min(allowed[0], v * v + float(((near - v * v) * ways).min()))
+        # In shares: of `longitudinal`, and of the square of the top speed.
+        gain = 2.0 * step * law.longitudinal / top
+        reach, missing = gain * _SUM, v * v / top - allowed / top
+        shares, *_ = self._solve(
+            reach.T @ reach + 1e-3 * np.eye(n),
+            reach.T @ missing,
+            _SUM,
+            np.concatenate([np.ones(n), -missing / gain]),
+            np.concatenate([-np.ones(n), np.full(n, -np.inf)]),
+            _SOFT,
+        )
+        law.acceleration = law.longitudinal * float(shares[0])
+        squares = np.maximum(v * v + top * reach @ shares, _SLOWEST**2)
+        places = start + law.step * (np.arange(n) + 0.5)
+        found: Floats = np.sqrt(np.interp(places, step * np.arange(n + 1), [v * v, *squares]))
+        return found
+
+    def _model(self, v: float) -> tuple[Floats, Floats, Floats]:
+        """Return what a step makes of the state, of its command, and of the steady turn."""
+        law = self._law
+        length, step, distance = law.l_f + law.l_r, law.step, v * law.lag
+        left = exp(-step / distance) if distance > 0.0 else 0.0
+        once = distance * (1.0 - left)  # integral of what is left of the angle
+        twice = distance * (step - once)
+        half = 0.5 * step * step
+        matrix = np.array(
+            [
+                [1.0, step, (law.l_r * once + twice) / length],
+                [0.0, 1.0, once / length],
+                [0.0, 0.0, left],
+            ]
+        )
+        by_track = np.array([(law.l_r * step + half) / length, step / length, 0.0])
+        by_command = by_track - matrix[:, 2]
+        by_command[2] = 1.0 - left
+        return matrix, by_command, by_track
+
+
+@lru_cache(8)
+def _cost_to_go(q_e_y: float, q_e_psi: float, step: float, length: float, l_r: float) -> Floats:
+    """Return the matrix of the cost of e_y and e_psi behind the last step, without lag."""
+    a = np.array([[1.0, step], [0.0, 1.0]])
+    b = step / length * np.array([[l_r + 0.5 * step], [1.0]])
+    return riccati(a, b, step * np.diag([q_e_y, q_e_psi]), step)
+
+
+def riccati(a: Floats, b: Floats, weights: Floats, weight: float) -> Floats:
+    """Return the solution of the discrete algebraic Riccati equation of one input, by doubling.
+
+    Chu, Fan, Lin, Wang, "Structure-preserving algorithms for periodic discrete-time algebraic
+    Riccati equations", Int. J. Control 77, 2004.
+    """
+    g, h, one = b @ b.T / weight, weights, np.eye(len(a))
+    for _ in range(60):
+        inverse = np.linalg.inv(one + g @ h)
+        a, g, h, before = (
+            a @ inverse @ a,
+            g + a @ inverse @ g @ a.T,
+            h + a.T @ h @ inverse @ a,
+            h,
+        )
+        if np.allclose(h, before, rtol=1e-14, atol=0.0):
+            break
+    return h
