@@ -33,7 +33,7 @@ from barc_sim.bags import bounds
 from barc_sim.bags.bounds import MAX_RECORD, Budget, from_yaml
 from barc_sim.bags.messages import Message, Topic, definition
 from barc_sim.bags.recording import METADATA_NAME, Span
-from barc_sim.bags.writer import CHUNK_SIZE, MAGIC
+from barc_sim.bags.writer import MAGIC
 from barc_sim.cli.files import check_plain, open_regular
 from barc_sim.errors import UserError
 
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
 _HEADER = Struct('<BQ')  # of a record: opcode, length
 _MESSAGE = Struct('<HIQQ')  # channel, sequence number, times of reception and publication
-_OPCODES = frozenset(Opcode)
 _OF_MESSAGES = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
 _DESCRIBING: dict[int, Any] = {
     Opcode.SCHEMA: Schema,
@@ -64,7 +63,6 @@ class Damage:
     unreadable_chunks: int = 0
     unfinished: bool = False  #: its end is missing
     unread: int = 0  #: [B] after the last whole record
-    cut: bool = False  #: these are at most the beginning of a record, as a kill leaves it
 
     def __bool__(self) -> bool:
         """Return whether anything is missing."""
@@ -152,8 +150,6 @@ class McapFile:
             except Exception:  # noqa: BLE001 (damage may raise anything)
                 damage.unfinished = True
                 damage.unread = size - self._whole
-                stream.seek(self._whole)
-                damage.cut = _is_cut(stream.read(_HEADER.size), damage.unread)
 
     def _raw(self, stream: BinaryIO, size: int, *, messages: bool) -> Iterator[tuple[int, bytes]]:
         """Yield opcode and body of each record up to the footer, of those that are asked for."""
@@ -279,15 +275,6 @@ def _offered_qos(text: str) -> list[dict[str, Any]]:
     with suppress(ValueError):
         qos = from_yaml(text) if len(text) <= bounds.MAX_QOS else None
     return [each for each in qos if isinstance(each, dict)] if isinstance(qos, list) else []
-
-
-def _is_cut(header: bytes, size: int) -> bool:
-    """Return whether `size` bytes with this header can be the beginning of a record."""
-    if len(header) < _HEADER.size:
-        return True
-    opcode, length = _HEADER.unpack(header)
-    # The longest is a chunk whose messages cannot be compressed.
-    return opcode in _OPCODES and size - len(header) < length < 2 * CHUNK_SIZE
 
 
 _ZSTD = b'\x28\xb5\x2f\xfd'  # begins what rosbag2 has compressed; CDR begins with a zero
@@ -461,19 +448,12 @@ def _topic(connection: Any) -> Topic:  # noqa: ANN401 (rosbags' own)
 def selected(
     names: Sequence[str], topics: Sequence[re.Pattern[str]], exclude: Sequence[re.Pattern[str]]
 ) -> list[str]:
-    """Return those of a bag's topics that are `topics` or contain them, but for `exclude`.
-
-    Without `topics` these are all.
-    """
-
-    def among(name: str, patterns: Sequence[re.Pattern[str]]) -> bool:
-        return any(
-            each.pattern == name if each.pattern in names else each.search(name)
-            for each in patterns
-        )
-
+    """Return the names that contain one of `topics`, by default all, and none of `exclude`."""
     return [
-        name for name in names if (not topics or among(name, topics)) and not among(name, exclude)
+        name
+        for name in names
+        if (not topics or any(each.search(name) for each in topics))
+        and not any(each.search(name) for each in exclude)
     ]
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from barc_sim.bags.contents import McapFile
     from barc_sim.bags.messages import Message
 
-_BAGS = ('ros1', 'sqlite3', 'mcap')
+_BAGS = ('ros1', 'sqlite3')
 _logger = logging.getLogger(__name__)
 
 
@@ -241,10 +241,10 @@ def _library(name: str, extra: str) -> Any:  # noqa: ANN401 (a module)
 def recover(path: Path) -> tuple[Contents, list[Path]]:
     """Rewrite the damaged files of a bag, with their summaries, and its metadata.yaml.
 
-    A damaged file is replaced once its successor is whole. If more than its last chunk was
-    unreadable, the old one is kept as `<name>.damaged`. Return what could be read, and the files
-    that were kept. UserError: there is no bag, it is still being recorded, nothing in it can be
-    read, or the files cannot be written; the bag is unchanged.
+    A damaged file is replaced once its successor is whole; if anything in it was unreadable, it is
+    kept as `<name>.damaged`. Return what could be read, and the files that were kept. UserError:
+    there is no bag, it is still being recorded, nothing in it can be read, or the files cannot be
+    written; the bag is unchanged.
     """
     directory = files(path)[0].parent
     check_plain(directory)
@@ -291,7 +291,7 @@ def _recover_file(
         if file.damage:
             copy.finish(_information(contents, spans))
             copy.commit()
-            if file.damage.unreadable_chunks or not file.damage.cut:
+            if file.damage.unreadable_chunks or file.damage.unread:
                 kept.append(path.rename(_unused(path)))
             part.replace(path)
     finally:

@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import PathFinder
-from operator import itemgetter
 from pathlib import Path
 from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,7 +22,7 @@ from barc_sim.cli.parser import did_you_mean
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from rosbags.typesys.store import Typestore
 
@@ -223,12 +222,9 @@ def _lines_of(known: dict[str, Path], name: str, depth: int) -> Iterator[str]:
 
 NANOSECONDS = 1_000_000_000
 
-_LITTLE_ENDIAN = b'\0\1\0\0'
 _STAMP = slice(4, 12)
 _LAST = 2**31 - 1  #: [s]
 _TIMES = (Struct('>iI'), Struct('<iI'))  # big-endian, little-endian
-_HEADER = 'std_msgs/msg/Header'
-_CODES = {'float64': 'd', 'bool': '?'}
 
 #: The QoS that ROS reports of a publisher of another participant, in rosbag2's terms.
 _ENDLESS = {'sec': 9_223_372_036, 'nsec': 854_775_807}
@@ -274,37 +270,6 @@ def split_time(stamp: int) -> tuple[int, int]:
     """
     sec, nanosec = divmod(stamp, NANOSECONDS)
     return (sec, nanosec) if sec <= _LAST else (_LAST, stamp - _LAST * NANOSECONDS)
-
-
-def fixed_reader(
-    fields: Iterable[tuple[str, Any]], wanted: Sequence[str]
-) -> Callable[[bytes], tuple[float, ...] | None] | None:
-    """Return a function that reads the `wanted` fields, two or more, of a message.
-
-    It takes the message in CDR, and returns None for one in the other order of bytes. There is none
-    for fields, with rosbags' descriptions, that do not begin with a header, doubles and flags:
-    others have no fixed place in the bytes. Those behind them must be empty.
-    """
-    (_, first), *others = fields
-    names = [name for name, _ in others]
-    codes = ''.join(_CODES.get(of[0], ' ') for _, (_, of) in others).rstrip()
-    fixed = first[1] == _HEADER and re.fullmatch(r'd+\?*', codes)
-    if not fixed or not set(wanted) <= set(names[: len(codes)]):
-        return None
-    struct, select = Struct('<' + codes), itemgetter(*map(names.index, wanted))
-
-    def read(data: bytes) -> tuple[float, ...] | None:
-        if data[:4] != _LITTLE_ENDIAN:
-            return None
-        # The frame's length is behind the stamp; what follows begins at a multiple of 8, counted
-        # from behind the encoding's four bytes.
-        at = 4 + (int.from_bytes(data[12:16], 'little') + 19 & ~7)
-        if any(data[at + struct.size :]):
-            return None
-        values: tuple[float, ...] = select(struct.unpack_from(data, at))
-        return values
-
-    return read
 
 
 @cache

@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from barc_sim.bags import bounds
 from barc_sim.bags.contents import Contents, types_of
-from barc_sim.bags.messages import field_types, fixed_reader, leading_time
+from barc_sim.bags.messages import field_types
 from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import (
@@ -209,12 +209,9 @@ class _Decoder:
         #: Where a message names its terms, what precedes their names in the log.
         self._prefix = {CONTROLLER_STATE: '', LANE_STATE: LANE}.get(name)
         self._fields = [*TOPICS[PID_STATE if name == CONTROLLER_STATE else name]]
-        self._fixed = fixed_reader(types[self._type][1], self._fields)
 
     def decode(self, data: bytes) -> tuple[int, Iterable[float], Mapping[str, float]]:
         """Return a message's stamp [ns], the values of its fields, and the terms that it names."""
-        if self._fixed and (fixed := self._fixed(data)):
-            return leading_time(data), fixed, {}
         if len(data) > bounds.MAX_MESSAGE:
             raise ValueError('message')
         decoded: Any = self._store.deserialize_cdr(data, self._type)

@@ -24,7 +24,6 @@ _FORMATS = {
     'mat': '{}.mat',
     'ros1': '{}.bag',
     'sqlite3': '{}_sqlite3',
-    'mcap': '{}_mcap',
 }
 
 
@@ -94,7 +93,7 @@ def run_convert(options: Namespace) -> None:
 def add_arguments_recover(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Rebuild index, summary and metadata.yaml of a bag whose run was killed.'
-    parser.epilog = 'A file damaged before its last chunk is also kept, as FILE.damaged.'
+    parser.epilog = 'A file that was not readable to its end is also kept, as FILE.damaged.'
     parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
 
 

@@ -267,7 +267,7 @@ def add_topic_choice(parser: argparse.ArgumentParser, verb: str) -> None:
             nargs='+',
             default=[],
             metavar='TOPIC',
-            help=f'{verb} {what} topics of these names, or whose name contains these patterns',
+            help=f'{verb} {what} topics whose name contains one of these patterns',
         )
 
 

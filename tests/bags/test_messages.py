@@ -15,7 +15,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from barc_sim.bags import messages
 from barc_sim.bags.messages import (
     definition,
-    fixed_reader,
     leading_time,
     share,
     shipped,
@@ -29,9 +28,6 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from pathlib import Path
 
-ECU = 'barc_interfaces/msg/ECU'
-COMMAND = get_types_from_msg(definition(ECU), ECU)[ECU][1]
-
 
 @pytest.mark.parametrize(('order', 'mark'), [('<', 1), ('>', 0)])
 @pytest.mark.parametrize(
@@ -44,35 +40,6 @@ def test_time_is_read_in_either_order_of_bytes_and_split_again(
     data = bytes([0, mark, 0, 0]) + struct.pack(f'{order}iI', sec, nanosec) + b'more'
     assert leading_time(data) == sec * 10**9 + nanosec
     assert split_time(leading_time(data)) == (sec, nanosec)
-
-
-@pytest.mark.parametrize('frame', ['', 'map', 'base_link', 'a' * 300])
-def test_fields_are_read_in_the_order_asked_for(frame: str) -> None:
-    read = fixed_reader(COMMAND, ('servo', 'motor'))
-    assert read
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register({ECU: ([], COMMAND)})
-    stamp = store.types['builtin_interfaces/msg/Time'](sec=1, nanosec=5)
-    header = store.types['std_msgs/msg/Header'](stamp=stamp, frame_id=frame)
-    made = store.types[ECU](header=header, motor=1.5, servo=-0.25)
-    assert read(bytes(store.serialize_cdr(made, ECU))) == (-0.25, 1.5)
-    assert read(bytes(store.serialize_cdr(made, ECU, little_endian=False))) is None
-
-
-@pytest.mark.parametrize(
-    'fields',
-    [
-        'float64 motor\nfloat64 servo',
-        'std_msgs/Header header\nbool motor\nbool servo',  # they follow the frame at once
-        'std_msgs/Header header\nfloat64 motor\nstring name\nfloat64 servo',
-        'std_msgs/Header header\nfloat64 motor\nbool flag\nfloat64 servo',
-        'std_msgs/Header header\nfloat64 motor',
-        'builtin_interfaces/Time header\nfloat64 motor\nfloat64 servo',
-    ],
-)
-def test_other_fields_have_no_fixed_places(fields: str) -> None:
-    (found,) = get_types_from_msg(fields, 'a/msg/B').values()
-    assert fixed_reader(found[1], ('motor', 'servo')) is None
 
 
 @pytest.mark.skipif(not has_ros(), reason='compares with what ROS has installed')
