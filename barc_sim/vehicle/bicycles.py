@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from cmath import sqrt as complex_sqrt
 from collections.abc import Callable
-from math import atan2, copysign, cos, hypot, sin
+from math import atan2, copysign, cos, factorial, hypot, sin
 from typing import Annotated, NamedTuple
 
 from barc_sim.errors import UserError, limited
@@ -49,7 +49,6 @@ Grade = Callable[[float], float]
 Vector = tuple[float, ...]
 #: The derivative of a state by time, where nothing but the state changes in a step.
 Rates = Callable[[Vector], Vector]
-_Matrix = tuple[tuple[float, float], tuple[float, float]]
 
 
 def euler(rates: Rates, state: Vector, ts: float) -> Vector:
@@ -78,17 +77,6 @@ class Integrator(NamedTuple):
 
     step: Callable[[Rates, Vector, float], Vector]
     order: int
-
-    def amplification(self, z: complex) -> float:
-        """Return by how much a step of `ts` multiplies a solution of rate `z / ts` [1/s].
-
-        More than 1 where the true one decays is the method's instability.
-        """
-        term, total = 1.0 + 0.0j, 1.0 + 0.0j
-        for k in range(1, self.order + 1):
-            term *= z / k
-            total += term
-        return abs(total)
 
 
 INTEGRATORS = {'euler': Integrator(euler, 1), 'rk4': Integrator(rk4, 4)}
@@ -207,11 +195,19 @@ class DynamicBicycle:
     def check(self, vehicle: Vehicle, ts: float) -> None:
         """Raise UserError where steps of `ts` seconds are too long for the integrator.
 
-        They are where it makes a motion grow that decays, at the speed at which it begins.
+        They are where it makes a motion across grow that decays, at the speed at which it begins:
+        where the first terms of exp(z), as many as its order, are more than 1 for an eigenvalue z
+        of the linear equations of v_y and ψ' (Rajamani, section 2.3).
         """
-        v = self.lateral.dynamic_above
-        for rate in eigenvalues(vehicle, self.lateral, v):
-            if rate.real < 0.0 and self._integrator.amplification(rate * ts) > 1.0:
+        m, l_f, l_r = vehicle.mass, vehicle.l_f, vehicle.l_r
+        i_z, c_f, c_r, v = self.lateral
+        moment = l_f * c_f - l_r * c_r
+        a, d = -(c_f + c_r) / (m * v), -(l_f**2 * c_f + l_r**2 * c_r) / (i_z * v)
+        product = (v + moment / (m * v)) * moment / (i_z * v)
+        root = complex_sqrt(0.25 * (a - d) ** 2 + product)
+        for rate in (0.5 * (a + d) + root, 0.5 * (a + d) - root):
+            terms = ((rate * ts) ** k / factorial(k) for k in range(self._integrator.order + 1))
+            if rate.real < 0.0 and abs(sum(terms)) > 1.0:
                 raise UserError(
                     f'steps of {ts:g} s are too long for the dynamic bicycle at {v:g} m/s, where '
                     f'it settles in {1e3 / abs(rate):.0f} ms: raise the parameter rate or '
@@ -316,26 +312,3 @@ def rates(
         )
 
     return derivative
-
-
-# The lateral dynamics in closed form, of small angles at a constant speed: after Rajamani, "Vehicle
-# Dynamics and Control", 2nd ed., sections 2.3 and 3.3, where a tyre's stiffness is half of an
-# axle's here.
-
-
-def lateral_matrix(vehicle: Vehicle, lateral: LateralParameters, v: float) -> _Matrix:
-    """Return A of d/dt (v_y, psi_dot) = A (v_y, psi_dot) + B δ, at speed `v` [m/s] above zero."""
-    m, l_f, l_r = vehicle.mass, vehicle.l_f, vehicle.l_r
-    i_z, c_f, c_r, _ = lateral
-    moment = l_f * c_f - l_r * c_r
-    return (
-        (-(c_f + c_r) / (m * v), -v - moment / (m * v)),
-        (-moment / (i_z * v), -(l_f**2 * c_f + l_r**2 * c_r) / (i_z * v)),
-    )
-
-
-def eigenvalues(vehicle: Vehicle, lateral: LateralParameters, v: float) -> tuple[complex, complex]:
-    """Return the eigenvalues [1/s] of `lateral_matrix`, that of the greater real part first."""
-    (a, b), (c, d) = lateral_matrix(vehicle, lateral, v)
-    mean, root = 0.5 * (a + d), complex_sqrt(0.25 * (a - d) ** 2 + b * c)
-    return mean + root, mean - root

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import atan2, atanh, cos, cosh, exp, isfinite, log, log2, radians, sin, sqrt, tanh
+from math import atan2, atanh, cos, cosh, isfinite, log, log2, radians, sin, sqrt, tanh
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,8 +15,6 @@ from barc_sim.vehicle.bicycles import (
     DynamicBicycle,
     KinematicBicycle,
     LateralParameters,
-    eigenvalues,
-    lateral_matrix,
     rates,
 )
 from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion
@@ -87,14 +84,6 @@ def test_euler_takes_the_slope_at_the_beginning() -> None:
     assert INTEGRATORS['euler'].step(lambda at: (at[1], 5.0), (1.0, 2.0), 0.5) == (2.0, 4.5)
 
 
-@pytest.mark.parametrize('name', ['euler', 'rk4'])
-@pytest.mark.parametrize('rate', [-3.0, -40.0, 2.0])
-def test_amplification_is_what_a_step_does(name: str, rate: float) -> None:
-    method = INTEGRATORS[name]
-    (after,) = method.step(lambda at: (rate * at[0],), (1.0,), 0.05)
-    assert method.amplification(rate * 0.05) == pytest.approx(abs(after))
-
-
 # The dynamic bicycle
 
 TS = 0.005
@@ -129,11 +118,6 @@ def at_speed(bicycle: DynamicBicycle, vehicle: Vehicle, v: float, servo: float, 
     return bicycle.motion(state, servo, vehicle)
 
 
-def lateral_rates(v: float, v_y: float, psi_dot: float, servo: float = 0.0) -> tuple[float, float]:
-    derivative = rates(Command(0.0, servo), flat, ODD, OVERSTEERING)
-    return derivative((0.0, 0.0, 0.0, v, v_y, psi_dot))[4:]  # type: ignore[return-value]
-
-
 # Closed forms
 
 
@@ -145,12 +129,8 @@ def test_steady_state_has_the_gains_of_the_closed_form(
 ) -> None:
     bicycle = DynamicBicycle(lateral, integrator)
     seen = at_speed(bicycle, vehicle, v, SMALL, 6.0)
-    per_steer = lateral.front_stiffness * SMALL
-    steered = (-per_steer / vehicle.mass, -per_steer * vehicle.l_f / lateral.yaw_inertia)
-    v_y, psi_dot = np.linalg.solve(lateral_matrix(vehicle, lateral, v), steered)
-    assert (seen.v_y, seen.psi_dot) == pytest.approx((v_y, psi_dot), rel=1e-5)
     gain = v / (vehicle.l_f + vehicle.l_r + understeer_gradient(vehicle, lateral) * v**2)
-    assert psi_dot == pytest.approx(gain * SMALL)
+    assert seen.psi_dot == pytest.approx(gain * SMALL, rel=1e-5)
 
 
 @pytest.mark.parametrize(('share', 'grows'), [(0.95, False), (1.05, True)])
@@ -164,21 +144,7 @@ def test_oversteering_car_is_stable_up_to_its_critical_speed(share: float, *, gr
         held = disturbed if k < 20 else Command()
         state = bicycle.step(state, held, flat, CAR, TS)._replace(v=v)
         yaw_rates.append(bicycle.motion(state, 0.0, CAR).psi_dot)
-    rate = eigenvalues(CAR, OVERSTEERING, v)[0].real
     assert (abs(yaw_rates[-1]) > abs(yaw_rates[-1000])) == grows
-    assert yaw_rates[-1] / yaw_rates[-1000] == pytest.approx(exp(rate * 999 * TS), rel=1e-3)
-
-
-@pytest.mark.parametrize('v', [5.0, 20.0, 40.0])
-def test_linearised_equations_are_the_textbooks_matrix(v: float) -> None:
-    h = 1e-6
-    by_v_y, by_psi_dot = lateral_rates(v, h, 0.0), lateral_rates(v, 0.0, h)
-    (a, b), (c, d) = lateral_matrix(ODD, OVERSTEERING, v)
-    assert (by_v_y[0] / h, by_psi_dot[0] / h) == pytest.approx((a, b), rel=1e-6)
-    assert (by_v_y[1] / h, by_psi_dot[1] / h) == pytest.approx((c, d), rel=1e-6)
-    by_servo = lateral_rates(v, 0.0, 0.0, h)
-    assert by_servo[0] / h == pytest.approx(OVERSTEERING.front_stiffness / ODD.mass)
-    assert by_servo[1] / h == pytest.approx(1.1 * OVERSTEERING.front_stiffness / 4000.0)
 
 
 # Physics
