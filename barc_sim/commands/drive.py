@@ -13,7 +13,6 @@ from barc_sim.cli.process import StopSignals
 from barc_sim.control.cruise_control import (
     DEFAULT_LANE,
     DEFAULT_TYPE,
-    GAINS,
     LANE_TYPES,
     LIMIT,
     PROFILE,
@@ -168,7 +167,7 @@ def _add_track_options(parser: Parser) -> None:
     )
     parser.add_argument(
         '--lane-gain',
-        type=_lane_gain,
+        type=_gain,
         action='append',
         default=[],
         metavar='NAME=VALUE',
@@ -192,22 +191,12 @@ def _lane(text: str) -> str | Path:
     return text if text in LANE_TYPES else Path(text)
 
 
-def _lane_gain(text: str) -> tuple[str, float]:
-    """Return name and value of a gain; that the law has it, the run checks."""
+def _gain(text: str) -> tuple[str, float]:
+    """Return name and value of a gain; that the controller has it, the run checks."""
     name, equals, value = text.partition('=')
     if not equals:
         raise ArgumentTypeError(f'{text!r} is no gain: expected NAME=VALUE')
     return name, number(-inf, inf)(value)
-
-
-def _gain(text: str) -> tuple[str, float]:
-    """Return name and value of a gain."""
-    name, equals, value = text.partition('=')
-    if not equals or name not in GAINS:
-        raise ArgumentTypeError(
-            f'{text!r} is no gain: expected NAME=VALUE with a name of {", ".join(GAINS)}'
-        )
-    return name, number(*GAINS[name].between)(value)
 
 
 def _gains_of(types: Mapping[str, type[Tunable]]) -> str:

@@ -37,6 +37,7 @@ from barc_sim.simulation.metrics import Laps, TrackLaps
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from collections.abc import Iterable
 
     from barc_sim.cli.process import StopSignals
     from barc_sim.lab.user_code.code import UserCode
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
 #: [m] The lab's road ends there.
 _DISTANCE = 180.0
+_OF_CONTROLLER = ('acceleration_limit', 'controller_type', 'reference', 'lane', 'speed_profile')
 
 
 def drive(options: Namespace, stop: StopSignals) -> int:
@@ -211,12 +213,9 @@ def _check(options: Namespace, inputs: Inputs) -> None:
             '--lab or --controller gives another: give one of the two only'
         )
     if options.no_controller:
-        own = {name: getattr(options, name) for name in (*PID.gains, 'controller', 'policy')}
-        own['acceleration-limit'] = options.acceleration_limit
-        own['controller-type'] = options.controller_type
-        own['reference'] = options.reference
+        names = (*PID.gains, 'controller', 'policy', *_OF_CONTROLLER)
+        own = {name.replace('_', '-'): getattr(options, name) for name in names}
         own |= {f'gain {name}': value for name, value in options.gain}
-        own |= {'lane': options.lane, 'speed-profile': options.speed_profile}
         own |= {f'lane-gain {name}': value for name, value in options.lane_gain}
         check_left_out('controller', own)
     if options.policy:
@@ -304,14 +303,17 @@ def _check_lane(options: Namespace, user_code: UserCode) -> None:
         raise UserError('--speed-profile and --reference both give the speed: give one of them')
     name = 'of lane.py' if user_code.lane else options.lane or DEFAULT_LANE
     law: Any = UserLane(user_code) if user_code.lane else LANE_TYPES[name]()
+    _check_gains(f'the law {name}', law, options.lane_gain)
+
+
+def _check_gains(what: str, law: Any, given: Iterable[tuple[str, float]]) -> None:  # noqa: ANN401
+    """Refuse gains that a controller does not have, or that are out of its limits."""
     rows = {each.name: each for each in gain_parameters(law)}
-    for gain, value in options.lane_gain:
-        if gain not in rows:
-            raise UserError(
-                f'--lane-gain {gain}={value:g}: the law {name} has no such gain; expected one of '
-                f'{", ".join(rows)}'
-            )
-        rows[gain].check(value)
+    for name, value in given:
+        if name not in rows:
+            names = ', '.join(rows)
+            raise UserError(f'{name} = {value:g}: {what} has no such gain; expected one of {names}')
+        rows[name].check(value)
 
 
 def _profile(options: Namespace) -> dict[str, float]:
@@ -328,12 +330,7 @@ def _gains(options: Namespace) -> dict[str, float]:
     named = {name: getattr(options, name) for name in PID.gains}
     gains = {name: value for name, value in named.items() if value is not None}
     gains |= dict(options.gain)
-    for name, value in gains.items():
-        if name not in TYPES[kind].gains:
-            raise UserError(
-                f'{name} = {value:g}: the controller {kind} has no such gain; expected one of '
-                f'{", ".join(TYPES[kind].gains)}'
-            )
+    _check_gains(f'the controller {kind}', TYPES[kind](), gains.items())
     return gains
 
 

@@ -42,10 +42,13 @@ def test_commands_take_the_bag(bag: Path, command: str) -> None:
     ('options', 'message'),
     [
         (('--controller-type', 'mpc'), "invalid choice: 'mpc'"),
-        (('--gain', 'kp'), "'kp' is no gain: expected NAME=VALUE with a name of kp, ki"),
-        (('--gain', 'kp='), "'' is not a number from -1e+06 to 1e+06"),
-        (('--gain', 'mass=3'), "'mass=3' is no gain: expected NAME=VALUE with a name of kp, ki"),
-        (('--gain', 'observer_gain=2'), '2 is not a number from 0 to 1'),
+        (('--gain', 'kp'), "'kp' is no gain: expected NAME=VALUE"),
+        (('--gain', 'kp='), "'' is not a number"),
+        (('--gain', 'mass=3'), 'mass = 3: the controller pid has no such gain'),
+        (
+            ('--controller-type', 'lqr', '--gain', 'observer_gain=2'),
+            '2 is not a number from 0 to 1',
+        ),
         (('--gain', 'observer_gain=1'), 'the controller pid has no such gain; expected one of kp'),
         (('--controller-type', 'lqr', '--kp', '3'), 'kp = 3: the controller lqr has no such gain'),
         (('--no-controller', '--controller-type', 'lqr'), 'that --no-controller leaves out'),
