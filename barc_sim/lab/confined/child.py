@@ -15,6 +15,7 @@ import os
 import re
 import signal
 import sys
+from contextlib import suppress
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
@@ -32,7 +33,6 @@ _SET_PDEATHSIG, _SET_DUMPABLE, _SET_SECCOMP, _SET_NO_NEW_PRIVS = 1, 4, 22, 38
 _MODE_FILTER, _RESTRICT_SELF = 2, 446
 _INSTRUCTION = 8  # bytes of a seccomp program
 _MAX_RELAY = 1 << 20  # bytes of a relay's file
-_MARGIN = 0.5  # [s] of processor time, for the sentence with the line that ran out of it
 
 
 class _Installed(MetaPathFinder):
@@ -65,54 +65,42 @@ def _handler(seconds: float) -> Callable[..., Any]:
     """Return what answers the requests on the files of the current folder.
 
     Each may use so many `seconds` of processor time: then it raises OutOfTime, which names the
-    line. Code that catches this, or does not return to Python, is ended by the second alarm.
+    line. Code that catches this, or does not return to Python, is ended by the grader.
     """
+    from barc_sim.cli.files import read_regular  # noqa: PLC0415
     from barc_sim.lab.handout import files_in  # noqa: PLC0415
     from barc_sim.lab.user_code.code import UserCode  # noqa: PLC0415
     from barc_sim.lab.user_code.folder import OutOfTime  # noqa: PLC0415
 
     files = files_in(Path())
-    if 'relay' in files and _uses_ros(files['relay']):
-        from barc_sim.lab.user_code import relay_program  # noqa: PLC0415
+    with suppress(OSError, ValueError):  # the code names it, where a relay cannot be read
+        if 'relay' in files and re.search(b'rclpy|rospy', read_regular(files['relay'], _MAX_RELAY)):
+            from barc_sim.lab.user_code import relay_program  # noqa: PLC0415
 
-        relay_program.prepare()
+            relay_program.prepare()
     code = UserCode(files, budget=None)
+    has_alarms = hasattr(signal, 'setitimer')  # not on Windows: the grader ends the process
 
-    def call(do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
-        found = getattr(code, do)
-        return found(*arguments) if callable(found) else found
-
-    if not hasattr(signal, 'setitimer'):  # Windows: the grader ends the process
-        return call
+    def set_alarm(seconds: float) -> None:
+        if has_alarms:
+            signal.setitimer(signal.ITIMER_PROF, seconds)
 
     def out_of_time(_: int, __: FrameType | None) -> None:
         raise OutOfTime
 
-    def set_alarms(first: float, second: float) -> None:
-        signal.setitimer(signal.ITIMER_PROF, first)
-        signal.setitimer(signal.ITIMER_VIRTUAL, second)
-
-    def limited(*arguments: Any) -> Any:  # noqa: ANN401 (JSON)
-        set_alarms(seconds, seconds + _MARGIN)
+    def handle(do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
+        set_alarm(seconds)
         try:
-            return call(*arguments)
+            found = getattr(code, do)
+            return found(*arguments) if callable(found) else found
         finally:
-            set_alarms(0.0, 0.0)
+            set_alarm(0.0)
             sys.settrace(None)
 
     OutOfTime.seconds = seconds
-    signal.signal(signal.SIGPROF, out_of_time)
-    return limited
-
-
-def _uses_ros(relay: Path) -> bool:
-    """Return whether a relay may be a program of ROS, which needs what stands in for ROS."""
-    from barc_sim.cli.files import read_regular  # noqa: PLC0415
-
-    try:
-        return re.search(rb'rclpy|rospy', read_regular(relay, _MAX_RELAY)) is not None
-    except (OSError, ValueError):
-        return False
+    if has_alarms:
+        signal.signal(signal.SIGPROF, out_of_time)
+    return handle
 
 
 def _forget_packages(packages: str) -> None:
@@ -124,8 +112,8 @@ def _forget_packages(packages: str) -> None:
     sys.path_importer_cache.clear()
 
 
-def _limit(memory: int, cpu: int, parent: int) -> None:
-    """Limit memory [bytes], processor time [s] and files; end with the process `parent`."""
+def _limit(memory: int, parent: int) -> None:
+    """Limit memory [bytes] and files; end with the process `parent`."""
     import resource  # noqa: PLC0415 (not on Windows)
 
     _called('prctl', _SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
@@ -134,7 +122,6 @@ def _limit(memory: int, cpu: int, parent: int) -> None:
     _called('prctl', _SET_DUMPABLE, 0, 0, 0, 0)
     for kind, amount in (
         (resource.RLIMIT_AS, memory),
-        (resource.RLIMIT_CPU, cpu),
         (resource.RLIMIT_FSIZE, 0),
         (resource.RLIMIT_CORE, 0),
         (resource.RLIMIT_NOFILE, 64),
@@ -211,7 +198,7 @@ def _main() -> None:
         handler = _handler(start['call'])
         _forget_packages(start['packages'])
         if sys.platform == 'linux':
-            _limit(start['memory'], start['cpu'], start['parent'])
+            _limit(start['memory'], start['parent'])
         if start['ruleset'] is not None:
             _confine(start['ruleset'], bytes.fromhex(start['program']))
     except Exception as error:  # noqa: BLE001 (the grader prints it)

@@ -65,7 +65,6 @@ class Limits(NamedTuple):
     """Limits of a submission's process, far above the needs of slow code."""
 
     memory: int = 1 << 30  #: bytes of address space; NumPy takes a fifth of it
-    cpu: int = 30  #: [s] of processor time, over all calls
     start: float = 60.0  #: [s] until it is confined; the submission does not run before
     call: float = 3.0  #: [s] of processor time for one request, which can have thousands of calls
     wait: float = 20.0  #: [s] for one request, on a busy machine or with a sleep
@@ -195,19 +194,13 @@ class Process:
         code = self._process.poll()
         self.close()
         if self._is_late:
-            waited = f'{self._limits.wait:g} s; does it sleep, or wait for something?'
+            waited = f'{self._limits.wait:g} s; does it sleep, or loop without end?'
             return f'was ended: it did not answer within {waited}'
         if line or code in {None, NO_PIPES}:
             return 'was ended: it has written to, or closed, files that are not its own'
         if code >= 0:
             return f'has ended itself with exit code {code}; a function returns, it does not exit'
-        name = signal.Signals(-code).name
-        if name == 'SIGVTALRM':
-            used = f'{self._limits.call:g} s of processor time; is there an endless loop?'
-            return f'was ended: it did not answer within {used}'
-        if name == 'SIGKILL':
-            return f'was ended: it has used up {self._limits.cpu} s of processor time'
-        return f'has crashed with {name}; is a recursion too deep?'
+        return f'has crashed with {signal.Signals(-code).name}; is a recursion too deep?'
 
 
 def _start(folder: Path, limits: Limits, *, sandbox: bool) -> subprocess.Popen[bytes]:
@@ -231,7 +224,6 @@ def _start(folder: Path, limits: Limits, *, sandbox: bool) -> subprocess.Popen[b
         'packages': str(_PACKAGES),
         'installed': {name: str(package_folder(name)) for name in ('numpy', 'rosbags')},
         'memory': limits.memory,
-        'cpu': limits.cpu,
         'call': limits.call,
     }
     try:

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 _BUDGET = 10.0  #: [s] of a run; it takes some milliseconds
 _PATIENCE = 5.0  #: [s] for a program to wait again, while it drives
 _STATE_PERIOD = 0.02  #: [s]
-_CMD_VEL, _STATE, _ECU = _TOPICS = 'cmd_vel', 'z_vhcl', 'ecu'
+_CMD_VEL, _STATE, _ECU = 'cmd_vel', 'z_vhcl', 'ecu'
 _ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 _TWIST, _KEY = 'geometry_msgs/msg/Twist', 'keyboard/msg/Key'
 _TAP = 0.5  #: [s] between two presses of a key that is judged: fewer than a held key repeats
@@ -398,14 +398,10 @@ class RelayProgram:
 
     def start(self) -> LiveRelay:
         """Start it, to be driven by hand; one that was started before ends."""
-        self.stop()
-        self._live = LiveRelay(self)
-        return self._live
-
-    def stop(self) -> None:
-        """End the program that was started, if any."""
         if self._live:
             self._live.stop()
+        self._live = LiveRelay(self)
+        return self._live
 
     def run(self, world: RelayWorld) -> None:
         """Run the program in `world`, to its end or the world's."""
@@ -416,7 +412,7 @@ class RelayProgram:
 
         def program() -> None:
             module = folder.load(self.path, '__main__')
-            if callable(getattr(module, 'main', None)) and not world.has_nodes():
+            if callable(getattr(module, 'main', None)) and len(world.nodes) == 1:
                 module.main()
 
         try:
@@ -481,19 +477,17 @@ class RelayWorld(World):
         self.layout, self.terminal = layout, Terminal(self)
         self._held, self._pressed = '', 0.0
         self._publishers: dict[str, Any] = {}  # of the driver, by topic
-        self.end, self.flat_names, self.is_silent = end * SECOND, _TOPICS, True
+        self.end, self.flat_names, self.is_silent = end * SECOND, (_CMD_VEL, _STATE, _ECU), True
         self.commands: list[tuple[float, float, float]] = []  #: t [s], motor and servo
         self.published: set[str] = set()  #: the program's topics
         self.subscribed: dict[str, str] = {}  #: their types
-        self._speed = self._distance = self._motor = self._moved = 0.0
+        self._speed = self._motor = self._moved = 0.0
         state, ecu = map(message_type, ('barc_interfaces/msg/ZDynBkMdl', 'barc_interfaces/msg/ECU'))
         with in_world(self):
             init(args=[])
             self.node = Node('car', enable_rosout=False)
-            self._state, self._state_pub = (
-                state(),
-                self.node.create_publisher(state, _STATE, _ALL),
-            )
+            self._state = state()
+            self._state_pub = self.node.create_publisher(state, _STATE, _ALL)
             self.node.create_subscription(ecu, _ECU, self._on_command, _ALL)
             for t, linear_x, angular_z in twists:
                 self.at(t, partial(self.drive, linear_x, angular_z))
@@ -557,15 +551,13 @@ class RelayWorld(World):
         self.commands.append((self.seconds, command.motor, command.servo))
 
     def _move(self) -> None:
-        now = self.seconds
-        self._distance += self._speed * (now - self._moved)
-        self._speed += self._motor * (now - self._moved)
-        self._moved = now
+        self._speed += self._motor * (self.seconds - self._moved)
+        self._moved = self.seconds
 
     def _publish_state(self) -> None:
         self._note_topics()
         self._move()
-        self._state.x, self._state.v_x = self._distance, self._speed
+        self._state.v_x = self._speed
         self._state_pub.publish(self._state)
 
     def _note_topics(self) -> None:
@@ -581,10 +573,6 @@ class RelayWorld(World):
     def seconds(self) -> float:
         """The time [s]."""
         return self.now_ns / SECOND
-
-    def has_nodes(self) -> bool:
-        """Return whether the program has made a node."""
-        return len(self.nodes) > 1
 
     def modules(self, *, ros_1: bool) -> Callable[[str], Any]:
         """Return what gives the modules that take the places of a program's, by name."""

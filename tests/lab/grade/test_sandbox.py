@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.usefixtures('confinement')
 
 ROW = [0.0] * 11
-QUICK = Limits(call=0.3, wait=8.0)
+QUICK = Limits(call=0.3, wait=2.0)
 BIKE_FE = """
 def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
     return [1.0, 2.0, 3.0, 4.0]
@@ -95,11 +95,11 @@ FATAL = {
     ),
     'catch everything, and loop': (
         'while True:\n try:\n  while True: pass\n except BaseException: pass',
-        'longer than 0.3 s|within 0.3 s',
+        'longer than 0.3 s|within 2 s',
     ),
     'ignore the alarm': (
         'import signal; signal.signal(signal.SIGPROF, signal.SIG_IGN)\nwhile True: pass',
-        'did not answer within 0.3 s of processor time; is there an endless',
+        'did not answer within 2 s; does it sleep, or loop without end',
     ),
 }
 #: None is anybody's harm.
@@ -169,11 +169,6 @@ def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) 
 def test_it_may(folder: Callable[..., Path]) -> None:
     code = '\n'.join(ALLOWED.values())
     assert asked(folder, code, limits=Limits()) == [(1.0, 2.0, 3.0, 4.0)]
-
-
-def test_it_is_ended_when_its_processor_time_is_used_up(folder: Callable[..., Path]) -> None:
-    with pytest.raises(UserError, match='used up 1 s of processor time'):
-        asked(folder, 'while True: pass', limits=Limits(cpu=1, call=60.0, wait=60.0))
 
 
 @pytest.mark.parametrize('abi', [1, 3])

@@ -147,7 +147,7 @@ def test_program_that_reads_keys_itself_can_be_driven_step_by_step(load: Load, t
     assert held[1] == 0.0
     assert released[0] == 0.0 or text is COMBINED_STEPS
     assert turned[1] > 0.1
-    loaded.relay.stop()  # type: ignore[union-attr]
+    relay.stop()  # type: ignore[attr-defined]
 
 
 def test_program_that_does_not_wait_is_ended(load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
