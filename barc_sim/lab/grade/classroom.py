@@ -14,7 +14,7 @@ import unicodedata
 from collections import Counter
 from dataclasses import dataclass
 from statistics import mean, median
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
@@ -155,19 +155,16 @@ class Entry(NamedTuple):
     @property
     def flags(self) -> list[str]:
         """The words by which the page shows some of the class."""
+        grade = self.grade
         flags = {
-            'look': self.looks or self.alike or (self.grade and _has_no_points(self.grade)),
+            'look': self.looks or self.alike or (grade and not (grade.score or grade.open)),
             'late': self.late,
-            'open': self.grade and self.grade.open,
+            'open': grade and grade.open,
             'alike': self.alike,
             'older': self.newer,
             'missing': not self.folder,
         }
         return [name for name, is_set in flags.items() if is_set]
-
-
-def _has_no_points(grade: Grade) -> bool:
-    return not grade.score and not grade.open
 
 
 def entries(
@@ -312,41 +309,31 @@ def gradebooks(found: Sequence[Entry], rubric: Rubric) -> dict[str, str]:
     }
 
 
-class _Row(NamedTuple):
-    """Points of several submissions: for a criterion, or for a task."""
-
-    title: str
-    worth: float
-    scores: list[float]
-
-    @property
-    def mean(self) -> float:
-        return mean(self.scores)
-
-    @property
-    def full(self) -> str:
-        return f'{sum(each >= self.worth for each in self.scores)} of {len(self.scores)}'
-
-    @property
-    def words(self) -> str:
-        low, high = min(self.scores), max(self.scores)
-        return f'median {median(self.scores):g}, {low:g} to {high:g}'
-
-
-def _rows(tasks: Sequence[_Task], grades: Sequence[Grade]) -> list[_Row]:
+def _rows(tasks: Iterable[_Task], grades: Sequence[Grade]) -> list[dict[str, Any]]:
     """Return the points for each task that somebody has points for."""
-    scores = {
-        task: [score for grade in grades if (score := task.score(grade)) is not None]
-        for task in tasks
-    }
-    return [_Row(task.title, task.worth, found) for task, found in scores.items() if found]
+    rows = []
+    for task in tasks:
+        scores = [score for grade in grades if (score := task.score(grade)) is not None]
+        if scores:
+            full = sum(score >= task.worth for score in scores)
+            spread = f'{min(scores):g} to {max(scores):g}'
+            rows.append(
+                {
+                    **task._asdict(),
+                    'scores': scores,
+                    'mean': mean(scores),
+                    'full': f'{full} of {len(scores)}',
+                    'words': f'median {median(scores):g}, {spread}',
+                }
+            )
+    return rows
 
 
 def summary(grades: Sequence[Grade], rubric: Rubric) -> list[str]:
     """Return the score of one submission, or the means of several, a line for each task."""
     return [
-        f'{row.title:6}  {row.mean:.2f} of {row.worth:g}'
-        + (f'  ({row.words})' if len(grades) > 1 else '')
+        f'{row["title"]:6}  {row["mean"]:.2f} of {row["worth"]:g}'
+        + (f'  ({row["words"]})' if len(grades) > 1 else '')
         for row in _rows(_tasks(rubric, 'Score'), grades)
     ]
 
@@ -357,9 +344,9 @@ def page(found: Sequence[Entry], rubric: Rubric) -> str:
     tasks = _rows(_tasks(rubric, 'Score'), grades)
     criteria = [_Task(LABELS[name], (name,), worth) for name, worth in rubric.points.items()]
     bins = Counter(
-        min(int(_BINS * score / task.worth), _BINS - 1)
+        min(int(_BINS * score / task['worth']), _BINS - 1)
         for task in tasks[:1]
-        for score in task.scores
+        for score in task['scores']
     )
     return render(
         'class',

@@ -72,7 +72,7 @@ class Grade(NamedTuple):
     tolerated: tuple[str, ...] = ()  #: a phrase each
     comment: str = ''  #: of a person
     handed_in: float = 0.0  #: [s] since the epoch
-    passages: frozenset[int] = frozenset()  #: of its code, see `similarity`
+    passages: frozenset[int] = frozenset()  #: of its code, see `submissions`
     files: Mapping[str, bytes] = {}  #: by name
 
     @property

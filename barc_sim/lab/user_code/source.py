@@ -9,7 +9,7 @@ import warnings
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.cli.files import open_regular
+from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -59,12 +59,9 @@ class Source(NamedTuple):
 def read(path: Path, name: str) -> Source:
     """Read the file at `path`; an error if it can't be read, or is no text in UTF-8."""
     try:
-        with open_regular(path) as file:
-            data = file.read(_MAX_BYTES + 1)
+        data = read_regular(path, _MAX_BYTES)
     except OSError as error:
         raise UserCodeError(f'{str(path)!r} cannot be read: {error.strerror}') from error
-    if len(data) > _MAX_BYTES:
-        raise UserCodeError(f'{str(path)!r} has more than {_MAX_BYTES} bytes: is it Python?')
     try:
         text = data.decode()
     except UnicodeDecodeError as error:

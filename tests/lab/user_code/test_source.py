@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from barc_sim.errors import UserError
 from barc_sim.lab.user_code.source import UserCodeError, compiled, find_gains, read
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def test_the_mark_that_windows_puts_in_front_is_no_harm(tmp_path: Path) -> None:
 
 
 def test_a_file_of_no_sensible_size_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserCodeError, match='more than 1000000 bytes'):
+    with pytest.raises(UserError, match='more than 1000000 bytes'):
         source(tmp_path, b'#' * 1_000_001)
 
 
