@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.simulation.log import Log
-    from barc_sim.simulation.metrics import Lap
 
 SIZE, DRIVE_SIZE = (9.6, 8.4), (9.6, 9.6)  #: [inch]
 _POSITION = 'Position along the road [m]'
@@ -205,36 +204,25 @@ def terms_figure(log: Log) -> Figure | None:
 
 def _caption(log: Log) -> str:
     """Return a line on the speed error, of each lap; empty without a reference."""
-    laps = [*laps_of(log)[0]]
+    laps = [(lap.number, lap.summary) for lap in laps_of(log)[0]]
+    beyond = f'after the first {metrics.RUN_UP:g} m'
     if len(laps) > 1:
-        return _caption_of_laps(laps)
-    result = laps[0].summary
+        errors = {number: each.rms_error_after_run_up for number, each in laps}
+        held = [f'lap {k + 1} {rms:.3f} m/s' for k, rms in errors.items() if not np.isnan(rms)]
+        if len(held) > _MOST_LAPS:
+            held[1 : 2 - _MOST_LAPS] = ['…']
+        return f'RMS speed error {beyond}: {", ".join(held)}' if held else ''
+    ((_, whole),) = laps
     parts = {
-        f'after the first {metrics.RUN_UP:g} m': (
-            result.rms_error_after_run_up,
-            result.max_error_after_run_up,
-        ),
-        'over all': (result.rms_error, result.max_error),
+        beyond: (whole.rms_error_after_run_up, whole.max_error_after_run_up),
+        'over all': (whole.rms_error, whole.max_error),
     }
-    held = '; '.join(
+    held = [
         f'{part}: RMS {rms:.3f} m/s, at most {maximum:.3f} m/s'
         for part, (rms, maximum) in parts.items()
         if not np.isnan(rms)
-    )
-    return held and f'Speed error {held}'
-
-
-def _caption_of_laps(laps: list[Lap]) -> str:
-    held = [
-        f'lap {lap.number + 1} {lap.summary.rms_error_after_run_up:.3f} m/s'
-        for lap in laps
-        if not np.isnan(lap.summary.rms_error_after_run_up)
     ]
-    if len(held) > _MOST_LAPS:
-        held[1 : 2 - _MOST_LAPS] = ['…']
-    if not held:
-        return ''
-    return f'RMS speed error after the first {metrics.RUN_UP:g} m: {", ".join(held)}'
+    return f'Speed error {"; ".join(held)}' if held else ''
 
 
 def _broken(log: Log) -> Log:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -126,34 +127,32 @@ def lap_length(log: TrackLog) -> float:
 class _Curve(NamedTuple):
     """A lap that is drawn."""
 
-    log: TrackLog
-    rows: NDArray[np.bool_]
-    lap: TrackLap
     name: str
     line: dict[str, Any]
+    lap: TrackLap
+    log: TrackLog  #: of this lap alone
+    s: Floats  #: [m] from the finish line on
+
+    @property
+    def charted(self) -> tuple[Floats, ...]:
+        """What the charts show, from top to bottom."""
+        log = self.log
+        return log.e_y, np.degrees(log.e_psi), log.speed, np.degrees(log.servo)
 
 
-def _laps_of_a_run(log: TrackLog) -> list[_Curve]:
+def _laps_of(log: TrackLog) -> list[_Curve]:
     """Return all laps of a run, the best one in front."""
     laps, numbers = track_laps_of(log)
     shown, known = laps.best or laps.current, {lap.number: lap for lap in laps.finished}
-    order = [*sorted({*numbers} - {shown.number}), shown.number]
-    others = dict.fromkeys(order, ('other laps', {'color': _OTHER, 'lw': 1.0}))
-    of_shown = f'{"best lap" if laps.best else "lap"}: {shown.number + 1}', _SHOWN_LINE
-    return [
-        _Curve(log, np.equal(numbers, number), known.get(number, laps.current), *look)
-        for number, look in (others | {shown.number: of_shown}).items()
-    ]
-
-
-def _best_laps(runs: Sequence[tuple[str, TrackLog]]) -> list[_Curve]:
-    """Return the best lap of each run."""
+    length = lap_length(log)
     curves = []
-    for (name, log), color in zip(runs, cycle(RUN_COLOURS), strict=False):
-        *_, curve = _laps_of_a_run(log)
-        line = {'color': color, 'lw': 1.6}
-        curves.append(curve._replace(name=name, line=line))
-    return curves
+    for number in (*sorted({*numbers} - {shown.number}), shown.number):
+        of_lap = log.map(partial(np.compress, np.equal(numbers, number)))
+        s = of_lap.s - (of_lap.lap * length if np.isfinite(length) else 0.0)
+        lap = known.get(number, laps.current)
+        curves.append(_Curve('other laps', {'color': _OTHER, 'lw': 1.0}, lap, of_lap, s))
+    name = f'{"best lap" if laps.best else "lap"}: {shown.number + 1}'
+    return [*curves[:-1], curves[-1]._replace(name=name, line=_SHOWN_LINE)]
 
 
 @style.context(STYLE)
@@ -171,7 +170,14 @@ def track_figure(
     """
     log = logs[0]
     alone = len(logs) == 1
-    curves = _laps_of_a_run(log) if alone else _best_laps([*zip(labels, logs, strict=True)])
+    if alone:
+        curves = _laps_of(log)
+    else:
+        looks = zip([_laps_of(each)[-1] for each in logs], labels, cycle(RUN_COLOURS), strict=False)
+        curves = [
+            curve._replace(name=name, line={'color': color, 'lw': 1.6})
+            for curve, name, color in looks
+        ]
     figure = figure or Figure(figsize=TRACK_SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.06)
     grid = figure.add_gridspec(4, 2, width_ratios=[1.0, 1.25])
@@ -186,7 +192,8 @@ def track_figure(
         rows = [(curve.name, curve.lap) for curve in curves]
     _draw_table(table, ('Lap' if alone else 'Best lap of'), rows, curves[-1].lap if alone else None)
     for curve in curves:
-        _draw_lap(charts, curve, course)
+        for axes, values in zip(charts, curve.charted, strict=True):
+            axes.plot(curve.s, values, **curve.line)
     _finish(charts, curves, course)
     named = {curve.name: Line2D([], [], **curve.line) for curve in curves}
     charts[0].legend(
@@ -204,7 +211,7 @@ def _draw_map(axes: Axes, course: Course, curves: list[_Curve]) -> None:
     draw_course(axes, course)
     for curve in curves:
         x, y, _ = true_pose(curve.log)
-        axes.plot(x[curve.rows], y[curve.rows], **curve.line)
+        axes.plot(x, y, **curve.line)
     step = next(step for step in (10, 20, 25, 50, 100, 200, 500, 1000) if course.s[-1] < 12 * step)
     beside = course.beside(-(course.width / 2.0 + 1.0 + 0.04 * np.hypot(*_size(course))))
     for s in np.arange(0.0, course.s[-1] - 0.4 * step, step):
@@ -230,26 +237,12 @@ def draw_course(axes: Axes, course: Course, **line: Any) -> None:  # noqa: ANN40
     axes.set_aspect('equal', adjustable='datalim')
 
 
-def _draw_lap(charts: list[Axes], curve: _Curve, course: Course) -> None:
-    log, rows, *_ = curve
-    s = log.s[rows]
-    s = s - log.lap[rows] * course.length if np.isfinite(course.length) else s
-    for axes, values in zip(charts, _charted(log), strict=True):
-        axes.plot(s, values[rows], **curve.line)
-
-
-def _charted(log: TrackLog) -> tuple[Floats, ...]:
-    """Return what the charts show, from top to bottom."""
-    return log.e_y, np.degrees(log.e_psi), log.speed, np.degrees(log.servo)
-
-
 def _finish(charts: list[Axes], curves: list[_Curve], course: Course) -> None:
     """Name and scale the axes; draw the reference, the arcs and the limit of the steering."""
     across, heading, speed, steering = charts
-    log, rows, *_ = curves[-1]
-    s = log.s[rows] - (log.lap[rows] * course.length if np.isfinite(course.length) else 0.0)
-    if np.isfinite(log.reference[rows]).any():
-        speed.plot(s, log.reference[rows], color=INK, lw=1.0, ls=DASHES, label='reference')
+    log, s = curves[-1].log, curves[-1].s
+    if np.isfinite(log.reference).any():
+        speed.plot(s, log.reference, color=INK, lw=1.0, ls=DASHES, label='reference')
         speed.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
     limit = float(np.degrees(STEERING_LIMIT))
     for level in (limit, -limit):
@@ -258,7 +251,7 @@ def _finish(charts: list[Axes], curves: list[_Curve], course: Course) -> None:
         'limit', (1.0, limit), (-2.0, -3.0), ('axes fraction', 'data'), 'offset points',
         ha='right', va='top', color=MUTED, fontsize=8,
     )  # fmt: skip
-    bent = (log.curvature[rows] != 0.0).tolist()
+    bent = (log.curvature != 0.0).tolist()
     shade: dict[str, Any] = {'where': bent, 'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
     for axes in charts:
         axes.fill_between(s, 0.0, 1.0, transform=axes.get_xaxis_transform(), **shade)
@@ -266,21 +259,21 @@ def _finish(charts: list[Axes], curves: list[_Curve], course: Course) -> None:
         axes.axhline(0.0, color=GREY, lw=0.8)
     for axes in charts[:3]:
         axes.tick_params(labelbottom=False)
-    shown = [_charted(curve.log)[2][curve.rows] for curve in curves if curve.lap.number]
-    speeds = np.concatenate([*(shown or [log.speed]), log.reference[rows]])
+    e_y, e_psi, _, servo = (
+        np.concatenate(each) for each in zip(*(curve.charted for curve in curves), strict=True)
+    )
+    # The first lap begins at a standstill.
+    shown = [curve.log.speed for curve in curves if curve.lap.number] or [log.speed]
+    speeds = np.concatenate([*shown, log.reference])
     speeds = speeds[np.isfinite(speeds)]
     pad = max(0.1 * float(np.ptp(speeds)), 0.25)
     speed.set(ylabel='Speed [m/s]', ylim=(speeds.min() - pad, speeds.max() + pad))
-    e_y, e_psi, _, servo = (
-        np.concatenate(each)
-        for each in zip(*(_charted(curve.log) for curve in curves), strict=True)
-    )
     across.set(ylabel='e_y [m]', ylim=limits(e_y, share=0.12, minimum=0.05))
     heading.set(ylabel='e_psi [°]', ylim=limits(e_psi, share=0.12, minimum=1.0))
     servo = np.append(servo, [limit, -limit])
     steering.set(ylabel='Steering [°]', ylim=limits(servo, share=0.06, minimum=1.0))
     steering.set_xlabel('Place in the lap [m]; arcs are shaded')
-    end = course.length if np.isfinite(course.length) else float(log.s.max())
+    end = course.length if np.isfinite(course.length) else float(s.max())
     steering.set_xlim(0.0, max(end, 1.0))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib import colormaps, style
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from barc_sim.figures.style import BLUE, DASHES, EARTH, INK, MUTED, STYLE, VERMILLION, limits
 from barc_sim.simulation.metrics import RUN_UP
@@ -98,10 +98,8 @@ def _draw_map(axes: Axes, surface: Surface, start: Point, found: Point, cost: st
         x, y = (point.gains[axis] for axis in surface.axes)
         axes.plot(x, y, marker, ms=size, color=colour, label=name, **marks)
     axes.grid(visible=False)
-    axes.set_xlim(surface.right[0], surface.right[-1])
-    axes.set_ylim(surface.up[0], surface.up[-1])
-    axes.set_xlabel(LABELS[surface.axes[0]])
-    axes.set_ylabel(LABELS[surface.axes[1]])
+    axes.set(xlabel=LABELS[surface.axes[0]], xlim=(surface.right[0], surface.right[-1]))
+    axes.set(ylabel=LABELS[surface.axes[1]], ylim=(surface.up[0], surface.up[-1]))
     axes.legend(loc='upper right', frameon=True, framealpha=0.85)
 
 
@@ -112,31 +110,23 @@ def _norm(values: Floats) -> Normalize:
 
 
 def _draw_response(axes: Axes, runs: Runs) -> None:
-    """Draw the speeds over time, with an enlarged inset around the reference."""
+    """Draw the speeds over time, from when the faster run is about to reach the reference."""
     reference = runs[0][0].reference[0]
     reached = [float(log.t[log.speed >= reference].min(initial=log.t[-1])) for log, _ in runs]
     begin, end = min(reached), max(reached) + _AFTER
-    peak = max(float(log.speed[log.t <= end].max()) for log, _ in runs)
-    _draw_speeds(axes, runs, reference)
-    axes.set_xlim(0.0, end)
-    axes.set_ylim(0.0, 1.12 * max(reference, peak))
-    axes.set_xlabel('Time [s]')
-    axes.set_ylabel('Speed [m/s]')
-    if peak >= reference:
-        detail = axes.inset_axes((0.5, 0.17, 0.48, 0.52))
-        _draw_speeds(detail, runs, reference)
-        beyond = max(1.2 * (peak - reference), 0.002 * reference)
-        detail.set_xlim(begin - 0.1 * (end - begin), end)
-        detail.set_ylim(reference - 0.7 * beyond, reference + beyond)
-        detail.tick_params(labelsize=8)
-        detail.yaxis.set_major_locator(MaxNLocator(4))
-        detail.ticklabel_format(useOffset=False)
-
-
-def _draw_speeds(axes: Axes, runs: Runs, reference: float) -> None:
     for log, line in runs:
         axes.plot(log.t, log.speed, lw=1.6, **line)
     axes.axhline(reference, color=INK, lw=0.9, ls=(0.0, (1.0, 2.0)), label='reference')
+    peak = max(float(log.speed[log.t <= end].max()) for log, _ in runs)
+    axes.set(xlabel='Time [s]', ylabel='Speed [m/s]')
+    axes.ticklabel_format(useOffset=False)
+    if peak < reference:
+        axes.set(xlim=(0.0, end), ylim=(0.0, 1.12 * reference))
+    else:
+        beyond = max(1.2 * (peak - reference), 0.002 * reference)
+        axes.set(
+            xlim=(begin - 0.1 * (end - begin), end), ylim=(reference - beyond, reference + beyond)
+        )
 
 
 def _draw_errors(axes: Axes, runs: Runs) -> None:
@@ -159,10 +149,8 @@ def _draw_errors(axes: Axes, runs: Runs) -> None:
         zorder=0,
         lw=0.0,
     )
-    axes.set_xlim(RUN_UP, float(log.distance[-1]))
-    axes.set_ylim(*limits(np.concatenate(seen), share=0.1, minimum=1e-3))
-    axes.set_xlabel('Position along the road [m], slopes shaded')
-    axes.set_ylabel('Speed error [m/s]')
+    axes.set(xlim=(RUN_UP, log.distance[-1]), xlabel='Position along the road [m], slopes shaded')
+    axes.set(ylabel='Speed error [m/s]', ylim=limits(np.concatenate(seen), share=0.1, minimum=1e-3))
 
 
 def _caption(surface: Surface, start: Point, found: Point) -> str:

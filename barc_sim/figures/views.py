@@ -71,6 +71,7 @@ BEYOND = 60.0  #: [m] of the road that are drawn before and after a run
 POST = 10.0  #: [m] between two labels of the position
 LABELS = 12  #: more than are visible
 _READING = 0.115  #: the width of a reading, as a share
+EDGE = {'color': INK, 'lw': 1.4}
 GLASS, LAMP, RIM, WELL = '#DCEBF4', '#F0E442', '#D5D5D5', '#3A3A3A'
 
 
@@ -318,52 +319,71 @@ def _car_from_the_side(body: Transform, wheel: Affine2D) -> list[Artist]:
 
 
 class TopView(RunView):
-    """The car from above, on a grid, with its path."""
+    """The car from above, on a grid, with its path; on a track, with its edges.
 
-    PLACES: ClassVar = ((0.0, 0.28, 1.0, 0.62), (0.8, 0.03, 0.19, 0.22), (0.06, 0.09, 0.7, 0.165))
-    VIEW_WIDTH = 44.0
+    There a pale car is the best lap's, at the same time of the lap.
+    """
 
-    along_name = 'Time [s]'
+    PLACES: ClassVar = ((0.0, 0.28, 1.0, 0.62), (0.77, 0.02, 0.22, 0.24), (0.06, 0.09, 0.68, 0.165))
+    VIEW_WIDTH = 50.0
 
     def read(self, log: Log) -> None:
         """Take the run, or from now on another one on the same fixed parts."""
         super().read(log)
-        self.along = self._log.t
         x, y, self._psi = true_pose(self._log)
         self._path = np.column_stack([x, y])
         jumps = np.hypot(*np.diff(self._path, axis=0).T) > JUMP
         # A jump is not drawn: the state after it begins a new line.
         self._path[:-1][jumps] = np.nan
         self.course = x, y
+        self._on_track = log if isinstance(log, TrackLog) else None
+        self.along, self.along_name = self._log.t, 'Time [s]'
+        if isinstance(log, TrackLog):
+            self.along, self.along_name = log.s, 'Distance along the track, over all laps [m]'
+            self.charted, self.charted_name = log.e_y, 'e_y [m]'
+            self._laps, self._numbers = track_laps_of(log)
+        minimum = 0.1 if self._on_track else 1.0
+        self.chart_limits = limits(self.charted, share=0.15, minimum=minimum)
 
     def _draw_scene(self, axes: Axes) -> list[Artist]:
-        self.chart_limits = limits(self._log.speed, share=0.15, minimum=1.0)
         axes.set(facecolor='#F7F7F4')
         self._axes = axes
         self._grid, self._world, self._body, self._steering = (Affine2D() for _ in range(4))
-        self._trail = Line2D([], [], color=BLUE, lw=2.0, transform=self._world + axes.transData)
-        lines = [
-            axes.add_line(each)
-            for each in (
-                _grid(2.0, '#EAEAE5', self._grid + axes.transData),
-                _grid(POST, '#CFCFC8', self._grid + axes.transData),
-                self._trail,
-            )
+        world = self._world + axes.transData
+        self._trail = Line2D([], [], color=BLUE, lw=2.0, transform=world)
+        moving: list[Artist] = [
+            _grid(2.0, '#EAEAE5', self._grid + axes.transData),
+            _grid(POST, '#CFCFC8', self._grid + axes.transData),
         ]
+        if self._on_track:
+            self._line: Course = self._way or Course.driven(self._on_track)
+            half = self._line.width / 2.0
+            moving += [
+                Line2D(*self._line.beside(e_y), transform=world, **look)
+                for e_y, look in ((half, EDGE), (-half, EDGE), (0.0, {'color': GREY, 'ls': DASHES}))
+            ]
+            self._ghost, self._ghost_steering = Affine2D(), Affine2D()
+            self._pale = _car_from_above(self._ghost + axes.transData, self._ghost_steering)
+            for artist in self._pale:
+                artist.set_alpha(0.3)
+            moving += self._pale
+        moving += [self._trail, *_car_from_above(self._body + axes.transData, self._steering)]
+        for artist in moving:
+            _ = axes.add_line(artist) if isinstance(artist, Line2D) else axes.add_artist(artist)
         self._labels = [
             axes.text(0.0, 0.0, '', color=MUTED, fontsize=8, va='bottom', clip_on=True)
             for _ in range(LABELS)
         ]
-        car = _car_from_above(self._body + axes.transData, self._steering)
-        for artist in car:
-            axes.add_artist(artist)
-        return [*lines, *self._labels, *car]
+        return [*moving, *self._labels]
 
     def _draw_course(self, axes: Axes) -> None:
-        """Draw the whole path."""
-        axes.plot(*self._path.T, color=AHEAD, lw=1.5)
+        """Draw the whole path, or the whole track."""
+        if self._on_track:
+            draw_course(axes, self._line)
+        else:
+            axes.plot(*self._path.T, color=AHEAD, lw=1.5)
+            axes.set_aspect('equal', adjustable='datalim')
         axes.set_axis_off()
-        axes.set_aspect('equal', adjustable='datalim')
         axes.margins(0.1)
 
     def _place(self, k: int, t: float, x: float, y: float) -> Mapping[str, str]:
@@ -381,58 +401,14 @@ class TopView(RunView):
             label.set_visible(bool(left < at - x < right - 2.0))
             label.set_position((at - x + 0.3, bottom + 0.3))
             label.set_text(reading(float(at), 0, ' m'))
-        return {
-            'Heading': reading(float(np.degrees(psi)) % 360.0, 0, '°'),
-            'Steering': reading(float(np.degrees(servo)), 1, '°'),
-        }
+        readings = {'Heading': reading(float(np.degrees(psi)) % 360.0, 0, '°')}
+        if self._on_track:
+            readings = self._place_ghost(self._on_track, k, t, x, y)
+        return {**readings, 'Steering': reading(float(np.degrees(servo)), 1, '°')}
 
-
-class TrackView(TopView):
-    """The car on its track from above, and a pale one: the best lap at the same time of the lap."""
-
-    PLACES: ClassVar = ((0.0, 0.28, 1.0, 0.62), (0.76, 0.02, 0.23, 0.25), (0.06, 0.09, 0.66, 0.165))
-    VIEW_WIDTH = 56.0
-
-    along_name = 'Distance along the track, over all laps [m]'
-    charted_name = 'e_y [m]'
-
-    def read(self, log: Any) -> None:  # noqa: ANN401 (a TrackLog)
-        """Take the run, or from now on another one on the same fixed parts."""
-        super().read(log)
-        self._on_track: TrackLog = log
-        self.along, self.charted = log.s, log.e_y
-        self._laps, self._numbers = track_laps_of(log)
-
-    def _draw_scene(self, axes: Axes) -> list[Artist]:
-        moving = super()._draw_scene(axes)
-        self._line: Course = self._way or Course.driven(self._on_track)
-        log, half = self._on_track, self._line.width / 2.0
-        self.chart_limits = limits(log.e_y, share=0.15, minimum=0.1)
-        world = self._world + axes.transData
-        edges = [
-            axes.add_line(Line2D(*self._line.beside(e_y), transform=world, color=INK, lw=1.4))
-            for e_y in (half, -half)
-        ]
-        centre = Line2D(self._line.x, self._line.y, transform=world, color=GREY, ls=DASHES)
-        edges.append(axes.add_line(centre))
-        self._ghost, self._ghost_steering = Affine2D(), Affine2D()
-        self._pale = _car_from_above(self._ghost + axes.transData, self._ghost_steering)
-        for artist in self._pale:
-            artist.set_alpha(0.3)
-            axes.add_artist(artist)
-        grids, rest = moving[:2], moving[2:]
-        return [*grids, *edges, *self._pale, *rest]
-
-    def _draw_course(self, axes: Axes) -> None:
-        """Draw the whole track."""
-        draw_course(axes, self._line)
-        axes.set_axis_off()
-        axes.margins(0.1)
-
-    def _place(self, k: int, t: float, x: float, y: float) -> Mapping[str, str]:
-        log, best = self._on_track, self._laps.best
-        readings = super()._place(k, t, x, y)
-        lap_time = float(log.lap_time[k] + t - log.t[k])
+    def _place_ghost(self, log: TrackLog, k: int, t: float, x: float, y: float) -> dict[str, str]:
+        """Put the pale car to the best lap's place; return the readings of the lap."""
+        best, lap_time = self._laps.best, float(log.lap_time[k] + t - log.t[k])
         is_beside = best is not None and best.number != self._numbers[k] and lap_time <= best.time
         for artist in self._pale:
             artist.set_visible(is_beside)
@@ -447,7 +423,6 @@ class TrackView(TopView):
             'Lap': f'{self._numbers[k] + 1}',
             'Lap time': reading(lap_time, 2, ' s'),
             'e_y': reading(float(np.interp(t, log.t, log.e_y)), 2, ' m'),
-            'Steering': readings['Steering'],
         }
 
 
@@ -499,11 +474,12 @@ def _car_from_above(body: Transform, steering: Affine2D) -> list[Artist]:
     ]
 
 
-def view_of(log: Log, figure: Figure, title: str, way: Course | Stretch | None = None) -> RunView:
+def view_of(
+    log: Log, figure: Figure, title: str = '', way: Course | Stretch | None = None
+) -> RunView:
     """Return the view for this run: from above on a track, and if a driver steered."""
-    if isinstance(log, TrackLog):
-        return TrackView(log, figure, title=title, way=way)
-    return (TopView if is_by_hand(log) else SideView)(log, figure, title=title, way=way)
+    is_above = isinstance(log, TrackLog) or is_by_hand(log)
+    return (TopView if is_above else SideView)(log, figure, title=title, way=way)
 
 
 MP4_DPI, MP4_FPS = 100, 50  # 1280 x 720, every state

@@ -16,7 +16,7 @@ from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
 from barc_sim.figures.run_figures import figure_of, plot
 from barc_sim.figures.style import BLUE
 from barc_sim.figures.track_figure import Course, track_figure
-from barc_sim.figures.views import SIZE, TrackView, view_of
+from barc_sim.figures.views import SIZE, TopView, view_of
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.metrics import track_laps_of
 from barc_sim.vehicle.track import Track
@@ -95,7 +95,7 @@ def test_every_run_has_a_figure(log: TrackLog) -> None:
 
 def test_the_pale_car_of_a_video_is_the_best_lap_at_the_same_time(log: TrackLog) -> None:
     view = view_of(log, Figure(figsize=SIZE, dpi=50), 'a run')
-    assert isinstance(view, TrackView)
+    assert isinstance(view, TopView)
     laps, _ = track_laps_of(log)
     assert laps.best
     other = next(each for each in laps.finished if each.number != laps.best.number)
