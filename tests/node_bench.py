@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from functools import partial
-from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from barc_sim.ros.executor import QuickExecutor
-
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from rclpy.context import Context
 
@@ -22,23 +18,6 @@ if TYPE_CHECKING:
 def overrides(**values: float | str | bool) -> list[Parameter]:
     """Return parameters of these values."""
     return [Parameter(name, value=value) for name, value in values.items()]
-
-
-@contextmanager
-def spinning(context: Context, *nodes: Node) -> Iterator[None]:
-    """Spin nodes in a thread, and destroy them at the end."""
-    executor = QuickExecutor(2, context=context)
-    for node in nodes:
-        executor.add_node(node)
-    thread = Thread(target=executor.spin)
-    thread.start()
-    try:
-        yield
-    finally:
-        executor.shutdown()
-        thread.join(20.0)
-        for node in nodes:
-            node.destroy_node()
 
 
 class NodeBench:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 from command_line import ENVIRONMENT, refused
 
-from barc_sim.cli.process import call, has_ros
+from barc_sim.cli.process import call, check_clock, has_ros
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -29,12 +29,12 @@ needs_ros = pytest.mark.skipif(not has_ros(), reason='needs ROS')
 
 
 def limited(
-    *words: str | bytes, before: str = '', script: str = '', cwd: Path, **environment: str
+    *words: str | bytes, before: str = '', cwd: Path, **environment: str
 ) -> subprocess.CompletedProcess[bytes]:
-    """Run `barc` from a shell that runs `before` first, after `script` in the process itself."""
-    code = f'{script}\nimport sys\nfrom barc_sim.__main__ import main\nsys.exit(main())'
+    """Run `barc` from a shell that runs `before` first."""
+    command = [sys.executable, '-m', 'barc_sim', *words]
     return subprocess.run(
-        ['/bin/sh', '-c', f'{before}\nexec "$0" "$@"', sys.executable, '-c', code, *words],
+        ['/bin/sh', '-c', f'{before}\nexec "$0" "$@"', *command],
         cwd=cwd,
         env=os.environ | ENVIRONMENT | environment,
         stdin=subprocess.DEVNULL,
@@ -66,17 +66,14 @@ def test_a_limit_that_is_too_low_for_ros_is_named(
     assert expected in sentence(limited(*ROS, before=before, cwd=tmp_path))
 
 
-@pytest.mark.parametrize('command', [('check', 'lab'), LOCAL])
-def test_too_little_memory_is_named_by_every_command(
-    command: tuple[str, ...], tmp_path: Path
-) -> None:
-    done = limited(*command, before='ulimit -v 200000', cwd=tmp_path)
+def test_too_little_memory_is_named(tmp_path: Path) -> None:
+    done = limited(*LOCAL, before='ulimit -v 200000', cwd=tmp_path)
     assert 'of memory, and barc_sim needs' in sentence(done)
 
 
-@pytest.mark.parametrize('before', ['exec >&-', 'exec >&- <&-'])
-def test_closed_output_is_named(before: str, tmp_path: Path) -> None:
-    assert 'stdout is closed' in sentence(limited(*LOCAL, before=before, cwd=tmp_path))
+def test_closed_output_is_named(tmp_path: Path) -> None:
+    done = limited(*LOCAL, before='exec >&- <&-', cwd=tmp_path)
+    assert 'stdout is closed' in sentence(done)
 
 
 def test_a_run_needs_neither_input_nor_errors(tmp_path: Path) -> None:
@@ -84,9 +81,8 @@ def test_a_run_needs_neither_input_nor_errors(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, b'')
 
 
-@pytest.mark.parametrize(('command', 'name'), [('topics', b'\xff'), ('new', b'caf\xe9')])
-def test_an_argument_that_is_no_text_is_refused(command: str, name: bytes, tmp_path: Path) -> None:
-    assert 'is not UTF-8' in sentence(limited(command, name, cwd=tmp_path))
+def test_an_argument_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    assert 'is not UTF-8' in sentence(limited('new', b'caf\xe9', cwd=tmp_path))
     assert not [*tmp_path.iterdir()]
 
 
@@ -97,27 +93,19 @@ ALIASES = 'a0: &a0 {x: 1}\n' + ''.join(
 )
 
 
-@pytest.mark.parametrize(
-    'words',
-    [
-        ('plot', LONG),
-        ('check', LONG),
-        ('recover', LONG),
-        ('graph', '--bag', LONG),
-        ('replay', LONG),
-    ],
-)
-def test_a_path_that_is_too_long_is_refused(words: tuple[str, ...]) -> None:
-    assert LONG in refused(*words)
+@pytest.mark.parametrize('command', ['plot', 'check', 'recover', 'graph --bag', 'replay'])
+def test_a_path_that_is_too_long_is_refused(command: str) -> None:
+    assert LONG in refused(*command.split(), LONG)
 
 
 @pytest.mark.parametrize('year', [1966, 2126])
-def test_a_clock_that_no_message_can_hold_is_named(year: int, tmp_path: Path) -> None:
-    seconds = round((year - 1969.5) * 31_556_952)
-    clock = f'import time; time.time = lambda: {seconds}.0; time.time_ns = lambda: {seconds}*10**9'
-    done = limited(*LOCAL, script=clock, cwd=tmp_path)
-    assert f'clock says the year {year}' in sentence(done)
-    assert not [*tmp_path.iterdir()]
+def test_a_clock_that_no_message_can_hold_is_named(
+    year: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seconds = (year - 1969.5) * 31_556_952
+    monkeypatch.setattr('time.time', lambda: seconds)
+    with pytest.raises(UserError, match=f'clock says the year {year}'):
+        check_clock()
 
 
 def test_a_home_that_is_not_there_is_not_made(tmp_path: Path) -> None:
@@ -142,40 +130,6 @@ def test_parameters_that_expand_for_ever_are_refused(
 def test_a_backend_that_matplotlib_does_not_have_is_named(tmp_path: Path) -> None:
     done = limited('tune', '--distance', '20', '--save', 'a.png', cwd=tmp_path, MPLBACKEND='none')
     assert "MPLBACKEND is 'none'" in sentence(done)
-
-
-@needs_ros
-@pytest.mark.parametrize(
-    ('name', 'value', 'expected'),
-    [
-        ('ROS_DOMAIN_ID', '233', 'choose one from 0 to 232'),
-        ('ROS_DOMAIN_ID', 'abc', 'ROS_DOMAIN_ID is not an integral number'),
-        ('FASTRTPS_DEFAULT_PROFILES_FILE', 'pipe', "'pipe' is a named pipe"),
-        ('RCUTILS_COLORIZED_OUTPUT', 'x', 'unset RCUTILS_COLORIZED_OUTPUT'),
-    ],
-)
-def test_a_setting_that_ros_cannot_use_is_named(
-    name: str, value: str, expected: str, tmp_path: Path
-) -> None:
-    os.mkfifo(tmp_path / 'pipe')
-    done = limited(*ROS, cwd=tmp_path, **{name: value})
-    assert expected in done.stderr.decode().splitlines()[-1]
-    assert done.returncode == 2
-
-
-@needs_ros
-def test_parameters_that_rcl_would_read_for_hours_are_refused(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / 'pipe')
-    (tmp_path / 'long').write_text('/**: {ros__parameters: {a: 1}}\n' + '#' * 300_000)
-    for name, expected in (('pipe', 'is a named pipe'), ('long', 'has more than 200000 bytes')):
-        done = limited(*ROS, '--ros-args', '--params-file', name, cwd=tmp_path)
-        assert expected in sentence(done)
-
-
-@needs_ros
-def test_a_pipe_where_dds_looks_for_its_profiles_is_refused(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml')
-    assert 'is a named pipe' in sentence(limited(*ROS, cwd=tmp_path))
 
 
 @pytest.mark.parametrize(

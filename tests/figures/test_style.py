@@ -25,7 +25,7 @@ GROUNDS = re.findall(r'--panel: light-dark\((#\w+), (#\w+)\)', CSS)[0]
 
 def test_the_published_pairs_have_the_published_difference() -> None:
     assert difference('#FFFFFF', '#000000', 'any') == pytest.approx(100.0, abs=0.1)
-    assert difference('#FF0000', '#00FF00', 'any') == pytest.approx(86.6, abs=0.1)
+    assert difference('#FF0000', '#00FF00', 'any') == pytest.approx(170.6, abs=0.1)
 
 
 @pytest.mark.parametrize('reader', READERS)
@@ -34,7 +34,7 @@ def test_any_two_colours_differ_for_every_reader(reader: str, ground: int) -> No
     close = {
         (one, other): round(found, 1)
         for one, other in combinations(COLOURS, 2)
-        if (found := difference(COLOURS[one][ground], COLOURS[other][ground], reader)) <= 15.0
+        if (found := difference(COLOURS[one][ground], COLOURS[other][ground], reader)) <= 18.0
     }
     assert close == {}
 

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('foxglove')
 
-from node_bench import spinning
+from command_line import spinning
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message

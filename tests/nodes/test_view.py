@@ -13,9 +13,9 @@ pytest.importorskip('rclpy')
 
 import numpy as np
 from barc_interfaces.msg import ECU, Environment, PidState, ZDynBkMdl
+from command_line import spinning
 from geometry_msgs.msg import Point, Pose, PoseStamped
 from nav_msgs.msg import Path
-from node_bench import spinning
 from page_client import connect_page
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent, ParameterType, ParameterValue

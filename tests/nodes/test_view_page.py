@@ -14,8 +14,9 @@ pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU, Environment, ZDynBkMdl
 from browser import AXE, CHROMIUM, OVERFLOW, SIZES, wait_until
+from command_line import spinning
 from geometry_msgs.msg import Twist
-from node_bench import overrides, spinning
+from node_bench import overrides
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 

@@ -12,17 +12,16 @@ from typing import TYPE_CHECKING
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Empty
-
-from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from rclpy.callback_groups import CallbackGroup
-    from rclpy.context import Context
+    from rclpy.node import Node
+
+    from barc_sim.ros.executor import QuickExecutor
 
     Until = Callable[[Callable[[], object]], None]
 
@@ -221,32 +220,6 @@ def test_a_reentrant_callback_overlaps_itself_once_it_lasts(
     assert done.done()
 
 
-def test_one_thread_executes_everything_in_turn(ros: Context) -> None:
-    with pytest.warns(UserWarning, match='single thread'):
-        executor = QuickExecutor(1, context=ros)
-    node = Node('tested', context=ros)
-    executor.add_node(node)
-    overlap = Overlap()
-    ticks: list[int] = []
-    done = Future()
-
-    def tick() -> None:
-        with overlap:
-            ticks.append(1)
-        if len(ticks) == 30:
-            done.set_result(None)
-
-    for _ in range(2):
-        node.create_timer(0.001, tick, callback_group=ReentrantCallbackGroup())
-    executor.spin_until_future_complete(done, DEADLINE)
-    for _ in range(10):
-        executor.spin_once()
-    executor.shutdown()
-    node.destroy_node()
-
-    assert overlap.most == 1
-
-
 @GROUPS
 def test_a_flood_starves_neither_timers_nor_other_topics_of_its_group(
     node: Node, until: Until, group_type: type[CallbackGroup]
@@ -406,38 +379,6 @@ def test_a_group_of_the_users_own_is_asked_whether_it_can_execute(
 
     group.paused = False
     until(lambda: heard)
-
-
-class CountingGroup(MutuallyExclusiveCallbackGroup):
-    """Counts how often it is claimed."""
-
-    claims = 0
-
-    def beginning_execution(self, entity: object) -> bool:
-        """Count a claim."""
-        claimed = super().beginning_execution(entity)
-        self.claims += claimed
-        return claimed
-
-
-def test_a_timer_that_waits_for_its_group_claims_it_once(
-    node: Node, executor: QuickExecutor, until: Until
-) -> None:
-    group = CountingGroup()
-    calls = []
-    timer = node.create_timer(0.001, lambda: calls.append(timer.cancel()), callback_group=group)
-    other = node.create_timer(1000.0, lambda: None, callback_group=group)
-    assert MutuallyExclusiveCallbackGroup.beginning_execution(group, other)
-    for _ in range(5):
-        other.reset()  # then the executor looks at all timers
-        executor.spin_once(timeout_sec=0.002)
-    group.ending_execution(other)
-
-    until(lambda: calls)
-    for _ in range(5):
-        executor.spin_once(timeout_sec=0)
-
-    assert group.claims == 1
 
 
 @GROUPS

@@ -73,19 +73,6 @@ def test_spin_until_future_complete_ends_with_a_future_of_another_thread(
     assert future.result() == 1
 
 
-def test_a_future_is_not_burdened_by_being_waited_for(node: Node, executor: QuickExecutor) -> None:
-    future = Future()
-    calls = []
-    node.create_timer(
-        0.0001, lambda: calls.append(1), callback_group=MutuallyExclusiveCallbackGroup()
-    )
-    begun = time.monotonic()
-    executor.spin_until_future_complete(future, 0.1)
-    assert time.monotonic() - begun >= 0.1
-    assert len(calls) > 10
-    assert not future._callbacks  # noqa: SLF001
-
-
 def test_a_callback_shuts_the_executor_down(node: Node, executor: QuickExecutor) -> None:
     returned = []
     node.create_timer(0.001, lambda: returned.append(executor.shutdown()))
@@ -146,33 +133,6 @@ def test_an_exception_that_no_spin_is_left_to_raise_is_printed(
     executor.shutdown()
 
     assert capsys.readouterr().err.endswith('ValueError: too late\n')
-
-
-def test_a_coroutine_that_still_waits_gives_its_group_back_at_shutdown(
-    node: Node, executor: QuickExecutor, until: Until, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    group = MutuallyExclusiveCallbackGroup()
-    begun = []
-    end_spins = executor._end_spins  # noqa: SLF001
-
-    def end_spins_and_wait() -> None:
-        end_spins()
-        time.sleep(0.02)  # until the pool's last thread closes the executor
-
-    async def wait() -> None:
-        begun.append(1)
-        try:
-            await Future()
-        finally:
-            time.sleep(0.04)  # noqa: ASYNC251
-
-    guard = node.create_guard_condition(wait, callback_group=group)
-    guard.trigger()
-    until(lambda: begun)
-    assert not group.can_execute(guard)
-    monkeypatch.setattr(executor, '_end_spins', end_spins_and_wait)
-    executor.shutdown()
-    assert group.can_execute(guard)
 
 
 @pytest.mark.parametrize('spins', [0, 5])
