@@ -109,7 +109,14 @@ def add_arguments_acc(parser: Parser) -> None:
         help="start no controller of barc_sim's, and wait for another that publishes ecu",
     )
     run_options.add_arguments(
-        parser, 'model', 'controller', 'lane', 'identify', road='lab; on a track flat', view='offer'
+        parser,
+        'model',
+        'controller',
+        'lane',
+        'raceline',
+        'identify',
+        road='lab; on a track flat',
+        view='offer',
     )
     accept_ros_args(parser)
     gains = (f'--{name}' for name in PID.gains)

@@ -52,6 +52,12 @@ LANE = Handout(
     rubrics=('lane',),
     drive='acc --track L --speed 6 --laps 3 --dynamics dynamic --lab',
 )
+RACELINE = Handout(
+    folder='raceline',
+    files={'raceline': 'raceline.py'},
+    rubrics=('raceline',),
+    drive='acc --track L --speed-profile 3.5 2 --speed 12 --laps 3 --dynamics dynamic --lab',
+)
 IDENTIFY = Handout(
     folder='identify',
     files={'identify': 'identify.py'},
@@ -59,7 +65,7 @@ IDENTIFY = Handout(
     drive='acc --road flat --distance 0 --lab',
 )
 #: By the word of `barc new --lab`.
-HANDOUTS = {'hills': HILLS, '3': LANE, '5': IDENTIFY}
+HANDOUTS = {'hills': HILLS, '3': LANE, '4': RACELINE, '5': IDENTIFY}
 #: The file of each part of any lab.
 FILES = {part: name for each in HANDOUTS.values() for part, name in each.files.items()}
 #: The names of the rubrics.

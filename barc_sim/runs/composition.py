@@ -27,6 +27,7 @@ from barc_sim.cli.parser import barc_path
 from barc_sim.cli.process import check_clock, report
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
+from barc_sim.lab.user_code.adapters import line_through
 from barc_sim.lab.user_code.code import UserCode, find_files
 from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.nodes import MIRRORS
@@ -117,7 +118,13 @@ def read_inputs(options: Namespace) -> Inputs:
         for part, file in named.items()
         if isinstance(file, Path) and file.suffix != '.onnx'
     }
-    return Inputs(road, track, UserCode(files, output=output).load(), output)
+    user_code = UserCode(files, output=output).load()
+    if user_code.raceline:
+        if not track:
+            raise UserError('raceline.py is for a track: give one, as in --track L')
+        arguments, through = line_through(track)
+        track = through(user_code.raceline(*arguments))
+    return Inputs(road, track, user_code, output)
 
 
 class Run:

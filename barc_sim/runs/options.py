@@ -48,8 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         '--lab', type=Path, metavar='DIR', help="a folder with a lab's files, as of `barc new`"
     )
     for part in parts:
-        if part in ('lane', 'identify'):
-            continue  # `--lane` takes names, too; a car of its own belongs to `identify`
+        if part in ('lane', 'raceline', 'identify'):
+            continue  # `--lane` takes names, too; the others come with a lab alone
         parser.add_argument(
             f'--{part}',
             type=Path,

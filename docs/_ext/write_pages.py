@@ -24,6 +24,7 @@ from barc_sim.lab.labs.hills import BIKE
 from barc_sim.lab.labs.identify import LAW as IDENTIFY
 from barc_sim.lab.labs.lane import LAW as LANE
 from barc_sim.lab.labs.pid import PID_LAW
+from barc_sim.lab.labs.raceline import MISTAKES as RACELINE
 from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:
@@ -157,10 +158,12 @@ def columns() -> Iterator[str]:
 
 def mistakes() -> Iterator[str]:
     """Yield every sentence of the tables of mistakes, by what it is about."""
-    every = (*BIKE.mistakes, *PID_LAW.mistakes, *LANE.mistakes, *IDENTIFY.mistakes)
-    for title, group in groupby(every, key=lambda each: each.topic):
+    laws = (*BIKE.mistakes, *PID_LAW.mistakes, *LANE.mistakes, *IDENTIFY.mistakes)
+    every = [(each.topic, each.sentence) for each in laws]
+    every += [(f'`{name}`', each.sentence) for name, own in RACELINE.items() for each in own]
+    for title, group in groupby(every, key=lambda each: each[0]):
         yield from (f'## {title}', '')
-        sentences = (re.sub(r'(last|over) \d+', r'\1 n', each.sentence) for each in group)
+        sentences = (re.sub(r'(last|over) \d+', r'\1 n', sentence) for _, sentence in group)
         yield from (f'- {plain(sentence)}' for sentence in dict.fromkeys(sentences))
         yield ''
 

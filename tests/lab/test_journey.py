@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from command_line import barc
 from terminal_session import READY, Session
-from user_files import IDENTIFY, LANE, MODEL
+from user_files import IDENTIFY, LANE, MODEL, RACELINE
 
 from barc_sim.bags.reader import newest, read
 from barc_sim.lab.labs.identify import car_of
@@ -155,6 +155,32 @@ def test_lab_3_from_the_template_to_the_grade(
     assert 'By eye  8.00 of 10' in done('grade', 'class', '--jobs', '1')
     results = json.loads(by_hand.with_name('results.json').read_text())
     assert results['score'] == 98.0
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures('confinement')
+def test_lab_4_from_the_template_to_the_grade(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert 'write raceline.py' in done('new', '--lab', '4', 'my_line')
+    assert '0 of 9 criteria are met in full' in barc('check', 'my_line').stdout
+    (tmp_path / 'my_line' / 'raceline.py').write_text(RACELINE)
+    checked = done('check', 'my_line')
+    assert '9 of 9 criteria are met in full: 90 of 100 points, 10 still open' in checked
+    assert (tmp_path / 'my_line' / 'check.png').is_file()
+
+    # The drive is along the line: of a car in the middle of L, |e_y| would be 1.8 m.
+    (tmp_path / 'my_line' / 'description.md').write_text('It gains time in the turns.')
+    summary = done('submit', 'my_line')
+    assert 'missing' not in summary
+    assert re.search(r'3 laps; e_y at most 0.1\d m', summary)
+    refused = barc('acc', '--lab', 'my_line', *FAST)
+    assert (refused.returncode, 'raceline.py is for a track' in refused.stderr) == (1, True)
+    (tmp_path / 'class').mkdir()
+    (tmp_path / 'my_line.zip').rename(tmp_path / 'class' / 'ada.zip')
+    assert 'Score   90.00 of 90' in done('grade', 'class', '--jobs', '1')
+    assert 'data:image/png' in (tmp_path / 'grades' / 'ada.zip' / 'report.html').read_text()
 
 
 @pytest.mark.slow

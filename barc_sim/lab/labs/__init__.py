@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.identify import IDENTIFY
 from barc_sim.lab.labs.lane import LANE
+from barc_sim.lab.labs.raceline import RACELINE
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from barc_sim.lab.judge import Lab
 
-LABS = (HILLS, LANE, IDENTIFY)
+LABS = (HILLS, LANE, RACELINE, IDENTIFY)
 #: Every criterion, with its name for readers, in the order of a report.
 LABELS = {name: label for lab in LABS for name, label in lab.labels.items()}
 

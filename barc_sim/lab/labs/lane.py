@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
-from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, steady_turn
+from barc_sim.control.lane import STEERING_LIMIT, LaneController, LaneLaw, steady_turn
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
 from barc_sim.lab.judge import (
@@ -139,7 +139,7 @@ class LaneCode(JudgedCode):
 class _Law(LaneLaw):
     """A user's `Lane` that drives a plant; `mended`, it has feedback that is right."""
 
-    def __init__(self, code: LaneCode, plant: Plant, probes: Probes, *, mended: bool) -> None:
+    def __init__(self, code: LaneCode, probes: Probes, plant: Plant, *, mended: bool) -> None:
         super().__init__()
         assert plant.track  # noqa: S101 (there is one)
         self._track, self._plant, self._mended = plant.track, plant, mended
@@ -314,8 +314,12 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
         probes, by = Probes(code), settings.thresholds
         yield Finding('lane.signs', *probes.judge())
         tries = [False, True] if probes.wrong else [False]
-        drive = partial(_drive, code, probes)
-        found = [(*_returned(partial(drive, mended=each)), each) for each in tries]
+
+        def drive(mended: bool, track: Track, distance: float, e_y: float = 0.0) -> TrackLog:
+            law = partial(_Law, code, probes, mended=mended)
+            return drive_law(law, track, distance, e_y)
+
+        found = [(*_returned(partial(drive, each)), each) for each in tries]
         score, text, mended = max(found)
         if score < 1.0:
             named = _named(_ON_STRAIGHT, probes, text)
@@ -327,10 +331,10 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
             ('lane.hidden', hidden, 1),
         ):
             if criterion in criteria:
-                drives = [(drive(track, laps * track.length, mended=each), each) for each in tries]
-                log, mended = max(drives, key=lambda each: by.score(*_errors(each[0])))
-                score = by.score(*_errors(log))
-                text = f'{_described(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
+                drives = [(drive(each, track, laps * track.length), each) for each in tries]
+                log, mended = max(drives, key=lambda each: by.score(*drive_errors(each[0])))
+                score = by.score(*drive_errors(log))
+                text = f'{describe(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
                 if score < 1.0 and track is not hidden:
                     text = _named(_IN_TURNS, probes, text)
                 shown = Evidence(_table(log), partial(_figure, log))
@@ -341,22 +345,19 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
     yield Finding('lane.delay', 0.0, f'the plot of e_y, and two sentences: {BY_EYE}', open=True)
 
 
-def _drive(
-    code: LaneCode,
-    probes: Probes,
-    track: Track,
-    distance: float,
-    e_y: float = 0.0,
-    *,
-    mended: bool,
+def drive_law(
+    law: Callable[[Plant], LaneController], track: Track, distance: float, e_y: float = 0.0
 ) -> TrackLog:
-    """Drive from a standstill, or beside the line at full speed."""
+    """Drive with a law from a standstill, or beside the line at full speed."""
     plant = plant_of(track=track, road='flat', dynamics='dynamic')
     if e_y:
         plant.place(State(*track.place(0.0, e_y), SPEED))
-    law = _Law(code, plant, probes, mended=mended)
     log = closed_loop(
-        plant, speed_reference=SPEED, distance=distance, max_duration=_MAX_DURATION, lane=law
+        plant,
+        speed_reference=SPEED,
+        distance=distance,
+        max_duration=_MAX_DURATION,
+        lane=law(plant),
     )
     assert isinstance(log, TrackLog)  # noqa: S101 (it has a track)
     return log
@@ -367,17 +368,18 @@ def _is_whole(log: TrackLog) -> bool:
     return bool(np.abs(log.e_y[-1]) < 0.5 * log.width[-1])
 
 
-def _errors(log: TrackLog) -> tuple[float, float]:
+def drive_errors(log: TrackLog) -> tuple[float, float]:
     """Return the RMS and the maximum of e_y [m]; of a car that left the track, infinite."""
     if not _is_whole(log):
         return inf, inf
     return float(np.sqrt(np.mean(log.e_y**2))), float(np.abs(log.e_y).max())
 
 
-def _described(log: TrackLog) -> str:
+def describe(log: TrackLog) -> str:
+    """Return a sentence on the errors."""
     if not _is_whole(log):
         return f'the car leaves the track after {log.s[-1]:.0f} m'
-    return 'RMS error {:.2f} m, at most {:.2f} m'.format(*_errors(log))
+    return 'RMS error {:.2f} m, at most {:.2f} m'.format(*drive_errors(log))
 
 
 def _table(log: TrackLog) -> Table:

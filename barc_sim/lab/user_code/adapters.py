@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from barc_sim.control.driver import Driver
 from barc_sim.control.excitation import TestSignal
 from barc_sim.control.lane import LaneLaw
 from barc_sim.control.speed import PID, Adapter, Gain
-from barc_sim.lab.user_code.code import UserCode
+from barc_sim.lab.user_code.code import POINTS, UserCode
 from barc_sim.vehicle.bike_model import Command
+from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from barc_sim.control.lane import Curvature
@@ -108,6 +111,21 @@ class UserLane:
         output: float = self._law(e_y, e_psi, speed, curvature)
         self.__dict__.update({name: self._law.read(name) for name in self.terms})
         return output
+
+
+def line_through(track: Track) -> tuple[list[Any], Callable[[Sequence[float]], Track]]:
+    """Return the arguments of a user's `line`, and what makes a track of the offsets it returns."""
+    half = 0.3 * track.width  # a fifth of the width is left beside each edge
+    points = track.place(np.arange(POINTS) * (track.length / POINTS))
+    x, y, psi = (np.asarray(each) for each in points[:3])
+
+    def through(offsets: Sequence[float]) -> Track:
+        n = np.array(offsets)
+        line = (x - n * np.sin(psi)).tolist(), (y + n * np.cos(psi)).tolist()
+        width = track.width - 2.0 * float(np.abs(n).max())
+        return Track.through(*line, width, f'a line of {track.name}')
+
+    return [x.tolist(), y.tolist(), psi.tolist(), half], through
 
 
 class UserDriver(Driver):

@@ -59,6 +59,7 @@ _LOADING = 20.0
 
 
 _ERRORS = 'two finite numbers, [e_y, e_psi]'
+POINTS = 120  #: of a track, in `raceline.py`
 #: What is called of a user's files.
 _CALLED = {
     'bikeFE': Called(
@@ -87,6 +88,11 @@ _CALLED = {
     'arc_errors': Called('lane', 'x y psi x_c y_c radius', 2, _ERRORS),
     'steady': Called('lane', 'curvature', 2, 'two finite numbers, [delta, e_psi]'),
     'policy': Called('policy', 'observation', returns='a list of actions'),
+    'corner': Called('raceline', 'curvature', 1, 'a finite number, the speed [m/s]'),
+    'profile': Called('raceline', 'limits step', POINTS, f'{POINTS} finite numbers, speeds [m/s]'),
+    'line': Called('raceline', 'x y psi half', POINTS, f'{POINTS} finite numbers, offsets [m]'),
+    'predict': Called('raceline', 'speed', 6, 'six finite numbers, [a11, a12, a21, a22, b1, b2]'),
+    'program': Called('raceline', 'e_y e_psi speed', 110, '110 finite numbers, np.append(H, g)'),
     'command': Called('identify', 't', 1, 'a finite number, the acceleration [m/s²]'),
     'estimate': Called(
         'identify',
@@ -102,6 +108,7 @@ _MAIN = {
     'relay': ['Relay', 'relay'],
     'lane': ['Lane'],
     'identify': ['command'],
+    'raceline': ['line'],
     'policy': ['policy'],
 }
 
@@ -154,6 +161,8 @@ class UserCode:
     lane = property(lambda self: self._part('lane'))
     #: Their function `command` of the time.
     identify = property(lambda self: self._part('identify'))
+    #: Their function `line`, of the points of a track.
+    raceline = property(lambda self: self._part('raceline'))
     #: Their function `relay`, their class `Relay`, or a whole program of ROS.
     relay = property(lambda self: self._part('relay'))
 

@@ -1,0 +1,76 @@
+"""Racing line and MPC: write the speed of a lap, a line, and the program that an MPC solves."""
+
+# NumPy is there: import numpy as np
+# Import what you need, for example: from math import sqrt
+
+L = 3.0  # [m] distance of the axles
+l_r = 1.5  # [m] from the centre of mass to the rear axle
+
+
+def corner(curvature):
+    """Return the greatest speed [m/s] in a turn: 3.5 m/s² across, and 12 m/s at most.
+
+    curvature  [1/m]  1/radius; positive to the left, 0 on a straight
+    """
+    # TODO
+
+    # Then replace the next line by: return v
+    raise NotImplementedError
+
+
+def profile(limits, step):
+    """Return the fastest speeds [m/s] of a lap, one for each point of a closed track.
+
+    limits  [m/s]  a list of 120 numbers: the greatest speed at each point
+    step    [m]    from each point to the next; from the last one to the first, too
+
+    Between two points the car accelerates or brakes by 2 m/s² at most, and v**2 grows evenly.
+    """
+    # TODO
+
+    # Then replace the next line by: return v
+    raise NotImplementedError
+
+
+def line(x, y, psi, half):
+    """Return the offsets [m] of a racing line from the centre line, positive to the left.
+
+    x, y  [m]    lists of 120 numbers: points of the centre line of a closed track
+    psi   [rad]  its heading at each of them
+    half  [m]    the greatest offset to either side
+
+    The line that bends least has the smallest integral of its squared curvature over its length.
+    """
+    # TODO
+
+    # Then replace the next line by: return n
+    raise NotImplementedError
+
+
+def predict(speed):
+    """Return [a11, a12, a21, a22, b1, b2] of a step of 0.1 s at a speed [m/s]:
+
+    e_y   after  =  a11 * e_y + a12 * e_psi + b1 * u
+    e_psi after  =  a21 * e_y + a22 * e_psi + b2 * u
+
+    e_y    [m]    distance to the left of the line
+    e_psi  [rad]  heading, less that of the steady turn
+    u      [rad]  steering, less that of the steady turn; held for the step
+    """
+    # TODO
+
+    # Then replace the next line by: return [a11, ..., b2]
+    raise NotImplementedError
+
+
+def program(e_y, e_psi, speed):
+    """Return np.append(H, g) of J = 1/2 u^T H u + g^T u, the cost of ten commands u but a constant.
+
+    With the state x_0 = (e_y, e_psi) now, and the states x_1 to x_10 of predict, the cost is
+
+    J  =  sum of e_y**2 + e_psi**2 over x_1 to x_10  +  sum of 5 * u**2 over the ten commands
+    """
+    # TODO
+
+    # Then replace the next line by: return np.append(H, g)
+    raise NotImplementedError

@@ -1,0 +1,191 @@
+"""Wrong and unusual programs of Lab 4: the remark, its line, and the points.
+
+A program is a right one, and what is replaced in it. All have 90 points at most: 10 are judged by
+eye. The functions are independent: what is wrong in one is not taken off in another.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from user_files import RACELINE as RIGHT
+from user_files import LocalCode, read_programs, replaced
+
+from barc_sim.control.lane import speed_profile
+from barc_sim.errors import UserError
+from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.handout import files_in
+from barc_sim.lab.labs.raceline import MISTAKES, RACELINE, profile, program
+from barc_sim.lab.user_code.code import UserCode
+from barc_sim.vehicle.track import Track
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PROGRAMS = read_programs("""
+right | 90 |  | right in all 41 cases
+no top speed | 87 | v = | the top speed of 12 m/s is missing
+    return min(12.0, v) -> return v
+no root | 87 | return min | the root is missing
+    ** 0.5 if k -> if k
+turns to the right | 87 |  | a turn to the right has a curvature below 0
+    k = abs(curvature) -> k = max(curvature, 0.0)
+another limit | 87 |  | the acceleration across is 3.5 m/s², not 2
+    3.5 / k -> 2.0 / k
+a straight | 85 | v = | ZeroDivisionError
+    if k else 12.0 -> if True else 12.0
+the limits alone | 81 |  | the car cannot jump from speed to speed
+    range(2 * n) -> range(0)
+    range(2 * n, 0, -1) -> range(0)
+no brakes | 81 |  | the car brakes too late
+    range(2 * n, 0, -1) -> range(0)
+brakes alone | 81 |  | the car accelerates too fast
+    range(2 * n):  # forwards -> range(0):  # forwards
+not closed | 81 |  | the lap is closed
+    range(2 * n):  # forwards -> range(n - 1):  # forwards
+    range(2 * n, 0, -1) -> range(n - 1, 0, -1)
+half of the gain | 81 |  | not by half of that
+    + 4.0 * step -> + 2.0 * step
+v and not its square | 81 |  | v**2 grows in proportion to the way, not v
+    [v**2 for v in limits] -> [v for v in limits]
+    + 4.0 * step -> + 2.0 * step
+    [v**0.5 for v in v2] -> v2
+speeds of another track | 75 |  | profile(1.455) gave
+    return [v**0.5 -> return [5.0
+the centre line | 60 |  | that of the centre line
+    n = bounded(J, bends, half)⏎    return -> n = 0.0 * x⏎    return
+the other side | 50 |  | positive is to the left
+    return n⏎⏎⏎def predict -> return -n⏎⏎⏎def predict
+out of bounds | 85 |  | it leaves its bounds by
+    return n⏎⏎⏎def predict -> return 1.05 * n⏎⏎⏎def predict
+too few offsets | 45 | def line | expected 120 finite numbers
+    return n⏎⏎⏎def predict -> return n[:-1]⏎⏎⏎def predict
+a kink | 60 |  | it bends most at point 7
+    return n⏎⏎⏎def predict -> n[6] += 0.5⏎    return n⏎⏎⏎def predict
+no line | 45 | raise | line is not written yet (TODO)
+    x, y, psi = np.array -> raise NotImplementedError⏎    x, y, psi = np.array
+no half step | 84 | b1 = | b1 misses d**2 / (2 * L)
+    + d**2 / (2 * L) -> + 0.0
+a whole step | 84 | b1 = | b1 has d**2 / L
+    (2 * L) -> L
+the rear axle | 84 | b1 = | e_y is that of the rear axle
+    d * l_r / L + -> 0.0 +
+by the second | 84 |  | a step is 0.1 s: d = speed * dt
+    d = 0.1 * speed -> d = speed
+column by column | 84 |  | A is returned column by column
+    return [1.0, d, 0.0, 1.0 -> return [1.0, 0.0, d, 1.0
+    a11, a12, a21, a22 -> a11, a21, a12, a22
+the wrong way | 84 |  | b1 and b2 are positive
+    b1, d / L] -> -b1, -d / L]
+half of H | 84 |  | H is half of what it must be
+    np.append(H -> np.append(H / 2
+half of g | 84 |  | g is half of what it must be
+    append(H, g -> append(H, g / 2
+half of both | 84 |  | H and g are half
+    append(H, g -> append(H / 2, g / 2
+the sign of g | 84 |  | g has the wrong sign
+    append(H, g -> append(H, -g
+no weight of u | 84 |  | the weight of u is missing
+    10.0 * np.eye -> 0.0 * np.eye
+one state too early | 84 |  | the sum begins with x_1
+    x, G = A @ x, A @ G -> STATES
+no program | 75 | raise | program is not written yet (TODO)
+    a11, a12, a21, a22, b1, b2 = predict(speed) -> raise NotImplementedError
+a missing bracket | 0 | def korner | syntax error
+    def corner(curvature): -> def korner(curvature
+""")
+#: What the sum over states has that begins with x_0.
+STATES = """H, g = H + 2.0 * G.T @ G, g + 2.0 * G.T @ x
+        x, G = A @ x, A @ G
+        G[:, k] += B
+        continue"""
+RUBRIC = load('raceline')
+#: The first function of each group of criteria.
+GROUPS = {'speed': 'def corner', 'line': 'def bounded', 'mpc': 'def predict'}
+
+
+def part_of(text: str, group: str) -> str:
+    """Return the functions of a group; all of a text that does not begin each of them."""
+    starts = [text.find(start) for start in GROUPS.values()]
+    at = [*GROUPS].index(group)
+    return text[starts[at] : [*starts, None][at + 1]] if min(starts) >= 0 else text
+
+
+@pytest.mark.parametrize('name', PROGRAMS)
+def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
+    program = PROGRAMS[name]
+    text = replaced(RIGHT, *program.changes).replace('STATES', STATES)
+    (tmp_path / 'raceline.py').write_text(text, encoding='utf-8')
+    code = LocalCode(UserCode(files_in(tmp_path), budget=None))
+    # What is wrong in one function alone changes nothing of the others' criteria.
+    parts = {of: [each for each in RUBRIC.points if each.startswith(of)] for of in GROUPS}
+    changed = [of for of in GROUPS if part_of(text, of) != part_of(RIGHT, of)] or [*GROUPS]
+    criteria = [each for of in changed for each in parts[of]]
+    findings = RACELINE.judge(code, replace(RUBRIC.settings, criteria=criteria))
+    assert {each.criterion for each in findings} == {*criteria}
+    remarks = '\n'.join(each.message for each in findings)
+    assert program.sentence in remarks, remarks
+    points = sum(RUBRIC.points_for(each) for each in findings if not each.open)
+    points += sum(RUBRIC.points[each] for each in RUBRIC.points if each not in criteria)
+    points -= 0.0 if 'line.gain' in criteria else 10.0
+    assert points == pytest.approx(program.points, abs=5.0), remarks
+    if program.line:
+        remark = next(m for m in remarks.splitlines() if program.sentence in m)
+        (number,) = re.findall(r'raceline\.py, line (\d+)', remark)
+        assert text.splitlines()[int(number) - 1].strip().startswith(program.line)
+
+
+def test_the_speeds_of_points_are_those_of_the_exact_profile() -> None:
+    track = Track.named('oval')
+    step = track.length / 2000
+    places = [(k + 0.5) * step for k in range(2000)]
+    limits = [min(12.0, 3.5**0.5 / max(abs(track.curvature(s)), 1e-9) ** 0.5) for s in places]
+    exact = speed_profile(track, 12.0, 3.5, 2.0)
+    assert np.abs(np.array(profile(limits, step)) - [exact(0.0, s) for s in places]).max() < 0.05
+
+
+def test_the_program_has_the_cost_of_the_states() -> None:
+    """H and g against the sum over the states, for some commands."""
+    random = np.random.default_rng(4)
+    e_y, e_psi, v = 0.4, -0.1, 6.0
+    numbers = np.array(program(e_y, e_psi, v))
+    hessian, gradient = numbers[:100].reshape(10, 10), numbers[100:]
+
+    def cost(commands: list[float]) -> float:
+        y, psi, total = e_y, e_psi, 0.0
+        for u in commands:
+            # In small steps: e_y' = v (e_psi + l_r / L u), e_psi' = v u / L.
+            for _ in range(1000):
+                y += 1e-4 * v * (psi + 0.5e-4 * v * u / 3.0 + 0.5 * u)
+                psi += 1e-4 * v * u / 3.0
+            total += y * y + psi * psi + 5.0 * u * u
+        return total
+
+    for _ in range(3):
+        u = random.normal(0.0, 0.1, 10)
+        difference = cost(u.tolist()) - cost([0.0] * 10)
+        assert 0.5 * u @ hessian @ u + gradient @ u == pytest.approx(difference, rel=1e-6)
+
+
+def test_each_wrong_program_gives_numbers_of_its_own() -> None:
+    assert {name: len(each) for name, each in MISTAKES.items()} == {
+        'corner': 4,
+        'profile': 6,
+        'predict': 7,
+        'program': 9,
+    }
+
+
+def test_without_daqp_one_sentence_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'raceline.py').write_text(RIGHT, encoding='utf-8')
+    monkeypatch.setitem(sys.modules, 'daqp', None)
+    code = LocalCode(UserCode(files_in(tmp_path), budget=None))
+    with pytest.raises(UserError, match=r"pip install 'barc_sim\[mpc\]'"):
+        RACELINE.judge(code, RUBRIC.settings)
