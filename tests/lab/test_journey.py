@@ -106,7 +106,7 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
 
     # What is handed in.
     (lab / 'description.md').write_text('A PID with gains by trial.\n')
-    summary = done('submit', 'my_lab', '--engine', 'local')
+    summary = done('submit', 'my_lab')
     assert [line for line in summary.splitlines() if 'missing' in line] == [
         'code          missing: compose.py is the template: nothing is written in it'
     ]
@@ -143,7 +143,7 @@ def test_lab_3_from_the_template_to_the_grade(
     assert '10 of 10 criteria are met in full: 90 of 100 points, 10 still open' in checked
     assert (tmp_path / 'my_lane' / 'check.png').is_file()
     (tmp_path / 'my_lane' / 'description.md').write_text('The delay adds an error in each turn.')
-    summary = done('submit', 'my_lane', '--engine', 'local')
+    summary = done('submit', 'my_lane')
     assert 'missing' not in summary
     assert re.search(r'3 laps; e_y at most 0.1\d m', summary)
 
@@ -176,7 +176,7 @@ def test_lab_4_from_the_template_to_the_grade(
     assert 'missing' not in summary
     assert re.search(r'3 laps; e_y at most 0.1\d m', summary)
     refused = barc('acc', '--lab', 'my_line', *FAST)
-    assert (refused.returncode, 'raceline.py is for a track' in refused.stderr) == (1, True)
+    assert (refused.returncode, 'raceline.py is for a track' in refused.stderr) == (2, True)
     (tmp_path / 'class').mkdir()
     (tmp_path / 'my_line.zip').rename(tmp_path / 'class' / 'ada.zip')
     assert 'Score   90.00 of 90' in done('grade', 'class', '--jobs', '1')
@@ -214,7 +214,7 @@ def test_lab_5_from_the_template_to_the_grade(
     assert np.all(np.abs(np.array(found[::2]) - car) <= 2.0 * np.array(found[1::2]))
 
     (tmp_path / 'my_car' / 'description.md').write_text('They look like noise alone.')
-    summary = done('submit', 'my_car', '--engine', 'local')
+    summary = done('submit', 'my_car')
     assert 'missing' not in summary
     assert 'RMS' not in summary  # the commands hold no speed
     (tmp_path / 'class').mkdir()
