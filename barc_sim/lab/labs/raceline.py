@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, LaneLQR, speed_profile, steady_turn
+from barc_sim.control.planning import lap_time, racing_line, solver
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
 from barc_sim.lab.judge import Evidence, Finding, JudgedCode, Lab, Part, Table, numbers_of, rows_of
@@ -24,7 +25,6 @@ from barc_sim.lab.user_code.code import POINTS
 from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.vehicle.bike_model import L_F, L_R
-from barc_sim.vehicle.racing_line import lap_time, racing_line, solver
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
