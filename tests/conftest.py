@@ -63,12 +63,24 @@ def _take_signals() -> None:
 _take_signals()
 
 
+@contextmanager
+def _own_environment() -> Iterator[None]:
+    """Undo at the end what tests, and commands in this process, do to the environment."""
+    before = dict(os.environ)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
 @pytest.fixture(autouse=True)
 def _undone() -> Iterator[None]:
     """Undo what a command does in this process; before, too, as a module's fixture runs some."""
     _take_signals()
     interval = sys.getswitchinterval()
-    yield
+    with _own_environment():
+        yield
     sys.setswitchinterval(interval)
     gc.unfreeze()
     if 'rclpy' in sys.modules:
@@ -101,11 +113,13 @@ def _reserved_domain() -> Iterator[int]:
 @contextmanager
 def _own_domain(log_dir: Path) -> Iterator[int]:
     """Reserve a ROS domain for this process, and for those that it starts."""
-    with _reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
-        patch.setenv('ROS_DOMAIN_ID', str(domain))
-        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        patch.setenv('ROS_LOG_DIR', str(log_dir))
-        patch.setenv('PYTHONPATH', str(Path(barc_sim.__file__).parents[1]))
+    with _reserved_domain() as domain, _own_environment():
+        os.environ |= {
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'ROS_LOG_DIR': str(log_dir),
+            'PYTHONPATH': str(Path(barc_sim.__file__).parents[1]),
+        }
         yield domain
 
 
