@@ -201,6 +201,8 @@ class Parameters:
         descriptor = descriptor or _interface('ParameterDescriptor')()
         if value is None or isinstance(value, Type) or descriptor.dynamic_typing:
             raise ValueError(f'parameter {name!r} without a value or of any type {LACKS}')
+        if any(each.step for each in (*descriptor.floating_point_range, *descriptor.integer_range)):
+            raise ValueError(f'parameter {name!r} with a step {LACKS}')
         descriptor.name, descriptor.type = name, Type.from_parameter_value(value).value
         value = self._overrides.get(name, value)
         parameter = Parameter(name, value=value)
@@ -301,13 +303,7 @@ def _fault(parameter: Parameter, descriptor: Any) -> str:
         is_at = partial(isclose, value, rel_tol=0.0 if is_whole else 1e-6)  # as in rclpy
         if is_at(low) or is_at(high):
             continue
-        mark, close = ('.', 'a') if is_whole else ('', 'close enough to a')
+        mark = '.' if is_whole else ''
         if not low < value < high:
             return f'Parameter {name} out of range{mark} Min: {low}, Max: {high}, value: {value}'
-        step = allowed.step
-        if step and not is_at(low + round((value - low) / step) * step):
-            return (
-                f'The parameter value for {name} is not {close} valid step. '
-                f'Min: {low}, max: {high}, value: {value}, step: {step}'
-            )
     return ''
