@@ -298,12 +298,9 @@ def road_facts(road: Road) -> dict[str, list[float]]:
 
 def _road(name: str | None) -> dict[str, list[float]] | None:
     """Return the road, or None where it is unknown: the page then shows what was driven."""
-    if name is None:
-        return None
-    try:
-        return road_facts(Road.named(name))
-    except UserError:  # a file that the simulator's process sees, and this one doesn't
-        return None
+    with suppress(UserError):  # a file that the simulator's process sees, and this one doesn't
+        return road_facts(Road.named(name)) if name is not None else None
+    return None
 
 
 def lap_facts(laps: Laps, gains: Mapping[int, Sequence[str]] | None = None) -> dict[str, Any]:

@@ -64,27 +64,21 @@ def lines(axes: Axes) -> dict[str, np.ndarray]:
     }
 
 
-def test_speed_and_reference_are_drawn_against_the_position(log: Log) -> None:
-    drawn = lines(speed_figure(log).axes[0])
+def test_speed_error_grade_and_command_are_drawn_against_the_position(log: Log) -> None:
+    speed, error, grade, command = axes = speed_figure(log).axes
+    drawn = lines(speed)
     assert set(drawn) == {'speed', 'reference'}
     assert np.array_equal(drawn['speed'], np.column_stack([log.distance, log.speed]))
     assert np.array_equal(drawn['reference'], np.column_stack([log.distance, log.reference]))
-
-
-def test_grade_and_command_stand_below_on_the_same_axis(log: Log) -> None:
-    speed, error, grade, command = speed_figure(log).axes
     assert np.array_equal(grade.lines[0].get_ydata(), log.theta_deg)
     assert np.array_equal(command.lines[0].get_ydata(), log.motor)
-    assert speed.get_xlim() == error.get_xlim() == grade.get_xlim() == command.get_xlim()
-    tops = [axes.get_position().y1 for axes in (speed, error, grade, command)]
+    assert len({each.get_xlim() for each in axes}) == 1
+    tops = [each.get_position().y1 for each in axes]
     assert tops == sorted(tops, reverse=True)
-
-
-def test_the_error_after_the_run_up_has_an_axis_of_its_own(log: Log) -> None:
-    error = speed_figure(log).axes[1]
+    # The error has an axis of its own, after the run-up.
     beyond = log.distance >= 10.0
-    assert np.array_equal(error.lines[0].get_ydata()[beyond], log.speed_error[beyond])
-    assert np.isnan(error.lines[0].get_ydata()[~beyond]).all()
+    shown = np.where(beyond, log.speed_error, np.nan)
+    np.testing.assert_array_equal(error.lines[0].get_ydata(), shown)
     low, high = error.get_ylim()
     assert high - low < 1.0
     assert len(speed_figure(log.map(lambda column: column[:10])).axes) == 3

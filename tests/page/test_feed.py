@@ -81,14 +81,6 @@ def test_a_pause_without_a_reset_is_a_step() -> None:
     assert columns['t'] == pytest.approx([0.0, 0.02])
 
 
-def test_time_counts_from_the_first_state() -> None:
-    feed = MadeFeed()
-    first = feed.add((7 * STEP, AT_REST))
-    later = feed.add((57 * STEP, AT_REST))
-    assert first['t'] == 0.0
-    assert later['t'] == 1.0
-
-
 def test_what_never_came_is_nan_and_the_measurement_counts_as_true() -> None:
     row = MadeFeed().add((1, (3.0, 4.0, 0.5, 6.0, 8.0)))
     assert (row['x'], row['y'], row['psi'], row['speed']) == (3.0, 4.0, 0.5, 6.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -20,7 +19,6 @@ from barc_sim.page.protocol import (
     Press,
     RequestError,
     Tune,
-    encode,
     facts,
     parse,
 )
@@ -112,17 +110,6 @@ def test_whatever_arrives_is_a_request_within_limits_or_refused(message: str | b
         assert math.isfinite(found.value)
     else:
         assert isinstance(found, (Press, Pause))
-
-
-@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
-def test_every_drive_within_limits_is_understood(linear: float, angular: float) -> None:
-    assert parse(encode('drive', linear=linear, angular=angular)) == Drive(linear, angular)
-
-
-@pytest.mark.parametrize('value', [math.nan, math.inf])
-def test_what_json_cannot_say_is_not_said(value: Any) -> None:  # noqa: ANN401 (several)
-    with pytest.raises(ValueError, match='JSON'):
-        encode('status', factor=value)
 
 
 def test_a_road_that_the_simulator_names_is_told() -> None:

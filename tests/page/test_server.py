@@ -12,7 +12,6 @@ from contextlib import ExitStack, suppress
 from threading import Event
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
-from urllib.request import urlopen
 
 import pytest
 from command_line import wait_for
@@ -20,7 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from barc_sim.errors import UserError
-from barc_sim.page.protocol import Drive, File, encode
+from barc_sim.page.protocol import Drive, encode
 from barc_sim.page.server import NEXT_RUN, ViewServer, open_page
 
 if TYPE_CHECKING:
@@ -56,9 +55,8 @@ class Host:
         """Do nothing."""
         return 0.01
 
-    def file(self, name: str) -> File | None:
-        """Return a file to download."""
-        return File('text/plain', 'notes.txt', b'notes') if name == 'notes' else None
+    def file(self, _: str) -> None:
+        """Have no file to download."""
 
 
 @pytest.fixture
@@ -115,12 +113,6 @@ def test_page_is_served_on_this_machine_with_a_strict_content_policy(server: Vie
     assert body.startswith(b'<!DOCTYPE html>')
 
 
-@pytest.mark.parametrize('name', ['main.js', 'view.css', 'icon.svg'])
-def test_serves_the_files_of_the_page(server: ViewServer, name: str) -> None:
-    status, headers, body = get(server, f'/{token(server)}/{name}')
-    assert (status, len(body)) == (200, int(headers['Content-Length']))
-
-
 @pytest.mark.parametrize(
     ('path', 'status'),
     [
@@ -143,12 +135,6 @@ def test_nothing_else_is_served_and_nothing_without_the_token(
         client.sendall(f'GET {path} HTTP/1.1\r\nHost: x\r\n\r\n'.encode())
         answer = client.makefile('rb').read()
     assert answer.startswith(b'HTTP/1.1 %d ' % status)
-
-
-def test_file_of_the_host_is_a_download(server: ViewServer) -> None:
-    with urlopen(f'{server.url}notes', timeout=DEADLINE) as answer:  # noqa: S310 (our own)
-        assert answer.read() == b'notes'
-        assert answer.headers['Content-Disposition'] == 'attachment; filename="notes.txt"'
 
 
 @pytest.mark.parametrize(
