@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
+from barc_sim.lab.grade.rubric import LABELS
 from barc_sim.lab.grade.submissions import alike, in_words
 from barc_sim.lab.html import render
-from barc_sim.lab.labs import LABELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

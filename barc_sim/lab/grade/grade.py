@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.process import uninterrupted
 from barc_sim.errors import escaped
+from barc_sim.lab.grade.rubric import LABELS
 from barc_sim.lab.grade.submissions import graded, passages, read
 from barc_sim.lab.handout import BY_HAND
 from barc_sim.lab.html import data_url, render
-from barc_sim.lab.labs import LABELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

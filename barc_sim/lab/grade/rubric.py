@@ -18,7 +18,10 @@ from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
 from barc_sim.lab.handout import BY_HAND, RUBRICS
 from barc_sim.lab.judge import Settings, Thresholds
-from barc_sim.lab.labs import LABELS, lab_of
+from barc_sim.lab.labs.hills import HILLS
+from barc_sim.lab.labs.identify import IDENTIFY
+from barc_sim.lab.labs.lane import LANE
+from barc_sim.lab.labs.raceline import RACELINE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -28,6 +31,9 @@ if TYPE_CHECKING:
     from barc_sim.lab.judge import Finding, Lab
 
 _T = TypeVar('_T')
+_LABS = (HILLS, LANE, RACELINE, IDENTIFY)
+#: Every criterion, with its name for readers, in the order of a report.
+LABELS = {name: label for lab in _LABS for name, label in lab.labels.items()}
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')
 _MAX_BYTES, _MAX_COMMENT = 1 << 20, 2000
 _MAX_POINTS = 10_000  # for a criterion
@@ -46,7 +52,7 @@ class Rubric:
     @property
     def lab(self) -> Lab:
         """The lab of its criteria."""
-        return lab_of(self.points)
+        return next(lab for lab in _LABS if not lab.labels.keys().isdisjoint(self.points))
 
     @property
     def max_score(self) -> float:
@@ -131,7 +137,10 @@ def _rubric(values: object) -> Rubric:
     for name in required.keys() & optional.keys():
         raise ValueError(f'{name!r} stands in criteria and in task_3: delete one of the two')
     points = {name: worth for name in LABELS if (worth := (required | optional).get(name))}
-    lab_of(points)
+    of_labs = {lab.handout.folder: name for lab in _LABS for name in points if name in lab.labels}
+    if len(of_labs) > 1:
+        first, second, *_ = of_labs.values()
+        raise ValueError(f'{first!r} and {second!r} are of two labs: keep the criteria of one')
     names = [each.name for each in fields(Settings) if each.name in found]
     settings = Settings(criteria=tuple(points), **{name: found.pop(name) for name in names})
     return Rubric(points, settings, optional=frozenset(optional), **found)

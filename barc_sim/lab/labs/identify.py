@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -72,12 +72,7 @@ class Car(NamedTuple):
 
     def drive(self, commands: Sequence[float]) -> Floats:
         """Return the speeds [m/s] at which a car from a standstill gets each command."""
-        plant = Plant(road=Road.flat(), vehicle=self.vehicle, motor=Actuator(delay=self.delay))
-        speeds = []
-        for command in commands:
-            speeds.append(plant.motion().v_x)
-            plant.advance(Command(command, 0.0))
-        return np.array(speeds)
+        return _driven(self, tuple(commands))
 
     def intervals(self, commands: Sequence[float]) -> Floats:
         """Return the smallest interval of 95 % that these commands allow, for each parameter.
@@ -98,6 +93,16 @@ class Car(NamedTuple):
         spread = np.diag(np.linalg.inv((slopes / scale[:, np.newaxis]) @ (slopes.T / scale)))
         deviations: Floats = np.sqrt(spread) / scale
         return _TIMES * NOISE * deviations
+
+
+@lru_cache(64)
+def _driven(car: Car, commands: tuple[float, ...]) -> Floats:
+    plant = Plant(road=Road.flat(), vehicle=car.vehicle, motor=Actuator(delay=car.delay))
+    speeds = []
+    for command in commands:
+        speeds.append(plant.motion().v_x)
+        plant.advance(Command(command, 0.0))
+    return np.array(speeds)
 
 
 LAW = replace(
