@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from math import inf
 from typing import TYPE_CHECKING
 
 from std_srvs.srv import Trigger
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     from rclpy.clock import Clock
     from rclpy.node import Node
     from rclpy.task import Future
-    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
     from barc_sim.simulation.stepper import Stepper
 
@@ -29,7 +27,6 @@ _POLLS = 3
 #: The same for a controller in another process: it may discover this node a little later than it is
 #: discovered, and messages sent meanwhile would be lost. Our recorder discovers topics every 0.2 s.
 _POLLS_OTHER_PROCESS = 40
-_LEASE = 20.0  #: [s] until DDS notices that a process was killed
 _RESETS = (names.RESET_CONTROLLER, names.RESET_RELAY)
 _RESET_TIMEOUT = 0.5  #: [s] for the nodes that command to answer their reset
 
@@ -103,7 +100,7 @@ class PeerWatch:
 
     While time waits for the answer to a state, that state is published again for a controller that
     has started since. `rivals` are the nodes that publish commands, where there are several: one
-    that was killed counts, for the 20 s that DDS needs to notice, unless commands were missing.
+    that was killed counts, too, for the 20 s that DDS needs to notice.
     """
 
     def __init__(
@@ -116,10 +113,9 @@ class PeerWatch:
         """Watch the peers of `node`; the functions publish its latest state and time again."""
         self._node, self._stepper = node, stepper
         self._republish, self._publish_clock = republish, publish_clock
-        self._states = self._missed = 0
+        self._states = 0
         self._warned: set[str] = set()
         self.rivals: list[str] = []  #: the full names of several nodes that publish commands
-        self._rivals_since = inf
         # Who publishes commands: at the latest check, and at the last one before the present state.
         self._commanders: set[bytes] = set()
         self._reached: set[bytes] = set()
@@ -142,26 +138,14 @@ class PeerWatch:
         else:
             self._reached = self._commanders
         self._commanders = commanders
-        lack = bool(states) and (stands_still or self._stepper.missed > self._missed)
-        self._check_rivals(ends, commands_lack=lack)
-        self._missed = self._stepper.missed
+        self.rivals = full_names(ends) if len(ends) > 1 else []
+        if self.rivals:
+            topic, together = self._node.resolve_topic_name(names.ECU), ' and '.join(self.rivals)
+            end = 'end one; a killed one counts for 20 s'
+            self._warn(f'{together} publish {topic} and drive together: {end}')
         if states and stands_still:
             self._publish_clock()  # for nodes that have started since
         self._states = states
-
-    def _check_rivals(self, ends: list[TopicEndpointInfo], *, commands_lack: bool) -> None:
-        """Warn of several nodes that publish commands, of which none may have been killed."""
-        if len(ends) <= 1:
-            self.rivals, self._rivals_since = [], inf
-            return
-        now = time.monotonic()
-        if self._rivals_since == inf:
-            # Where commands lack, one of them may be dead, and another have taken its place.
-            self._rivals_since = now + _LEASE if commands_lack else now
-        if now >= self._rivals_since:
-            self.rivals = full_names(ends)
-            topic = self._node.resolve_topic_name(names.ECU)
-            self._warn(f'{" and ".join(self.rivals)} publish {topic} and drive together: end one')
 
     def _warn(self, sentence: str) -> None:
         if sentence not in self._warned:
