@@ -51,7 +51,7 @@ _COMMANDS: tuple[tuple[str, list[str], list[str]], ...] = (
     ('recover', ['bags/killed'], []),
     ('new', ['new'], []),
     ('check', ['lab'], ['--no-plot']),
-    ('submit', ['lab'], ['--engine', 'local']),
+    ('submit', ['lab'], []),
     ('grade', ['class'], ['--jobs', '1']),
     ('tune', [], ['--distance', '20']),
     ('show', ['ECU'], []),
