@@ -67,6 +67,8 @@ too few offsets | 45 | def line | expected 120 finite numbers
     return n⏎⏎⏎def predict -> return n[:-1]⏎⏎⏎def predict
 a kink | 60 |  | it bends most at point 7
     return n⏎⏎⏎def predict -> n[6] += 0.5⏎    return n⏎⏎⏎def predict
+a zigzag | 50 |  | no car can follow them
+    return n⏎⏎⏎def predict -> return [half * (-1)**k for k in range(120)]⏎⏎⏎def predict
 no line | 45 | raise | line is not written yet (TODO)
     x, y, psi = np.array -> raise NotImplementedError⏎    x, y, psi = np.array
 no half step | 84 | b1 = | b1 misses d**2 / (2 * L)
@@ -94,6 +96,10 @@ no weight of u | 84 |  | the weight of u is missing
     10.0 * np.eye -> 0.0 * np.eye
 one state too early | 84 |  | the sum begins with x_1
     x, G = A @ x, A @ G -> STATES
+an indefinite H | 75 |  | H must be positive definite
+    append(H, g -> append(-H, g
+a huge H | 75 |  | H and g must be within
+    append(H, g -> append(1e300 * H, g
 no program | 75 | raise | program is not written yet (TODO)
     a11, a12, a21, a22, b1, b2 = predict(speed) -> raise NotImplementedError
 a missing bracket | 0 | def korner | syntax error

@@ -56,6 +56,7 @@ _NAMED = 0.4  #: of the points are left for a mistake that is known
 _BENT = 1.1  #: times the bending of the best line: full marks
 _LOAD = (1.1, 1.5)  #: times the acceleration across: full marks, none
 _TOLERANCE = 1e-6
+_NO_COST = 1e12  #: that a number of a program is below
 
 
 def corner(
@@ -236,7 +237,6 @@ class _Line(NamedTuple):
 
     track: Track
     line: Track
-    beyond: float  #: [m] by which it leaves its bounds
     turned: Track  #: the line with offsets to the other side
 
     @property
@@ -272,35 +272,40 @@ def _share(value: float, full: float, zero: float) -> float:
     return min(max((zero - value) / (zero - full), 0.0), 1.0)
 
 
-def _line_of(code: RacelineCode, track: Track) -> _Line:
+def _offsets(code: RacelineCode, track: Track) -> tuple[Floats, float]:
+    """Return a student's offsets, and their bound."""
+    arguments, _ = line_through(track)
+    return code.rows('line', [arguments], POINTS)[0], arguments[-1]
+
+
+def _line_of(track: Track, offsets: Floats, half: float) -> _Line:
     """Return a student's line, its offsets clipped to their bounds."""
-    arguments, through = line_through(track)
-    offsets = code.rows('line', [arguments], POINTS)[0]
-    inside = np.clip(offsets, -arguments[-1], arguments[-1])
-    beyond = float(np.abs(offsets).max()) - arguments[-1]
-    return _Line(track, through(inside.tolist()), beyond, through((-inside).tolist()))
+    _, through = line_through(track)
+    inside = np.clip(offsets, -half, half)
+    return _Line(track, through(inside.tolist()), through((-inside).tolist()))
 
 
 def _judge_line(code: RacelineCode, seed: int) -> Iterator[Finding]:
     """Yield a finding for each criterion of the line."""
+    left = ['line.inside', 'line.bending', 'line.lap', 'line.hidden']
     try:
-        own = _line_of(code, Track.named('L'))
-        text = 'it keeps its bounds'
-        if own.beyond > _TOLERANCE:
-            text = f'it leaves its bounds by {own.beyond:.2f} m; the rest is judged within these'
-        yield Finding('line.inside', float(own.beyond <= _TOLERANCE), text)
-        yield Finding('line.bending', *own.bending)
-        bent, _ = own.bending
+        track = Track.named('L')
+        offsets, half = _offsets(code, track)
+        beyond, text = float(np.abs(offsets).max()) - half, 'it keeps its bounds'
+        if beyond > _TOLERANCE:
+            text = f'it leaves its bounds by {beyond:.3g} m; the rest is judged within these'
+        yield Finding(left.pop(0), float(beyond <= _TOLERANCE), text)
+        own = _line_of(track, offsets, half)
+        yield Finding(left.pop(0), *own.bending)
         score, text, log = own.drive()
         shown = Evidence(_table(own, log), partial(_figure, own.line))
-        yield Finding('line.lap', score, text, shown)
-        hidden = _line_of(code, hidden_track(seed))
-        bent, text = hidden.bending
-        driven, drive_text, _ = hidden.drive()
-        yield Finding('line.hidden', min(bent, driven), f'{text}; {drive_text}')
+        yield Finding(left.pop(0), score, text, shown)
+        track = hidden_track(seed)
+        hidden = _line_of(track, *_offsets(code, track))
+        (bent, text), (driven, lap_text, _) = hidden.bending, hidden.drive()
+        yield Finding(left.pop(0), min(bent, driven), f'{text}; {lap_text}')
     except UserError as error:
-        lines = ('line.inside', 'line.bending', 'line.lap', 'line.hidden')
-        yield from (Finding(name, 0.0, str(error)) for name in lines)
+        yield from (Finding(name, 0.0, str(error)) for name in left)
 
 
 def _table(own: _Line, log: TrackLog) -> Table:
@@ -339,6 +344,8 @@ class _Planned(LaneLaw):
         steer, heading = steady_turn(curvature(0.0))
         row = [e_y, e_psi - heading, max(speed, 1.0)]
         numbers = self._code.rows('program', [row], _SIZES['program'])[0]
+        if np.abs(numbers).max() > _NO_COST:
+            raise UserError(f'program: H and g must be within {_NO_COST:g}')
         hessian, gradient = numbers[:-_STEPS].reshape(_STEPS, _STEPS), numbers[-_STEPS:]
         hessian = 0.5 * (hessian + hessian.T)
         free, none = np.full(_STEPS, STEERING_LIMIT), np.empty((0, _STEPS))

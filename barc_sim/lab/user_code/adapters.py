@@ -10,6 +10,7 @@ from barc_sim.control.driver import Driver
 from barc_sim.control.excitation import TestSignal
 from barc_sim.control.lane import LaneLaw
 from barc_sim.control.speed import PID, Adapter, Gain
+from barc_sim.errors import UserError
 from barc_sim.lab.user_code.code import POINTS, UserCode
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.track import Track
@@ -123,7 +124,12 @@ def line_through(track: Track) -> tuple[list[Any], Callable[[Sequence[float]], T
         n = np.array(offsets)
         line = (x - n * np.sin(psi)).tolist(), (y + n * np.cos(psi)).tolist()
         width = track.width - 2.0 * float(np.abs(n).max())
-        return Track.through(*line, width, f'a line of {track.name}')
+        try:
+            return Track.through(*line, width, f'a line of {track.name}')
+        except UserError:
+            raise UserError(
+                'the offsets of line jump from point to point: no car can follow them'
+            ) from None
 
     return [x.tolist(), y.tolist(), psi.tolist(), half], through
 
