@@ -7,9 +7,10 @@ import os
 import sys
 import threading
 import time
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from itertools import islice
+from itertools import count, islice
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -41,7 +42,7 @@ _MATCHING = 1.0
 _MAX_MATCHING = 5.0
 _ACKNOWLEDGED = 3.0  #: [s] to wait until the last messages are
 _SPIN = 2e-4  #: [s]
-_BATCH = 100  #: messages that are read in advance
+_BATCH, _BATCHES = 20, 16  #: messages read at a time, and how many times in advance
 _SWITCH = 1e-4  #: [s] that another thread may take before the player's thread goes on
 
 
@@ -61,9 +62,10 @@ def _ahead(messages: Generator[Message]) -> Iterator[Message]:
     """Yield the messages, which a thread reads in advance: a large one would delay others."""
     with ThreadPoolExecutor(1) as pool:
         try:
-            following = pool.submit(list, islice(messages, _BATCH))
-            while batch := following.result():
-                following = pool.submit(list, islice(messages, _BATCH))
+            batches = (pool.submit(list, islice(messages, _BATCH)) for _ in count())
+            ahead = deque(islice(batches, _BATCHES))
+            while batch := ahead.popleft().result():
+                ahead.append(next(batches))
                 yield from batch
         finally:
             pool.submit(messages.close)  # where it was begun, as SQLite demands
