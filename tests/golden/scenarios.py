@@ -73,27 +73,6 @@ _NOISE = {
     'noise_v_y': 0.02,
     'noise_psi_dot': 0.01,
 }
-_MOTOR = {
-    'motor_delay': 0.03,
-    'motor_lag': 0.08,
-    'motor_rate_limit': 60.0,
-    'motor_limit': 6.5,
-}
-_SERVO = {
-    'servo_delay': 0.05,
-    'servo_lag': 0.1,
-    'servo_rate_limit': 0.5,
-    'servo_limit': 0.125,
-}
-_VEHICLE = {
-    'mass': 1500.0,
-    'air_drag_coeff': 0.4,
-    'friction': 150.0,
-    'l_f': 1.1,
-    'l_r': 1.7,
-    'gravity': 9.81,
-    'rate': 100.0,
-}
 
 
 class Scenario(NamedTuple):
@@ -122,31 +101,17 @@ _TELEOP = '--view none --realtime-factor 10'
 SCENARIOS = {
     'default': Scenario(_LOCK_STEP),
     'noise': Scenario(_LOCK_STEP, _NOISE),
-    'another_seed': Scenario(f'{_LOCK_STEP} --distance 60 --seed 7', _NOISE),
     'subtract_error': Scenario(
         f'{_LOCK_STEP} --distance 60', _NOISE | {'controller:subtract_error': 'true'}
     ),
-    'motor': Scenario(_LOCK_STEP, _MOTOR),
-    'rk4': Scenario(f'{_LOCK_STEP} --integrator rk4', _MOTOR),
-    'dynamic': Scenario(f'{_LOCK_STEP} --dynamics dynamic'),
     'road_file': Scenario(f'{_LOCK_STEP} --road hills.csv', files={'hills.csv': _ROAD}),
     'flat_in_a_namespace': Scenario(f'{_LOCK_STEP} --road flat --distance 60', remap='__ns:=/lane'),
-    'gains': Scenario(
-        f'{_LOCK_STEP} --kp 4 --ki 3 --kd 0.5 --speed 11.5',
-        {'controller:acceleration_limit': 5.5},
-    ),
-    'vehicle': Scenario(_LOCK_STEP, _VEHICLE),
     'ten_cars': Scenario(f'{_LOCK_STEP} --cars 10 --distance 60', _NOISE),
     'user_code': Scenario(
         f'{_LOCK_STEP} --lab lab',
         # User code has no limit unless one is given.
         {'controller:acceleration_limit': 8.0},
         files={'lab/bike_model.py': _BIKE_MODEL, 'lab/controller.py': _CONTROLLER},
-    ),
-    'steered': Scenario(
-        f'{_LOCK_STEP} --road flat --distance 60 --no-controller',
-        _NOISE | _MOTOR | _SERVO,
-        driver='steering',
     ),
     'steered_dynamic_rk4': Scenario(
         f'{_LOCK_STEP} --distance 90 --no-controller --dynamics dynamic --integrator rk4',

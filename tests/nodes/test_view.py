@@ -165,23 +165,6 @@ def test_invalid_parameter_events_are_ignored(view: ViewNode, peer: Peer) -> Non
     assert tuned == {'kp': 7.0}
 
 
-def test_missing_service_is_named(view: ViewNode) -> None:
-    with page(view) as client:
-        client.request('tune', name='kp', value=1.0)
-        refusal = client.receive('refused')
-    assert refusal == {'what': 'kp', 'why': 'no node offers /controller/set_parameters'}
-
-
-def test_end_is_sent_to_present_and_later_pages(view: ViewNode) -> None:
-    with page(view) as client:
-        client.receive('status')
-        view.page.end('the distance was reached', bag='bags/one')
-        end = client.receive('end')
-        assert (end['reason'], end['bag']) == ('the distance was reached', 'bags/one')
-    with page(view) as client:
-        assert client.receive('end') == end
-
-
 def test_road_axles_and_gains_come_from_the_nodes(ros: Context) -> None:
     view = ViewNode(context=ros)
     overrides = [Parameter('l_r', value=1.25), Parameter('wait_for_controller', value=False)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -94,14 +93,6 @@ def test_frame_has_every_column_with_its_unit(log: Log) -> None:
     np.testing.assert_array_equal(frame['motor'], log.motor)
     assert frame['saturated'].dtype == bool
     assert frame.attrs['units']['theta_deg'] == 'deg'
-
-
-def test_without_pandas_the_frame_is_refused_in_a_sentence(
-    log: Log, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, 'pandas', None)
-    with pytest.raises(UserError, match=r"to_frame needs pandas.*pip install 'barc_sim\[pandas\]'"):
-        log.to_frame()
 
 
 @pytest.mark.parametrize('controller', [None, LQR(output_min=-8.0, output_max=8.0)])
