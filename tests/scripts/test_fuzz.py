@@ -35,7 +35,7 @@ SOAK = 'BARC_SIM_SOAK' in os.environ
         pytest.param('links', 1_000 if SOAK else 8, marks=pytest.mark.slow),
         pytest.param('limits', 1_000 if SOAK else 8, marks=pytest.mark.slow),
         pytest.param('zips', 5_000 if SOAK else 200, marks=pytest.mark.slow),
-        pytest.param('bags', 10_000 if SOAK else 300, marks=pytest.mark.slow),
+        pytest.param('bags', 10_000 if SOAK else 150, marks=pytest.mark.slow),
     ],
 )
 def test_damaged_files_end_in_a_result_or_a_sentence(kind: str, count: int) -> None:
