@@ -11,7 +11,7 @@ from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial, wraps
-from math import inf, isfinite
+from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
 import numpy as np
@@ -260,7 +260,6 @@ class Settings:
     """How user code is judged."""
 
     seed: int = 0  #: of the states, the sequences and the random roads and tracks
-    acceleration_limit: float = inf  #: [m/s²] on the hills; the lab's car has none
     thresholds: Thresholds = field(default_factory=Thresholds)
     criteria: Collection[str] | None = None  #: None: all
 

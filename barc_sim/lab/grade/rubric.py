@@ -203,7 +203,6 @@ _KEYS: dict[str, _Read] = {
     'seed': _scalar(lambda value: type(value) is int and value >= 0, 'a whole number from 0 on'),
     'visibility': _scalar(VISIBILITIES.__contains__, f'one of {", ".join(VISIBILITIES)}'),
     'thresholds': _thresholds,
-    'acceleration_limit': _positive,
     'criteria': _criteria,
     'task_3': _criteria,
 }

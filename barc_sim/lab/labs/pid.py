@@ -161,14 +161,12 @@ class Conditions:
     """How a controller drives."""
 
     gains: ChosenGains | None  #: None: it chooses none
-    limit: float = inf  #: [m/s²] of its output
     thresholds: Thresholds = field(default_factory=Thresholds)
     mended: str = ''  #: letters of terms that barc_sim's replace, as in `PI`
 
     def __str__(self) -> str:
         """Return them as text."""
-        limit = f', limited to {self.limit:g} m/s²' if isfinite(self.limit) else ''
-        return f'with {self.gains}{limit}'
+        return f'with {self.gains}'
 
 
 @judges('loop.lab_road')
@@ -185,9 +183,9 @@ def judge_lab_road(code: HillsCode, conditions: Conditions) -> Judged:
 
 
 @cache
-def _usual(limit: float) -> Log:
+def _usual() -> Log:
     """Return the run with barc_sim's controller."""
-    return closed_loop(controller=speed_controller(limit=limit), distance=DISTANCE)
+    return closed_loop(controller=speed_controller(limit=inf), distance=DISTANCE)
 
 
 @judges('loop.random_roads')
@@ -200,8 +198,8 @@ def judge_random_roads(code: HillsCode, conditions: Conditions, seed: int) -> Ju
     return float(np.mean([drive.score for drive in drives])), message
 
 
-class _Limited(PID):
-    """A user's controller, its output limited; terms of barc_sim's PID take the place of some."""
+class _Mended(PID):
+    """A user's controller; terms of barc_sim's PID take the place of some."""
 
     def __init__(self, code: HillsCode, conditions: Conditions) -> None:
         assert conditions.gains  # noqa: S101 (there are some)
@@ -211,8 +209,7 @@ class _Limited(PID):
         self.kp, self.ki, self.kd = (
             gain - mine for gain, mine in zip(gains.values(), own, strict=True)
         )
-        self.limit = conditions.limit
-        self._controller = code.new_pid(*own, limit=self.limit)
+        self._controller = code.new_pid(*own)
         self.calls = 0
 
     def acc_calculate(
@@ -221,15 +218,13 @@ class _Limited(PID):
         """Return the acceleration [m/s²]."""
         self.calls += 1
         dt = self.dt if dt is None else dt
-        requested = self._controller.acc_calculate(speed_reference, speed_current, dt)
-        requested += super().acc_calculate(speed_reference, speed_current, dt)
-        output = min(max(requested, -self.limit), self.limit)
+        output = self._controller.acc_calculate(speed_reference, speed_current, dt)
+        output += super().acc_calculate(speed_reference, speed_current, dt)
         if abs(output) > NOT_A_CAR:
             raise UserError(
                 f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car'
                 + (f'; {_BACKWARDS}' if speed_current < -_HELD else '')
             )
-        self.saturated = abs(requested) >= self.limit
         return output
 
 
@@ -264,7 +259,7 @@ def _driven(
 ) -> Drive:
     """Drive over a road once; an error of the code on the way names the call."""
     plant = Plant(road=road)
-    pid = _Limited(code, conditions)
+    pid = _Mended(code, conditions)
     progress = Progress(distance)
     try:
         log = closed_loop(plant, pid, distance=distance, max_duration=duration, progress=progress)
@@ -292,12 +287,11 @@ class Drive:
 
     @property
     def limit(self) -> float:
-        """The limit [m/s²] of the output: the one given, or one at which it stays for long."""
+        """The limit [m/s²] of the output, at which it stays for long; infinite if there is none."""
         size = np.abs(self.log.motor)
         at_limit = np.concatenate([[0], size == size.max(), [0]])
         times = np.diff(np.flatnonzero(np.diff(at_limit)))[::2]
-        own = float(size.max()) if times.max(initial=0) > _OWN_LIMIT and size.max() else inf
-        return min(self.conditions.limit, own)
+        return float(size.max()) if times.max(initial=0) > _OWN_LIMIT and size.max() else inf
 
     @property
     def score(self) -> float:
@@ -355,7 +349,7 @@ class Drive:
         """Draw the run beside that with barc_sim's controller."""
         from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
 
-        runs = {'your PID': self.log, "barc_sim's PID": _usual(self.conditions.limit)}
+        runs = {'your PID': self.log, "barc_sim's PID": _usual()}
         figure = cast('Figure', plot(*runs.values(), labels=[*runs]))
         speed = figure.axes[0]
         low, high = speed.get_ylim()
@@ -469,7 +463,6 @@ def judge_pid(code: HillsCode, settings: Settings, criteria: Collection[str]) ->
         gains = ChosenGains(KP, KI, KD, 'which have no effect')
     conditions = Conditions(
         gains,
-        settings.acceleration_limit,
         settings.thresholds,
         mended=wrong_terms(findings),
     )

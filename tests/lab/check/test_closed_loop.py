@@ -35,7 +35,7 @@ STEEP = 5  #: the stretch of the lab's road that rises by 30 degrees
 
 
 def conditions(gains: Gains) -> Conditions:
-    return Conditions(ChosenGains(*gains, 'the test'), limit=8.0)
+    return Conditions(ChosenGains(*gains, 'the test'))
 
 
 def remarks(finding: Finding) -> list[str]:
