@@ -20,7 +20,7 @@ from barc_sim.control.lane import speed_profile
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import files_in
-from barc_sim.lab.labs.raceline import MISTAKES, RACELINE, profile, program
+from barc_sim.lab.labs.raceline import MISTAKES, RACELINE, RIGHT_PROGRAMS, profile, program
 from barc_sim.lab.user_code.code import UserCode
 from barc_sim.vehicle.track import Track
 
@@ -178,13 +178,19 @@ def test_the_program_has_the_cost_of_the_states() -> None:
         assert 0.5 * u @ hessian @ u + gradient @ u == pytest.approx(difference, rel=1e-6)
 
 
-def test_each_wrong_program_gives_numbers_of_its_own() -> None:
-    assert {name: len(each) for name, each in MISTAKES.items()} == {
-        'corner': 4,
-        'profile': 6,
-        'predict': 7,
-        'program': 9,
-    }
+CALLS = {
+    'corner': [[-0.1], [0.05], [0.005]],
+    'profile': [[[12.0, 12.0, 5.0, 9.0, 4.0, 12.0], 1.5]],
+    'predict': [[6.0]],
+    'program': [[0.4, -0.1, 6.0]],
+}
+
+
+@pytest.mark.parametrize('name', MISTAKES)
+def test_each_wrong_program_gives_numbers_of_its_own(name: str) -> None:
+    programs = [RIGHT_PROGRAMS[name], *(each.program for each in MISTAKES[name])]
+    found = [[np.round(each(*row), 9).tolist() for row in CALLS[name]] for each in programs]
+    assert all(found.count(each) == 1 for each in found)
 
 
 def test_without_daqp_one_sentence_says_what_to_install(

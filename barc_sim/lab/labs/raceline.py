@@ -164,12 +164,12 @@ def _mistakes() -> dict[str, list[Mistake]]:
         name, *lines = section.strip().splitlines()
         for line in lines:
             options, _, sentence = line.partition(': ')
-            wrong = partial(_RIGHT[name], **eval(f'dict({options})', {'inf': inf}))  # noqa: S307 (ours)
+            wrong = partial(RIGHT_PROGRAMS[name], **eval(f'dict({options})', {'inf': inf}))  # noqa: S307 (ours)
             found.setdefault(name, []).append(Mistake(sentence, wrong))
     return found
 
 
-_RIGHT: dict[str, Callable[..., list[float]]] = {
+RIGHT_PROGRAMS: dict[str, Callable[..., list[float]]] = {
     each.__name__: each for each in (corner, profile, predict, program)
 }
 MISTAKES = _mistakes()
@@ -197,7 +197,7 @@ def _near(got: Floats, right: Any) -> bool:  # noqa: ANN401 (rows of numbers)
 def _judged(code: RacelineCode, name: str, seed: int) -> tuple[float, str]:
     """Return score and message of a function: right, a known mistake, or its largest error."""
     rows = _rows(name, seed)
-    right = np.array([_RIGHT[name](*row) for row in rows])
+    right = np.array([RIGHT_PROGRAMS[name](*row) for row in rows])
     try:
         got = code.rows(name, rows, _SIZES[name])
         if _near(got, right):
@@ -378,7 +378,7 @@ def _judge_mpc(code: RacelineCode, settings: Settings, *, mended: bool) -> Findi
 def _judge(code: RacelineCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
     """Yield a finding for each criterion; UserError where daqp is not installed."""
     solver()
-    found = {name: _judged(code, name, settings.seed) for name in _RIGHT}
+    found = {name: _judged(code, name, settings.seed) for name in RIGHT_PROGRAMS}
     yield Finding('speed.corner', *found['corner'])
     yield Finding('speed.profile', *found['profile'])
     if any(name.startswith('line.') for name in criteria):
