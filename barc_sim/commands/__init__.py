@@ -57,7 +57,7 @@ COMMANDS = {name: text for group in GROUPS.values() for name, text in group.item
 _SHARED = dict.fromkeys(GROUPS['drive'], 'drive')
 _SHARED |= dict.fromkeys(('plot', 'replay'), 'figures')
 _SHARED |= dict.fromkeys(('new', 'report', 'submit'), 'lab')
-_SHARED |= dict.fromkeys(('identify', 'raceline'), 'research')
+_SHARED |= dict.fromkeys(('tune', 'identify', 'raceline'), 'research')
 _SHARED |= dict.fromkeys(('info', 'convert', 'recover'), 'bags')
 _SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
 #: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and class.

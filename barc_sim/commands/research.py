@@ -1,23 +1,247 @@
-"""`identify` and `raceline`: the car that made some bags, and the racing line of a track."""
+"""`tune`, `identify` and `raceline`: the best gains, the car that made bags, and a racing line."""
 
 from __future__ import annotations
 
 import argparse
+import shlex
+import sys
+import time
+from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import FIGURE_DPI, FIGURES, saving, target
-from barc_sim.cli.parser import number
+from barc_sim.cli.parser import barc_path, number, whole
 from barc_sim.control.cruise_control import PROFILE, SPEED
+from barc_sim.control.speed import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.errors import UserError
+from barc_sim.tuning import DISTANCE
+from barc_sim.tuning import SPEED as TUNED_SPEED
 from barc_sim.vehicle.parameters import ROWS
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from collections.abc import Iterator, Sequence
 
+    import numpy as np
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from barc_sim.cli.parser import Parser
+    from barc_sim.tuning.batch import Course
+    from barc_sim.tuning.search import Goal
+
+    Floats = NDArray[np.float64]
+
+#: Population, generations and points along a side of the map: for the PID, whose loops run as one
+#: batch, and for user code, whose loops run one by one.
+_BATCHED = (256, 80, 101)
+_USER_CODE = (24, 40, 25)
+#: By gain: the first guess, and the end of the searched range, which begins at zero.
+GAINS = {'kp': (KP, 100.0), 'ki': (KI, 4000.0), 'kd': (KD, 2.0)}
+_ROAD = 'lab'
+_PERIOD = 0.02  #: [s] of a step
+_MAX_GAIN = 1e6
+#: Of the scores, in their order, and of the cost.
+_FORMS = ('.4f', '.4f', '.2%', '.3f', '.5g')
+
+
+def add_arguments_tune(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Search the gains that hold the speed best.'
+    parser.add_argument(
+        '--cost',
+        choices=('rms', 'max', 'overshoot', 'effort'),
+        default='rms',
+        help='what to minimise: rms or max, the speed error after the first 10 m [m/s]; '
+        'overshoot, a share of the speed; or effort, the RMS command [m/s²] (rms)',
+    )
+    parser.add_argument(
+        '--road',
+        nargs='+',
+        action='extend',
+        metavar='ROAD',
+        help="'lab', 'flat', or CSV files with the columns start_m,grade_deg; of several, the mean "
+        f'cost counts ({_ROAD})',
+    )
+    noise, gain = number(*ROWS['noise_v_x'].between), number(0.0, _MAX_GAIN)
+    for name, kind, default, unit, meaning in (
+        ('effort', gain, 0.0, 'WEIGHT', 'add this times the effort to the cost '),
+        ('speed', number(*TUNED_SPEED.between), SPEED_REFERENCE, 'M/S', ''),
+        ('distance', number(*DISTANCE.between), DISTANCE.default, 'M', ''),
+        ('noise', noise, 0.0, 'M/S', "standard deviation of the measured speed's noise "),
+        ('delay', whole(0, 500), 0, 'STEPS', 'of 20 ms, from a command to its effect '),
+        *((name, gain, start, 'GAIN', 'to begin with ') for name, (start, _) in GAINS.items()),
+        ('seed', whole(*ROWS['seed'].between), 0, 'N', 'of search and noise, as --seed of a run '),
+    ):
+        text = f'{meaning}({default:g})'
+        parser.add_argument(f'--{name}', type=kind, default=default, metavar=unit, help=text)
+    for name, (_, high) in GAINS.items():
+        parser.add_argument(
+            f'--{name}-range',
+            type=gain,
+            nargs=2,
+            default=(0.0, high),
+            metavar=('LOW', 'HIGH'),
+            help=f'(0 to {high:g}); the same number twice holds it there',
+        )
+    parser.add_argument(
+        '--controller', type=Path, metavar='FILE', help='tune the class PID of this file'
+    )
+    parser.add_argument(
+        '--save', metavar='FILE', help='draw a map of the cost, and the runs: .png, .pdf or .svg'
+    )
+
+
+def run_tune(options: Namespace) -> None:
+    """Search, and print the gains with the lines to run them."""
+    import numpy as np  # noqa: PLC0415 (slow: not for --help)
+
+    from barc_sim.tuning import search  # noqa: PLC0415
+
+    began = time.monotonic()
+    path = _figure(options)
+    low, high = _ranges(options)
+    if path:
+        search.free_axes(low, high)
+    start = np.array([getattr(options, gain) for gain in GAINS])
+    goal = _goal(options)
+    goal(start[np.newaxis])  # a mistake in the controller is reported from here
+    population, generations, points = _USER_CODE if options.controller else _BATCHED
+    best = search.search(
+        goal,
+        low,
+        high,
+        start,
+        seed=options.seed,
+        population=population,
+        generations=generations,
+        on_generation=_show_progress,
+    )
+    _show('')
+    if not np.isfinite(best.cost):
+        raise UserError(
+            f'no gains in these ranges drive {options.distance:g} m within '
+            f'{goal.courses[0].max_duration:.0f} s on every road: widen the ranges, or choose '
+            'roads that the car can climb'
+        )
+    plane = search.surface(goal, low, high, start, best.gains, points) if path else None
+    took = time.monotonic() - began
+    for course in goal.courses:
+        _print_scores(goal, course, {'start': start, 'found': best.gains})
+    print(f'{best.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201
+    for command in _commands(options, best.gains.tolist()):
+        print(command)  # noqa: T201
+    if path and plane:
+        from barc_sim.figures.tuning_figures import Point, tuning_figure  # noqa: PLC0415
+
+        settings = (
+            f'road {", ".join(course.road.name for course in goal.courses)} · {options.speed:g} '
+            f'm/s · noise {options.noise:g} m/s · delay {options.delay} steps'
+        )
+        both = (Point(each, goal.log(goal.courses[0], each)) for each in (start, best.gains))
+        figure = tuning_figure(
+            plane,
+            *both,
+            cost=goal.cost.label,
+            title=f'Gains for the minimum {goal.cost}',
+            settings=settings,
+        )
+        _save(path, figure)
+
+
+def _goal(options: Namespace) -> Goal:
+    """Return the goal of a search with `options`."""
+    from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
+    from barc_sim.tuning.batch import Course  # noqa: PLC0415
+    from barc_sim.tuning.search import Cost, Goal  # noqa: PLC0415
+    from barc_sim.vehicle.road import Road  # noqa: PLC0415 (--help need not wait for NumPy)
+
+    courses = tuple(
+        Course(
+            road=Road.named(name),
+            speed_reference=options.speed,
+            distance=options.distance,
+            noise=options.noise,
+            seed=options.seed,
+            delay=options.delay * _PERIOD,
+        )
+        for name in options.road or [_ROAD]
+    )
+    new = partial(controller_of, options.controller) if options.controller else None
+    return Goal(courses, Cost(options.cost, options.effort), new)
+
+
+def _ranges(options: Namespace) -> tuple[Floats, Floats]:
+    """Return the minimum and maximum gains, shape `(3,)` each."""
+    import numpy as np  # noqa: PLC0415
+
+    for gain in GAINS:
+        low, high = getattr(options, f'{gain}_range')
+        if low > high:
+            raise UserError(f'--{gain}-range {low:g} {high:g} must have the lower number first')
+    low, high = np.array([getattr(options, f'{gain}_range') for gain in GAINS]).T
+    return low, high
+
+
+def _commands(options: Namespace, gains: Sequence[float]) -> Iterator[str]:
+    """Yield the command that runs `gains`, for each of the roads."""
+    for road in options.road or [_ROAD]:
+        words = ['acc']
+        for name, gain in zip(GAINS, gains, strict=True):
+            words += [f'--{name}', _typed(gain)]
+        for name, value, default in (
+            ('road', road, _ROAD),
+            ('speed', _typed(options.speed), _typed(SPEED_REFERENCE)),
+            ('distance', _typed(options.distance), _typed(float(DISTANCE.default))),
+            ('controller', str(options.controller), str(None)),
+            ('seed', str(options.seed if options.noise else 0), '0'),
+        ):
+            if value != default:
+                words += [f'--{name}', value]
+        parameters = {'noise_v_x': options.noise, 'motor_delay': options.delay * _PERIOD}
+        if any(parameters.values()):
+            words.append('--ros-args')
+        for name, value in parameters.items():
+            if value:
+                words += ['-p', f'vehicle_simulator:{name}:={float(_typed(value))}']
+        yield f'{barc_path()} {shlex.join(words)}'
+
+
+def _typed(value: float) -> str:
+    """Return a number as it is typed."""
+    return f'{value:.12g}'
+
+
+def _show_progress(generation: int, cost: float) -> None:
+    minimum = f'minimum cost {cost:.4g}' if isfinite(cost) else 'none arrives yet'
+    _show(f'generation {generation}, {minimum}')
+
+
+def _show(text: str) -> None:
+    """Show `text` in place of what was shown before, where somebody looks."""
+    if sys.stderr.isatty():
+        print(f'\r\033[K{text}', end='', file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _print_scores(goal: Goal, course: Course, gains: dict[str, Floats]) -> None:
+    """Print a table of the scores and costs over `course` of gains, shape `(3,)`, by name."""
+    import numpy as np  # noqa: PLC0415
+
+    from barc_sim.tuning.search import LABELS  # noqa: PLC0415
+
+    pairs = np.array([*gains.values()])
+    scores = goal.scores(course, pairs)
+    rows = {f'road {course.road.name}': [*gains]}
+    rows |= {gain: [*map(_typed, each)] for gain, each in zip(GAINS, pairs.T, strict=True)}
+    for label, form, values in zip(
+        (*LABELS, f'cost: {goal.cost}'), _FORMS, (*scores, goal.cost.of(scores)), strict=True
+    ):
+        rows[label] = [f'{value:{form}}' if isfinite(value) else '-' for value in values]
+    width = max(map(len, rows))
+    for name, (first, second) in rows.items():
+        print(f'{name:{width}}  {first:>9}  {second:>9}')  # noqa: T201
 
 
 def add_arguments_identify(parser: Parser) -> None:

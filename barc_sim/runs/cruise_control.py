@@ -224,13 +224,9 @@ def _check(options: Namespace, inputs: Inputs) -> None:
 
 def _check_policy(options: Namespace, inputs: Inputs) -> None:
     """Refuse a policy that cannot drive, and what it drives in place of; set its speed."""
-    given = {name: getattr(options, name) for name in (*PID.gains, 'gain', 'controller_type')}
-    given['lab or --controller'] = inputs.user_code.controller or inputs.user_code.identify
-    if inputs.track:
-        given = {name: getattr(options, name) for name in ('lane', 'lane_gain')}
-        given['lab'] = inputs.user_code.lane
-    for name, value in given.items():
-        if value not in (None, []):
+    others = [*PID.gains, 'gain', 'controller_type', 'controller']
+    for name in ('lane', 'lane_gain') if inputs.track else others:
+        if getattr(options, name) not in (None, []):
             option = name.replace('_', '-')
             raise UserError(f'--policy and --{option} both drive: give one of the two only')
     policy = _policy(options, inputs)
@@ -273,7 +269,7 @@ def _laws(options: Namespace, inputs: Inputs) -> tuple[Any, Any]:
     policy = _policy(options, inputs) if options.policy else None
     if inputs.track:
         return controller, policy or (UserLane(code) if code.lane else None)
-    return controller or policy, None
+    return policy or controller, None
 
 
 def _identified(user_code: UserCode) -> dict[str, float]:

@@ -39,19 +39,8 @@ _WORST = 1e6  #: error of a car that no step can follow
 _NO_NOISE = 1e-6  #: errors below are those of rounding
 _LAGS = 20  #: of the autocorrelation
 _CHANGE = 10  #: steps over which errors change
-_DELAYS = (
-    0.0,
-    0.04,
-    0.08,
-    0.12,
-    0.16,
-    0.2,
-    0.26,
-    0.34,
-    0.44,
-    0.6,
-    0.8,
-)  #: [s] at which the search may begin
+#: [s] at which the search may begin.
+_DELAYS = 0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.26, 0.34, 0.44, 0.6, 0.8
 
 
 class _Unknown(NamedTuple):
@@ -83,7 +72,6 @@ _ACROSS = {
 
 
 _UNKNOWN = _ALONG | _ACROSS
-_START = {name: each.start for name, each in _UNKNOWN.items()}
 
 
 class Estimate(NamedTuple):
@@ -210,7 +198,7 @@ def identify(
     car = vehicle or Vehicle(), integrator
     names = [*_ALONG, *(_ACROSS if steering else ())]
     lags = [name for name in names if name.endswith('_lag')]
-    start = {name: _START[name] for name in names if name not in lags}
+    start = {name: _UNKNOWN[name].start for name in names if name not in lags}
     fit = _fit(stretches, start, car, optimize)
     fit = _fit(stretches, fit.values, car, optimize, fit)
     remarks = []
@@ -218,9 +206,9 @@ def identify(
         # A lag far shorter than a step acts as a delay does: it counts where it explains more than
         # any one number explains by chance (Schwarz, Annals of Statistics 6, 1978).
         delay = lag.replace('lag', 'delay')
-        shorter = max(fit.values[delay] - _START[lag], 0.0)
+        shorter = max(fit.values[delay] - _UNKNOWN[lag].start, 0.0)
         with_lag = _fit(
-            stretches, fit.values | {delay: shorter, lag: _START[lag]}, car, optimize, fit
+            stretches, fit.values | {delay: shorter, lag: _UNKNOWN[lag].start}, car, optimize, fit
         )
         n, cost = fit.errors.size, 0.5 * np.sum((fit.errors / _size(fit.errors)) ** 2)
         if n * np.log(cost / with_lag.cost) > np.log(n):
