@@ -49,7 +49,7 @@ def sentence(function: Callable[..., object], arguments: dict[str, Any]) -> str:
         (simulate, {'kp': nan}, 'acc --kp nan'),
         (PID, {'kp': inf}, 'acc --kp inf'),
         (PID, {'kd': 1e7}, 'acc --gain kd=1e7 --no-bag'),
-        (LQR, {'effort_weight': 0.0}, 'acc --gain effort_weight=0 --no-bag'),
+        (LQR, {'effort_weight': 0.0}, 'acc --gain effort_weight=0 --controller-type lqr --no-bag'),
         (simulate, {'speed_reference': 101}, 'acc --speed 101'),
         (sweep, {'speed_reference': 0.0}, 'tune --speed 0'),
         (simulate, {'distance': -1}, 'acc --distance -1'),
