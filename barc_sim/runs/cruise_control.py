@@ -8,7 +8,14 @@ from itertools import pairwise
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.cruise_control import DEFAULT_LANE, DEFAULT_TYPE, LANE_TYPES, PROFILE, TYPES
+from barc_sim.control.cruise_control import (
+    DEFAULT_LANE,
+    DEFAULT_TYPE,
+    LANE_TYPES,
+    PROFILE,
+    TYPES,
+    reference_of,
+)
 from barc_sim.control.lane import LANE
 from barc_sim.control.speed import (
     ACCELERATION_LIMIT,
@@ -195,7 +202,7 @@ class Car:
 
 
 def _check(options: Namespace, inputs: Inputs) -> None:
-    """Refuse options for a controller or a track that the run does not have."""
+    """Refuse, before a bag is begun, options that the run's controller or track does not have."""
     user_code = inputs.user_code
     if inputs.track:
         inputs.track.check_laps(1 if options.laps is None else options.laps)
@@ -220,6 +227,9 @@ def _check(options: Namespace, inputs: Inputs) -> None:
         check_left_out('controller', own)
     if options.policy:
         _check_policy(options, inputs)
+    if options.reference:
+        reference_of(options.reference)
+    _gains(options)
 
 
 def _check_policy(options: Namespace, inputs: Inputs) -> None:
@@ -229,6 +239,11 @@ def _check_policy(options: Namespace, inputs: Inputs) -> None:
         if getattr(options, name) not in (None, []):
             option = name.replace('_', '-')
             raise UserError(f'--policy and --{option} both drive: give one of the two only')
+    code, parts = inputs.user_code, ('lane',) if inputs.track else ('controller', 'identify')
+    if both := [code.paths[part].name for part in parts if getattr(code, part)]:
+        raise UserError(
+            f'--policy and {both[0]}, which --lab gives, both drive: give one of the two only'
+        )
     policy = _policy(options, inputs)
     if options.speed is None:
         options.speed = policy.task.speed

@@ -42,6 +42,19 @@ def policy(observation):
     return [0.5 * error + 1.2 * grade + 0.3 * ahead[0] + 0.01 * latest]
 """
 TASKS = {'Lane': LANE, 'Race': RACE, 'Hills': HILLS}
+LAB_CONTROLLER = """
+class PID:
+    def __init__(self, kp, ki, kd):
+        pass
+
+    def acc_calculate(self, speed_reference, speed_current):
+        return 0.0
+"""
+LAB_LANE = """
+class Lane:
+    def steer_calculate(self, e_y, e_psi, speed, curvature):
+        return 0.0
+"""
 FAST = ('--realtime-factor', 'max', '--view', 'none')
 
 
@@ -109,6 +122,7 @@ def test_an_onnx_file_steers_as_the_function_that_it_holds(tmp_path: Path) -> No
     [
         ('--policy none.py', "none.py' cannot be read"),
         ('--policy empty.py', 'empty.py defines no policy'),
+        ('--policy none.onnx', "'none.onnx' cannot be read: there is no such file"),
         ('--policy bad.onnx', 'bad.onnx'),
         ('--policy lane.py', 'in Hills-v0, lane.py, line 3: policy(observation='),
         (
@@ -116,6 +130,8 @@ def test_an_onnx_file_steers_as_the_function_that_it_holds(tmp_path: Path) -> No
             "in Lane-v0, action ['left']: each car takes a list of servo",
         ),
         ('--track L --policy lane.py --lane lqr', '--policy and --lane both drive: give one of'),
+        ('--track L --policy text.py --lab lab', '--policy and lane.py, which --lab gives'),
+        ('--policy text.py --lab lab', '--policy and controller.py, which --lab gives'),
         ('--policy lane.py --kp 1', '--policy and --kp both drive'),
         ('--policy lane.py --no-controller', '--no-controller leaves out'),
     ],
@@ -125,6 +141,9 @@ def test_what_cannot_drive_is_refused_in_a_sentence(
 ) -> None:
     (tmp_path / 'lane.py').write_text(LANE.replace('*ahead', 'a, b, c, d'), 'utf-8')
     (tmp_path / 'text.py').write_text('def policy(observation): return ["left"]', 'utf-8')
+    (tmp_path / 'lab').mkdir()
+    (tmp_path / 'lab' / 'controller.py').write_text(LAB_CONTROLLER, 'utf-8')
+    (tmp_path / 'lab' / 'lane.py').write_text(LAB_LANE, 'utf-8')
     (tmp_path / 'empty.py').write_text('', 'utf-8')
     (tmp_path / 'bad.onnx').write_text('none', 'utf-8')
     done = call('acc', *words.split(), *FAST, cwd=tmp_path)
