@@ -404,9 +404,11 @@ class Policy:
 def onnx_policy(path: str | os.PathLike[str]) -> Callable[[Any], Any]:
     """Return the policy in an ONNX file: one input of shape (1, numbers), and the action first.
 
-    UserError: onnxruntime is not installed, or the file holds no such policy.
+    UserError: there is no such file, onnxruntime is not installed, or it holds no such policy.
     """
     name = os.fspath(path)
+    if not os.path.isfile(name):  # noqa: PTH113 (as it is given)
+        raise UserError(f'{name!r} cannot be read: there is no such file')
     try:
         import onnxruntime  # noqa: PLC0415 (an extra)
     except ImportError:
