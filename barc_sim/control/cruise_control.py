@@ -22,6 +22,7 @@ from barc_sim.control.speed import (
     gain_parameters,
 )
 from barc_sim.errors import Parameter, UserError
+from barc_sim.vehicle.parameters import NANOSECONDS
 from barc_sim.vehicle.road import signal
 
 if TYPE_CHECKING:
@@ -62,7 +63,6 @@ TERMS: Mapping[str, str] = {
     name: meaning for controller in TYPES.values() for name, meaning in controller.terms.items()
 }
 _FASTEST = 1e6  #: [m/s] A faster state is refused.
-_NANOSECONDS = 1_000_000_000
 _TYPE = Parameter(
     'controller_type', DEFAULT_TYPE, f'which controller: {", ".join(TYPES)}', read_only=True
 )
@@ -208,9 +208,8 @@ class CruiseControl:
         if self.lane:
             self.lane.reset()
         self._start = self._previous = None
-        self._state: tuple[int, float, float, float, float] | None = (
-            None  # of subtract_error: as `take_state`
-        )
+        # Of `subtract_error`: the arguments of `take_state`.
+        self._state: tuple[int, float, float, float, float] | None = None
         self._error: tuple[int, float] | None = None
         self._answer = Answer(nan, nan, nan, 0)  # the latest
 
@@ -241,7 +240,7 @@ class CruiseControl:
         if self._start is None or stamp < self._start:
             self._start = stamp
         if self._previous is not None:
-            dt = (stamp - self._previous) / _NANOSECONDS
+            dt = (stamp - self._previous) / NANOSECONDS
             if dt < 0.0:
                 back = -dt
                 self._warn(lambda: f'time went back by {back:g} s: the controller is reset')
@@ -251,7 +250,7 @@ class CruiseControl:
         steering = 0.0
         if self.lane:
             steering, x = self.lane.steer(x, y, psi, speed), self.lane.place.s
-        reference = self.reference((stamp - self._start) / _NANOSECONDS, x)
+        reference = self.reference((stamp - self._start) / NANOSECONDS, x)
         self._see(x)
         acceleration = float(self.controller.acc_calculate(reference, speed, dt))
         if self.lane:

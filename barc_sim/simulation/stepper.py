@@ -16,6 +16,7 @@ from barc_sim.errors import Parameter, UserError
 from barc_sim.vehicle.bike_model import Command, bikeFE
 from barc_sim.vehicle.parameters import (
     LIVE,
+    NANOSECONDS,
     ON_TRACK,
     PARAMETERS,
     REALTIME_FACTORS,
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.track import Track
 
 
-_NANOSECONDS = 1e9
 #: Share of a period by which a deadline may be late and still count as punctual.
 PUNCTUAL = 0.1
 #: [s] by which stamps may be behind the wall clock in real time: a usual tolerance of tf2's users.
@@ -132,7 +132,7 @@ class Commands:
 
 def out_of_order(stamp: int, present: int) -> str:
     """Return why a command with this `stamp` [ns] is not accepted in the state `present` [ns]."""
-    away = (stamp - present) / _NANOSECONDS
+    away = (stamp - present) / NANOSECONDS
     return f'a command stamped {away:+g} s from the present state: a newer one or its answer holds'
 
 
@@ -141,7 +141,6 @@ DISTANCE = Parameter(
     'distance', 0.0, 'a lap ends here [m]; on a track, the run; 0: not', (0.0, 1e6), read_only=True
 )
 LAPS = Parameter('laps', 1, 'laps, flying ones on a track; 0: no end', (0, 10**6), read_only=True)
-_NANOSECONDS = 1_000_000_000
 
 
 def parameters(distance: float = 0.0, *, on_track: bool = False) -> list[Parameter]:
@@ -285,7 +284,7 @@ class Stepper:
         self._plant = self._new_plant()
         self._outputs = outputs
         self._clock, self._wall_clock = clock, wall_clock
-        self._period_ns = round(self._plant.ts * _NANOSECONDS)
+        self._period_ns = round(self._plant.ts * NANOSECONDS)
         self._pace = Pace(self._plant.ts / factor) if factor else None
         self._commands = Commands(self._timeout)
         self.phase = Phase.STARTING
@@ -480,7 +479,7 @@ class Stepper:
 
     def _publish(self) -> None:
         if self._in_real_time:
-            self.stamp_lag = max((self._wall_clock() - self.stamp) / _NANOSECONDS, 0.0)
+            self.stamp_lag = max((self._wall_clock() - self.stamp) / NANOSECONDS, 0.0)
             if self.stamp_lag > TOLERATED and not self._warned_of_lag:
                 self._warned_of_lag = True
                 self._warn_of_lag()
@@ -508,7 +507,7 @@ class Stepper:
         if self._warned_of_stamps or starting or is_late_answer or not is_of_this_start:
             return
         self._warned_of_stamps = True
-        away = (stamp - self.stamp) / _NANOSECONDS
+        away = (stamp - self.stamp) / NANOSECONDS
         why = (
             f'commands arrive stamped {away:+.3g} s from the state: copy its header, or leave the '
         )

@@ -1,6 +1,6 @@
-"""The search for gains over thousands of closed loops.
+"""The search for gains over thousands of closed loops, and a car's parameters from its logs.
 
-Its figures are in `figures`.
+Their figures are in `figures`.
 """
 
 from barc_sim.control import cruise_control

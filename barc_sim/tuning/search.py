@@ -55,8 +55,8 @@ class Scores(NamedTuple):
     effort: Floats  #: [m/s²] RMS of the command, over the whole run
 
 
-#: The names of the scores in a `Sweep`, in their order.
 _GAINS = ('kp', 'ki', 'kd')
+#: The names of the scores in a `Sweep`, in their order.
 _SCORES = ('rms_error', 'max_error', 'overshoot', 'effort')
 #: Their labels, in their order.
 LABELS = (
