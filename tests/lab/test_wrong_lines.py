@@ -21,7 +21,8 @@ from barc_sim.errors import UserError
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import files_in
 from barc_sim.lab.labs.raceline import MISTAKES, RACELINE, RIGHT_PROGRAMS, profile, program
-from barc_sim.lab.user_code.code import UserCode
+from barc_sim.lab.user_code.adapters import line_through
+from barc_sim.lab.user_code.code import POINTS, UserCode
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
@@ -67,6 +68,8 @@ too few offsets | 45 | def line | expected 120 finite numbers
     return n⏎⏎⏎def predict -> return n[:-1]⏎⏎⏎def predict
 a kink | 60 |  | it bends most at point 7
     return n⏎⏎⏎def predict -> n[6] += 0.5⏎    return n⏎⏎⏎def predict
+a bump whose mirror image nobody can drive | 56 |  | it bends most at point 17
+    n = bounded(J, bends, half)⏎    return -> n = 0.0 * x⏎    n[16] = 0.2⏎    return
 a zigzag | 50 |  | no car can follow them
     return n⏎⏎⏎def predict -> return [half * (-1)**k for k in range(120)]⏎⏎⏎def predict
 no line | 45 | raise | line is not written yet (TODO)
@@ -100,6 +103,9 @@ an indefinite H | 75 |  | H must be positive definite
     append(H, g -> append(-H, g
 a huge H | 75 |  | H and g must be within
     append(H, g -> append(1e300 * H, g
+a huge model | 65 |  | gave 1e+300 as number 1
+    return [1.0, d, 0.0, 1.0, b1, d / L] -> return [1e300] * 6
+    np.append(H, g) -> np.ones(110)
 no program | 75 | raise | program is not written yet (TODO)
     a11, a12, a21, a22, b1, b2 = predict(speed) -> raise NotImplementedError
 a missing bracket | 0 | def korner | syntax error
@@ -191,6 +197,12 @@ def test_each_wrong_program_gives_numbers_of_its_own(name: str) -> None:
     programs = [RIGHT_PROGRAMS[name], *(each.program for each in MISTAKES[name])]
     found = [[np.round(each(*row), 9).tolist() for row in CALLS[name]] for each in programs]
     assert all(found.count(each) == 1 for each in found)
+
+
+def test_a_line_beyond_the_edges_is_refused() -> None:
+    _, through = line_through(Track.named('L'))
+    with pytest.raises(UserError, match='an offset of line is 3 m: the edges of L are 3 m from'):
+        through([3.0] * POINTS)
 
 
 def test_without_daqp_one_sentence_says_what_to_install(

@@ -1,7 +1,7 @@
 """Lab 3, lane keeping: the errors beside a track, the steady turn, and a class `Lane` that drives.
 
-A mistake is named where it was tried: the same drive with one change to what the law gets or
-returns, and what that gave.
+A mistake in `Lane` is known by the angles that it returns for each error and curvature alone, and
+its sentence stands before what was measured in the drive.
 """
 
 from __future__ import annotations
@@ -407,7 +407,8 @@ def _figure(log: TrackLog, title: str = '') -> Figure:
     return figure
 
 
-def _share(value: float, full: float, zero: float) -> float:
+def share(value: float, full: float, zero: float) -> float:
+    """Return the share of the points: 1 up to `full`, 0 from `zero` on, linear in between."""
     return min(max((zero - value) / (zero - full), 0.0), 1.0)
 
 
@@ -420,7 +421,7 @@ def _returned(drive: Callable[..., TrackLog]) -> tuple[float, str]:
         over = max(float(np.max(-np.sign(start) * log.e_y)), 0.0) / _OFF
         limited = float(np.mean(np.abs(log.servo[log.s < _DISTANCE[0]]) >= STEERING_LIMIT))
         back = float(away[-1]) if away[-1] < log.s[-1] - 1.0 else inf
-        score = _share(back, *_DISTANCE) * _share(over, *_OVERSHOOT) * _share(limited, *_SATURATED)
+        score = share(back, *_DISTANCE) * share(over, *_OVERSHOOT) * share(limited, *_SATURATED)
         way = f'back after {back:.0f} m' if back < inf else f'not back within {_SEEN:g} m'
         text = f'from {_OFF:g} m to the {side}: {way}, overshoot {over:.0%}'
         text += f', the steering at its limit in {limited:.0%} of the steps' if limited else ''

@@ -6,6 +6,7 @@ the same. A line is judged by what it measures, and by laps. The time of a lap i
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cache, partial
 from math import inf
 from pathlib import Path
@@ -19,7 +20,7 @@ from barc_sim.control.planning import lap_time, racing_line, solver
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
 from barc_sim.lab.judge import Evidence, Finding, JudgedCode, Lab, Part, Table, numbers_of, rows_of
-from barc_sim.lab.labs.lane import describe, drive_errors, drive_law, hidden_track
+from barc_sim.lab.labs.lane import describe, drive_errors, drive_law, hidden_track, share
 from barc_sim.lab.user_code.adapters import line_through
 from barc_sim.lab.user_code.code import POINTS
 from barc_sim.lab.user_code.folder import BY_EYE
@@ -194,6 +195,7 @@ def _near(got: Floats, right: Any) -> bool:  # noqa: ANN401 (rows of numbers)
     return bool(np.allclose(got, right, rtol=_TOLERANCE, atol=_TOLERANCE))
 
 
+@np.errstate(all='ignore')  # of numbers of any size
 def _judged(code: RacelineCode, name: str, seed: int) -> tuple[float, str]:
     """Return score and message of a function: right, a known mistake, or its largest error."""
     rows = _rows(name, seed)
@@ -237,20 +239,21 @@ class _Line(NamedTuple):
 
     track: Track
     line: Track
-    turned: Track  #: the line with offsets to the other side
+    turned: Track | None  #: the line with offsets to the other side, where a car can follow it
 
     @property
     def bending(self) -> tuple[float, str]:
         """Score and message of how much it bends."""
         best, centre, own = map(_bending, (_best(self.track), self.track, self.line))
-        score = _share(own, _BENT * best, centre)
+        score = share(own, _BENT * best, centre)
         text = f'{own:.3g} 1/m is the integral of its squared curvature; that of the centre line '
         text += f'{centre:.3g}, of the best line {best:.3g}'
         if score < 1.0:
             k = int(np.abs(self.line.curvatures).argmax())
             radius, point = 1.0 / abs(self.line.curvatures[k]), k // 2 + 1
             text += f'; it bends most at point {point} of {POINTS}, with a radius of {radius:.1f} m'
-        if score < 0.5 and _share(_bending(self.turned), _BENT * best, centre) > score + 0.3:  # noqa: PLR2004
+        turned = share(_bending(self.turned), _BENT * best, centre) if self.turned else 0.0
+        if score < 0.5 and turned > score + 0.3:  # noqa: PLR2004
             text = f'the other way round it bends less: positive is to the left. {text}'
         return score, text
 
@@ -265,11 +268,7 @@ class _Line(NamedTuple):
             return 0.0, f'the car leaves the track, {log.s[-1]:.0f} m along the line', log
         text = f'best lap {min(times):.2f} s (not judged; planned '
         text += f'{lap_time(self.line, speed):.2f} s), at most {load * ACROSS:.2f} m/s² across'
-        return _share(load, *_LOAD), f'{text} ({_LOAD[0] * ACROSS:.2f} is full marks)', log
-
-
-def _share(value: float, full: float, zero: float) -> float:
-    return min(max((zero - value) / (zero - full), 0.0), 1.0)
+        return share(load, *_LOAD), f'{text} ({_LOAD[0] * ACROSS:.2f} is full marks)', log
 
 
 def _offsets(code: RacelineCode, track: Track) -> tuple[Floats, float]:
@@ -282,7 +281,10 @@ def _line_of(track: Track, offsets: Floats, half: float) -> _Line:
     """Return a student's line, its offsets clipped to their bounds."""
     _, through = line_through(track)
     inside = np.clip(offsets, -half, half)
-    return _Line(track, through(inside.tolist()), through((-inside).tolist()))
+    line, turned = through(inside.tolist()), None
+    with suppress(UserError):
+        turned = through((-inside).tolist())
+    return _Line(track, line, turned)
 
 
 def _judge_line(code: RacelineCode, seed: int) -> Iterator[Finding]:

@@ -123,9 +123,14 @@ def line_through(track: Track) -> tuple[list[Any], Callable[[Sequence[float]], T
     def through(offsets: Sequence[float]) -> Track:
         n = np.array(offsets)
         line = (x - n * np.sin(psi)).tolist(), (y + n * np.cos(psi)).tolist()
-        width = track.width - 2.0 * float(np.abs(n).max())
+        maximum, edge = float(np.abs(n).max()), 0.5 * track.width
+        if maximum >= edge:
+            raise UserError(
+                f'an offset of line is {maximum:.3g} m: the edges of {track.name} are {edge:g} m '
+                'from its centre line'
+            )
         try:
-            return Track.through(*line, width, f'a line of {track.name}')
+            return Track.through(*line, 2.0 * (edge - maximum), f'a line of {track.name}')
         except UserError:
             raise UserError(
                 'the offsets of line jump from point to point: no car can follow them'
