@@ -131,8 +131,8 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     notes = submission.notes
     files = graded(submission.files)
     if not files:
-        wanted = ' nor '.join(rubric.lab.handout.files.values())
-        notes = (f'it has neither {wanted} at its top', *notes)
+        wanted = ' or '.join(rubric.lab.handout.files.values())
+        notes = (f'it has no {wanted} at its top', *notes)
     if not sandbox:
         notes = (*notes, 'its code was not confined, as --unconfined asks for')
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:

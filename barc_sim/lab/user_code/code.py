@@ -1,4 +1,4 @@
-"""A user's `bike_model.py`, `controller.py`, `relay.py` and `lane.py`, loaded without a build.
+"""A user's files of any lab, see `FILES`, and a policy: loaded without a build, and called.
 
 This module runs in the process of a submission: it imports no law of barc_sim.
 """
@@ -114,7 +114,7 @@ _MAIN = {
 
 
 class UserCode:
-    """A user's model, controller, relay and lane, each loaded when it is first used.
+    """A user's files by part, such as model and controller, each loaded when it is first used.
 
     What a file lacks, what fails and what takes too long is a UserCodeError; the same one each time
     where a file cannot be loaded.
@@ -316,7 +316,7 @@ class UserCode:
 
     @property
     def files(self) -> dict[str, str]:
-        """The names of the loaded files by part: model, controller, relay."""
+        """The names of the loaded files, by part."""
         return {part: source.name for part in self.paths if (source := self._source(part))}
 
     def describe(self) -> dict[str, str]:
