@@ -28,6 +28,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 from barc_sim.errors import without_addresses
+from barc_sim.lab.handout import FILES
 from barc_sim.lab.user_code.source import (
     Reassigned,
     Source,
@@ -510,13 +511,16 @@ class UserFunction:
         return found
 
     def place(self) -> str:
-        """Return the file and line that define the function, or the method that makes a class."""
+        """Return the file and line that define the function, or the method that makes a class.
+
+        Without such a method it is the file alone.
+        """
         made: Any = vars(self.function).get('__init__') if isinstance(self.function, type) else None
         code = guarded(
             lambda: getattr(unwrap(made or self.function), '__code__', None), default=None
         )
         found = self.folder.place(code.co_filename, code.co_firstlineno) if code else None
-        return found or self.folder.path.name
+        return found or FILES.get(self.called.part, self.folder.path.name)
 
     def _signature(self) -> Signature:
         try:

@@ -162,7 +162,7 @@ def test_the_geometry_is_passed_where_it_is_an_argument(
         ('bike_model', '\0', ': source code string cannot contain null bytes'),
         ('controller', 'class PD: pass', 'controller.py defines no PID'),
         ('controller', 'def PID(kp, ki, kd): pass', 'expected a class'),
-        ('controller', 'class PID: pass', 'PID takes (); expected (kp, ki, kd)'),
+        ('controller', 'class PID: pass', 'controller.py: PID takes (); expected (kp, ki, kd)'),
         (
             'controller',
             'class PID:\n    def __init__(self, kp, ki, kd): pass',
