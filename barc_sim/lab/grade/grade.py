@@ -251,9 +251,16 @@ def gradescope(grade: Grade) -> str:
     return json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False) + '\n'
 
 
+def _cores() -> int:
+    """Return the number of cores that this process may use, where the system limits that."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 @contextmanager
 def processes(jobs: int | None) -> Iterator[Executor]:
-    """Give `jobs` processes of this machine, by default one for each core.
+    """Use `jobs` worker processes, by default one for each core that this process may use.
 
     When the block ends, those still at work end, and their folders go; they also end with this
     process, however it ends.
@@ -261,7 +268,9 @@ def processes(jobs: int | None) -> Iterator[Executor]:
     # New processes: a fork would copy the locks of other threads, but not the threads.
     context = multiprocessing.get_context('spawn')
     with tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder:
-        pool = ProcessPoolExecutor(jobs, context, initializer=_begin_worker, initargs=(folder,))
+        pool = ProcessPoolExecutor(
+            jobs or _cores(), context, initializer=_begin_worker, initargs=(folder,)
+        )
         try:
             yield pool
         finally:
