@@ -160,7 +160,7 @@ def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
         ('--lab none', "there is no folder 'none'"),
         (
             '--lab empty',
-            "'empty' has no bike_model.py, controller.py, lane.py, raceline.py, identify.py: expected",
+            "'empty' has no bike_model.py, controller.py, lane.py, raceline.py, identify.py: ",
         ),
         ('--lab broken', 'controller.py, line 1: syntax error'),
         ('--model broken/controller.py', 'controller.py, line 1: syntax error'),
