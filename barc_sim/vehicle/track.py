@@ -84,7 +84,7 @@ class Track:
     width: float = WIDTH  #: [m] from edge to edge
     name: str = 'track'
     start: Pose = _ORIGIN
-    deviation: float = 0.0  #: [m] greatest distance of the file's points from the centre line
+    deviation: float = 0.0  #: [m] maximum distance of the file's points from the centre line
     starts: tuple[float, ...] = field(init=False, repr=False, compare=False)  #: [m]; the end, too
     _poses: tuple[Pose, ...] = field(init=False, repr=False, compare=False)
     is_closed: bool = field(init=False, repr=False, compare=False)

@@ -1,7 +1,7 @@
 """Memory and bag of a long run in lock-step.
 
-`BARC_SIM_SOAK=1 pytest tests/test_long_run.py` drives for an hour of simulated time; without it,
-three minutes.
+`BARC_SIM_SOAK=1 pytest tests/runs/test_long_run.py` drives for an hour of simulated time; without
+it, three minutes.
 """
 
 from __future__ import annotations

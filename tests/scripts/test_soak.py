@@ -1,6 +1,6 @@
 """What must hold under faults, in the short forms of `scripts/soak`.
 
-`BARC_SIM_SOAK=1 pytest tests/test_soak.py` goes through the long ones.
+`BARC_SIM_SOAK=1 pytest tests/scripts/test_soak.py` goes through the long ones.
 """
 
 from __future__ import annotations
