@@ -52,6 +52,10 @@ _POLL_PERIOD = 0.02  #: [s]
 #: before the service discovers the client; a response is lost then.
 _RESPONSE_PATIENCE = 2.0
 _ATTEMPTS = 3
+_DEPTH = 10_000  #: messages that can wait for the next poll
+#: SafeDumper, in C where libyaml is installed.
+_Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
+_MAX_WIDTH = 2**30  #: characters of a line of YAML: none is broken
 
 
 @contextmanager
@@ -196,15 +200,6 @@ class GraphObserver:
         return _BUSY if others_here(self.domain) else _ALONE
 
 
-#: Elements of a long sequence and characters of a long string that are shown.
-TRUNCATE = 128
-#: SafeDumper, in C where libyaml is installed.
-_Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
-_ENDLESS = 2**30
-_DEPTH = 10_000  #: messages that can wait for the next poll
-_PERIOD = 0.02  #: [s] between two polls for messages
-
-
 def _subscribe(
     observer: GraphObserver, topic: str, kind: type[Any], *, latched: bool = True
 ) -> Subscription:
@@ -250,7 +245,7 @@ def print_messages(
                 count = count and count - 1
                 if count == 0:
                     return
-            observer.pause(_PERIOD)
+            observer.pause(_POLL_PERIOD)
 
 
 def field_of(message: Any, path: str) -> Any:  # noqa: ANN401 (generated classes)
@@ -274,15 +269,15 @@ def _alternatives(value: Any) -> str:  # noqa: ANN401
     return f'within a {type(value).__name__}, which has no fields'
 
 
-def to_yaml(value: Any, truncate: int | None = TRUNCATE) -> str:  # noqa: ANN401
+def to_yaml(value: Any, truncate: int | None) -> str:  # noqa: ANN401
     """Return a message as a YAML document without `---`; a single field as Python prints it.
 
-    Of longer sequences and strings it has `truncate` elements and characters; None: all.
+    Of longer sequences and strings it has the first `truncate` elements or characters; None: all.
     """
     if not _is_message(value):
         return f'{value}\n'
     return yaml.dump(
-        _plain(value, truncate), Dumper=_Dumper, allow_unicode=True, width=_ENDLESS, sort_keys=False
+        _plain(value, truncate), Dumper=_Dumper, allow_unicode=True, width=_MAX_WIDTH, sort_keys=False
     )
 
 

@@ -145,14 +145,14 @@ LONG = Float64MultiArray(data=[float(i) for i in range(200)])
 
 
 def test_field_order_is_that_of_the_definition() -> None:
-    assert to_yaml(ECU(motor=1e-7, servo=float('nan'))) == (
+    assert to_yaml(ECU(motor=1e-7, servo=float('nan')), None) == (
         "header:\n  stamp:\n    sec: 0\n    nanosec: 0\n  frame_id: ''\n"
         'motor: 1.0e-07\nservo: .nan\n'
     )
 
 
 def test_long_arrays_and_strings_are_cut_unless_asked_otherwise() -> None:
-    assert to_yaml(LONG).count('\n- ') == 129
+    assert to_yaml(LONG, 128).count('\n- ') == 129
     assert to_yaml(LONG, None).count('\n- ') == 200
     assert to_yaml(String(data='x' * 200), 3) == 'data: xxx...\n'
 
