@@ -1,6 +1,6 @@
-"""`python -m barc_sim.run acc|teleop`, the same as `barc acc` and `barc teleop`.
+"""`python -m barc_sim.run COMMAND`, the same as `barc COMMAND`; Ctrl-C ends its imports silently.
 
-What a run is made of is in `runs/cruise_control.py` and `runs/teleop.py`.
+`scripts/run` starts runs with it. What they are made of is in `runs/`.
 """
 
 from __future__ import annotations

@@ -277,7 +277,11 @@ def to_yaml(value: Any, truncate: int | None) -> str:  # noqa: ANN401
     if not _is_message(value):
         return f'{value}\n'
     return yaml.dump(
-        _plain(value, truncate), Dumper=_Dumper, allow_unicode=True, width=_MAX_WIDTH, sort_keys=False
+        _plain(value, truncate),
+        Dumper=_Dumper,
+        allow_unicode=True,
+        width=_MAX_WIDTH,
+        sort_keys=False,
     )
 
 
