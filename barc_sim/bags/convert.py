@@ -54,11 +54,16 @@ def convert(
     Raises
     ------
     UserError
-        The bag cannot be read, the output exists, or a library is not installed.
+        The bag cannot be read, no topic is selected, the output exists, or a library is not
+        installed.
     """
     contents = Contents(path)
     contents.complete()
     names = selected([*contents.topics], topics, exclude)
+    if not names:
+        present = ', '.join(sorted(contents.topics))
+        advice = f'choose --topics of {present}' if present else 'name another bag'
+        raise UserError(f'{str(path)!r} has no topic to convert: {advice}')
     if output.exists() or output.is_symlink():
         raise UserError(f'{str(output)!r} exists: name a new --output')
     if kind in _BAGS:

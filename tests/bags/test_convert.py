@@ -133,6 +133,9 @@ def test_a_link_to_nothing_is_not_followed(robot: Path, tmp_path: Path) -> None:
 
 def test_what_cannot_be_converted_is_one_sentence(robot: Path, tmp_path: Path) -> None:
     assert refused('convert', str(robot), '-o', str(tmp_path)).endswith('name a new --output')
+    line = refused('convert', str(robot), '-o', str(tmp_path / 'out'), '--topics', '/scam')
+    assert line.endswith('no topic to convert: choose --topics of /arm/imu, /said, /scan, /x')
+    assert not (tmp_path / 'out').exists()
     (robot / 'metadata.yaml').unlink()
     options = ('--to', 'sqlite3', '-o', str(tmp_path / 'out'))
     assert 'recover it first, or choose --topics' in refused('convert', str(robot), *options)
