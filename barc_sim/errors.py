@@ -12,7 +12,7 @@ from math import inf
 from numbers import Integral, Real
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
-#: Of a text or a flag.
+#: The bounds of a text or a flag: there are none.
 ANY = (-inf, inf)
 _Record = TypeVar('_Record', bound=tuple[Any, ...])
 

@@ -1,4 +1,7 @@
-"""The look of figures and page: palette, Matplotlib style, limits, readings; and windows."""
+"""The look of figures and page: palette, Matplotlib style, limits, readings; and windows.
+
+Also what they show that a log does not have as it is: the motor's effect and limit, the road.
+"""
 
 from __future__ import annotations
 

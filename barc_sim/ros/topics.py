@@ -1,4 +1,4 @@
-"""Topics as their publishers offer them, and raw subscriptions to all that pass a filter."""
+"""Topics as their publishers offer them; subscriptions that are polled, to record them raw."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import MessageFields
 
 
-_DEPTH = 1000  #: of a queue where none is recorded, as DDS tells no one else
+_DEPTH = 1000  #: of a queue, where the bag has none: DDS does not send it to other processes
 _POLICIES: Mapping[str, Any] = {
     'history': HistoryPolicy,
     'reliability': ReliabilityPolicy,
@@ -444,12 +444,9 @@ class TopicSubscriptions:
         """Destroy the subscriptions; `lost` stays available."""
         with self._lock:
             for recorded in self._topics.values():
-                self._destroy(recorded)
+                for subscription in recorded.subscriptions:
+                    self._node.destroy_subscription(subscription)
         self._taker.close()
-
-    def _destroy(self, recorded: RecordedTopic) -> None:
-        for subscription in recorded.subscriptions:
-            self._node.destroy_subscription(subscription)
 
 
 class PolledCallbackGroup(CallbackGroup):
