@@ -1,4 +1,4 @@
-"""Time, timers, futures and executors, in one thread.
+"""The log, time, timers, futures and executors, in one thread.
 
 An arrival puts its receiver into the queue of the executor that has the receiver's node; the
 executor calls back in the order of arrival. In simulated time, where nothing is left to call, time

@@ -1,4 +1,7 @@
-"""Nodes: publishers, subscriptions, services, clients, guard conditions, timers, the graph."""
+"""Nodes with QoS, publishers, subscriptions, services, clients, guard conditions and the graph.
+
+Also rclpy's `init` and `shutdown`, and the subscriptions of a recorder.
+"""
 
 from __future__ import annotations
 
