@@ -65,6 +65,12 @@ def run(options: Namespace) -> int:
     path = None if options.no_plot else target(name, FIGURES)
     parts = find_files(folder)  # or a UserError
     rubric = load(options.rubric or handout_of(parts).rubrics[0])
+    wanted = rubric.lab.handout.files
+    if parts.keys().isdisjoint(wanted):
+        raise UserError(
+            f'the rubric {options.rubric!r} judges {", ".join(wanted.values())}: the folder '
+            f'{str(folder)!r} has none of them'
+        )
     report = rubric.lab.judge_folder(folder, rubric.settings)
     print_report(report, rubric)
     composed = _composition(folder)

@@ -49,6 +49,10 @@ def wrong(folder: Path) -> Path:
     return folder
 
 
+def test_a_rubric_of_another_lab_is_refused(folder: Path) -> None:
+    assert "'lane' judges lane.py: the folder " in refused('check', str(folder), '--rubric', 'lane')
+
+
 def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
     (folder / 'controller.py').write_text(RIGHT, encoding='utf-8')
     lines = printed('check', str(folder)).splitlines()

@@ -275,6 +275,7 @@ def _information(car: Car, commands: Sequence[float]) -> Iterator[Finding]:
         yield Finding(f'commands.{name}', score, text)
 
 
+@np.errstate(all='ignore')  # of numbers of any size
 def _intervals(got: Any, cars: Inputs, failure: str) -> Finding:  # noqa: ANN401 (of a Trial)
     """Judge whether the intervals hold the truth, and are no wider than need be."""
     if failure:
