@@ -30,6 +30,8 @@ from barc_sim.simulation.log import COLUMNS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
+    from barc_sim.lab.laws import Law
+
 DOCS = Path(__file__).parents[1]
 #: In the order in which they import one another.
 ROOMS = (
@@ -157,10 +159,18 @@ def columns() -> Iterator[str]:
 
 
 def mistakes() -> Iterator[str]:
-    """Yield every sentence of the tables of mistakes, by what it is about."""
-    laws = (*BIKE.mistakes, *PID_LAW.mistakes, *LANE.mistakes, *IDENTIFY.mistakes)
-    every = [(each.topic, each.sentence) for each in laws]
-    every += [(f'`{name}`', each.sentence) for name, own in RACELINE.items() for each in own]
+    """Yield every sentence of the tables of mistakes, by file and what it is about."""
+
+    def of(file: str, law: Law) -> list[tuple[str, str]]:
+        return [(f'`{file}`: {each.topic.lower()}', each.sentence) for each in law.mistakes]
+
+    every = [*of('bike_model.py', BIKE), *of('controller.py', PID_LAW), *of('lane.py', LANE)]
+    every += [
+        (f'`raceline.py`: `{name}`', each.sentence)
+        for name, own in RACELINE.items()
+        for each in own
+    ]
+    every += of('identify.py', IDENTIFY)
     for title, group in groupby(every, key=lambda each: each[0]):
         yield from (f'## {title}', '')
         sentences = (re.sub(r'(last|over) \d+', r'\1 n', sentence) for _, sentence in group)
