@@ -55,6 +55,9 @@ if TYPE_CHECKING:
 
 #: [m] The lab's road ends there.
 _DISTANCE = 180.0
+#: What a policy drives in place of: options, and parts of a lab's folder.
+_STEERING = ('lane', 'lane_gain')
+_DRIVING = (*PID.gains, 'gain', 'controller_type', 'controller', 'identify')
 _OF_CONTROLLER = ('acceleration_limit', 'controller_type', 'reference', 'lane', 'speed_profile')
 
 
@@ -234,19 +237,24 @@ def _check(options: Namespace, inputs: Inputs) -> None:
 
 def _check_policy(options: Namespace, inputs: Inputs) -> None:
     """Refuse a policy that cannot drive, and what it drives in place of; set its speed."""
-    others = [*PID.gains, 'gain', 'controller_type', 'controller']
-    for name in ('lane', 'lane_gain') if inputs.track else others:
-        if getattr(options, name) not in (None, []):
-            option = name.replace('_', '-')
-            raise UserError(f'--policy and --{option} both drive: give one of the two only')
-    code, parts = inputs.user_code, ('lane',) if inputs.track else ('controller', 'identify')
-    if both := [code.paths[part].name for part in parts if getattr(code, part)]:
-        raise UserError(
-            f'--policy and {both[0]}, which --lab gives, both drive: give one of the two only'
-        )
+    _refuse_beside_policy(options, inputs.user_code, _STEERING if inputs.track else _DRIVING)
     policy = _policy(options, inputs)
+    if 'motor' in policy.task.actions:
+        _refuse_beside_policy(options, inputs.user_code, _DRIVING)
     if options.speed is None:
         options.speed = policy.task.speed
+
+
+def _refuse_beside_policy(options: Namespace, user_code: UserCode, names: Iterable[str]) -> None:
+    """Refuse those of these options and files that are given."""
+    for name in names:
+        other = ''
+        if getattr(options, name, None) not in (None, []):
+            other = f'--{name.replace("_", "-")}'
+        elif name in user_code.paths:
+            other = f'{user_code.paths[name].name}, which --lab gives,'
+        if other:
+            raise UserError(f'--policy and {other} both drive: give one of the two only')
 
 
 def _policy(options: Namespace, inputs: Inputs) -> Policy:

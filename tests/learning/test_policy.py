@@ -131,6 +131,7 @@ def test_an_onnx_file_steers_as_the_function_that_it_holds(tmp_path: Path) -> No
         ),
         ('--track L --policy lane.py --lane lqr', '--policy and --lane both drive: give one of'),
         ('--track L --policy text.py --lab lab', '--policy and lane.py, which --lab gives'),
+        ('--track L --policy race.py --ki 1', '--policy and --ki both drive'),
         ('--policy text.py --lab lab', '--policy and controller.py, which --lab gives'),
         ('--policy lane.py --kp 1', '--policy and --kp both drive'),
         ('--policy lane.py --no-controller', '--no-controller leaves out'),
@@ -141,6 +142,7 @@ def test_what_cannot_drive_is_refused_in_a_sentence(
 ) -> None:
     (tmp_path / 'lane.py').write_text(LANE.replace('*ahead', 'a, b, c, d'), 'utf-8')
     (tmp_path / 'text.py').write_text('def policy(observation): return ["left"]', 'utf-8')
+    (tmp_path / 'race.py').write_text(RACE, 'utf-8')
     (tmp_path / 'lab').mkdir()
     (tmp_path / 'lab' / 'controller.py').write_text(LAB_CONTROLLER, 'utf-8')
     (tmp_path / 'lab' / 'lane.py').write_text(LAB_LANE, 'utf-8')
