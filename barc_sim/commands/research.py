@@ -109,17 +109,19 @@ def run_tune(options: Namespace) -> None:
     goal = _goal(options)
     goal(start[np.newaxis])  # a mistake in the controller is reported from here
     population, generations, points = _USER_CODE if options.controller else _BATCHED
-    best = search.search(
-        goal,
-        low,
-        high,
-        start,
-        seed=options.seed,
-        population=population,
-        generations=generations,
-        on_generation=_show_progress,
-    )
-    _show('')
+    try:
+        best = search.search(
+            goal,
+            low,
+            high,
+            start,
+            seed=options.seed,
+            population=population,
+            generations=generations,
+            on_generation=_show_progress,
+        )
+    finally:  # also before an error's sentence
+        _show('')
     if not np.isfinite(best.cost):
         raise UserError(
             f'no gains in these ranges drive {options.distance:g} m within '
