@@ -119,11 +119,11 @@ def read_inputs(options: Namespace) -> Inputs:
         if isinstance(file, Path) and file.suffix != '.onnx'
     }
     user_code = UserCode(files, output=output).load()
-    if user_code.raceline:
-        if not track:
-            raise UserError('raceline.py is for a track: give one, as in --track L')
+    if user_code.raceline and track:
         arguments, through = line_through(track)
         track = through(user_code.raceline(*arguments))
+    elif user_code.raceline and not (user_code.model or user_code.controller):
+        raise UserError('raceline.py is for a track: give one, as in --track L')
     return Inputs(road, track, user_code, output)
 
 

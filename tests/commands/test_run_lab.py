@@ -180,6 +180,14 @@ def test_files_that_cannot_be_used_leave_nothing(tmp_path: Path, options: str, w
     assert not (tmp_path / 'bags').exists()
 
 
+def test_files_of_a_track_beside_a_controller_do_not_matter_on_a_road(tmp_path: Path) -> None:
+    lane = 'class Lane:\n    def steer_calculate(self, e_y, e_psi, speed, curvature): return 0.0\n'
+    raceline = 'def line(x, y, psi, half): return 0.0 * x\n'
+    lab(tmp_path / 'lab', controller=PID.format(line=''), lane=lane, raceline=raceline)
+    done = barc('acc', '-q', *MAX, '--distance', '1', '--lab', 'lab')
+    assert (done.returncode, done.stderr) == (0, '')
+
+
 def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
     start: Start, tmp_path: Path
 ) -> None:
