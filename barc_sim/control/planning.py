@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _MARGIN = 0.2  #: of the width
-_SPACING = 0.5  #: [m] between two points of the line, as far as the least and most points allow
-_LEAST, _MOST = 100, 800
+_SPACING = 0.5  #: [m] between two points of the line, as far as the limits of their number allow
+_MIN_POINTS, _MAX_POINTS = 100, 800
 _ROUNDS = 30
 _SETTLED = 1e-3  #: [m] A round that moves the line less is the last.
 _STEP = 0.05  #: [m] of the integral over a lap
@@ -99,7 +99,7 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
         raise UserError(
             f'margin {margin!r} must be above 0 and below half of the width, {half:g} m'
         )
-    n = min(max(round(track.length / _SPACING), _LEAST), _MOST)
+    n = min(max(round(track.length / _SPACING), _MIN_POINTS), _MAX_POINTS)
     h = track.length / n
     centre = track.place(np.arange(n) * h)
     normal = -np.sin(centre.psi), np.cos(centre.psi)

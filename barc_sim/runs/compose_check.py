@@ -18,7 +18,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code import source
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
 
-#: The least number of nodes: a simulator, a relay, a driver and a recorder.
+#: The minimum number of nodes: a simulator, a relay, a driver and a recorder.
 _NODES = 4
 _SIMULATOR = '/vehicle_simulator'
 #: Topics of the drive by hand; each has one publisher.
