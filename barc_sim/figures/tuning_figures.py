@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 SIZE = (11.2, 5.8)  #: [inch]
 LABELS = ('kp [1/s]', 'ki [1/s²]', 'kd')
-#: Colours show the logarithm of costs up to this multiple of the least; above it they are equal.
+#: Colours show the logarithm of costs up to this multiple of the minimum; above it they are equal.
 _WIDE = 10.0
 #: [s] The step response is shown for so long after the slower run reaches the reference.
 _AFTER = 1.0

@@ -1,4 +1,4 @@
-"""Publishes at a steady rate as soon as it is heard; prints how many messages."""
+"""Publishes at a steady rate once it has subscribers; prints how many messages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _HEADERS = 16
 
 
 def main() -> None:
-    """Publish as JSON on the command line says."""
+    """Publish as in the task on the command line, in JSON."""
     task = json.loads(sys.argv[1])
     rclpy.init()
     node = Node('flood')

@@ -1,4 +1,4 @@
-"""Meets a recorder with a flood, as JSON on the command line says; prints the figures as JSON."""
+"""Floods a recorder: takes a task as JSON on the command line, prints the figures as JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from barc_sim.ros.process import ros
 
 
 def main() -> None:
-    """Do what the command line says."""
+    """Do the task on the command line."""
     task = json.loads(sys.argv[1])
     with tempfile.TemporaryDirectory() as folder:
         work = _rosbag2 if task['recorder'].startswith('rosbag2') else _run

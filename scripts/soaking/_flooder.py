@@ -46,7 +46,7 @@ _PATIENCE = 3.0  #: [s]
 
 
 def main() -> None:
-    """Flood as the JSON on the command line says."""
+    """Flood with the task on the command line, in JSON."""
     task = json.loads(sys.argv[1])
     chance = random.Random(task['seed'])  # noqa: S311 (no secret)
     with ros([]):
@@ -63,20 +63,20 @@ def main() -> None:
                 for _ in range(_POOL)
             ]
             sends.append((publisher, cycle(pool)))
-        print(json.dumps(_flood(_heard(sends), task['rate'], task['seconds'])))
+        print(json.dumps(_flood(_matched(sends), task['rate'], task['seconds'])))
 
 
 def _wait_for_states(node: rclpy.node.Node) -> None:
     """Wait until the run drives: before, it would refuse to start beside another simulator."""
-    heard: list[Any] = []
-    subscription = node.create_subscription(ZDynBkMdl, names.STATE, heard.append, 100)
-    while len(heard) < _FIRST_STATES:
+    states: list[Any] = []
+    subscription = node.create_subscription(ZDynBkMdl, names.STATE, states.append, 100)
+    while len(states) < _FIRST_STATES:
         rclpy.spin_once(node)
     node.destroy_subscription(subscription)
 
 
-def _heard(sends: list[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
-    """Return those with a subscriber; all who will be are there soon, as the run drives already."""
+def _matched(sends: list[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+    """Return those with a subscriber, after a wait for the subscribers of all."""
     end = time.monotonic() + _PATIENCE
     while time.monotonic() < end and not all(pub.get_subscription_count() for pub, _ in sends):
         time.sleep(0.01)

@@ -78,15 +78,15 @@ def _end_of(process: subprocess.Popen[bytes]) -> int:
 
 
 class Witness(Node):
-    """Hears the states, and asks to drive ahead all the time."""
+    """Subscribes to the states, and publishes the input to drive ahead all the time."""
 
     def __init__(self) -> None:
-        """Listen."""
+        """Subscribe, and publish ten times a second."""
         super().__init__('witness')
         self.speed, self.stamp, self.states = 0.0, 0, 0
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
         self._twist_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
-        self.create_timer(0.1, self._wish)
+        self.create_timer(0.1, self._drive_ahead)
         self._executor: Any = SingleThreadedExecutor()
         self._executor.add_node(self)
 
@@ -94,7 +94,7 @@ class Witness(Node):
         self.states += 1
         self.speed, self.stamp = state.v_x, to_nanoseconds(state.header.stamp)
 
-    def _wish(self) -> None:
+    def _drive_ahead(self) -> None:
         self._twist_pub.publish(Twist(linear=Vector3(x=1.0)))
 
     def commanded(self) -> bool:

@@ -78,7 +78,7 @@ class _Drives(Node):
 
 
 def main() -> None:
-    """Reset as often as the command line says."""
+    """Reset as many times as the command line names."""
     with ros([]):
         drives = _Drives(int(sys.argv[1]))
         nodes = drives, drives.simulator, CruiseController()

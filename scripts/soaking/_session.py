@@ -31,7 +31,7 @@ class Session:
     """`python -m barc_sim.run` with these options, in a folder, from its start to its end."""
 
     def __init__(self, folder: Path, *options: str, terminal: bool, blocked: bool) -> None:
-        """Start it; `blocked` holds signals back as scripts/run does until it can hear them."""
+        """Start it; `blocked` holds signals back as scripts/run does until they are handled."""
         self.folder = folder
         self.shown = b''
         self.shared: set[str] = set()  # names in /dev/shm that it has had open

@@ -1,6 +1,6 @@
 """Put barc_sim through faults, and hold it to what it promises; the exit code is 1 where it fails.
 
-Without options each takes as long as the promise says, with --short a few seconds.
+Without options each takes as long as its promise needs, with --short a few seconds.
 """
 
 from __future__ import annotations

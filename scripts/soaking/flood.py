@@ -97,7 +97,7 @@ def _meet(mode: str, rate: float, seconds: float) -> tuple[dict[str, Any], dict[
         with AnyReader([path]) as reader:
             held = sum(1 for _ in reader.messages())
             counts = {'recorded': reader.message_count, 'held': held}
-        # A bag that is not whole knows no steps.
+        # A bag that is not whole lacks the number of steps.
         return {**flooded, **counts, **bag.info(path)}, flood
 
 

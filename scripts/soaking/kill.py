@@ -34,7 +34,7 @@ _COMMANDERS = ('controller', 'relay')
 _OTHERS = ('vehicle_simulator', 'bag_recorder', 'view')
 _MOVING, _STANDING = 0.5, 1e-6  #: [m/s]
 _PATIENCE = 30.0  #: [s]
-_STATES = 25  #: to hear after a kill that is not to matter
+_STATES = 25  #: to receive after the kill of a node that the car does not need
 
 
 def soak(options: argparse.Namespace) -> list[Figure]:
@@ -135,7 +135,7 @@ class _Ordeal:
             print(f'{name} has ended by itself', file=sys.stderr)
 
     def _signs(self, name: str) -> int:
-        """Return how often a node has shown that it is there: by a bag, or by what it says."""
+        """Return how often a node has started: its bags, or the links in its log."""
         if name == 'bag_recorder':
             return len(list(self._folder.glob('bags/*/*.mcap')))
         return self._nodes.logs().count('http://')

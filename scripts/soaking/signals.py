@@ -1,7 +1,7 @@
 """SIGINT and SIGTERM at 100 random moments, from the start of the process to its end.
 
 Half of them to `run acc`, half to `run teleop` in a terminal; half started as scripts/run does,
-which holds signals back until they can be heard, half as `python -m barc_sim.run`.
+which holds signals back until they are handled, half as `python -m barc_sim.run`.
 """
 
 from __future__ import annotations
