@@ -137,10 +137,10 @@ class GraphObserver:
             full = str(expand_topic_name(name, self.node.get_name(), self.node.get_namespace()))
             validate_full_topic_name(full)
         except (InvalidTopicNameException, ValueError) as error:
-            # Without the line of rcl's source.
+            # Without the line of rcl's source, and without the name once more.
             reason = str(error).splitlines()[0].partition(', at /')[0].rstrip(':')
-            reason = reason.removeprefix('Invalid topic name: ').replace('topic name', 'a name')
-            raise UserError(f'{name!r} cannot be a {what}: {reason}') from None
+            rule = reason.rpartition('topic name')[2]
+            raise UserError(f'{name!r} cannot be a {what}: a name{rule}') from None
 
         def is_there() -> bool:
             return full in present(hidden=True)

@@ -121,7 +121,7 @@ def test_mistake_of_echo_is_one_sentence() -> None:
         '/car/ecu --field motor.x': (
             "there is no field 'motor.x': 'x' is within a float, which has no fields"
         ),
-        '/c-ar': "'/c-ar' cannot be a topic: ",
+        '/c-ar': "'/c-ar' cannot be a topic: a name must not contain characters other than",
     }.items():
         line = refused('echo', *words.split())
         assert sentence in line
