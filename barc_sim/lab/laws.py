@@ -348,7 +348,7 @@ class Judge:
         return tuple(map(int, np.unravel_index(error.argmax(), error.shape)))
 
     def _largest_error(self, trials: Sequence[Trial], name: str) -> Mistake:
-        """Return a mistake that says where a result is wrong, and its largest error."""
+        """Return a mistake that names where a result is wrong, and its largest error."""
         own = [trial for trial in trials if name in trial.got]
         bad = [trial for trial in own if not self.is_right(trial, name)]
         where = f' in: {", ".join(trial.name for trial in bad)}' if len(bad) < len(own) else ''

@@ -153,7 +153,7 @@ def _course(bag: Path) -> Part:
     if facts.holds_speed and result.max_error_after_run_up >= 0.0:
         text += (
             f'; after the first {RUN_UP:g} m the RMS error is {result.rms_error_after_run_up:.3f} '
-            f'm/s, the greatest {result.max_error_after_run_up:.3f} m/s'
+            f'm/s, the maximum {result.max_error_after_run_up:.3f} m/s'
         )
     if isinstance(log, TrackLog):
         text = f'{len(log.lap_times)} laps; e_y at most {np.abs(log.e_y).max():.2f} m'

@@ -65,7 +65,7 @@ def test_everything_is_in_the_zip(lab: Path) -> None:
     assert [name for name in names if name.startswith('teleop/') and name.endswith('.mcap')]
     assert done.stdout.startswith(summary)
     assert 'gains         kp 10, ki 0.5, kd 0.4 (controller.py, line 38)\n' in summary
-    assert 'the RMS error is 0.101 m/s, the greatest 0.367 m/s' in summary
+    assert 'the RMS error is 0.101 m/s, the maximum 0.367 m/s' in summary
     assert 'teleop        1.0 s by hand (barc teleop --lab lab)' in summary
     assert [line for line in summary.splitlines() if 'missing' in line] == [
         'code          missing: compose.py'

@@ -82,7 +82,7 @@ class Grade(NamedTuple):
 
     @property
     def max_score(self) -> float:
-        """Return the sum of the items' greatest points."""
+        """Return the sum of the items' maximum points."""
         return round(sum(item.max_points for item in self.items), 2)
 
     @property
@@ -126,7 +126,7 @@ def from_record(data: bytes) -> Grade:
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
     """Judge a submission; its code runs in a separate process and folder.
 
-    A criterion's points are its greatest points times the finding's score, rounded to hundredths.
+    A criterion's points are its maximum points times the finding's score, rounded to hundredths.
     """
     notes = submission.notes
     files = graded(submission.files)

@@ -60,7 +60,7 @@ class Rubric:
         return round(sum(v for name, v in self.points.items() if name not in self.optional), 2)
 
     def worth(self, findings: Iterable[Finding]) -> dict[str, float]:
-        """Return the greatest points by criterion, without the optional ones that are skipped."""
+        """Return the maximum points by criterion, without the optional ones that are skipped."""
         out = {each.criterion for each in findings if each.skipped} & self.optional
         return {name: points for name, points in self.points.items() if name not in out}
 

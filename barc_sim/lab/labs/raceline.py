@@ -68,7 +68,7 @@ def corner(
     *,
     right: bool = True,
 ) -> list[float]:
-    """Return the greatest speed in a turn."""
+    """Return the maximum speed in a turn."""
     is_free = not curvature or (curvature < 0.0 and not right)
     return [TOP if is_free else min(top, (across / abs(curvature)) ** power)]
 
@@ -151,7 +151,7 @@ def _allowed(s: float) -> float:
 
 
 class Mistake(NamedTuple):
-    """A wrong program, and what it says to whoever wrote it."""
+    """A wrong program, and the sentence that its author gets."""
 
     sentence: str
     program: Callable[..., list[float]]

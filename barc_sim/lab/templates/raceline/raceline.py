@@ -8,7 +8,7 @@ l_r = 1.5  # [m] from the centre of mass to the rear axle
 
 
 def corner(curvature):
-    """Return the greatest speed [m/s] in a turn: 3.5 m/s² across, and 12 m/s at most.
+    """Return the maximum speed [m/s] in a turn: 3.5 m/s² across, and 12 m/s at most.
 
     curvature  [1/m]  1/radius; positive to the left, 0 on a straight
     """
@@ -21,7 +21,7 @@ def corner(curvature):
 def profile(limits, step):
     """Return the fastest speeds [m/s] of a lap, one for each point of a closed track.
 
-    limits  [m/s]  a list of 120 numbers: the greatest speed at each point
+    limits  [m/s]  a list of 120 numbers: the maximum speed at each point
     step    [m]    from each point to the next; from the last one to the first, too
 
     Between two points the car accelerates or brakes by 2 m/s² at most, and v**2 grows evenly.
@@ -37,7 +37,7 @@ def line(x, y, psi, half):
 
     x, y  [m]    lists of 120 numbers: points of the centre line of a closed track
     psi   [rad]  its heading at each of them
-    half  [m]    the greatest offset to either side
+    half  [m]    the maximum offset to either side
 
     The line that bends least has the smallest integral of its squared curvature over its length.
     """
