@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.process import uninterrupted
-from barc_sim.errors import escaped
+from barc_sim.errors import UserError, escaped
 from barc_sim.lab.grade.rubric import LABELS
 from barc_sim.lab.grade.submissions import graded, passages, read
 from barc_sim.lab.handout import BY_HAND
@@ -312,5 +312,6 @@ def run(
     pending = {executor.submit(work, path, hand, *how): path for path, hand in paths.items()}
     for future in as_completed([*pending]):
         error = future.exception()
-        failure = f'{type(error).__name__}: {error}' if error else ''
+        kind = '' if isinstance(error, UserError) else f'{type(error).__name__}: '
+        failure = f'{kind}{error}' if error else ''
         yield pending.pop(future), failure or future.result()
