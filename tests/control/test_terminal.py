@@ -100,6 +100,13 @@ def test_kitty_protocol_is_used_where_offered_and_ended(console: Pty, terminal: 
     assert console.shown(b'\x1b[?2004l').startswith(b'\x1b[<u')
 
 
+def test_what_is_written_still_begins_at_the_left(console: Pty, terminal: Terminal) -> None:
+    assert terminal
+    console.shown(b'\x1b[?u')
+    os.write(console.fd, b'a\nb')
+    assert console.shown(b'b') == b'a\r\nb'
+
+
 @pytest.mark.usefixtures('terminal')
 def test_end_of_the_terminal_is_a_quit(console: Pty) -> None:
     os.close(console.user)

@@ -279,6 +279,26 @@ def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None
     assert world.states[calls[0] - 1].x > 0.0
 
 
+def test_reset_says_that_the_car_is_not_back_yet(world: World) -> None:
+    simulator = world.simulator(realtime_factor=LOCK_STEP, check_period=60.0)
+    world.driver()
+    world.until(lambda: simulator.stepper.states == 1)
+    client = world.nodes[-1].create_client(Trigger, 'vehicle_simulator/reset')
+    answer = client.call_async(Trigger.Request())
+    world.until(answer.done)
+    assert answer.result().message == 'the car goes back when state 0 is answered, or after 1 s'
+    assert simulator.stepper.states == 1
+
+
+def test_reset_of_a_relay_is_not_listed_where_there_is_no_relay(world: World) -> None:
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.driver(partial(command, 1.0))
+    world.until(lambda: bool(world.states))
+    services = dict(simulator.get_service_names_and_types())
+    assert '/relay/reset' not in services
+    assert '/vehicle_simulator/reset' in services
+
+
 def test_road_file_that_is_gone_does_not_matter_at_a_reset(world: World, tmp_path: Path) -> None:
     road = tmp_path / 'hills.csv'
     road.write_text('start_m,grade_deg\n0,5\n3,-5\n')
