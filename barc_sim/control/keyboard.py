@@ -2,8 +2,8 @@
 
 The decoding is by hand. Libraries for terminals (curses, prompt_toolkit) report no releases of
 keys, which the kitty protocol does, or take over the whole screen, where the run draws its line.
-So are the settings: `tty.setraw` would also turn off the output's processing, which the run's
-lines need, and curses would clear the screen.
+The settings are by hand, too: `tty.setraw` would also turn off the output's processing, which the
+run's lines need, and curses would clear the screen.
 """
 
 from __future__ import annotations

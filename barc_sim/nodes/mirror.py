@@ -92,9 +92,9 @@ class MirrorNode(Node):
 
     They show the measured state on the road of the parameter `road`, the simulator's: `x` is the
     distance along its surface in `z_vhcl`, and the one on the map here. On a track, whose hills are
-    not shown, both are on the map. Frames are called `odom`,
-    which is where `map` is, and `base_link`; in the namespace `/car2`, `car2/odom` and
-    `car2/base_link`. A mirror whose parameter is false has no publisher.
+    not shown, both are on the map. Frames are called `odom`, which is where `map` is, and
+    `base_link`; in the namespace `/car2`, `car2/odom` and `car2/base_link`. A mirror whose
+    parameter is false has no publisher.
 
     Examples
     --------

@@ -30,8 +30,9 @@ _ROS_OPTIONS = {'no_controller': False, 'no_relay': False, 'foxglove': None, 'ne
 def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view: str) -> None:
     """Add the options of a run, whose `road` is that without `--road`.
 
-    Files of a user's can replace the `parts`: `model`, `controller`, `relay`, `lane`. `view` is
-    what `--view auto` stands for: `web`, `none`, or `offer`, a page that does not open itself.
+    Files of a user's can replace the `parts`, names in `FILES`: those that a folder of `--lab` may
+    have. `view` is what `--view auto` stands for: `web`, `none`, or `offer`, a page that does not
+    open itself.
     """
     parser.add_argument(
         '--road',

@@ -42,7 +42,7 @@ from barc_sim.vehicle.bike_model import (
     step,
 )
 
-limited(Vehicle)  # here, as a model that is handed in imports nothing of ours
+limited(Vehicle)  # here: bike_model.py, as it is handed in, imports nothing of barc_sim
 
 #: Distance along the road [m] to incline [rad].
 Grade = Callable[[float], float]
