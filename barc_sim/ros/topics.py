@@ -29,7 +29,7 @@ from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 from barc_sim.bags.messages import Topic, definition
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
-from barc_sim.ros.peers import all_own, publishers
+from barc_sim.ros.peers import all_own, of_participant, publishers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -330,13 +330,19 @@ class TopicSubscriptions:
     def subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
         """Subscribe to all publishers of a topic; return False where that is impossible.
 
-        Where publishers do not agree on the topic's type, the first one's counts, unless another
-        node of this process has the topic: DDS takes no second type then.
+        Where publishers do not agree on the topic's type, that of this participant's nodes counts,
+        as DDS takes no second type there; else the first one's.
         """
         recorded = self._topics.get(name)
         count = len(publishers)
-        type_name = recorded.topic.type if recorded else publishers[0].topic_type
-        for other in {publisher.topic_type for publisher in publishers} - {type_name}:
+        types = {publisher.topic_type for publisher in publishers}
+        if recorded:
+            type_name = recorded.topic.type
+        elif len(types) > 1:
+            type_name = (of_participant(self._node, publishers) or publishers)[0].topic_type
+        else:
+            (type_name,) = types
+        for other in types - {type_name}:
             self._leave_out(f'{name} as {other}', f'its type is {type_name}')
         publishers = [publisher for publisher in publishers if publisher.topic_type == type_name]
         try:
