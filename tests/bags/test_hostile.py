@@ -128,7 +128,7 @@ def records(path: Path, content: bytes) -> None:
 
 
 def empty_records(path: Path) -> None:
-    records(path, (b'\x80' + bytes(8)) * 3_000_000)
+    records(path, (b'\x80' + bytes(8)) * 1_000_000)
 
 
 def packed(record: Callable[[int], bytes], count: int) -> Callable[[Path], None]:
