@@ -167,6 +167,11 @@ class JudgedCode:
             self._process = None
 
 
+def share(value: float, full: float, zero: float) -> float:
+    """Return the share of the points: 1 up to `full`, 0 from `zero` on, linear in between."""
+    return min(max((zero - value) / (zero - full), 0.0), 1.0)
+
+
 def rows_of(function: str, found: Any, rows: int, columns: int) -> list[Any]:  # noqa: ANN401
     """Return rows of numbers: the process can send anything."""
     if not isinstance(found, list) or len(found) != rows:

@@ -12,7 +12,7 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
-from barc_sim.lab.judge import Finding, Functions, JudgedCode, Lab, Part, Table, numbers_of
+from barc_sim.lab.judge import Finding, Functions, JudgedCode, Lab, Part, Table, numbers_of, share
 from barc_sim.lab.laws import read
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.lab.user_code.folder import BY_EYE
@@ -267,7 +267,7 @@ def _information(car: Car, commands: Sequence[float]) -> Iterator[Finding]:
     }
     clipped = [min(max(each, -_MAX_COMMAND), _MAX_COMMAND) for each in commands]
     for (name, (full, zero)), best in zip(_SHOWN.items(), car.intervals(clipped), strict=True):
-        score = min(max(float((zero - best) / (zero - full)), 0.0), 1.0)
+        score = share(float(best), full, zero)
         shown = f'at best ± {best:.2g} {_UNITS[name]}' if best < np.inf else 'not at all'
         text = f'your commands show the {name} {shown} (± {full:g} is full marks)'
         if score < 1.0:
@@ -285,10 +285,10 @@ def _intervals(got: Any, cars: Inputs, failure: str) -> Finding:  # noqa: ANN401
     ).T
     errors = np.array([np.abs(got[name] - cars[f'true_{name}']) for name in Car._fields])
     widths = np.array([got[f'{name}_interval'] for name in Car._fields])
-    share, width = float(np.mean(errors <= widths)), float(np.median(widths / best))
+    inside, width = float(np.mean(errors <= widths)), float(np.median(widths / best))
     low, high = _WIDTH
-    score = min(share / _FULL_SHARE, 1.0) * (min(high / width, 1.0) if width > 0.0 else 0.0)
-    text = f'{share:.0%} of the intervals hold the truth; they are {width:.2g} times the smallest '
+    score = min(inside / _FULL_SHARE, 1.0) * (min(high / width, 1.0) if width > 0.0 else 0.0)
+    text = f'{inside:.0%} of the intervals hold the truth; they are {width:.2g} times the smallest '
     text += 'that is possible'
     if np.any(widths < 0.0):
         text += '; an interval is below 0: return how far the truth may be off either way'

@@ -28,6 +28,7 @@ from barc_sim.lab.judge import (
     Part,
     Table,
     numbers_of,
+    share,
 )
 from barc_sim.lab.laws import read
 from barc_sim.lab.user_code.folder import BY_EYE
@@ -405,11 +406,6 @@ def _figure(log: TrackLog, title: str = '') -> Figure:
     figure = cast('Figure', plot(log, _usual(), labels=['your Lane', 'LaneLQR']))
     figure.axes[0].set_title(title, loc='left', pad=24.0)
     return figure
-
-
-def share(value: float, full: float, zero: float) -> float:
-    """Return the share of the points: 1 up to `full`, 0 from `zero` on, linear in between."""
-    return min(max((zero - value) / (zero - full), 0.0), 1.0)
 
 
 def _returned(drive: Callable[..., TrackLog]) -> tuple[float, str]:

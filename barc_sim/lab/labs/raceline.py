@@ -19,8 +19,18 @@ from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, LaneLQR, speed_profil
 from barc_sim.control.planning import lap_time, racing_line, solver
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
-from barc_sim.lab.judge import Evidence, Finding, JudgedCode, Lab, Part, Table, numbers_of, rows_of
-from barc_sim.lab.labs.lane import describe, drive_errors, drive_law, hidden_track, share
+from barc_sim.lab.judge import (
+    Evidence,
+    Finding,
+    JudgedCode,
+    Lab,
+    Part,
+    Table,
+    numbers_of,
+    rows_of,
+    share,
+)
+from barc_sim.lab.labs.lane import describe, drive_errors, drive_law, hidden_track
 from barc_sim.lab.user_code.adapters import line_through
 from barc_sim.lab.user_code.code import POINTS
 from barc_sim.lab.user_code.folder import BY_EYE
