@@ -51,8 +51,8 @@ settings.load_profile('any machine')
 def _take_signals() -> None:
     """Let signals do what they do in a program that a terminal starts, and in all that it starts.
 
-    A process that was started in the background ignores Ctrl-C, by nohup a hang-up; a command that
-    was run in this process ignores at its end whatever would end it.
+    A process that was started in the background ignores Ctrl-C, by nohup a hang-up. A command that
+    ran in this process ignores all three from its end on.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for name in ('SIGTERM', 'SIGHUP'):  # the last one not on Windows

@@ -166,7 +166,7 @@ def write_line(
 
 
 class Planner:
-    """What an MPC computes: the program of each state, and what it knows of the past."""
+    """The quadratic program of an MPC at each state, with the past commands that it needs."""
 
     def __init__(self, law: Any) -> None:  # noqa: ANN401 (it imports this module)
         """Begin at rest, with the gains of an MPC, to which acceleration and terms go, too."""

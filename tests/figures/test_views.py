@@ -233,7 +233,7 @@ def images(count: int) -> list[NDArray[np.uint8]]:
 
 
 def decoded(path: Path) -> tuple[NDArray[np.uint8], str]:
-    """Return a video's images, of shape `(n, height, width, 3)`, and what ffmpeg says of it."""
+    """Return a video's images, of shape `(n, height, width, 3)`, and ffmpeg's messages."""
     result = subprocess.run(
         [imageio_ffmpeg.get_ffmpeg_exe(), '-i', path, '-f', 'rawvideo', '-pix_fmt', 'rgb24', '-'],
         capture_output=True,

@@ -112,18 +112,18 @@ def test_whatever_arrives_is_a_request_within_limits_or_refused(message: str | b
         assert isinstance(found, (Press, Pause))
 
 
-def test_a_road_that_the_simulator_names_is_told() -> None:
-    told = facts('acc', {'road': 'lab', 'l_f': 1.25, 'l_r': 1.75}, {'kp': 3.0, 'mass': 1.0})
-    assert told['road']['starts'][:3] == [0.0, 20.0, 40.0]
-    assert told['axles'] == [-1.75, 1.25]
-    assert told['tuning'] == {'kp': 3.0}
+def test_a_road_of_the_simulator_is_among_the_facts() -> None:
+    found = facts('acc', {'road': 'lab', 'l_f': 1.25, 'l_r': 1.75}, {'kp': 3.0, 'mass': 1.0})
+    assert found['road']['starts'][:3] == [0.0, 20.0, 40.0]
+    assert found['axles'] == [-1.75, 1.25]
+    assert found['tuning'] == {'kp': 3.0}
 
 
 def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
-    told = facts('acc', {}, {'kp': 30.0, 'observer_gain': 0.5}, LQR)
-    assert told['terms'] == ['feedback', 'compensation']
-    assert [*told['sliders']] == [*LQR.gains, *OTHERS, *CAR]
-    assert told['sliders']['observer_gain'] == {
+    found = facts('acc', {}, {'kp': 30.0, 'observer_gain': 0.5}, LQR)
+    assert found['terms'] == ['feedback', 'compensation']
+    assert [*found['sliders']] == [*LQR.gains, *OTHERS, *CAR]
+    assert found['sliders']['observer_gain'] == {
         'label': 'Gain of the disturbance observer, observer_gain',
         'short': 'observer gain',
         'unit': '',
@@ -131,7 +131,7 @@ def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
         'node': 'controller',
     }
     assert facts('acc', {}, {})['sliders']['kp']['label'] == 'Proportional gain, kp [1/s]'
-    assert told['tuning'] == {'observer_gain': 0.5}
+    assert found['tuning'] == {'observer_gain': 0.5}
 
 
 def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_motor() -> None:
@@ -151,11 +151,11 @@ def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_mo
 
 
 def test_what_the_default_gains_leave_to_improve_is_true_and_within_the_sliders() -> None:
-    told = facts('acc', {}, {})
+    found = facts('acc', {}, {})
     error = summary(simulate()).rms_error_after_run_up
-    assert f'{error:.3f} m/s: kp and ki can halve it' in told['about']['Tuned']
+    assert f'{error:.3f} m/s: kp and ki can halve it' in found['about']['Tuned']
     better = {'kp': 70.0, 'ki': 400.0, 'kd': 0.0}
-    assert all(value <= told['sliders'][name]['max'] for name, value in better.items())
+    assert all(value <= found['sliders'][name]['max'] for name, value in better.items())
     assert summary(simulate(**better)).rms_error_after_run_up < 0.5 * error
 
 
