@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -67,11 +68,11 @@ def drive(options: Namespace, stop: StopSignals) -> int:
     UserError: an option, a user's file or a ROS argument cannot be used; no bag is left then.
     """
     inputs = read_inputs(options)
-    _check(options, inputs)
+    policy = _check(options, inputs)
     # One car alone needs no namespace.
     namespaces = [f'car{k + 1}' for k in range(options.cars)] if options.cars > 1 else ['']
     with carrier(options) as new_executor, Run(options, inputs, stop) as run:
-        cars = [Car(run, namespace, number) for number, namespace in enumerate(namespaces)]
+        cars = [Car(run, name, number, copy(policy)) for number, name in enumerate(namespaces)]
         if not options.quiet:
             cars[0].display = Display(cars[0].distance)
         run.show(cars[0].display)
@@ -87,8 +88,8 @@ def drive(options: Namespace, stop: StopSignals) -> int:
 class Car:
     """A simulator with its controller, the laps of the car, and whether it makes progress."""
 
-    def __init__(self, run: Run, namespace: str, number: int) -> None:
-        """Add the nodes of the car `number` to the run, in a namespace.
+    def __init__(self, run: Run, namespace: str, number: int, policy: Policy | None = None) -> None:
+        """Add the nodes of the car `number` to the run, in a namespace; `policy` drives if given.
 
         UserError: a parameter is out of range, or the topic is taken.
         """
@@ -101,7 +102,7 @@ class Car:
         self._duration = COMMANDS if user_code.identify else inf
         self.controller: CruiseController | None = None
         if not options.no_controller:
-            controller, lane = _laws(options, run.inputs)
+            controller, lane = _laws(run.inputs, policy)
             is_free = user_code.controller or user_code.identify
             self.controller = run.add(
                 CruiseController,
@@ -204,8 +205,11 @@ class Car:
         return named
 
 
-def _check(options: Namespace, inputs: Inputs) -> None:
-    """Refuse, before a bag is begun, options that the run's controller or track does not have."""
+def _check(options: Namespace, inputs: Inputs) -> Policy | None:
+    """Refuse, before a bag is begun, options that the run's controller or track does not have.
+
+    Returns the policy that drives, if one does.
+    """
     user_code = inputs.user_code
     if inputs.track:
         inputs.track.check_laps(1 if options.laps is None else options.laps)
@@ -228,21 +232,22 @@ def _check(options: Namespace, inputs: Inputs) -> None:
         own |= {f'gain {name}': value for name, value in options.gain}
         own |= {f'lane-gain {name}': value for name, value in options.lane_gain}
         check_left_out('controller', own)
-    if options.policy:
-        _check_policy(options, inputs)
+    policy = _checked_policy(options, inputs) if options.policy else None
     if options.reference:
         reference_of(options.reference)
     _gains(options)
+    return policy
 
 
-def _check_policy(options: Namespace, inputs: Inputs) -> None:
-    """Refuse a policy that cannot drive, and what it drives in place of; set its speed."""
+def _checked_policy(options: Namespace, inputs: Inputs) -> Policy:
+    """Return the policy, and set its speed; refuse one that cannot drive, or not alone."""
     _refuse_beside_policy(options, inputs.user_code, _STEERING if inputs.track else _DRIVING)
     policy = _policy(options, inputs)
     if 'motor' in policy.task.actions:
         _refuse_beside_policy(options, inputs.user_code, _DRIVING)
     if options.speed is None:
         options.speed = policy.task.speed
+    return policy
 
 
 def _refuse_beside_policy(options: Namespace, user_code: UserCode, names: Iterable[str]) -> None:
@@ -258,7 +263,7 @@ def _refuse_beside_policy(options: Namespace, user_code: UserCode, names: Iterab
 
 
 def _policy(options: Namespace, inputs: Inputs) -> Policy:
-    """Return a new policy, of the first environment whose observation it takes."""
+    """Return the policy, of the first environment whose observation it takes."""
     from barc_sim.learning.tasks import Policy, onnx_policy  # noqa: PLC0415 (slow)
 
     file, arguments = options.policy, {'speed': options.speed}
@@ -281,7 +286,7 @@ def _policy(options: Namespace, inputs: Inputs) -> Policy:
     raise UserError(f'--policy {str(file)!r}: {"; ".join(failures)}')
 
 
-def _laws(options: Namespace, inputs: Inputs) -> tuple[Any, Any]:
+def _laws(inputs: Inputs, policy: Policy | None) -> tuple[Any, Any]:
     """Return the user's speed controller and steering law; None: barc_sim's own."""
     controller: Any = None
     code = inputs.user_code
@@ -289,7 +294,6 @@ def _laws(options: Namespace, inputs: Inputs) -> tuple[Any, Any]:
         controller = UserCommands(code)
     elif code.controller:
         controller = UserController(code)
-    policy = _policy(options, inputs) if options.policy else None
     if inputs.track:
         return controller, policy or (UserLane(code) if code.lane else None)
     return policy or controller, None
