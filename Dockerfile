@@ -6,7 +6,9 @@
 # The host's kernel confines each submission: Linux 5.13 or later, with Landlock.
 FROM python:3.12-slim
 COPY . /barc_sim
-RUN pip install --no-cache-dir --require-hashes --no-deps -r /barc_sim/requirements/run.txt && \
+RUN sed -n '/^daqp==/,/[^\\]$/p' /barc_sim/requirements/test.txt >/tmp/lab_4.txt && \
+    pip install --no-cache-dir --require-hashes --no-deps \
+      -r /barc_sim/requirements/run.txt -r /tmp/lab_4.txt && \
     pip install --no-cache-dir --no-index --no-deps --no-build-isolation /barc_sim && \
     useradd --create-home grader && \
     install -d -o grader /out
