@@ -125,7 +125,6 @@ class ViewNode(Node):
         self.page = page = RunPage(
             values['mode'], values['host'], values['port'], status, road, finish
         )
-        self._is_page_released = False
         self.url = page.url
         self._cmd_vel_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
         clients, self._feed = NodeClients(self, page.call), StateFeed(self)
@@ -140,15 +139,9 @@ class ViewNode(Node):
         """The stamp [ns] of the newest state."""
         return self._feed.latest
 
-    def release_page(self) -> RunPage:
-        """Return the page, which has ended, so that it outlives the node."""
-        self._is_page_released = True
-        return self.page
-
     def destroy_node(self) -> None:
-        """Close all pages and the port unless they are released, and destroy the node."""
-        if not self._is_page_released:
-            self.page.close()
+        """Close all pages and the port, and destroy the node."""
+        self.page.close()
         super().destroy_node()
 
     # The server's thread calls the methods below.

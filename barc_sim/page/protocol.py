@@ -99,8 +99,7 @@ _ABOUT = {
     'Delay': 'The motor answers 0.2 s late, and the loop swings. Which gain must go down?',
     'Windup': 'The motor is at its limit, and I grows on. Lower the limit of the controller to 6.',
 }
-#: `compare` shows the run before, and `again` drives with the present values: after the end.
-BUTTONS = ('reset', 'reset_controller', 'finish', 'compare', 'again')
+BUTTONS = ('reset', 'reset_controller', 'finish')
 
 
 class RequestError(ValueError):
@@ -135,14 +134,6 @@ class Pause(NamedTuple):
 
 
 Request = Drive | Tune | Press | Pause
-
-
-class File(NamedTuple):
-    """A file to download."""
-
-    kind: str  #: media type
-    name: str
-    body: bytes
 
 
 class Status(NamedTuple):

@@ -21,7 +21,6 @@ from barc_sim.page.protocol import (
     OF_SIMULATOR,
     OTHERS,
     SIMULATOR,
-    TUNABLE,
     Drive,
     Pause,
     Press,
@@ -189,11 +188,6 @@ class RunPage(Host):
         """The laps of the run so far."""
         return self._feed.laps
 
-    @property
-    def is_watched(self) -> bool:
-        """Whether a page is open."""
-        return bool(self._server.pages)
-
     def end(self, reason: str, bag: str = '') -> None:
         """Show the pages the end of the run, its reason and `bag`, the bag's path.
 
@@ -209,15 +203,6 @@ class RunPage(Host):
         self._server.call(end)
         done.wait(_MAX_WAIT)
 
-    def hand_over(self, host: Host, message: str) -> None:
-        """Let `host` serve the pages from now on, and send them a message; from any thread."""
-
-        def hand_over() -> None:
-            self._server.host = host
-            self._server.send(message)
-
-        self._server.call(hand_over)
-
     def close(self) -> None:
         """Close all pages and the port."""
         self._server.close()
@@ -231,16 +216,6 @@ class RunPage(Host):
         if self._ended is not None:
             yield self._ended
 
-    @property
-    def values(self) -> dict[str, float]:
-        """The values of the sliders, of cruise control."""
-        values: dict[str, float] = self._facts()['tuning']
-        return values if self._mode == 'acc' else {}
-
-    def send(self, message: str) -> None:
-        """Send a message to all pages."""
-        self._server.send(message)
-
     def _facts(self) -> dict[str, Any]:
         kind, (simulator, controller) = self._kind or PID, self._parameters.values()
         fields = facts(self._mode, simulator, controller, kind, self._road, self._lane or '')
@@ -249,8 +224,6 @@ class RunPage(Host):
     def receive(self, page: Page, request: Request) -> None:
         """Handle a page's request."""
         match request:
-            case Tune(name, value) if self._ended is not None:  # for the next run
-                self._on_parameters(TUNABLE[name], {name: value})
             case _ if self._ended is not None:
                 pass
             case Drive():
@@ -422,16 +395,13 @@ class Replay(Host):
         )
         self._messages: list[str | bytes] = [hello, rows_of(log)]
         if other:
-            self._messages[1:1] = other_run(*other)
+            second, name = other
+            more = encode('other', title=name, columns=columns_in(second), laps=_laps(second))
+            self._messages[1:1] = [more, rows_of(second)]
 
     def greet(self) -> list[str | bytes]:
         """Return the messages with the whole run."""
         return list(self._messages)
-
-
-def other_run(log: Log, title: str) -> list[str | bytes]:
-    """Return the messages that show a second run beside the first."""
-    return [encode('other', title=title, columns=columns_in(log), laps=_laps(log)), rows_of(log)]
 
 
 def _laps(log: Log) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from barc_sim.page.protocol import RequestError, encode, parse
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from barc_sim.page.protocol import File, Request
+    from barc_sim.page.protocol import Request
 
 _FILES = Path(__file__).with_name('web')
 _TYPES = {
@@ -57,8 +57,6 @@ _MAX_UNSENT = 1 << 20  #: [byte] unsent to a slow page, before it misses states
 _MAX_MESSAGES_PER_SECOND = 200  #: messages from a page, so that none keeps the process busy
 _PING = 5.0  #: [s]
 HOUR = 3600.0  #: [s]
-#: In the environment, with a port: the token of the run that follows one on that port.
-NEXT_RUN = 'BARC_SIM_PAGE_'
 _POLICY_VIOLATION = 1008
 _TRY_AGAIN_LATER = 1013
 _QUIET = logging.getLogger('barc_sim.page.server')
@@ -107,10 +105,6 @@ class Host(ABC):
         """Do the periodic work; return the time to the next call [s]."""
         return HOUR
 
-    def file(self, name: str) -> File | None:  # noqa: ARG002 (here there are none)
-        """Return a file to download; called in a thread of its own."""
-        return None
-
 
 class _Connection(ServerConnection):
     """A connection, which is a guest until it shows the token.
@@ -145,9 +139,9 @@ class ViewServer:
 
     def __init__(self, host: Host, address: str = '127.0.0.1', port: int = 0) -> None:
         """Listen on `port` of `address`; 0 for any that is free."""
-        self.host = host  #: may be replaced by another one, in the server's thread
+        self._host = host
         self._socket = _listen(address, port)
-        self._token = os.environ.pop(f'{NEXT_RUN}{port}', '') or token_urlsafe(16)
+        self._token = token_urlsafe(16)
         self._run_id = token_hex(8)
         if not ip_address(self._socket.getsockname()[0]).is_loopback:
             warn(
@@ -231,7 +225,7 @@ class ViewServer:
 
     async def _pulse(self) -> None:
         while True:  # noqa: ASYNC110 (there is no event to wait for)
-            await asyncio.sleep(self.host.pulse())
+            await asyncio.sleep(self._host.pulse())
 
     async def _answer(self, connection: ServerConnection, request: HttpRequest) -> Response | None:
         """Return a file or an error, or None for a websocket that may open."""
@@ -247,15 +241,10 @@ class ViewServer:
             return _refuse(HTTPStatus.FORBIDDEN, 'A page of another origin cannot connect.')
         if name == 'run':
             return _response(HTTPStatus.OK, 'text/plain', self._run_id.encode())
-        return await self._file(name or 'index.html' if slash else '')
-
-    async def _file(self, name: str) -> Response:
-        if name in self._files:
-            return _response(HTTPStatus.OK, _TYPES[Path(name).suffix], self._files[name])
-        if file := await asyncio.to_thread(self.host.file, name):
-            disposition = {'Content-Disposition': f'attachment; filename="{file.name}"'}
-            return _response(HTTPStatus.OK, file.kind, file.body, disposition)
-        return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
+        name = name or 'index.html' if slash else ''
+        if name not in self._files:
+            return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
+        return _response(HTTPStatus.OK, _TYPES[Path(name).suffix], self._files[name])
 
     async def _on_page(self, connection: ServerConnection) -> None:
         if len(self._pages) >= _MAX_PAGES:
@@ -264,19 +253,19 @@ class ViewServer:
         page = Page(connection)
         try:
             broadcast([connection], encode('run', id=self._run_id))
-            for message in self.host.greet():
+            for message in self._host.greet():
                 broadcast([connection], message)
             self._pages[connection] = page
             async for data in connection:
                 page.count(self._loop.time())
-                self.host.receive(page, parse(data))
+                self._host.receive(page, parse(data))
         except RequestError as error:
             await connection.close(_POLICY_VIOLATION, f'malformed: {error}'[:100])
         except ConnectionClosed:
             pass
         finally:
             self._pages.pop(connection, None)
-            self.host.leave(page)
+            self._host.leave(page)
 
 
 def _is_same_origin(headers: Headers) -> bool:
@@ -319,12 +308,9 @@ def _refuse(status: HTTPStatus, text: str) -> Response:
     return _response(status, 'text/plain; charset=utf-8', f'{text}\n'.encode())
 
 
-def _response(
-    status: HTTPStatus, kind: str, body: bytes, more: Mapping[str, str] | None = None
-) -> Response:
+def _response(status: HTTPStatus, kind: str, body: bytes) -> Response:
     headers = {'Content-Type': kind, 'Content-Length': str(len(body)), 'Connection': 'close'}
-    headers |= _HEADERS | dict(more or {})
-    return Response(status.value, status.phrase, Headers(headers), body)
+    return Response(status.value, status.phrase, Headers(headers | _HEADERS), body)
 
 
 def open_page(url: str, environment: Mapping[str, str] = os.environ) -> bool:

@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from barc_sim.cli.process import StopSignals
     from barc_sim.nodes.mirror import Facts
     from barc_sim.nodes.view import ViewNode
-    from barc_sim.page.run_page import RunPage
     from barc_sim.runs.terminal import Display
 
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
@@ -148,7 +147,6 @@ class Run:
         self._display: Display | None = None
         self._views: list[ViewNode] = []
         self._readers: list[tuple[Any, VehicleSimulator]] = []
-        self._page: RunPage | None = None
         if options.no_bag:
             return
         self._root_is_new = not options.bag_dir.exists()
@@ -313,7 +311,7 @@ class Run:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
     ) -> bool:
-        """End the nodes, the recorder last; keep the page of a run that ended by itself."""
+        """End the nodes, the recorder last."""
         self.inputs.output.close()
         if self._display:
             self._display.close()
@@ -335,8 +333,6 @@ class Run:
         bag = str(self.recorder.path) if self.recorder else ''
         for view in self._views:
             view.page.end('The run has ended.', bag)
-        if len(self._views) == 1 and error is None and not self._stop.requested.is_set():
-            self._page = self._views[0].release_page()
         while self.nodes:
             self.nodes.pop().destroy_node()
         if self.recorder and not keeps_bag:
@@ -347,7 +343,7 @@ class Run:
         return is_failure
 
     def end(self, print_result: Callable[[], None]) -> int:
-        """Print the results, serve the page until it is closed, and return the exit code.
+        """Print the results, and return the exit code.
 
         That is 1 if user code or the recorder failed, or an error ended the run.
         """
@@ -358,11 +354,6 @@ class Run:
                 _print_commands(recorder)
         elif recorder:
             print(recorder.path)  # noqa: T201
-        if self._page:
-            from barc_sim.runs.ended_run import serve_ended_run  # noqa: PLC0415
-
-            path = recorder.path if recorder else None
-            serve_ended_run(self._page, self.options, path, self._stop)
         if self.failure:
             report(f'barc {self.options.mode}', self.failure)
         return 1 if self.failure or (recorder and recorder.failure) else 0

@@ -518,9 +518,6 @@ def test_checker_finds_no_accessibility_violation(either: ViewNode, open_: Open)
     assert found() == []
     either.page.end('The run has ended.', bag='bags/run 1')
     tab.until("!document.querySelector('#end-card').hidden")
-    offer = "{ files: ['report.html', 'bag.zip'], before: 'a' }"
-    tab.run(f"import('./lesson.js').then((m) => new m.Lesson().offer({offer}))")
-    tab.run("document.body.toggleAttribute('data-kept', true)")
     assert found() == []
     tab.media(forced_colors='active')
     assert tab.violations(AXE) == []

@@ -67,8 +67,6 @@ MALFORMED = [
         ('{"type":"tune","name":"kp","value":3}', Tune('kp', 3.0)),
         ('{"type":"tune","name":"motor_delay","value":0.1}', Tune('motor_delay', 0.1)),
         ('{"type":"finish"}', Press('finish')),
-        ('{"type":"compare"}', Press('compare')),
-        ('{"type":"again"}', Press('again')),
         ('{"type":"tune","name":"speed_reference","value":-2.5}', Tune('speed_reference', -2.5)),
         ('{"type":"reset"}', Press('reset')),
         ('{"type":"pause","on":false}', Pause(on=False)),

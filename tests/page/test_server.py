@@ -20,7 +20,7 @@ from websockets.sync.client import connect
 
 from barc_sim.errors import UserError
 from barc_sim.page.protocol import Drive, encode
-from barc_sim.page.server import NEXT_RUN, ViewServer, open_page
+from barc_sim.page.server import ViewServer, open_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,9 +54,6 @@ class Host:
     def pulse(self) -> float:
         """Do nothing."""
         return 0.01
-
-    def file(self, _: str) -> None:
-        """Have no file to download."""
 
 
 @pytest.fixture
@@ -155,19 +152,6 @@ def test_every_server_has_a_token_of_its_own(host: Host) -> None:
         server.close()
     assert token(servers[0]) != token(servers[1])
     assert len(token(servers[0])) >= 20
-
-
-def test_the_run_that_follows_has_the_token_that_it_is_given(
-    host: Host, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with socket.create_server(('127.0.0.1', 0)) as free:
-        port = free.getsockname()[1]
-    monkeypatch.setenv(f'{NEXT_RUN}{port}', 'kept')
-    for is_kept in (True, False):  # once
-        server = ViewServer(host, port=port)
-        server.start()
-        server.close()
-        assert (token(server) == 'kept') == is_kept
 
 
 @pytest.mark.parametrize(

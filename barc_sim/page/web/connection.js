@@ -27,7 +27,6 @@ export class Connection {
     this.on = on;
     this.attempts = 0;
     this.ended = false;
-    this.follows = false;
     this.#open();
   }
 
@@ -86,24 +85,10 @@ export class Connection {
     else this.#open();
   }
 
-  /** Open the page of the next run at `address` as soon as that has started. */
-  async follow(address) {
-    this.follows = true;
-    for (;;) {
-      await sleep(RETRY_AFTER[0]);
-      try {
-        const response = await fetch(new URL('run', address), { cache: 'no-store' });
-        if (response.ok && await response.text() !== this.run) break;
-      } catch { /* it has not started yet */ }
-    }
-    location.replace(address);
-    if (address === location.href) location.reload();
-  }
-
   /** After the end, report another run at this port. */
   async #lookForNextRun() {
     do await sleep(NEXT_RUN);
-    while (!this.follows && await fetchRun() !== MOVED);
-    if (!this.follows) this.on.moved();
+    while (await fetchRun() !== MOVED);
+    this.on.moved();
   }
 }

@@ -90,26 +90,6 @@ export class Lesson {
     this.gains.replaceChildren(...lines.map((line) => make('li', {}, line)));
   }
 
-  /** Offer downloads, the run before and another run; `request` sends a request. */
-  offer({ files, before }, request) {
-    const button = (text, type, once) => make('button', {
-      type: 'button',
-      textContent: text,
-      onclick: (event) => {
-        request(type);
-        if (once) event.currentTarget.disabled = true;
-      },
-    });
-    const names = { 'report.html': 'Download report', 'bag.zip': 'Download bag' };
-    document.getElementById('offers').replaceChildren(
-      button('Drive again', 'again', true),
-      ...(before ? [button('Compare with the run before', 'compare', true)] : []),
-      ...files.map((name) => make('a', {
-        className: 'button', href: name, download: '', textContent: names[name],
-      })),
-    );
-  }
-
   /** Show how the run went, and what to do next. */
   end({ reason, bag, laps, stretches }, command) {
     const score = laps?.best ?? laps?.current ?? {};
@@ -126,7 +106,6 @@ export class Lesson {
     const known = score.rms != null;
     this.card.replaceChildren(
       make('h2', { id: 'end-heading' }, reason),
-      make('div', { className: 'offers', id: 'offers' }),
       ...(known ? [
         ...(laps.count > 1 ? [make('p', {}, `Lap ${score.number + 1}, the best of ${laps.count}:`)] : []),
         make('dl', {}, ...figures.map(([name, value, digits, unit]) => make(

@@ -200,17 +200,6 @@ const connection = new Connection({
     lesson.end(fields, facts.mode === 'teleop' ? 'barc teleop' : tuning.command(facts.controller_type, facts.run));
     for (const button of document.querySelectorAll('.actions button')) button.disabled = true;
   },
-  /** Offer what the run's process still does after the end. */
-  kept(offer) {
-    document.body.toggleAttribute('data-kept', true);
-    element('tuning-heading').textContent = 'The next run';
-    const request = (type) => connection.send(type);
-    lesson.offer(offer, request);
-  },
-  again({ address }) {
-    showMessage('The next run starts.');
-    connection.follow(address);
-  },
   lost() {
     received = null;
     setState('lost', 'Reconnecting');
