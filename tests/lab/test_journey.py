@@ -121,7 +121,7 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     assert '100.00' not in done('grade', 'class', '--jobs', '2')
     rows = csv.DictReader(io.StringIO((tmp_path / 'grades' / 'class.csv').read_text()))
     ada, bob = rows
-    assert (ada['name'], ada['score'], ada['alike'], ada['remark']) == ('ada.zip', '120.0', '', '')
+    assert (ada['name'], ada['score'], ada['remark']) == ('ada.zip', '120.0', '')
     assert (bob['score'], bob['remark'].endswith('there is no controller.py')) == ('0.0', True)
     results = json.loads((tmp_path / 'grades' / 'ada.zip' / 'results.json').read_text())
     assert 'gains: kp 10, ki 20, kd 0.1 (controller.py, line 15)' in results['output']

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
 from barc_sim.lab.grade.rubric import LABELS
-from barc_sim.lab.grade.submissions import alike, in_words
 from barc_sim.lab.html import render
 
 if TYPE_CHECKING:
@@ -133,9 +132,8 @@ class Entry(NamedTuple):
     grade: Grade | None = None
     student: Student | None = None
     newer: str = ''  #: the folder of a later submission of the same student, which counts
-    alike: str = ''
     late: str = ''  #: by how much
-    looks: tuple[str, ...] = ()  #: why a person looks at it, beside `alike` and no points
+    looks: tuple[str, ...] = ()  #: why a person looks at it, beside no points
 
     @property
     def name(self) -> str:
@@ -157,10 +155,9 @@ class Entry(NamedTuple):
         """The words by which the page shows some of the class."""
         grade = self.grade
         flags = {
-            'look': self.looks or self.alike or (grade and not (grade.score or grade.open)),
+            'look': self.looks or (grade and not (grade.score or grade.open)),
             'late': self.late,
             'open': grade and grade.open,
-            'alike': self.alike,
             'older': self.newer,
             'missing': not self.folder,
         }
@@ -178,9 +175,6 @@ def entries(
     newest: dict[Student | str, str] = {}
     for name in sorted(owners, key=lambda name: (name in grades and grades[name].handed_in, name)):
         newest[owners[name] or name] = name
-    similar = alike(
-        {name: grade.passages for name, grade in grades.items() if name in newest.values()}
-    )
     found = [Entry(student=student) for student in students if student not in newest]
     for name, student in owners.items():
         grade, newer = grades.get(name), newest[student or name]
@@ -189,9 +183,8 @@ def entries(
             eye = ', '.join(LABELS[criterion] for criterion in grade.open)
             looks += [*grade.notes, *([f'judge by eye: {eye}'] if eye else [])]
         looks += ['not in the roster'] if students and not student else []
-        again, others = newer if newer != name else '', in_words(similar.get(name, []))
-        late = _late(name, grade, due)
-        found.append(Entry(name, grade, student, again, others, late, tuple(looks)))
+        again, late = newer if newer != name else '', _late(name, grade, due)
+        found.append(Entry(name, grade, student, again, late, tuple(looks)))
     return sorted(found, key=lambda each: (each.section, each.name.casefold(), each.folder))
 
 
@@ -213,7 +206,7 @@ def as_csv(found: Sequence[Entry], rubric: Rubric) -> str:
     student = ['student', 'id', 'section'] if any(each.student for each in found) else []
     rows = []
     for each in found:
-        row: dict[str, object] = {'name': each.folder, 'late': each.late, 'alike': each.alike}
+        row: dict[str, object] = {'name': each.folder, 'late': each.late}
         if each.student:
             row |= {'student': each.name, 'id': each.student.id, 'section': each.section}
         if grade := each.grade:
@@ -223,7 +216,7 @@ def as_csv(found: Sequence[Entry], rubric: Rubric) -> str:
         looks = (look for look in each.looks if look not in each.remark)
         rows.append({**row, 'remark': '; '.join(filter(None, (newer, *looks, each.remark)))})
     own = ['name', *student, 'score', 'max_score', *rubric.points]
-    return _lines([*own, 'open', 'late', 'alike', 'comment', 'remark'], rows)
+    return _lines([*own, 'open', 'late', 'comment', 'remark'], rows)
 
 
 def _lines(fields: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:

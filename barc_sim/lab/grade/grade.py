@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from barc_sim.cli.process import uninterrupted
 from barc_sim.errors import UserError, escaped
 from barc_sim.lab.grade.rubric import LABELS
-from barc_sim.lab.grade.submissions import graded, passages, read
+from barc_sim.lab.grade.submissions import graded, read
 from barc_sim.lab.handout import BY_HAND
 from barc_sim.lab.html import data_url, render
 
@@ -72,7 +72,6 @@ class Grade(NamedTuple):
     tolerated: tuple[str, ...] = ()  #: a phrase each
     comment: str = ''  #: of a person
     handed_in: float = 0.0  #: [s] since the epoch
-    passages: frozenset[int] = frozenset()  #: of its code, see `submissions`
     files: Mapping[str, bytes] = {}  #: by name
 
     @property
@@ -109,7 +108,7 @@ class Grade(NamedTuple):
 
     def record(self) -> bytes:
         """Return all but the files as JSON; `from_record` reads it."""
-        values = self._asdict() | {'files': {}, 'passages': sorted(self.passages)}
+        values = self._asdict() | {'files': {}}
         return json.dumps(values, ensure_ascii=False, indent=1).encode() + b'\n'
 
 
@@ -119,7 +118,6 @@ def from_record(data: bytes) -> Grade:
     return found._replace(
         items=tuple(Item(*item) for item in found.items),
         notes=tuple(found.notes),
-        passages=frozenset(found.passages),
     )
 
 
@@ -161,7 +159,6 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         gains=escaped(str(found.gains or '')),
         tolerated=tuple(map(escaped, found.tolerated)),
         handed_in=submission.handed_in,
-        passages=passages(submission.files),
     )
 
 

@@ -95,12 +95,12 @@ def test_the_class_is_listed_by_name() -> None:
     rows = [*csv.reader(io.StringIO(classroom.as_csv(found, RUBRIC)))]
 
     criteria = ['model.x', 'loop.lab_road', 'relay.rate']
-    rest = ['open', 'late', 'alike', 'comment', 'remark']
+    rest = ['open', 'late', 'comment', 'remark']
     assert rows == [
         ['name', 'score', 'max_score', *criteria, *rest],
-        ['ada', '8.5', '10.0', '1.5', '7.0', '', '', '', '', '', 'Model: position x: x is wrong'],
-        ['bob', '', '', '', '', '', '', '', '', '', 'not graded: no memory'],
-        ['eve', '10.0', '10.0', '3.0', '7.0', '', '', '', '', '', ''],
+        ['ada', '8.5', '10.0', '1.5', '7.0', '', '', '', '', 'Model: position x: x is wrong'],
+        ['bob', '', '', '', '', '', '', '', '', 'not graded: no memory'],
+        ['eve', '10.0', '10.0', '3.0', '7.0', '', '', '', '', ''],
     ]
 
 
