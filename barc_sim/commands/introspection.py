@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from barc_sim.cli.parser import Parser
 
 _WINDOW = 2.0  #: [s] over which rates are measured
-_TRUNCATE = 128
 _FORMATS = ('svg', 'png', 'pdf')
 
 
@@ -44,9 +43,6 @@ def add_arguments_topics(parser: Parser) -> None:
         metavar='SECONDS',
         help=f'also measure the rate of messages for this long ({_WINDOW:g})',
     )
-    parser.add_argument(
-        '--include-hidden-topics', action='store_true', help='also hidden topics: those with _'
-    )
 
 
 def run_topics(options: Namespace) -> None:
@@ -54,8 +50,7 @@ def run_topics(options: Namespace) -> None:
     from barc_sim.ros.introspection import observe, print_topics  # noqa: PLC0415 (slow)
 
     with observe('topics') as observer:
-        hidden, full = options.include_hidden_topics, options.verbose
-        print_topics(observer, options.topics, options.hz, full=full, hidden=hidden)
+        print_topics(observer, options.topics, options.hz, full=options.verbose)
 
 
 def add_arguments_echo(parser: Parser) -> None:
@@ -70,12 +65,6 @@ def add_arguments_echo(parser: Parser) -> None:
     parser.add_argument(
         '--field', metavar='FIELD', help='print only this field, such as header.stamp'
     )
-    parser.add_argument(
-        '-f',
-        '--full-length',
-        action='store_true',
-        help=f'print more than {_TRUNCATE} elements of arrays and characters of strings',
-    )
 
 
 def run_echo(options: Namespace) -> None:
@@ -83,55 +72,37 @@ def run_echo(options: Namespace) -> None:
     from barc_sim.ros.introspection import observe, print_messages  # noqa: PLC0415
 
     with observe('echo') as observer:
-        truncate = None if options.full_length else _TRUNCATE
-        print_messages(observer, options.topic, options.field, options.count, truncate)
+        print_messages(observer, options.topic, options.field, options.count)
 
 
 def add_arguments_param(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'List, read and set parameters of running nodes, as `ros2 param` does.'
     verbs = parser.add_subparsers(dest='verb', required=True, metavar='VERB')
-    node_help = 'such as controller or /car2/controller'
-
-    def add_verb(name: str, about: str) -> Parser:
-        verb: Parser = verbs.add_parser(name, help=about)
-        if name == 'list':
-            verb.add_argument('node', nargs='?', metavar='NODE', help='of this node only (all)')
-        else:
-            verb.add_argument('node', metavar='NODE', help=node_help)
-        return verb
-
-    add_verb('list', 'print the names of the parameters')
-    add_verb('get', 'print the value of a parameter').add_argument('name', metavar='NAME')
-    verb = add_verb('set', 'set a parameter')
-    verb.add_argument('name', metavar='NAME')
+    verb: Parser = verbs.add_parser('list', help='print the names of the parameters')
+    verb.add_argument('node', nargs='?', metavar='NODE', help='of this node only (all)')
+    for name, about in (
+        ('get', 'print the value of a parameter'),
+        ('set', 'set a parameter, and print its value'),
+    ):
+        verb = verbs.add_parser(name, help=about)
+        verb.add_argument('node', metavar='NODE', help='such as controller or /car2/controller')
+        verb.add_argument('name', metavar='NAME')
     verb.add_argument('value', metavar='VALUE', help='in YAML, as in 20.0')
-    add_verb('dump', 'print all parameters of a node as a file for --params-file')
 
 
 def run_param(options: Namespace) -> None:
     """Run the verb."""
-    from barc_sim.ros.introspection import (  # noqa: PLC0415 (after rclpy, which may be absent)
-        Parameters,
-        observe,
-        print_file,
-        print_names,
-        print_value,
-        set_value,
-    )
+    from barc_sim.ros.introspection import Parameters, observe, print_names  # noqa: PLC0415
 
     with observe('param') as observer:
         if options.verb == 'list':
             print_names(observer, options.node)
             return
         parameters = Parameters(observer, options.node)
-        match options.verb:
-            case 'get':
-                print_value(parameters, options.name)
-            case 'set':
-                set_value(parameters, options.name, options.value)
-            case 'dump':
-                print_file(parameters)
+        if options.verb == 'set':
+            parameters.set(options.name, options.value)
+        print(parameters.get(options.name))  # noqa: T201
 
 
 def add_arguments_graph(parser: Parser) -> None:
@@ -185,15 +156,8 @@ def _graph_of_system() -> tuple[NodeGraph, str]:
     from barc_sim.ros.peers import node_graph  # noqa: PLC0415
 
     with observe('graph') as observer:
-
-        def read() -> NodeGraph | None:
-            graph = node_graph(observer.node)
-            return graph if graph.nodes else None
-
-        graph = observer.wait_until_stable(read)
-        if not graph:
-            raise observer.no_node(', or name a bag (--bag)')
-        return graph, f'ROS domain {observer.domain}'
+        graph: NodeGraph = observer.wait_until_stable(lambda: node_graph(observer.node))
+        return graph, f'ROS domain {observer.node.context.get_domain_id()}'
 
 
 def add_arguments_show(parser: Parser) -> None:

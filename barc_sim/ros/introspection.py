@@ -8,32 +8,28 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from statistics import fmean, pstdev
 from typing import TYPE_CHECKING, Any
 
 import rclpy
 import yaml
-from rcl_interfaces.msg import ParameterType
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
-from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.cli.process import StopSignals
 from barc_sim.errors import UserError
-from barc_sim.ros.peers import others_here
+from barc_sim.ros.peers import full_names, others_here
 from barc_sim.ros.process import ros
 from barc_sim.ros.topics import message_class, request
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
     from rclpy.subscription import Subscription
     from rclpy.task import Future
     from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -53,6 +49,7 @@ _POLL_PERIOD = 0.02  #: [s]
 _RESPONSE_PATIENCE = 2.0
 _ATTEMPTS = 3
 _DEPTH = 10_000  #: messages that can wait for the next poll
+_MAX_SHOWN = 128  #: elements of an array, characters of a string
 #: SafeDumper, in C where libyaml is installed.
 _Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 _MAX_WIDTH = 2**30  #: characters of a line of YAML: none is broken
@@ -78,7 +75,7 @@ class GraphObserver:
     def __init__(self, node: Node, stop: StopSignals) -> None:
         """Observe with `node`, which no executor spins."""
         self.node = node
-        self.domain = node.context.get_domain_id()
+        self._domain = f'ROS domain {node.context.get_domain_id()}'
         self._stop = stop
 
     def pause(self, seconds: float) -> None:
@@ -95,67 +92,32 @@ class GraphObserver:
             self.pause(_POLL_PERIOD)
         return True
 
+    def _wait_for_first(self, condition: Callable[[], object]) -> bool:
+        """Wait for what the first other node brings."""
+        others = others_here(self.node.context.get_domain_id())
+        return self.wait_for(condition, _BUSY if others else _ALONE)
+
     def wait_until_stable(self, read: Callable[[], Any]) -> Any:  # noqa: ANN401 (of any type)
-        """Call `read` until its result is not empty and no longer changes; return that."""
-        seen, begin = read(), time.monotonic()
-        changed = begin
-        while (now := time.monotonic()) - changed < (_STEADY if seen else self._patience()):
-            if now - begin > _BUSY:
-                break
-            self.pause(_POLL_PERIOD)
-            new = read()
-            if new != seen:
-                seen, changed = new, time.monotonic()
-        return seen
+        """Call `read` until there is another node and the result no longer changes; return that."""
+        if not self._wait_for_first(self.nodes):
+            raise UserError(f'no node is running in {self._domain}: start a run first')
+        end, seen = time.monotonic() + _BUSY, None
+        while (new := read()) != seen and time.monotonic() < end:
+            seen = new
+            self.pause(_STEADY)
+        return new
 
-    def topics(self, *, hidden: bool = False) -> dict[str, list[str]]:
-        """Return the present topics in order, and their types."""
-        return {
-            name: types
-            for name, types in sorted(self.node.get_topic_names_and_types())
-            if hidden or not topic_or_service_is_hidden(name)
-        }
+    def topics(self) -> dict[str, str]:
+        """Return the present topics, in order, and their types."""
+        return {name: types[0] for name, types in sorted(self.node.get_topic_names_and_types())}
 
-    def find_topic(self, name: str) -> str:
-        """Wait for a topic with a publisher or a subscriber; return its full name."""
-        # Without another node, the topics are this one's own.
-        return self._find(name, 'topic', self.topics, lambda: self.topics() if self.nodes() else ())
-
-    def find_node(self, name: str) -> str:
-        """Wait for the node `name`; return its full name."""
-        return self._find(name, 'node', self.nodes, self.nodes)
-
-    def _find(
-        self,
-        name: str,
-        what: str,
-        present: Callable[..., Iterable[str]],
-        known: Callable[[], Iterable[str]],
-    ) -> str:
-        """Wait for what has this name, longer while there is no other node."""
-        try:
-            full = str(expand_topic_name(name, self.node.get_name(), self.node.get_namespace()))
-            validate_full_topic_name(full)
-        except (InvalidTopicNameException, ValueError) as error:
-            # Without the line of rcl's source, and without the name once more.
-            reason = str(error).splitlines()[0].partition(', at /')[0].rstrip(':')
-            rule = reason.rpartition('topic name')[2]
-            raise UserError(f'{name!r} cannot be a {what}: a name{rule}') from None
-
-        def is_there() -> bool:
-            return full in present(hidden=True)
-
-        someone = self.wait_for(lambda: is_there() or self.nodes(hidden=True), self._patience())
-        if someone and self.wait_for(is_there):
-            return full
-        others = [*known()]
-        if not others:
-            hint = f', nor any other in ROS domain {self.domain}: start a run first'
-        else:
-            hint = did_you_mean(full, others) or (
-                f' in ROS domain {self.domain}: there are {", ".join(others)}'
-            )
-        raise UserError(f'there is no {what} {full}{hint}')
+    def nodes(self) -> list[str]:
+        """Return the full names of the present nodes, without hidden ones, in order."""
+        return sorted(
+            f'{namespace.rstrip("/")}/{name}'
+            for name, namespace in self.node.get_node_names_and_namespaces()
+            if not name.startswith('_')
+        )
 
     def endpoints(self, topic: str) -> tuple[list[TopicEndpointInfo], list[TopicEndpointInfo]]:
         """Return the publishers and the subscriptions of a topic, except those of this node."""
@@ -167,18 +129,17 @@ class GraphObserver:
             [end for end in subscriptions if end.node_name != here],
         )
 
-    def nodes(self, *, hidden: bool = False) -> list[str]:
-        """Return the full names of the present nodes, except this one, in order."""
-        here = self.node.get_name()
-        return sorted(
-            f'{namespace.rstrip("/")}/{name}'
-            for name, namespace in self.node.get_node_names_and_namespaces()
-            if name != here and (hidden or not name.startswith('_'))
-        )
-
-    def no_node(self, hint: str = '') -> UserError:
-        """Return the error that no node is running."""
-        return UserError(f'no node is running in ROS domain {self.domain}: start a run first{hint}')
+    def find(self, name: str, what: str, present: Callable[[], Iterable[str]]) -> str:
+        """Wait until `name` is `present`, the name of a topic or a node; return it in full."""
+        full = str(self.node.resolve_topic_name(name))
+        others = self._wait_for_first(self.nodes)
+        if others and self.wait_for(lambda: full in present()):
+            return full
+        hint = f' in {self._domain}: is a run on?'
+        if others:
+            known = [each for each in present() if not topic_or_service_is_hidden(each)]
+            hint = did_you_mean(full, known) or f': there are {", ".join(known)}'
+        raise UserError(f'there is no {what} {full}{hint}')
 
     def request(self, send: Callable[[], Future], node: str) -> Any:  # noqa: ANN401 (a service's own)
         """Send a request to `node` and return its response.
@@ -194,10 +155,6 @@ class GraphObserver:
                     return future.result()
                 self.pause(0.0)
         raise UserError(f'{node} does not respond: it is busy or it hangs; check it, and try again')
-
-    def _patience(self) -> float:
-        """Return how long to wait for the first other node [s]."""
-        return _BUSY if others_here(self.domain) else _ALONE
 
 
 def _subscribe(
@@ -227,11 +184,11 @@ def _take(subscription: Subscription) -> Iterator[tuple[Any, dict[str, int]]]:
 
 
 def print_messages(
-    observer: GraphObserver, name: str, field: str | None, count: int | None, truncate: int | None
+    observer: GraphObserver, name: str, field: str | None, count: int | None
 ) -> None:
     """Print `count` messages of a topic, or those up to a signal; of each only a given `field`."""
-    topic = observer.find_topic(name)
-    kind = message_class(observer.topics(hidden=True)[topic][0])
+    topic = observer.find(name, 'topic', observer.topics)
+    kind = message_class(observer.topics()[topic])
     if field is not None:
         field_of(kind(), field.partition('.')[0])  # check it before the first message
     if not observer.wait_for(lambda: observer.node.count_publishers(topic)):
@@ -241,7 +198,7 @@ def print_messages(
         while True:
             for message, _ in _take(subscription):
                 shown = message if field is None else field_of(message, field)
-                print(f'{to_yaml(shown, truncate)}---', flush=True)  # noqa: T201
+                print(f'{to_yaml(shown)}---', flush=True)  # noqa: T201
                 count = count and count - 1
                 if count == 0:
                     return
@@ -257,44 +214,33 @@ def field_of(message: Any, path: str) -> Any:  # noqa: ANN401 (generated classes
         elif _is_sequence(value) and name.isdecimal() and int(name) < len(value):
             value = value[int(name)]
         else:
-            raise UserError(f'there is no field {path!r}: {name!r} is {_alternatives(value)}')
+            known = ', '.join(_fields(value)) if _is_message(value) else 'its elements'
+            raise UserError(f'there is no field {path!r}: {name!r} is not among {known}')
     return value
 
 
-def _alternatives(value: Any) -> str:  # noqa: ANN401
-    if _is_message(value):
-        return f'not among {", ".join(_fields(value))}'
-    if _is_sequence(value):
-        return f'not an index below {len(value)}'
-    return f'within a {type(value).__name__}, which has no fields'
+def to_yaml(value: Any) -> str:  # noqa: ANN401
+    """Return a message as a YAML document without `---`, with the beginnings of long values.
 
-
-def to_yaml(value: Any, truncate: int | None) -> str:  # noqa: ANN401
-    """Return a message as a YAML document without `---`; a single field as Python prints it.
-
-    Of longer sequences and strings it has the first `truncate` elements or characters; None: all.
+    A single field is returned as Python prints it.
     """
     if not _is_message(value):
         return f'{value}\n'
     return yaml.dump(
-        _plain(value, truncate),
-        Dumper=_Dumper,
-        allow_unicode=True,
-        width=_MAX_WIDTH,
-        sort_keys=False,
+        _plain(value), Dumper=_Dumper, allow_unicode=True, width=_MAX_WIDTH, sort_keys=False
     )
 
 
-def _plain(value: Any, truncate: int | None) -> Any:  # noqa: ANN401
+def _plain(value: Any) -> Any:  # noqa: ANN401
     """Return `value` in YAML's types."""
     if _is_message(value):
-        return {name: _plain(getattr(value, name), truncate) for name in _fields(value)}
+        return {name: _plain(getattr(value, name)) for name in _fields(value)}
     if isinstance(value, bytes):
         value = value.decode('latin-1')
     if isinstance(value, str):
-        return value if truncate is None or len(value) <= truncate else f'{value[:truncate]}...'
+        return value if len(value) <= _MAX_SHOWN else f'{value[:_MAX_SHOWN]}...'
     if _is_sequence(value):
-        shown = [_plain(element, truncate) for element in value[:truncate]]
+        shown = [_plain(element) for element in value[:_MAX_SHOWN]]
         return [*shown, '...'] if len(shown) < len(value) else shown
     return value.item() if hasattr(value, 'item') else value  # NumPy's scalars
 
@@ -313,57 +259,36 @@ def _fields(message: Any) -> list[str]:  # noqa: ANN401
 
 
 def print_topics(
-    observer: GraphObserver,
-    names: Sequence[str],
-    seconds: float | None,
-    *,
-    full: bool,
-    hidden: bool,
+    observer: GraphObserver, names: Sequence[str], seconds: float | None, *, full: bool
 ) -> None:
-    """Print the named topics, or all, with their types and endpoints.
+    """Print the named topics, or all that are not hidden, with their types and endpoints.
 
-    Over `seconds`, if given, their rates are measured; `full` adds nodes and QoS, and `hidden` the
-    hidden topics.
+    Over `seconds`, if given, their rates are measured; `full` adds nodes and QoS.
     """
-    topics = _named(observer, names) if names else _all(observer, hidden=hidden)
+    wanted = [observer.find(name, 'topic', observer.topics) for name in names]
+
+    def read() -> dict[str, tuple[Any, ...]]:
+        return {
+            name: (kind, *map(full_names, observer.endpoints(name)))
+            for name, kind in observer.topics().items()
+            if (name in wanted if wanted else not topic_or_service_is_hidden(name))
+        }
+
+    topics = observer.wait_until_stable(read)
     rates = _rates(observer, topics, seconds) if seconds else {}
-    for name, types in topics.items():
-        publishers, subscribers = observer.endpoints(name)
+    for name, (kind, publishers, subscribers) in topics.items():
         ends = f'{_plural(len(publishers), "publisher")}, {_plural(len(subscribers), "subscriber")}'
-        lines = [f'{name} [{", ".join(types)}] {ends}']
+        lines = [f'{name} [{kind}] {ends}']
         if name in rates:
             lines.append(f'  {rates[name]}')
         if full:
-            for end in (*publishers, *subscribers):
+            for end in (end for ends in observer.endpoints(name) for end in ends):
                 lines += ['', *(f'  {line}' for line in str(end).splitlines())]
             lines.append('')
         print('\n'.join(lines))  # noqa: T201
 
 
-def _named(observer: GraphObserver, names: Sequence[str]) -> dict[str, list[str]]:
-    topics = [observer.find_topic(name) for name in names]
-    observer.wait_until_stable(lambda: [_counts(observer, topic) for topic in topics])
-    types = observer.topics(hidden=True)
-    return {topic: types[topic] for topic in topics}
-
-
-def _all(observer: GraphObserver, *, hidden: bool) -> dict[str, list[str]]:
-    def read() -> list[object]:
-        if not observer.nodes(hidden=hidden):
-            return []
-        return [(topic, _counts(observer, topic)) for topic in observer.topics(hidden=hidden)]
-
-    if not observer.wait_until_stable(read):
-        raise observer.no_node()
-    return observer.topics(hidden=hidden)
-
-
-def _counts(observer: GraphObserver, topic: str) -> tuple[int, int]:
-    publishers, subscribers = observer.endpoints(topic)
-    return len(publishers), len(subscribers)
-
-
-def _rates(observer: GraphObserver, topics: dict[str, list[str]], seconds: float) -> dict[str, str]:
+def _rates(observer: GraphObserver, topics: dict[str, Any], seconds: float) -> dict[str, str]:
     """Return by topic the rate of its messages, or why it cannot be measured."""
     rates, subscribed = {}, {}
     for topic, (kind, *_) in topics.items():
@@ -384,9 +309,9 @@ def describe_rate(times: Sequence[int]) -> str:
 
     The window is the number of periods between them.
     """
-    if len(times) < 2:  # noqa: PLR2004 (a period has two ends)
-        return ('no message', '1 message')[len(times)]
-    periods = [(new - old) * 1e-9 for old, new in zip(times, times[1:])]  # noqa: B905, RUF007
+    periods = [(new - old) * 1e-9 for old, new in pairwise(times)]
+    if not periods:
+        return _plural(len(times), 'message')
     mean = fmean(periods)
     return (
         f'average rate: {1.0 / mean if mean else 0.0:.3f} min: {min(periods):.3f}s '
@@ -401,9 +326,9 @@ def _plural(count: int, noun: str) -> str:
 class Parameters:
     """The parameters of a node."""
 
-    def __init__(self, observer: GraphObserver, node: str) -> None:
+    def __init__(self, observer: GraphObserver, name: str) -> None:
         """Find the node's services."""
-        self.node = observer.find_node(node)  #: its full name
+        self.node = observer.find(name, 'node', observer.nodes)  #: its full name
         self._observer = observer
         self._client = AsyncParameterClient(observer.node, self.node)
         if not observer.wait_for(self._client.services_are_ready):
@@ -416,44 +341,34 @@ class Parameters:
         """Return the names of all parameters, in order."""
         return sorted(self._request(self._client.list_parameters).result.names)
 
-    def checked(self, names: Sequence[str]) -> Sequence[str]:
-        """Return the names, or all without any; UserError: the node lacks one of them."""
-        declared = self.names()
-        for name in names:
-            if name not in declared:
-                hint = did_you_mean(name, declared) or f': it has {", ".join(declared)}'
-                raise UserError(f'{self.node} has no parameter {name}{hint}')
-        return names or declared
+    def get(self, name: str) -> Any:  # noqa: ANN401 (of any type)
+        """Return the value of a parameter."""
+        values = self._request(self._client.get_parameters, [name]).values
+        if not values:
+            known = self.names()
+            hint = did_you_mean(name, known) or f': it has {", ".join(known)}'
+            raise UserError(f'{self.node} has no parameter {name}{hint}')
+        return parameter_value_to_python(values[0])
 
-    def values(self, names: Sequence[str] = ()) -> dict[str, ParameterValue]:
-        """Return the values of the named parameters, or of all."""
-        names = self.checked(names)
-        return dict(zip(names, self._request(self._client.get_parameters, names).values))  # noqa: B905
-
-    def descriptor(self, name: str) -> ParameterDescriptor:
-        """Return the descriptor of a parameter."""
-        return self._request(self._client.describe_parameters, self.checked([name])).descriptors[0]
-
-    def set(self, name: str, value: object) -> str:
-        """Set a parameter; return why that is impossible, or ''."""
+    def set(self, name: str, text: str) -> None:
+        """Set a parameter to `text`: of the present value's type, or as YAML reads it."""
+        kind = type(self.get(name))
         try:
+            value = kind(text) if kind in (float, str) else yaml.safe_load(text)
             parameter = Parameter(name, value=value)
-        except (TypeError, AssertionError, OverflowError):
-            return (
-                f'it cannot be {value!r}: expected a boolean, a number, a string, or a list of one '
-                'of these'
-            )
+        except (yaml.YAMLError, TypeError, ValueError, AssertionError, OverflowError):
+            raise UserError(
+                f'parameter {name} cannot be {text!r}: expected a boolean, a number, a string, or '
+                'a list of these'
+            ) from None
         (result,) = self._request(self._client.set_parameters, [parameter]).results
-        why = result.reason or 'without a reason'
-        return '' if result.successful else f'{self.node} refused it: {why}'
+        if not result.successful:
+            raise UserError(f'{self.node} refused {text!r}: {result.reason or "without a reason"}')
 
 
 def print_names(observer: GraphObserver, node: str | None) -> None:
     """Print the names of a node's parameters, or those of all nodes."""
-    nodes = [observer.find_node(node)] if node else observer.wait_until_stable(observer.nodes)
-    if not nodes:
-        raise observer.no_node()
-    for each in nodes:
+    for each in [node] if node else observer.wait_until_stable(observer.nodes):
         try:
             names = Parameters(observer, each).names()
         except UserError as error:
@@ -463,52 +378,3 @@ def print_names(observer: GraphObserver, node: str | None) -> None:
             continue
         heading = [] if node else [f'{each}:']
         print('\n'.join([*heading, *(f'  {name}' for name in names)]))  # noqa: T201
-
-
-def print_value(parameters: Parameters, name: str) -> None:
-    """Print the line of `ros2 param get`."""
-    value = parameters.values([name])[name]
-    if value.type == ParameterType.PARAMETER_NOT_SET:
-        print('Parameter not set.')  # noqa: T201
-        return
-    kind = Parameter.Type(value.type).name.replace('_', ' ').replace('BOOL', 'boolean').capitalize()
-    label = kind.replace('array', 'values are') if 'array' in kind else f'{kind} value is'
-    print(f'{label}: {parameter_value_to_python(value)}')  # noqa: T201
-
-
-def set_value(parameters: Parameters, name: str, text: str) -> None:
-    """Set a parameter to the value of `text`: in YAML, unless it is declared as a string."""
-    descriptor = parameters.descriptor(name)
-    is_string = descriptor.type == ParameterType.PARAMETER_STRING
-    try:
-        value = yaml.load(text, yaml.BaseLoader if is_string else yaml.SafeLoader)  # noqa: S506
-    except yaml.YAMLError:
-        raise UserError(f'{text!r} is not a value in YAML: a string may need quotes') from None
-    if value is None:
-        value = text
-    if descriptor.type == ParameterType.PARAMETER_DOUBLE and type(value) in (int, str):
-        with suppress(ValueError):  # YAML takes 1e-7 for text
-            value = float(value)
-    if descriptor.read_only:
-        setting = f'{parameters.node.rpartition("/")[2]}:{name}:={value}'
-        why = f'it is read-only: set it at the start (--ros-args -p {setting})'
-    else:
-        why = parameters.set(name, value)
-    if why:
-        raise UserError(f'parameter {name} cannot be set: {why}')
-    print('Set parameter successful')  # noqa: T201
-
-
-def print_file(parameters: Parameters) -> None:
-    """Print all parameters of a node as a file; a dot in a name opens a level."""
-    nested: dict[str, Any] = {}
-    for name, value in parameters.values().items():
-        *groups, last = name.split('.')
-        level = nested
-        for group in groups:
-            level = level.setdefault(group, {})
-        if value.type != ParameterType.PARAMETER_NOT_SET:
-            level[last] = parameter_value_to_python(value)
-    content = {parameters.node: {'ros__parameters': nested}}
-    text = yaml.safe_dump(content, default_flow_style=False, allow_unicode=True)
-    print(text, end='')  # noqa: T201

@@ -13,7 +13,6 @@ import yaml
 from barc_interfaces.msg import ECU
 from command_line import barc, call, refused, spinning, started
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
@@ -118,22 +117,19 @@ def test_mistake_of_echo_is_one_sentence() -> None:
         '/car/ecu --field header.stamp.s': (
             "there is no field 'header.stamp.s': 's' is not among sec, nanosec"
         ),
-        '/car/ecu --field motor.x': (
-            "there is no field 'motor.x': 'x' is within a float, which has no fields"
-        ),
-        '/c-ar': "'/c-ar' cannot be a topic: a name must not contain characters other than",
+        '/car/ecu --field motor.x': "there is no field 'motor.x': 'x' is not among its elements",
+        '/c-ar': 'topic name must not contain characters other than',
     }.items():
         line = refused('echo', *words.split())
         assert sentence in line
-        assert ' at /' not in line
 
 
 @pytest.mark.usefixtures('impatient')
 def test_empty_domain_is_one_sentence(ros_domain: int, tmp_path: Path) -> None:
     nothing = f'no node is running in ROS domain {ros_domain}: start a run first'
     sentences = {
-        ('echo', 'z_vhcl'): f'there is no topic /z_vhcl, nor any other in ROS domain {ros_domain}',
-        ('graph', '--save', str(tmp_path / 'graph.svg')): f'{nothing}, or name a bag (--bag)',
+        ('echo', 'z_vhcl'): f'there is no topic /z_vhcl in ROS domain {ros_domain}: is a run on?',
+        ('graph', '--save', str(tmp_path / 'graph.svg')): nothing,
         ('topics',): nothing,
         ('param', 'list'): nothing,
     }
@@ -145,30 +141,31 @@ LONG = Float64MultiArray(data=[float(i) for i in range(200)])
 
 
 def test_field_order_is_that_of_the_definition() -> None:
-    assert to_yaml(ECU(motor=1e-7, servo=float('nan')), None) == (
+    assert to_yaml(ECU(motor=1e-7, servo=float('nan'))) == (
         "header:\n  stamp:\n    sec: 0\n    nanosec: 0\n  frame_id: ''\n"
         'motor: 1.0e-07\nservo: .nan\n'
     )
 
 
-def test_long_arrays_and_strings_are_cut_unless_asked_otherwise() -> None:
-    assert to_yaml(LONG, 128).count('\n- ') == 129
-    assert to_yaml(LONG, None).count('\n- ') == 200
-    assert to_yaml(String(data='x' * 200), 3) == 'data: xxx...\n'
+def test_long_arrays_and_strings_are_cut() -> None:
+    assert to_yaml(LONG).count('\n- ') == 129
+    assert to_yaml(String(data='x' * 200)) == f'data: {"x" * 128}...\n'
 
 
 def test_field_may_be_an_element() -> None:
     message = Float64MultiArray()
     message.layout.dim = [MultiArrayDimension(label='a'), MultiArrayDimension(label='b')]
     assert field_of(message, 'layout.dim.1.label') == 'b'
-    with pytest.raises(UserError, match=r"no field 'layout\.dim\.2': '2' is not an index below 2"):
+    with pytest.raises(
+        UserError, match=r"no field 'layout\.dim\.2': '2' is not among its elements"
+    ):
         field_of(message, 'layout.dim.2')
 
 
 @pytest.mark.parametrize(
     ('times', 'words'),
     [
-        ([], 'no message'),
+        ([], '0 messages'),
         ([5], '1 message'),
         (
             [0, 10_000_000, 30_000_000],
@@ -211,13 +208,8 @@ def test_names_are_listed_of_one_node_and_of_all() -> None:
     assert barc('param', 'list').stdout.splitlines() == ['/one/car:', *names]
 
 
-@pytest.mark.usefixtures('car')
-def test_value_is_printed_with_its_type() -> None:
-    assert barc('param', 'get', '/one/car', 'gain').stdout == 'Double value is: 30.0\n'
-    assert barc('param', 'get', '/one/car', 'wait').stdout == 'Boolean value is: True\n'
-
-
 def test_values_are_set(car: Node) -> None:
+    assert barc('param', 'get', '/one/car', 'gain').stdout == '30.0\n'
     for name, text, expected in (
         ('gain', '20.0', 20.0),
         ('gain', '25', 25.0),
@@ -228,24 +220,24 @@ def test_values_are_set(car: Node) -> None:
         ('wait', 'false', False),
     ):
         done = barc('param', 'set', '/one/car', name, text)
-        assert (done.returncode, done.stdout, done.stderr) == (0, 'Set parameter successful\n', '')
+        assert (done.returncode, done.stdout, done.stderr) == (0, f'{expected}\n', '')
         assert value(car, name) == expected
 
 
 @pytest.mark.usefixtures('impatient')
 def test_mistake_of_param_is_one_sentence(car: Node) -> None:
     before = [value(car, parameter.name) for parameter in TABLE]
-    refusal = 'parameter {} cannot be set: '
     for words, sentence in {
         'get /one/car gian': '/one/car has no parameter gian: did you mean gain?',
         'get /one/cat gain': 'there is no node /one/cat: did you mean /one/car?',
-        'set /one/car gain {': "'{' is not a value in YAML: a string may need quotes",
-        'set /one/car seed 1.5': refusal.format('seed')
-        + "/one/car refused it: Wrong parameter type, expected 'Type.INTEGER' got 'Type.DOUBLE'",
-        'set /one/car gain 101.0': refusal.format('gain')
-        + '/one/car refused it: Parameter gain out of range Min: 0.0, Max: 100.0, value: 101.0',
-        'set /one/car mass 1000': refusal.format('mass')
-        + 'it is read-only: set it at the start (--ros-args -p car:mass:=1000.0)',
+        'set /one/car gain {': "parameter gain cannot be '{': expected a boolean, a number, a "
+        'string, or a list of these',
+        'set /one/car seed 1.5': "/one/car refused '1.5': Wrong parameter type, expected "
+        "'Type.INTEGER' got 'Type.DOUBLE'",
+        'set /one/car gain 101.0': "/one/car refused '101.0': Parameter gain out of range Min: "
+        '0.0, Max: 100.0, value: 101.0',
+        'set /one/car mass 1000': "/one/car refused '1000': Trying to set a read-only parameter: "
+        'mass.',
     }.items():
         assert refused('param', *words.split()) == f'barc param: error: {sentence}'
     assert [value(car, parameter.name) for parameter in TABLE] == before
@@ -259,16 +251,6 @@ def test_node_that_offers_no_parameters_is_named(ros: Context) -> None:
         among = barc('param', 'list')
     assert (among.returncode, among.stdout) == (0, '')
     assert '/mute has no parameter services' in among.stderr
-
-
-def test_dump_is_a_file_of_parameters(car: Node) -> None:
-    given = {'gain': 1e-7, 'road': '7', 'seed': 2**53, 'wait': False}
-    car.set_parameters([RosParameter(name, value=one) for name, one in given.items()])
-    car.declare_parameter('motor.delay', 0.02)
-    dump = yaml.safe_load(barc('param', 'dump', '/one/car').stdout)
-    (found,) = (each['ros__parameters'] for node, each in dump.items() if node == '/one/car')
-    assert {name: found[name] for name in given} == given
-    assert found['motor'] == {'delay': 0.02}
 
 
 @pytest.fixture
@@ -295,8 +277,7 @@ def test_topics_have_types_and_counts_of_both_ends() -> None:
 
 @pytest.mark.usefixtures('endpoints')
 def test_verbose_prints_nodes_and_their_quality_of_service() -> None:
-    done = barc('topics', '-v', '--include-hidden-topics')
-    assert '/_hidden [std_msgs/msg/String] 1 publisher, 0 subscribers' in done.stdout
+    done = barc('topics', '-v')
     ours = done.stdout.partition('/ecu [')[2]
     assert ours.startswith('barc_interfaces/msg/ECU] 1 publisher, 1 subscriber')
     publisher, subscription, *_ = ours.split('\n\n')[1:]
