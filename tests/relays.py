@@ -110,129 +110,17 @@ if __name__ == '__main__':
     main()
 """
 
-#: Keyboard and relay in one node, with the keys of ROS's own keyboard node; it stops without one.
+#: Keyboard and relay in one node.
 COMBINED = """\
 import select, sys, termios, tty
 import rospy
 from barc.msg import ECU
 
-settings = termios.tcgetattr(sys.stdin)
-moves = {'i': (1.0, 0.0), ',': (-1.0, 0.0), 'j': (0.0, 0.3), 'l': (0.0, -0.3)}
-
-def get_key():
-    tty.setraw(sys.stdin.fileno())
-    ready, _, _ = select.select([sys.stdin], [], [], 0.1)
-    key = sys.stdin.read(1) if ready else ''
-    termios.tcsetattr(sys.stdin, termios.TCSADRAIN, settings)
-    return key
-
 rospy.init_node('drive_by_hand')
 pub = rospy.Publisher('ecu', ECU, queue_size=10)
-try:
-    while not rospy.is_shutdown():
-        key = get_key()
-        if key == '\\x03':
-            break
-        motor, servo = moves.get(key, (0.0, 0.0))
-        pub.publish(ECU(motor, servo))
-finally:
-    termios.tcsetattr(sys.stdin, termios.TCSADRAIN, settings)
-"""
-
-#: One that adds a little at each key, waits for the next, and stops at s.
-COMBINED_STEPS = """\
-import sys
-import termios
-import tty
-import rclpy
-from barc_interfaces.msg import ECU
-
-def main():
-    rclpy.init()
-    node = rclpy.create_node('drive')
-    pub = node.create_publisher(ECU, 'ecu', 10)
-    before = termios.tcgetattr(sys.stdin.fileno())
-    tty.setcbreak(sys.stdin)
-    motor = servo = 0.0
-    while rclpy.ok():
-        key = sys.stdin.read(1)
-        if key == 'w':
-            motor += 0.5
-        elif key == 'x':
-            motor -= 0.5
-        elif key == 'a':
-            servo += 0.05
-        elif key == 'd':
-            servo -= 0.05
-        elif key == 's':
-            motor = servo = 0.0
-        pub.publish(ECU(motor=motor, servo=servo))
-    termios.tcsetattr(0, termios.TCSADRAIN, before)
-
-main()
-"""
-
-#: One that reads the arrows byte by byte, and never waits for them.
-COMBINED_ARROWS = """\
-import fcntl, os, sys, termios, time, tty
-import rospy
-from barc.msg import ECU
-
-rospy.init_node('arrows')
-pub = rospy.Publisher('ecu', ECU, queue_size=10)
-old = termios.tcgetattr(0)
-tty.setraw(0)
-fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_NONBLOCK)
-motor = servo = 0.0
+tty.setraw(sys.stdin.fileno())
 while not rospy.is_shutdown():
-    try:
-        keys = os.read(0, 3)
-    except OSError:
-        keys = b''
-    if keys == b'\\x1b[A':
-        motor, servo = 2.0, 0.0
-    elif keys == b'\\x1b[B':
-        motor, servo = -2.0, 0.0
-    elif keys == b'\\x1b[D':
-        motor, servo = 0.0, 0.2
-    elif keys == b'\\x1b[C':
-        motor, servo = 0.0, -0.2
-    elif keys:
-        motor = servo = 0.0
-    pub.publish(ECU(motor, servo))
-    time.sleep(0.05)
-"""
-
-#: One that gets each key from the topics of the package `keyboard`.
-KEY_TOPICS = """\
-import rospy
-from barc.msg import ECU
-from keyboard.msg import Key
-
-class Drive:
-    def __init__(self):
-        self.motor = self.servo = 0.0
-        rospy.Subscriber('keyboard/keydown', Key, self.down)
-        rospy.Subscriber('/keyboard/keyup', Key, self.up)
-        self.pub = rospy.Publisher('ecu', ECU, queue_size=10)
-
-    def down(self, key):
-        if key.code == Key.KEY_UP:
-            self.motor = 2.0
-        elif key.code == Key.KEY_DOWN:
-            self.motor = -2.0
-        elif key.code in (Key.KEY_LEFT, Key.KEY_RIGHT):
-            self.servo = 0.3 if key.code == Key.KEY_LEFT else -0.3
-
-    def up(self, key):
-        self.motor = self.servo = 0.0
-
-rospy.init_node('keys')
-drive = Drive()
-rate = rospy.Rate(20)
-while not rospy.is_shutdown():
-    drive.pub.publish(ECU(drive.motor, drive.servo))
-    rate.sleep()
+    pub.publish(ECU(1.0 if sys.stdin.read(1) == 'i' else 0.0, 0.0))
 """
 
 #: Asks for full speed until the car has it.

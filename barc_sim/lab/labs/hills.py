@@ -6,7 +6,6 @@ barc_sim's holds the car at a standstill; the lab's equation does not.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from math import degrees, radians
 from pathlib import Path
@@ -189,7 +188,6 @@ _LATER = 4.9  #: [s] 1.9 s after the release, or after the last Twist
 _LAST = 4.0  #: [s] Commands after this time follow a silence of 1 s.
 _NEGLIGIBLE = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad]
 _TOLERANCE = 1e-6
-_PRESSES = 4  #: of a key that a program reads itself, from 1 to 3 s
 _SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these is full marks.
 _PARAMETERS = {each.name: float(each.default) for each in PARAMETERS if 'refuse' in each.name}
 
@@ -211,13 +209,12 @@ _UP, _DOWN = _Key('up', 1.0, 0.0), _Key('down', -1.0, 0.0)
 _LEFT, _RIGHT = _Key('left', 0.0, 1.0), _Key('right', 0.0, -1.0)
 _NOTHING = Command(0.0, 0.0, 0.0)
 Drives = dict[_Key, list[Command]]
-_Held = dict[_Key, dict[str, Command]]  # the command of each key, by the field that is judged
 
 
 def judge_relay(code: HillsCode) -> list[Finding]:
     """Return a finding for each criterion `relay.…`; all are skipped if it is not written yet.
 
-    What cannot be judged here, of a program that reads the terminal, is open.
+    That of a program that reads keys itself is open.
     """
     try:
         drives = {
@@ -228,36 +225,16 @@ def judge_relay(code: HillsCode) -> list[Finding]:
         text = str(error)
         skipped, is_open = NOT_WRITTEN in text, BY_EYE in text
         return [Finding(name, 0.0, text, skipped=skipped, open=is_open) for name in RELAY_LABELS]
-    has_keys = bool(code.relay_keys())
-    held = {
-        key: {field: _held(drives[key], field, has_keys) for field in _NEGLIGIBLE} for key in drives
-    }
+    held = {key: _at(commands, _HELD) for key, commands in drives.items()}
     judges: Mapping[str, Callable[[], tuple[float, str]]] = {
         'relay.forward': partial(_direction, 'motor', (_UP, _DOWN), _FORWARD, held),
         'relay.steering': partial(_direction, 'servo', (_LEFT, _RIGHT), _STEERING, held),
         'relay.units': partial(_bounded, drives),
         'relay.release': partial(_release, drives),
-        'relay.rate': partial(_rate, drives[_UP], has_keys),
+        'relay.rate': partial(_rate, drives[_UP]),
         'relay.silence': partial(_silence, silent),
     }
-    findings = [Finding(name, *judges[name]()) for name in RELAY_LABELS]
-    return [_without_release(each) if has_keys else each for each in findings]
-
-
-def _without_release(finding: Finding) -> Finding:
-    """Leave open what a program of a terminal cannot know: a terminal sends no release."""
-    if finding.passed or finding.criterion not in ('relay.release', 'relay.silence'):
-        return finding
-    message = f'{finding.message}; a terminal sends no release: {BY_EYE}'
-    return replace(finding, score=0.0, message=message, open=True)
-
-
-def _held(commands: Sequence[Command], field: str, has_keys: bool) -> Command:
-    """Return the command of a held key; of one that is pressed some times, the largest."""
-    if not has_keys:
-        return _at(commands, _HELD)
-    while_held = [each for each in commands if _PRESSED <= each.t < _RELEASED]
-    return max(while_held, key=lambda each: abs(getattr(each, field)), default=_NOTHING)
+    return [Finding(name, *judges[name]()) for name in RELAY_LABELS]
 
 
 def _twists(key: _Key, *, released: bool = True) -> list[TimedTwist]:
@@ -288,12 +265,15 @@ _STEERING = (
 
 
 def _direction(
-    field: str, keys: tuple[_Key, _Key], sentences: tuple[str, ...], commands: _Held
+    field: str,
+    keys: tuple[_Key, _Key],
+    sentences: tuple[str, ...],
+    commands: Mapping[_Key, Command],
 ) -> tuple[float, str]:
     """Judge what two keys do to a field of `Command`, and not to the other."""
     faults, score, values = [], 0.0, []
     for key in keys:
-        held = commands[key][field]._asdict()
+        held = commands[key]._asdict()
         value, (other,) = held[field], _NEGLIGIBLE.keys() - {field}
         values.append(value)
         if value * key.sign < -_NEGLIGIBLE[field]:
@@ -360,14 +340,12 @@ def _silence(commands: Sequence[Command]) -> tuple[float, str]:
     return 1.0, 'after silence it does not drive on'
 
 
-def _rate(commands: Sequence[Command], has_keys: bool) -> tuple[float, str]:
+def _rate(commands: Sequence[Command]) -> tuple[float, str]:
     count = sum(_PRESSED <= each.t < _RELEASED for each in commands)
     rate = count / (_RELEASED - _PRESSED)
     text = f'{rate:.0f} commands a second while a key is held'
     if rate > _FAST:
         return 0.5, f'{text}: is the sleep of its loop missing? 20 are enough'
-    if has_keys and rate < _SLOW and count >= _PRESSES:
-        return 1.0, 'a command at each key; a held key repeats about 30 times a second'
     if rate < _SLOW - _TOLERANCE:
         return rate / _SLOW, f'{text}: the lab has dt = 0.05 s, 20 a second'
     return 1.0, text

@@ -22,7 +22,7 @@ import numpy as np
 
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, PID, speed_controller
-from barc_sim.errors import UserError, one_line
+from barc_sim.errors import UserError
 from barc_sim.lab.judge import Finding, JudgedCode, Table, Thresholds, judges, numbers_of, rows_of
 from barc_sim.lab.laws import Judge, Trial, read
 from barc_sim.lab.user_code.folder import MAX_COMMANDS, NOT_WRITTEN, Command, TimedTwist
@@ -95,10 +95,6 @@ class HillsCode(JudgedCode):
         found = self.call('relay_commands', twists, duration, _relay_calls(twists, duration))
         rows = min(len(found), MAX_COMMANDS) if isinstance(found, list) else -1
         return [Command(*row) for row in rows_of('relay', found, rows, len(Command._fields))]
-
-    def relay_keys(self) -> str:
-        """Return the keys that were pressed for a relay that reads them itself, or nothing."""
-        return one_line(str(self._notes().get('keys', '')), 20)
 
 
 class JudgedController:

@@ -19,6 +19,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.handout import FILES, files_in
 from barc_sim.lab.user_code.folder import (
     BUDGET,
+    BY_EYE,
     Budget,
     Called,
     Command,
@@ -37,6 +38,7 @@ from barc_sim.lab.user_code.source import (
     UserCodeError,
     find_gains,
     gain_names,
+    key_reader,
     ros_of_program,
 )
 
@@ -185,6 +187,11 @@ class UserCode:
         ros = ros_of_program(folder.parse(path))
         if not ros:
             return None
+        if module := key_reader(folder.parse(path)):
+            raise UserCodeError(
+                f'{path.name} reads keys itself, with {module}; expected a relay of the Twists on '
+                f'cmd_vel: {BY_EYE}'
+            )
         from barc_sim.lab.user_code.relay_program import RelayProgram  # noqa: PLC0415 (200 ms)
 
         if ros == 'rospy':
@@ -286,11 +293,6 @@ class UserCode:
         return guarded(lambda: str(getattr(module, 'NAME', '')), default='')
 
     @property
-    def relay_keys(self) -> str:
-        """The keys that were typed for a relay that reads them itself; empty: it reads none."""
-        return str(vars(self._loaded.get('relay', self)).get('layout', ''))
-
-    @property
     def tolerated(self) -> tuple[str, ...]:
         """What was tolerated in the loaded files, a phrase each."""
         renamed = [
@@ -299,10 +301,6 @@ class UserCode:
             if path.name != FILES.get(part, path.name) and self._source(part)
         ]
         found = [phrase for folder in self._folders.values() for phrase in folder.tolerated]
-        if self.relay_keys:
-            found.append(
-                f'{self.paths["relay"].name} reads keys itself: {self.relay_keys} were pressed'
-            )
         return tuple(renamed + found)
 
     @property
@@ -414,8 +412,8 @@ class UserCode:
         return found
 
     def notes(self) -> dict[str, Any]:
-        """Return the chosen gains, what was tolerated, and the keys that a relay reads."""
-        return {'gains': self.gains, 'tolerated': self.tolerated, 'keys': self.relay_keys}
+        """Return the chosen gains and what was tolerated."""
+        return {'gains': self.gains, 'tolerated': self.tolerated}
 
     def _object(self, number: int) -> Any:  # noqa: ANN401 (a UserObject, or one and its track)
         if number not in self._made:

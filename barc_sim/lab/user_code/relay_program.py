@@ -1,33 +1,23 @@
 """A relay that is a whole program of ROS, run without ROS in simulated time.
 
 Around it are a driver and a car. The driver sends Twists on each topic of Twists that the program
-listens to, or presses keys where it reads these itself. A UserCodeError names what is wrong with
-the program: it fails, has ended, listens to no driver, publishes nothing on `ecu`, takes too long,
-or publishes a number that is not finite.
+listens to. A UserCodeError names what is wrong with the program: it fails, has ended, listens to no
+driver, publishes nothing on `ecu`, takes too long, or publishes a number that is not finite.
 
-Nothing reads the real terminal, so that a program gets the same keys at the same times on every
-machine, also where it is confined. `rospy` is upon `ros/local`: in ROS 1 callbacks run beside the
-program, also while it sleeps; a message takes its fields by position, and whole numbers for floats.
+`rospy` is upon `ros/local`: in ROS 1 callbacks run beside the program, also while it sleeps; a
+message takes its fields by position, and whole numbers for floats.
 """
 
 from __future__ import annotations
 
-import os
-import select
-import sys
 import threading
 import time
-from collections import deque
-from functools import cache, cached_property, partial
-from math import inf, isfinite
-from string import ascii_lowercase
+from functools import partial
+from math import isfinite
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from rosbags.typesys import get_types_from_msg
-
 from barc_sim.lab.user_code.folder import (
-    BY_EYE,
     MAX_COMMANDS,
     Absent,
     AbsentModuleError,
@@ -47,7 +37,7 @@ from barc_sim.ros.local.executor import (
     ExternalShutdownException,
     World,
 )
-from barc_sim.ros.local.messages import message_type, store
+from barc_sim.ros.local.messages import message_type
 from barc_sim.ros.local.node import HistoryPolicy, Node, QoSProfile, init, ok, shutdown
 
 if TYPE_CHECKING:
@@ -61,137 +51,12 @@ _PATIENCE = 5.0  #: [s] for a program to wait again, while it drives
 _STATE_PERIOD = 0.02  #: [s]
 _CMD_VEL, _STATE, _ECU = 'cmd_vel', 'z_vhcl', 'ecu'
 _ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
-_TWIST, _KEY = 'geometry_msgs/msg/Twist', 'keyboard/msg/Key'
-_TAP = 0.5  #: [s] between two presses of a key that is judged: fewer than a held key repeats
-_TRIED = 1.0  #: [s] for each key of a layout
-_CHANGED = 1e-6  #: [m/s²] or [rad]
-#: The keys for up, down, left and right that programs use; the likelier ones last, except `w s`,
-#: because a program for `w x` can stop at s.
-LAYOUTS = {
-    'arrows': ('\x1b[A', '\x1b[B', '\x1b[D', '\x1b[C'),
-    'w x a d': tuple('wxad'),
-    'w s a d': tuple('wsad'),
-    'i , j l': tuple('i,jl'),
-    'i k j l': tuple('ikjl'),
-    '8 2 4 6': tuple('8246'),
-}
-STOP = ' '  #: the key that stops in most programs, as any other key does
-#: The codes of the arrows in `keyboard/Key`; other keys have their letters' codes.
-CODES = dict(zip(LAYOUTS['arrows'], (273, 274, 276, 275), strict=True))
-#: What reads keys in another way, words.
-_ELSEWHERE = 'curses getch getkey pygame pynput readchar tkinter Tkinter'
-_SET_FLAGS = 4  # as on Linux
-_TICK = 1_000_000  # [ns] that a look for a key takes at least, so that a busy loop takes time
-
-
-class _Constants(SimpleNamespace):
-    """A module whose other names are 0: its constants, which nothing reads."""
-
-    def __getattr__(self, _: str) -> int:
-        return 0
+_TWIST = 'geometry_msgs/msg/Twist'
 
 
 class _NoThread(threading.Thread):
     def start(self) -> None:
         raise RuntimeError("can't start new thread")
-
-
-class Terminal:
-    """The standard input of a program; `type` adds keys."""
-
-    def __init__(self, world: World) -> None:
-        self.use = ''  #: how the program reads keys, as the rest of a sentence; empty: it does not
-        self._world, self._typed = world, deque[str]()
-        self._patience: float | None = None  # [s] of a read; None: for ever
-
-    def type(self, keys: str) -> None:
-        """Add the characters of keys, which are read one by one."""
-        self._typed.extend(keys)
-
-    def _wait(self, seconds: float | None) -> bool:
-        """Let time pass until there is a character, at most for so long."""
-        self.use = self.use or 'reads the terminal'
-        now = self._world.now_ns
-        until = inf if seconds is None else now + max(int(seconds * SECOND), _TICK)
-        while not self._typed and self._world.now_ns < until:
-            self._world.pass_time(until)
-        return bool(self._typed)
-
-    def read(self, size: int = 1) -> str:
-        """Return so many characters, fewer where a read does not wait for them."""
-        found = ''
-        while len(found) < size and self._wait(self._patience):
-            found += self._typed.popleft()
-        return found
-
-    def readline(self, prompt: object = '') -> str:
-        """Return a line: one key."""
-        del prompt
-        return f'{self.read()}\n'
-
-    def fileno(self) -> int:
-        """Return the number of the standard input."""
-        return 0
-
-    def isatty(self) -> bool:
-        """Return True."""
-        return True
-
-    @property
-    def buffer(self) -> SimpleNamespace:
-        """The same, in bytes."""
-        return SimpleNamespace(read=lambda size=1: self.read(size).encode())
-
-    def _select(
-        self,
-        readers: Sequence[Any],
-        writers: Sequence[Any],
-        _: object,
-        timeout: float | None = None,
-    ) -> tuple[list[Any], Sequence[Any], list[Any]]:
-        own = [each for each in readers if each in (0, self)]
-        return (own if own and self._wait(timeout) else []), writers, []
-
-    def _read_file(self, file: int, size: int) -> bytes:
-        if file:
-            return os.read(file, size)
-        if keys := self.read(min(size, max(len(self._typed), 1))):
-            return keys.encode()
-        raise BlockingIOError('Resource temporarily unavailable')
-
-    def _attributes(self, *_: object) -> list[Any]:
-        self.use = self.use or 'reads the terminal'
-        return [0, 0, 0, 0, 0, 0, [0] * 32]
-
-    def _set_flags(self, _: object, command: int = 0, flags: int = 0) -> int:
-        if command == _SET_FLAGS:
-            self._patience = 0.0 if flags & getattr(os, 'O_NONBLOCK', 0) else None
-        return 0
-
-    def modules(self) -> dict[str, Any]:
-        """Return the modules with which a program reads keys."""
-        return {
-            'sys': SimpleNamespace(**{**vars(sys), 'stdin': self}),
-            'os': SimpleNamespace(**{**vars(os), 'read': self._read_file}),
-            'select': SimpleNamespace(**{**vars(select), 'select': self._select}),
-            'threading': SimpleNamespace(**{**vars(threading), 'Thread': _NoThread}),
-            'tty': SimpleNamespace(setraw=self._attributes, setcbreak=self._attributes),
-            'termios': _Constants(
-                error=OSError,
-                tcgetattr=self._attributes,
-                tcsetattr=self._attributes,
-                tcflush=lambda *_: self._typed.clear(),
-            ),
-            'fcntl': _Constants(F_SETFL=_SET_FLAGS, fcntl=self._set_flags),
-        }
-
-    def elsewhere(self, name: str) -> Absent | None:
-        """Return what stands for a module that reads keys in a way that nobody can type for."""
-        top = name.partition('.')[0]
-        if top not in _ELSEWHERE.split():
-            return None
-        self.use = f'uses {top}'
-        return Absent(name, f'{top} reads keys, and no keys are typed for it')
 
 
 #: The messages that the lab's files import, of any package.
@@ -254,18 +119,6 @@ class _Rate:
         self._due += self._period
 
 
-@cache
-def _key() -> type[Any]:
-    """Return the class of a message of the package `keyboard`, whose node sends keys."""
-    text = 'std_msgs/Header header\nuint16 code\nuint16 modifiers\n'
-    store().register(get_types_from_msg(text, 'keyboard/msg/Key'))
-    kind = _lenient('keyboard/msg/Key')
-    codes = {'UP': 273, 'DOWN': 274, 'RIGHT': 275, 'LEFT': 276, 'SPACE': 32}
-    for name, code in (codes | {letter: ord(letter) for letter in ascii_lowercase}).items():
-        setattr(kind, f'KEY_{name}', code)
-    return kind
-
-
 def rospy_modules(world: World) -> dict[str, Any]:
     """Return `rospy` and the lab's messages as modules, by name; one node in `world` does all."""
     init(args=[])
@@ -314,7 +167,6 @@ def rospy_modules(world: World) -> dict[str, Any]:
     car = SimpleNamespace(**{name.rpartition('/')[2]: _lenient(name) for name in _LABS})
     car.Z_DynBkMdl = car.ZDynBkMdl
     packages = dict.fromkeys(('barc', 'labs', 'barc_interfaces', 'std_msgs', 'geometry_msgs'), car)
-    packages['keyboard'] = SimpleNamespace(Key=_key())
     found = {f'{name}.msg': module for name, module in packages.items()}
     found |= {name: SimpleNamespace(msg=module) for name, module in packages.items()}
     return {'rospy': rospy, **found}
@@ -336,65 +188,19 @@ class RelayProgram:
 
     def commands(self, twists: Sequence[Sequence[float]], duration: float) -> list[Command]:
         """Return what it publishes on `ecu` from 0 to `duration` [s], while it gets `twists`."""
-        world = RelayWorld(twists, duration, self.layout)
-        self._simulate(world, is_judged=True)
-        return [self.checked(*command) for command in world.commands]
-
-    @cached_property
-    def layout(self) -> str:
-        """The keys that it reads, a name in `LAYOUTS`; empty where it reads none."""
-        first = RelayWorld((), _TRIED)
-        self._simulate(first)
-        if first.listens_to(_TWIST) or not (first.terminal.use or first.listens_to(_KEY)):
-            return ''
-        answers = {name: self._answers(name) for name in LAYOUTS}
-        best = max(LAYOUTS, key=lambda name: answers[name])
-        if not answers[best]:
-            keys = '; '.join(LAYOUTS)
-            raise UserCodeError(
-                f'{self.path.name}: none of these keys changes what it publishes on ecu: {keys}; '
-                f'{BY_EYE}'
-            )
-        return best
-
-    def _answers(self, layout: str) -> int:
-        """Return how many of the four keys of a layout change what it commands."""
-        keys = LAYOUTS[layout]
-        world = RelayWorld((), _TRIED * (len(keys) + 1), layout)
-        presses = [_TRIED * (0.5 + k) for k in range(len(keys))]
-        for key, t in zip(keys, presses, strict=True):
-            world.at(t, partial(world.press, key))
-            world.at(t + _TRIED / 2.0, partial(world.press, STOP))
-        try:
-            self._simulate(world)
-        except UserCodeError:
-            return 0
-        commands, count = [(0.0, 0.0, 0.0), *world.commands], 0
-        for k, t in enumerate(presses):
-            field = 1 if k < len(keys) // 2 else 2
-            before = [each for each in commands if each[0] < t][-1][field]
-            after = [each[field] for each in commands if t <= each[0] < t + _TRIED / 2.0]
-            count += any(abs(value - before) > _CHANGED for value in after)
-        return count
-
-    def _simulate(self, world: RelayWorld, *, is_judged: bool = False) -> None:
-        """Run the program in `world`; where it reads keys itself, what fails is judged by eye."""
+        world = RelayWorld(twists, duration)
         try:
             if self._budget:
                 self._budget.call(self.run, world)
             else:
                 self.run(world)
-            if is_judged:
-                self._check(world)
         except OutOfTime as error:
             raise UserCodeError(
-                f'{self._place(error)}: {world.end / SECOND:g} s of the relay took longer than '
+                f'{self._place(error)}: {duration:g} s of the relay took longer than '
                 f'{_BUDGET:g} s: is there an endless loop?'
             ) from error
-        except UserCodeError as error:
-            if world.terminal.use:
-                raise UserCodeError(f'{error}; it {world.terminal.use}: {BY_EYE}') from error
-            raise
+        self._check(world)
+        return [self.checked(*command) for command in world.commands]
 
     def start(self) -> LiveRelay:
         """Start it, to be driven by hand; one that was started before ends."""
@@ -407,8 +213,6 @@ class RelayProgram:
         """Run the program in `world`, to its end or the world's."""
         folder = self._folder.again()
         folder.stand_in = world.modules(ros_1=self.ros == 'rospy')
-        read_line = world.terminal.readline
-        folder.builtins |= dict.fromkeys(('input', 'raw_input'), lambda *_: read_line().strip('\n'))
 
         def program() -> None:
             module = folder.load(self.path, '__main__')
@@ -446,7 +250,7 @@ class RelayProgram:
                 f'it publishes nothing on ecu{but}; expected commands of the type ECU on the '
                 'topic ecu'
             )
-        elif not (world.layout or world.listens_to(_TWIST)):
+        elif not world.twist_topics():
             topics = ', '.join(map(repr, sorted(world.subscribed))) or 'no topic'
             fault = (
                 f"it subscribes to {topics}; expected cmd_vel, the topic of the keyboard's Twists"
@@ -470,12 +274,8 @@ class RelayWorld(World):
     Its topics have no namespaces: the lab's keyboard has `turtle1/cmd_vel`.
     """
 
-    tap = _TAP  #: [s] between two presses of a key that is held
-
-    def __init__(self, twists: Sequence[Sequence[float]], end: float, layout: str = '') -> None:
+    def __init__(self, twists: Sequence[Sequence[float]], end: float) -> None:
         super().__init__(simulated=True)
-        self.layout, self.terminal = layout, Terminal(self)
-        self._held, self._pressed = '', 0.0
         self._publishers: dict[str, Any] = {}  # of the driver, by topic
         self.end, self.flat_names, self.is_silent = end * SECOND, (_CMD_VEL, _STATE, _ECU), True
         self.commands: list[tuple[float, float, float]] = []  #: t [s], motor and servo
@@ -508,42 +308,19 @@ class RelayWorld(World):
         timer = self.node.create_timer(t, once)
 
     def drive(self, linear_x: float, angular_z: float) -> None:
-        """Publish a Twist, and press its key where the program reads keys."""
+        """Publish a Twist on each topic of Twists that the program listens to."""
         message = message_type(_TWIST)()
         message.linear.x, message.angular.z = float(linear_x), float(angular_z)
-        self._publish(message, '')
-        if not self.layout:
-            return
-        up, down, left, right = LAYOUTS[self.layout]
-        sideways = (left if angular_z > 0.0 else right) if angular_z else ''
-        key = (up if linear_x > 0.0 else down) if linear_x else sideways
-        if key != self._held or (key and self.seconds - self._pressed >= self.tap - _CHANGED):
-            self.press(key or STOP)
-        self._held = key
-
-    def press(self, key: str) -> None:
-        """Type a key, and publish that it goes down, after the one before has gone up."""
-        self._pressed = self.seconds
-        self.terminal.type(key)
-        for name, word in ((self._held, 'up'), (key, 'down')):
-            if name and self.listens_to(_KEY):
-                message = message_type(_KEY)()
-                message.code = CODES.get(name, ord(name[0]))
-                self._publish(message, word)
-
-    def _publish(self, message: Any, word: str) -> None:
-        """Publish on each topic of this type that the program listens to, and has `word` in it."""
-        for topic in self.listens_to(message.__msgtype__):
-            if word in topic:
-                made = self._publishers.get(topic)
-                made = made or self.node.create_publisher(type(message), f'/{topic}', _ALL)
+        for topic in self.twist_topics():
+            if topic not in self._publishers:
+                made = self.node.create_publisher(type(message), f'/{topic}', _ALL)
                 self._publishers[topic] = made
-                made.publish(message)
+            self._publishers[topic].publish(message)
 
-    def listens_to(self, kind: str) -> set[str]:
-        """Return the topics of messages of a type that the program listens to."""
+    def twist_topics(self) -> set[str]:
+        """Return the topics of Twists that the program listens to."""
         self._note_topics()
-        return {topic for topic, its_kind in self.subscribed.items() if its_kind == kind}
+        return {topic for topic, kind in self.subscribed.items() if kind == _TWIST}
 
     def _on_command(self, command: Any) -> None:
         self._move()
@@ -581,11 +358,12 @@ class RelayWorld(World):
             **dict.fromkeys(('time_ns', 'monotonic_ns'), lambda: self.now_ns),
             'sleep': lambda seconds: self.sleep(round(max(float(seconds), 0.0) * SECOND)),
         }
-        found = {'time': SimpleNamespace(**vars(time) | clock), **self.terminal.modules()}
+        threads = SimpleNamespace(**{**vars(threading), 'Thread': _NoThread})
+        found = {'time': SimpleNamespace(**vars(time) | clock), 'threading': threads}
         if ros_1:
             with in_world(self):
                 found |= rospy_modules(self)
-        return lambda name: found.get(name) or self.terminal.elsewhere(name) or find_module(name)
+        return lambda name: found.get(name) or find_module(name)
 
     def run(self, program: Callable[[], object]) -> None:
         """Run a program to its end, or to that of its time."""
@@ -603,10 +381,8 @@ class RelayWorld(World):
 class LiveRelay(RelayWorld):
     """A program in a thread of its own, which runs only while a call waits for it."""
 
-    tap = 0.0  # as a terminal repeats it
-
     def __init__(self, program: RelayProgram) -> None:
-        super().__init__((), 0.0, program.layout)
+        super().__init__((), 0.0)
         self._program = program
         self._failure, self._is_over = '', False
         self._continues, self._waits = threading.Semaphore(0), threading.Semaphore(0)

@@ -24,6 +24,10 @@ _PRINT = re.compile(r'print\s+(?![=(])(?:>>\s*\w[\w.]*\s*,\s*)?(.*?),?$')
 #: The defaults of PID's gains in the lab's template, which nobody has chosen.
 _TEMPLATE = [1.0, 1.0, 1.0]
 _MAX_GAIN = 1e12
+_KEY_READERS = {
+    *('curses', 'getch', 'getkey', 'keyboard', 'msvcrt', 'pygame', 'pynput', 'readchar', 'termios'),
+    *('tkinter', 'Tkinter', 'tty'),
+}
 #: Names of a gain, in lower case: kp, k_p, p, p_gain, gain_p, kpgain, proportional, …
 _GAIN = re.compile(
     r'(?:k|gain|coeff)?_?([pid])(?:rop|nt|er)?(?:ortional|egral|ivative)?_?(?:gain|term|coeff)?'
@@ -161,6 +165,12 @@ def ros_of_program(tree: ast.Module) -> str:
                     return ''
     imported = {name.partition('.')[0] for node in ast.walk(tree) for name in _imports(node)}
     return next((ros for ros in ('rclpy', 'rospy') if ros in imported), '')
+
+
+def key_reader(tree: ast.Module) -> str:
+    """Return the module with which a file reads keys; empty where it imports none."""
+    names = (name.partition('.')[0] for node in ast.walk(tree) for name in _imports(node))
+    return next((name for name in names if name in _KEY_READERS), '')
 
 
 def _imports(node: ast.AST) -> list[str]:

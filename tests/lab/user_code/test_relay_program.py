@@ -11,11 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from relays import (
     CLASS,
-    COMBINED,
-    COMBINED_ARROWS,
-    COMBINED_STEPS,
     FUNCTION,
-    KEY_TOPICS,
     ROS_1,
     ROS_2,
 )
@@ -34,7 +30,7 @@ HELD = [TimedTwist(1.0 + 0.05 * k, 1.0, 1.0) for k in range(20)] + [TimedTwist(2
 ENDLESS_LOOP = ROS_1.replace('while not rospy.is_shutdown()', 'while True').replace(
     'self.rate.sleep()', 'pass'
 )
-ENDLESS = '1 s of the relay took longer than'
+ENDLESS = '4 s of the relay took longer than'
 
 
 Load = Callable[[str], UserCode]
@@ -133,21 +129,6 @@ def test_program_of_ros_1_can_be_driven_step_by_step(load: Load) -> None:
     relay = load(ROS_1).new_relay()
     assert relay(1.0, 1.0, dt=0.05) == pytest.approx((2.0, 0.3))
     assert [relay(0.0, -1.0, dt=0.05) for _ in range(3)][-1] == pytest.approx((0.0, -0.3))
-
-
-@pytest.mark.parametrize('text', [COMBINED, COMBINED_STEPS, COMBINED_ARROWS, KEY_TOPICS])
-def test_program_that_reads_keys_itself_can_be_driven_step_by_step(load: Load, text: str) -> None:
-    loaded = load(text)
-    loaded.new_relay()(1.0, 0.0, dt=0.05)
-    relay = loaded.new_relay()  # as after a reset
-    held = [relay(1.0, 0.0, dt=0.05) for _ in range(6)][-1]
-    released = [relay(0.0, 0.0, dt=0.05) for _ in range(6)][-1]
-    turned = [relay(0.0, 1.0, dt=0.05) for _ in range(6)][-1]
-    assert held[0] > 0.5
-    assert held[1] == 0.0
-    assert released[0] == 0.0 or text is COMBINED_STEPS
-    assert turned[1] > 0.1
-    relay.stop()  # type: ignore[attr-defined]
 
 
 def test_program_that_does_not_wait_is_ended(load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
