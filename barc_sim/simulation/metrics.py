@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass
+from itertools import pairwise
 from math import hypot, inf, isfinite, isnan, nan, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,7 +26,7 @@ RUN_UP = 10.0
 #: The band around the reference in which a step response counts as settled (Åström and Murray,
 #: "Feedback Systems", 6.3).
 SETTLING_BAND = 0.02
-_BLOCK = 2048  # states that are added to the sums at once
+_MAX_STATES = 500_000  #: of the present lap that count; then the older half is dropped
 _JUMP = 0.5  #: [m] beyond what its speed allows: the car was put somewhere else
 _WHOLE = 0.9  #: share of the longest lap from which a lap can be the best
 _MAX_LAPS = 10_000  #: that are kept: those of three days
@@ -67,145 +69,6 @@ class Summary:
     stretches: tuple[SegmentErrors, ...]
 
 
-class _Errors(NamedTuple):
-    """The absolute errors [m/s] over some states; those that are NaN do not count."""
-
-    number: int = 0
-    squares: float = 0.0  #: their sum
-    maximum: float = 0.0
-
-    @classmethod
-    def of(cls, errors: Floats) -> _Errors:
-        known = errors[~np.isnan(errors)]
-        return cls(len(known), float(known @ known), float(known.max(initial=0.0)))
-
-    def plus(self, other: _Errors) -> _Errors:
-        maximum = max(self.maximum, other.maximum)
-        return _Errors(self.number + other.number, self.squares + other.squares, maximum)
-
-    @property
-    def figures(self) -> tuple[float, float]:
-        """RMS and maximum error [m/s]."""
-        return (sqrt(self.squares / self.number), self.maximum) if self.number else (nan, nan)
-
-
-class _Segment(NamedTuple):
-    """Consecutive states on the same grade."""
-
-    theta_deg: float
-    start: float
-    end: float
-    errors: _Errors
-
-    def goes_on_in(self, other: _Segment) -> bool:
-        """Return whether `other`, the next, has the same grade, or both are unknown."""
-        grades = self.theta_deg, other.theta_deg
-        return grades[0] == grades[1] or all(map(isnan, grades))
-
-    def plus(self, other: _Segment) -> _Segment:
-        start = other.start if isnan(self.start) else self.start
-        return _Segment(self.theta_deg, start, other.end, self.errors.plus(other.errors))
-
-
-class _Sums(NamedTuple):
-    """What a `Summary` is made of.
-
-    Overshoot and settling time are those of the step from standstill to the reference, read on
-    the first segment of road, before the first change of grade or reference; the settling time is
-    NaN where the speed is outside the band at the end of that part.
-    """
-
-    all: _Errors = _Errors()
-    after_run_up: _Errors = _Errors()
-    segments: tuple[_Segment, ...] = ()
-    begin: float = nan  #: [s]
-    peak: float = nan  #: maximum speed on the first segment, as a share of the reference
-    settled_at: float = nan  #: [s]
-    reference: float = nan  #: [m/s] of the step response
-    has_changed: bool = False  #: whether there has been another reference
-
-    def plus(
-        self, t: Floats, distance: Floats, speed: Floats, reference: Floats, theta_deg: Floats
-    ) -> _Sums:
-        """Return these and more states, shape `(n,)` each, in their order."""
-        if not len(t):
-            return self
-        errors = np.abs(reference - speed)
-        unknown = np.isnan(theta_deg)
-        changes = (theta_deg[1:] != theta_deg[:-1]) & ~(unknown[1:] & unknown[:-1])
-        starts = np.concatenate([[0], np.flatnonzero(changes) + 1])
-        before, new = [*self.segments], _segments(starts, distance, theta_deg, errors)
-        if before and before[-1].goes_on_in(new[0]):
-            new[0] = before.pop().plus(new[0])
-        sums = _Sums(
-            self.all.plus(_Errors.of(errors)),
-            self.after_run_up.plus(_Errors.of(errors[distance >= RUN_UP])),
-            (*before, *new),
-            *self[3:],
-        )
-        if not before and not self.has_changed:
-            first = slice(starts[1] if len(starts) > 1 else None)
-            sums = sums._with_step_response(t[first], speed[first], reference[first])
-        return sums
-
-    def _with_step_response(self, t: Floats, speed: Floats, reference: Floats) -> _Sums:
-        """Return these with states of the first segment, up to a change of the reference."""
-        held = float(reference[0]) if isnan(self.begin) else self.reference
-        changed = np.flatnonzero((reference != held) & (not isnan(held)))[:1]
-        if changed.size:
-            t, speed, reference = (each[: changed[0]] for each in (t, speed, reference))
-        if not len(t):
-            return self._replace(has_changed=True)
-        share = np.divide(speed, reference, out=np.full(len(t), nan), where=reference != 0.0)
-        before = -inf if isnan(self.begin) else self.peak
-        peak = float(np.maximum(before, share.max()))  # NaN where one is
-        inside = np.abs(reference - speed) <= SETTLING_BAND * np.abs(reference)
-        outside = np.flatnonzero(~inside)
-        settled_at = self.settled_at
-        if outside.size:
-            settled_at = float(t[outside[-1] + 1]) if outside[-1] + 1 < len(t) else nan
-        elif isnan(settled_at):
-            settled_at = float(t[0])
-        begin = float(t[0]) if isnan(self.begin) else self.begin
-        has_changed = bool(changed.size)
-        return _Sums(*self[:3], begin, peak, settled_at, held, has_changed)
-
-    def summary(self, missed_deadlines: int) -> Summary:
-        """Return the summary of the states."""
-        is_unknown = isnan(self.peak)
-        return Summary(
-            *self.all.figures,
-            *self.after_run_up.figures,
-            overshoot=nan if is_unknown else max(self.peak - 1.0, 0.0),
-            settling_time=nan if is_unknown else self.settled_at - self.begin,
-            missed_deadlines=missed_deadlines,
-            stretches=tuple(
-                SegmentErrors(each.start, each.end, each.theta_deg, *each.errors.figures)
-                for each in self.segments
-            ),
-        )
-
-
-def _segments(
-    starts: NDArray[np.intp], distance: Floats, theta_deg: Floats, errors: Floats
-) -> list[_Segment]:
-    """Return the segments that begin at the states `starts`."""
-    known = ~np.isnan(errors)
-    errors = np.where(known, errors, 0.0)
-    # The first distance that is known; the NaN at the end where none is.
-    places = np.where(np.isnan(distance), len(errors), np.arange(len(errors)))
-    columns = (
-        theta_deg[starts],
-        np.append(distance, nan)[np.minimum.reduceat(places, starts)],
-        distance[np.append(starts[1:], len(errors)) - 1],
-        np.add.reduceat(known, starts, dtype=np.intp),
-        np.add.reduceat(errors * errors, starts),
-        np.maximum.reduceat(errors, starts),
-    )
-    rows = zip(*(each.tolist() for each in columns), strict=True)
-    return [_Segment(grade, start, end, _Errors(*sums)) for grade, start, end, *sums in rows]
-
-
 def summary(log: Log) -> Summary:
     """Return how well a run held its speed.
 
@@ -215,36 +78,68 @@ def summary(log: Log) -> Summary:
     >>> print(f'{summary(simulate()).rms_error_after_run_up:.3f} m/s')
     0.021 m/s
     """
-    sums, columns = _Sums(), (log.t, log.distance, log.speed, log.reference, log.theta_deg)
-    for start in range(0, len(log), _BLOCK):  # in the blocks of `SpeedErrors`: to the last bit
-        sums = sums.plus(*(column[start : start + _BLOCK] for column in columns))
-    return sums.summary(int(log.missed.sum()))
+    columns = log.t, log.distance, log.speed, log.reference, log.theta_deg
+    return _summary(*columns, int(log.missed.sum()))
 
 
-class SpeedErrors:
-    """Computes the `Summary` of a run, state by state; any thread may ask for it meanwhile."""
+def _summary(
+    t: Floats,
+    distance: Floats,
+    speed: Floats,
+    reference: Floats,
+    theta_deg: Floats,
+    missed_deadlines: int = 0,
+) -> Summary:
+    """Return the summary of states in their order, columns of shape `(n,)`."""
+    errors = np.abs(reference - speed)
+    unknown = np.isnan(theta_deg)
+    changes = (theta_deg[1:] != theta_deg[:-1]) & ~(unknown[1:] & unknown[:-1])
+    starts = [0, *(np.flatnonzero(changes) + 1).tolist(), len(t)]
+    segments = [slice(*ends) for ends in pairwise(starts)] if len(t) else []
+    step = nan, nan
+    if segments:
+        first = segments[0]
+        step = _step_response(t[first], speed[first], reference[first])
+    return Summary(
+        *_figures(errors),
+        *_figures(errors[distance >= RUN_UP]),
+        *step,
+        missed_deadlines=missed_deadlines,
+        stretches=tuple(
+            SegmentErrors(
+                float(distance[each][0]),
+                float(distance[each][-1]),
+                float(theta_deg[each][0]),
+                *_figures(errors[each]),
+            )
+            for each in segments
+        ),
+    )
 
-    def __init__(self) -> None:
-        """Begin without states."""
-        # Both at once, for other threads: the sums, and the states that are not yet part of them.
-        self._parts: tuple[_Sums, list[tuple[float, ...]]] = _Sums(), []
 
-    def add(
-        self, t: float, distance: float, speed: float, reference: float, theta_deg: float
-    ) -> None:
-        """Take a state: [s], [m], [m/s], [m/s], [deg]."""
-        _, states = self._parts
-        states.append((t, distance, speed, reference, theta_deg))
-        if len(states) == _BLOCK:
-            self._parts = self._sums(), []
+def _figures(errors: Floats) -> tuple[float, float]:
+    """Return RMS and maximum [m/s] of those that are known."""
+    known = errors[~np.isnan(errors)]
+    if not len(known):
+        return nan, nan
+    return sqrt(float(known @ known) / len(known)), float(known.max())
 
-    def summary(self, missed_deadlines: int = 0) -> Summary:
-        """Return the summary of the states so far."""
-        return self._sums().summary(missed_deadlines)
 
-    def _sums(self) -> _Sums:
-        sums, states = self._parts
-        return sums.plus(*np.array(tuple(states), dtype=np.float64).reshape(-1, 5).T)
+def _step_response(t: Floats, speed: Floats, reference: Floats) -> tuple[float, float]:
+    """Return overshoot and settling time of the step from standstill to the first reference.
+
+    They are read up to the first change of the reference; the settling time is NaN where the speed
+    is outside the band at the end.
+    """
+    held = float(reference[0])
+    changed = [*np.flatnonzero(reference != held)[:1], len(t)]
+    t, speed = t[: changed[0]], speed[: changed[0]]
+    if not len(t) or not held or np.isnan(speed).any():  # no reference, 0, or no speed
+        return nan, nan
+    outside = np.flatnonzero(np.abs(held - speed) > SETTLING_BAND * abs(held))
+    settled = outside[-1] + 1 if outside.size else 0
+    settling_time = float(t[settled] - t[0]) if settled < len(t) else nan
+    return max(float((speed / held).max()) - 1.0, 0.0), settling_time
 
 
 class Lap(NamedTuple):
@@ -279,7 +174,8 @@ class Laps:
         """
         self._max_interval = max_interval
         self.finished: list[Lap] = []  #: the laps before the present one
-        self._errors = SpeedErrors()
+        # Of each state t, distance, speed, reference and theta_deg.
+        self._states = array('d')
         self._number = 0
         self._start: _Place = (nan, 0.0, 0.0, 0.0)
         self._before = self._start
@@ -298,20 +194,23 @@ class Laps:
         if _is_jump(before, state, self._max_interval):
             self.finished.append(self.current)
             del self.finished[:-_MAX_LAPS]
-            self._errors = SpeedErrors()
+            self._states = array('d')
             self._number += 1
             self._start = state
         elif isnan(before[0]):  # the first state
             self._start = state
         self._before = state
-        self._errors.add(t, distance, speed, reference, theta_deg)
+        self._states.extend((t, distance, speed, reference, theta_deg))
+        if len(self._states) == 5 * _MAX_STATES:
+            del self._states[: 5 * _MAX_STATES // 2]
         return self._number
 
     @property
     def current(self) -> Lap:
-        """The present lap."""
+        """The present lap; any thread may ask for it."""
         start, end = self._start, self._before
-        return Lap(self._number, start[0], end[0], start[1], end[1], self._errors.summary())
+        columns = np.frombuffer(self._states.tobytes()).reshape(-1, 5).T
+        return Lap(self._number, start[0], end[0], start[1], end[1], _summary(*columns))
 
     @property
     def last(self) -> Lap | None:

@@ -11,9 +11,9 @@ import pytest
 
 from barc_sim.control.speed import PID
 from barc_sim.page.protocol import lap_facts, stretch_facts
-from barc_sim.simulation.closed_loop import closed_loop, simulate
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import COLUMNS, Log
-from barc_sim.simulation.metrics import Laps, SegmentErrors, SpeedErrors, Summary, laps_of, summary
+from barc_sim.simulation.metrics import Laps, SegmentErrors, Summary, laps_of, summary
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,16 +42,6 @@ def run(
         missed=np.zeros(n, dtype=np.bool_) if missed is None else np.array(missed),
         saturated=np.zeros(n, dtype=np.bool_),
     )
-
-
-def test_states_one_by_one_have_the_figures_of_the_log_to_the_last_bit() -> None:
-    log = simulate(noise=0.1)  # longer than what waits to be added
-    log = replace(log, reference=np.where(np.arange(len(log)) % 7, log.reference, nan))
-    errors = SpeedErrors()
-    columns = (log.t, log.distance, log.speed, log.reference, log.theta_deg)
-    for row in zip(*(column.tolist() for column in columns), strict=True):
-        errors.add(*row)
-    assert repr(errors.summary()) == repr(summary(log))
 
 
 # RMS and maximum error
