@@ -1,20 +1,17 @@
 """The keyboard of a terminal: its bytes become keys, and the held keys a driver's input.
 
-The decoding is by hand. Libraries for terminals (curses, prompt_toolkit) report no releases of
-keys, which the kitty protocol does, or take over the whole screen, where the run draws its line.
-The settings are by hand, too: `tty.setraw` would also turn off the output's processing, which the
-run's lines need, and curses would clear the screen.
+The settings are by hand: `tty.setraw` would also turn off the output's processing, which the run's
+lines need, and curses would clear the screen.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import select
 from contextlib import suppress
 from math import inf
 from threading import Lock, Thread, current_thread
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.errors import Parameter, UserError
@@ -63,114 +60,58 @@ _LETTERS = {
     '\x03': 'quit',
 }
 _DRIVING = ('up', 'down', 'left', 'right', 'space')
-_CTRL = 4  # in the protocol's sum of modifiers
-_RELEASE = 3
-_PASTE_BEGINS, _PASTE_ENDS = '200~', '201~'
 #: A longer sequence is discarded.
 _LONGEST = 64
-_SEQUENCE = re.compile(r'(?P<code>\d*)(?::\d*)*(?:;(?P<modifiers>\d*)(?::(?P<event>\d*))?)?')
-
-
-class KeyEvent(NamedTuple):
-    """A key that was pressed, or released if the terminal reports that."""
-
-    key: str  #: up, down, left, right, space, reset or quit; `blur`: the window lost the focus,
-    #: `kitty`: the terminal offers the kitty keyboard protocol
-    released: bool = False
 
 
 class KeyDecoder:
     """Decodes the bytes that a terminal sends; a sequence may arrive in any number of pieces.
 
-    It decodes plain keys, the arrows in both of their modes, the kitty keyboard protocol
-    (https://sw.kovidgoyal.net/kitty/keyboard-protocol/) and focus reports. It ignores pasted text,
-    all other bytes, and a key after a lone Escape, which is how a terminal sends Alt. Ctrl-C is
-    never ignored.
+    Keys are up, down, left, right, space, reset and quit. All other bytes are ignored, and so is a
+    key after a lone Escape, which is how a terminal sends Alt. Ctrl-C is never ignored.
     """
 
     def __init__(self) -> None:
         """Begin outside of any sequence."""
         self._sequence = ''
-        self._pasting = False
 
-    def decode(self, data: bytes) -> Iterator[KeyEvent]:
-        """Yield the events that end in `data`."""
+    def decode(self, data: bytes) -> Iterator[str]:
+        """Yield the keys that end in `data`."""
         for character in data.decode('latin-1'):
-            yield from self._take(character)
-
-    def _take(self, character: str) -> Iterator[KeyEvent]:
-        sequence = self._sequence + character
-        self._sequence = ''
-        if character == '\x1b':
-            self._sequence = character
-        elif character < ' ' or len(sequence) == 1:
-            key = _LETTERS.get(character.lower())
-            if key and (character == '\x03' or not self._pasting):
-                yield KeyEvent(key)
-        elif sequence in {'\x1b[', '\x1bO'} or (
-            sequence[1] == '[' and character < '@' and len(sequence) < _LONGEST
-        ):
-            self._sequence = sequence
-        elif sequence[1] in '[O' and len(sequence) > 2:  # noqa: PLR2004 (more than it begins with)
-            yield from self._end(sequence[2:])
-
-    def _end(self, body: str) -> Iterator[KeyEvent]:
-        """Yield what the sequence ESC [ `body` means."""
-        if body in {_PASTE_BEGINS, _PASTE_ENDS}:
-            self._pasting = body == _PASTE_BEGINS
-        elif self._pasting:
-            pass
-        elif body == 'O':
-            yield KeyEvent('blur')
-        elif body[0] == '?' and body[-1] == 'u':
-            yield KeyEvent('kitty')
-        elif match := _SEQUENCE.fullmatch(body, 0, len(body) - 1):
-            yield from _key(match, body[-1])
-
-
-def _key(match: re.Match[str], final: str) -> Iterator[KeyEvent]:
-    code, modifiers, event = (int(group) if group else 1 for group in match.groups())
-    key = None
-    if final in _ARROWS:
-        key = _ARROWS[final]
-    elif final == 'u' and (modifiers - 1) & _CTRL:
-        key = 'quit' if code == ord('c') else None
-    elif final == 'u' and code < 0x80:  # noqa: PLR2004 (ASCII)
-        key = _LETTERS.get(chr(code).lower())
-    if key:
-        yield KeyEvent(key, released=event == _RELEASE)
+            sequence, self._sequence = self._sequence + character, ''
+            key = None
+            if character == '\x1b':
+                self._sequence = character
+            elif character < ' ' or len(sequence) == 1:
+                key = _LETTERS.get(character.lower())
+            elif sequence in {'\x1b[', '\x1bO'} or (
+                sequence[1] == '[' and character < '@' and len(sequence) < _LONGEST
+            ):
+                self._sequence = sequence
+            elif sequence[1] in '[O':
+                key = _ARROWS.get(character)
+            if key:
+                yield key
 
 
 class HeldKeys:
     """The keys that are held, and the driver's input that they make.
 
-    Most terminals report no release. There a key counts as held for `press_hold` after it was
-    pressed, and for `repeat_hold` after each repeat. Only the key pressed last repeats.
+    A terminal reports no release: a key counts as held for `press_hold` after it was pressed, and
+    for `repeat_hold` after each repeat. Only the key pressed last repeats.
     """
 
     def __init__(self, press_hold: float = PRESS_HOLD, repeat_hold: float = REPEAT_HOLD) -> None:
         """Begin with nothing held; times in seconds."""
-        self.releases = False  #: whether the terminal reports releases, set once it has
         self._press_hold, self._repeat_hold = press_hold, repeat_hold
         self._until: dict[str, float] = {}
         self._previous = COAST
 
-    def handle(self, event: KeyEvent, t: float) -> bool:
-        """Handle an `event` at `t` [s]; return whether it is a new press, not a repeat."""
-        if event.key in ('kitty', 'blur'):
-            self.releases = self.releases or event.key == 'kitty'
-            if event.key == 'blur':
-                self._until.clear()
-            return False
-        until = self._until.pop(event.key, -inf)
-        if event.released:
-            return False
+    def handle(self, key: str, t: float) -> bool:
+        """Handle a `key` at `t` [s]; return whether it is a new press, not a repeat."""
+        until = self._until.get(key, -inf)
         pressed = until < t
-        if self.releases:
-            until = inf
-        else:
-            until = max(until, t + (self._press_hold if pressed else self._repeat_hold))
-        self._until[event.key] = until
+        self._until[key] = max(until, t + (self._press_hold if pressed else self._repeat_hold))
         return pressed
 
     def held(self, t: float) -> tuple[str, ...]:
@@ -193,11 +134,6 @@ class HeldKeys:
         return request if held or previous not in {COAST, FULL_BRAKE} else None
 
 
-#: Turns on bracketed paste and focus reports, and queries the kitty protocol.
-_BEGIN = b'\x1b[?2004h\x1b[?1004h\x1b[?u'
-#: Turns on sequences for all keys, with releases.
-_PUSH_KITTY, _POP_KITTY = b'\x1b[>11u', b'\x1b[<u'
-_END = b'\x1b[?1004l\x1b[?2004l'
 _CHUNK = 1024
 
 
@@ -218,7 +154,6 @@ class Terminal:
         self._fd = fd
         self._lock = Lock()
         self._settings: list[int | list[bytes | int]] | None = None
-        self._kitty = False
         self._thread: Thread | None = None
 
     def __enter__(self) -> Self:
@@ -229,10 +164,10 @@ class Terminal:
         """Close it."""
         self.close()
 
-    def listen(self, on_event: Callable[[KeyEvent], object]) -> None:
-        """Make the terminal raw, and call `on_event` from a thread for each key.
+    def listen(self, on_key: Callable[[str], object]) -> None:
+        """Make the terminal raw, and call `on_key` from a thread for each key.
 
-        The end of the terminal is the event `quit`. `on_event` must not wait for the thread that
+        The end of the terminal is the key `quit`. `on_key` must not wait for the thread that
         closes the terminal, as that thread waits for it.
         """
         with self._lock:
@@ -243,9 +178,8 @@ class Terminal:
             raw[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
             raw[6][termios.VMIN], raw[6][termios.VTIME] = 1, 0
             termios.tcsetattr(self._fd, termios.TCSANOW, raw)
-            self._write(_BEGIN)
             woken, self._wake = os.pipe()
-        self._thread = Thread(target=self._read, args=(woken, on_event), name='keys', daemon=True)
+        self._thread = Thread(target=self._read, args=(woken, on_key), name='keys', daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -261,7 +195,6 @@ class Terminal:
             settings, self._settings = self._settings, None
             if settings is None:
                 return
-            self._write((_POP_KITTY if self._kitty else b'') + _END)
             with suppress(termios.error):  # the terminal may be gone
                 # Discard what was typed, so that the shell does not read it. TCSAFLUSH would wait
                 # for a terminal that accepts no output.
@@ -269,31 +202,18 @@ class Terminal:
                 termios.tcsetattr(self._fd, termios.TCSANOW, settings)
             os.close(self._wake)
 
-    def _read(self, woken: int, on_event: Callable[[KeyEvent], object]) -> None:
+    def _read(self, woken: int, on_key: Callable[[str], object]) -> None:
         decoder = KeyDecoder()
         with open(woken, 'rb'):
             while woken not in select.select([self._fd, woken], [], [])[0]:
                 data = b''
                 with suppress(OSError):
                     data = os.read(self._fd, _CHUNK)
-                for event in decoder.decode(data):
-                    if event.key == 'kitty':
-                        self._use_kitty()
-                    on_event(event)
+                for key in decoder.decode(data):
+                    on_key(key)
                 if not data:
-                    on_event(KeyEvent('quit'))
+                    on_key('quit')
                     return
-
-    def _use_kitty(self) -> None:
-        with self._lock:
-            if self._settings and not self._kitty:
-                self._kitty = True
-                self._write(_PUSH_KITTY)
-
-    def _write(self, data: bytes) -> None:
-        with suppress(OSError):  # the terminal may be gone, or read-only
-            if select.select([], [self._fd], [], 0.0)[1]:
-                os.write(self._fd, data)
 
 
 def _unusable(fd: int) -> str | None:

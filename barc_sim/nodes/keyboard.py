@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
@@ -17,9 +17,6 @@ from barc_sim.bags import names
 from barc_sim.control.driver import FULL_BRAKE, RATE
 from barc_sim.control.keyboard import PARAMETERS, HeldKeys, Terminal
 from barc_sim.ros.node_helpers import declare, to_twist
-
-if TYPE_CHECKING:
-    from barc_sim.control.keyboard import KeyEvent
 
 
 class Keyboard(Node):
@@ -55,7 +52,7 @@ class Keyboard(Node):
         super().__init__('keyboard', **options)
         values = declare(self, PARAMETERS)
         self._keys = HeldKeys(values['press_hold'], values['repeat_hold'])
-        self._events: deque[tuple[KeyEvent, float]] = deque()
+        self._pressed: deque[tuple[str, float]] = deque()
         self._terminal = terminal = terminal or Terminal()
         self.finished = Future()
         # The terminal is restored before all else ends, whichever thread ends it.
@@ -66,7 +63,7 @@ class Keyboard(Node):
         self._typed = self.create_guard_condition(self._on_typed)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(1.0 / RATE, self._publish, clock=steady)
-        terminal.listen(self._on_event)
+        terminal.listen(self._on_key)
 
     def destroy_node(self) -> None:
         """Restore the terminal, brake, and destroy the node."""
@@ -77,18 +74,18 @@ class Keyboard(Node):
             self._twist_pub.wait_for_all_acked(Duration(seconds=0.3))
         super().destroy_node()
 
-    def _on_event(self, event: KeyEvent) -> None:
-        """Pass an event from the terminal's thread to the one that spins."""
-        if event.key == 'quit':
+    def _on_key(self, key: str) -> None:
+        """Pass a key from the terminal's thread to the one that spins."""
+        if key == 'quit':
             self.finished.set_result(None)
         else:
-            self._events.append((event, time.monotonic()))
+            self._pressed.append((key, time.monotonic()))
             self._typed.trigger()
 
     def _on_typed(self) -> None:
-        while self._events:
-            event, t = self._events.popleft()
-            if self._keys.handle(event, t) and event.key == 'reset':
+        while self._pressed:
+            key, t = self._pressed.popleft()
+            if self._keys.handle(key, t) and key == 'reset':
                 self._request_reset()
         self._publish()
         self._timer.reset()

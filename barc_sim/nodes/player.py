@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from barc_sim.bags.messages import Message
-    from barc_sim.control.keyboard import KeyEvent
 
 _SHOW_PERIOD = 0.1  #: [s]
 #: [s] in which publishers and the subscriptions that are there find each other.
@@ -153,10 +152,9 @@ class BagPlayer(Node):
             f'{self.played} messages  {"paused" if self._paused else f"x{self._playback.rate:g}"}'
         )
 
-    def on_key(self, event: KeyEvent) -> None:
+    def on_key(self, key: str) -> None:
         """Pause or go on at space, step at the right arrow, and end at `q`."""
-        if not event.released:
-            self._keys.put(event.key)
+        self._keys.put(key)
 
     def _set_time(self, to: int) -> None:
         """Continue from the bag's time `to` [ns]."""

@@ -14,7 +14,7 @@ pytest.importorskip('termios')
 import pty
 import termios
 
-from barc_sim.control.keyboard import KeyEvent, Terminal
+from barc_sim.control.keyboard import Terminal
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -29,15 +29,15 @@ class Pty:
     def __init__(self) -> None:
         self.user, self.fd = pty.openpty()
         self.before = termios.tcgetattr(self.fd)
-        self.events: queue.Queue[KeyEvent] = queue.Queue()
+        self.keys: queue.Queue[str] = queue.Queue()
 
     def type(self, data: bytes) -> None:
         """Send what keys send."""
         os.write(self.user, data)
 
-    def next(self) -> KeyEvent:
-        """Return the next event."""
-        return self.events.get(timeout=DEADLINE)
+    def next(self) -> str:
+        """Return the next key."""
+        return self.keys.get(timeout=DEADLINE)
 
     def shown(self, end: bytes) -> bytes:
         """Return what is written to the terminal, up to `end`."""
@@ -63,19 +63,21 @@ def console() -> Iterator[Pty]:
 @pytest.fixture
 def terminal(console: Pty) -> Iterator[Terminal]:
     with Terminal(console.fd) as terminal:
-        terminal.listen(console.events.put)
+        terminal.listen(console.keys.put)
         yield terminal
 
 
-def test_keys_are_read_without_enter_and_not_echoed(console: Pty, terminal: Terminal) -> None:
-    assert console.shown(b'\x1b[?u')
+@pytest.mark.usefixtures('terminal')
+def test_keys_are_read_without_enter_and_not_echoed_and_lines_still_begin_at_the_left(
+    console: Pty,
+) -> None:
     console.type(b'w')
-    assert console.next() == KeyEvent('up')
+    assert console.next() == 'up'
     console.type(b'\x1b')
     console.type(b'[D')
-    assert console.next() == KeyEvent('left')
-    terminal.close()
-    assert console.shown(b'\x1b[?2004l') == b'\x1b[?1004l\x1b[?2004l'
+    assert console.next() == 'left'
+    os.write(console.fd, b'a\nb')
+    assert console.shown(b'b') == b'a\r\nb'
 
 
 def test_settings_are_as_before_after_close_and_not_meanwhile(
@@ -88,51 +90,20 @@ def test_settings_are_as_before_after_close_and_not_meanwhile(
     assert console.settings() == console.before
 
 
-def test_kitty_protocol_is_used_where_offered_and_ended(console: Pty, terminal: Terminal) -> None:
-    console.shown(b'\x1b[?u')
-    console.type(b'\x1b[?0u')
-    assert console.next() == KeyEvent('kitty')
-    assert console.shown(b'u') == b'\x1b[>11u'
-    console.type(b'\x1b[119;1:1u\x1b[119;1:3u')
-    assert console.next() == KeyEvent('up')
-    assert console.next() == KeyEvent('up', released=True)
-    terminal.close()
-    assert console.shown(b'\x1b[?2004l').startswith(b'\x1b[<u')
-
-
-def test_what_is_written_still_begins_at_the_left(console: Pty, terminal: Terminal) -> None:
-    assert terminal
-    console.shown(b'\x1b[?u')
-    os.write(console.fd, b'a\nb')
-    assert console.shown(b'b') == b'a\r\nb'
-
-
 @pytest.mark.usefixtures('terminal')
 def test_end_of_the_terminal_is_a_quit(console: Pty) -> None:
     os.close(console.user)
-    assert console.next() == KeyEvent('quit')
-
-
-def test_close_does_not_wait_for_a_terminal_that_takes_no_output(
-    console: Pty, terminal: Terminal
-) -> None:
-    os.set_blocking(console.fd, False)
-    with suppress(BlockingIOError):
-        while True:
-            os.write(console.fd, b'x' * 1000)
-    os.set_blocking(console.fd, True)
-    terminal.close()
-    assert console.settings() == console.before
+    assert console.next() == 'quit'
 
 
 def test_close_from_the_reading_thread_works(console: Pty) -> None:
     terminal = Terminal(console.fd)
 
-    def on_event(event: KeyEvent) -> None:
+    def on_key(key: str) -> None:
         terminal.close()
-        console.events.put(event)
+        console.keys.put(key)
 
-    terminal.listen(on_event)
+    terminal.listen(on_key)
     console.type(b'q')
     console.next()
     assert console.settings() == console.before

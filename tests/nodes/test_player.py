@@ -18,7 +18,6 @@ from std_msgs.msg import Header
 
 from barc_sim.bags.messages import Message, Topic, topic
 from barc_sim.bags.writer import BagWriter
-from barc_sim.control.keyboard import KeyEvent
 from barc_sim.errors import UserError
 from barc_sim.nodes.player import BagPlayer, Playback
 from barc_sim.ros.executor import QuickExecutor
@@ -134,7 +133,7 @@ def test_excluded_topics_are_not_played_and_a_loop_begins_again(
     spin_until(played.executor, lambda: len(played.arrived.get('b', [])) >= 20)
     assert played.arrived['b'][:20] == [*range(10)] * 2
     assert 'a' not in played.arrived
-    played.player.on_key(KeyEvent('quit'))
+    played.player.on_key('quit')
     spin_until(played.executor, played.player.finished.done)
 
 
@@ -143,11 +142,11 @@ def test_the_right_arrow_steps_one_message_and_space_goes_on(
 ) -> None:
     played = play(rate=100.0, start_paused=True)
     for count in (1, 2, 3):
-        played.player.on_key(KeyEvent('right'))
+        played.player.on_key('right')
         spin_until(played.executor, lambda count=count: len(played.times) == count)
     assert played.player.progress.endswith('paused')
     assert played.arrived == {'a': [0, 1], 'b': [0]}
-    played.player.on_key(KeyEvent('space'))
+    played.player.on_key('space')
     spin_until(played.executor, lambda: len(played.times) == 20)
 
 
