@@ -20,8 +20,7 @@ PATIENCE = 30.0  #: [s]
 
 def connect_page(url: str) -> ClientConnection:
     """Connect to the page at `url` as a browser does."""
-    address = url.replace('http://', 'ws://') + 'socket'
-    return connect(address, origin='/'.join(url.split('/')[:3]))  # type: ignore[arg-type]
+    return connect(url.replace('http://', 'ws://') + 'socket')
 
 
 def rows(received: str | bytes) -> list[dict[str, float]]:

@@ -140,7 +140,7 @@ class ViewNode(Node):
         return self._feed.latest
 
     def destroy_node(self) -> None:
-        """Close all pages and the port, and destroy the node."""
+        """Close the port, and destroy the node."""
         self.page.close()
         super().destroy_node()
 
@@ -173,7 +173,7 @@ def _tuned(event: ParameterEvent, node: str) -> Iterator[tuple[str, str, float]]
 
 def status(stepper: Stepper) -> Status:
     """Return what no topic carries of a simulator in this process."""
-    return Status(stepper.missed, stepper.slipped, stepper.paused)
+    return Status(stepper.missed, stepper.paused)
 
 
 def _keep_in(queue: deque[Any]) -> Callable[[Any], None]:

@@ -140,7 +140,6 @@ class Status(NamedTuple):
     """What no topic of a run carries; None where it is unknown."""
 
     missed: int | None = None  #: commands that missed their deadline
-    slipped: int | None = None  #: periods by which time has fallen behind the wall clock
     paused: bool | None = None
 
 

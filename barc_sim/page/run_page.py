@@ -1,4 +1,4 @@
-"""The page of a run: live, with its buttons and the page that drives, or recorded."""
+"""The page of a run: live, with its buttons and keys, or recorded."""
 
 from __future__ import annotations
 
@@ -58,17 +58,15 @@ _STATUS_PERIOD = 0.25  #: [s]
 _MAX_WAIT = 2.0  #: [s] for the message of the end
 _RETRY_AFTER = 1.0  #: [s] after which an unanswered request is repeated
 
-IDLE = 3.0  #: [s] without a key held after which another page may drive
 STALE = 0.5  #: [s] without a message of the driving page after which its keys count as released
 _PERIOD = 0.05  #: [s] between two commands while a key is held
-_MIN_PERIOD = 0.01  #: [s] between two commands that differ
 _REST = Drive()
 _BRAKE = Drive(brake=1.0)
 _HELD = (_REST, _BRAKE)  #: sent once: they hold until the next command
 
 
-class DriverArbiter:
-    """Lets the first page that presses a key drive, until it closes or has been idle.
+class HeldKeys:
+    """The keys that pages hold: those pressed last count, on whichever page.
 
     While a key is held, `due` returns a command every 50 ms; after its release zero once, then
     nothing, so that other publishers of `cmd_vel` are not overridden. If the page closes or falls
@@ -76,51 +74,33 @@ class DriverArbiter:
     """
 
     def __init__(self) -> None:
-        self.driver: object | None = None  #: the page that drives
+        self._page: object | None = None  # whose keys count
         self._command = self._sent = _REST
         self._received = self._published = float('-inf')  # [s]
 
-    def request(self, page: object, command: Drive, now: float) -> bool:
-        """Take the command of `page` at `now` [s]; return False if another page drives."""
-        if self.driver != page:
-            if command == _REST:
-                return True
-            if self.driver is not None and not self._idle(now):
-                return False
-            self.driver = page
-        if command != _REST or self._command != _REST:
-            self._received = now
-        self._command = command
-        return True
+    def hold(self, page: object, command: Drive, now: float) -> None:
+        """Take the command of `page` at `now` [s]; without a key, it stops no other page."""
+        if page == self._page or command != _REST:
+            self._page, self._command, self._received = page, command, now
 
     def leave(self, page: object) -> None:
         """Brake if the closed `page` held a key."""
-        if self.driver == page:
-            self.driver = None
+        if page == self._page:
             self._release()
 
     def due(self, now: float) -> Drive | None:
         """Return the command to publish at `now` [s], or None."""
         if now - self._received > STALE:
             self._release()
-        if self.driver is not None and self._idle(now):
-            self.driver = None
-        since = now - self._published
-        if self._command == self._sent and self._command in _HELD:
+        is_new, waits = self._command != self._sent, now - self._published < _PERIOD
+        if not is_new and (waits or self._command in _HELD):
             return None
-        is_repeated = self._command == self._sent
-        if self._command not in _HELD and since < (_PERIOD if is_repeated else _MIN_PERIOD):
-            return None
-        self._sent = self._command
-        self._published = now
+        self._sent, self._published = self._command, now
         return self._command
 
     def _release(self) -> None:
         if self._command != _REST:
             self._command = _BRAKE
-
-    def _idle(self, now: float) -> bool:
-        return self._command in _HELD and now - self._received > IDLE
 
 
 class RunPage(Host):
@@ -145,14 +125,14 @@ class RunPage(Host):
         self._status = status
         self._road = road
         self._finish = finish
-        self._arbiter = DriverArbiter()
+        self._keys = HeldKeys()
         self._parameters: dict[str, dict[str, Any]] = {SIMULATOR: {}, CONTROLLER: {}}  # by node
         self._kind: type[Controller] | None = None  # of the controller, None until it is received
         self._lane: str | None = None  # on a track, the type of the lane controller; likewise
         self._retry_at: dict[str, float] = {}
         self._gains: dict[int, list[str]] = {}  # by lap, one after another
         self._paused = False
-        self._ended: str | None = None  # the message of the end
+        self._has_ended = False
         self._next_status = 0.0
         self._server = ViewServer(self, host, port)
         self.url = self._server.url  #: with its token: anyone with this link can drive
@@ -213,8 +193,6 @@ class RunPage(Host):
         """Yield the messages for a new page."""
         yield encode('hello', **self._facts())
         yield self._feed.history()
-        if self._ended is not None:
-            yield self._ended
 
     def _facts(self) -> dict[str, Any]:
         kind, (simulator, controller) = self._kind or PID, self._parameters.values()
@@ -224,10 +202,12 @@ class RunPage(Host):
     def receive(self, page: Page, request: Request) -> None:
         """Handle a page's request."""
         match request:
-            case _ if self._ended is not None:
+            case _ if self._has_ended:
                 pass
             case Drive():
-                self._request_drive(page, request)
+                now = time.monotonic()
+                self._keys.hold(page, request, now)
+                self._publish(now)
             case Press('finish'):
                 if self._finish:
                     self._finish()
@@ -237,23 +217,16 @@ class RunPage(Host):
                 what = request[0].replace('reset_', 'reset the ')
                 self._request(request, partial(self._on_done, page, what))
 
-    def _request_drive(self, page: Page, request: Drive) -> None:
-        now = time.monotonic()
-        if self._arbiter.request(page, request, now):
-            self._publish(now)
-        else:
-            page.send(encode('refused', what='drive', why='another page is driving'))
-
     def leave(self, page: Page) -> None:
         """Release the keys of a page that has closed."""
-        if self._ended is not None:
+        if self._has_ended:
             return
-        self._arbiter.leave(page)
+        self._keys.leave(page)
         self._publish(time.monotonic())
 
     def pulse(self) -> float:
         """Send new rows and, in turn, the status; return the time to the next call [s]."""
-        if self._ended is not None:
+        if self._has_ended:
             return _SLOW_PERIOD
         now = time.monotonic()
         self._publish(now)
@@ -288,26 +261,21 @@ class RunPage(Host):
         return lap_facts(self.laps, self._lap_gains())
 
     def _publish(self, now: float) -> None:
-        if command := self._arbiter.due(now):
+        if command := self._keys.due(now):
             self._drive(command)
 
     def _send_status(self) -> None:
-        missed, slipped, paused = self._status() if self.seen else Status()
-        laps = self._lap_facts()
-        factor, driver = self._feed.realtime_factor(), self._arbiter.driver
+        missed, paused = self._status() if self.seen else Status()
+        message = encode(
+            'status',
+            factor=self._feed.realtime_factor(),
+            missed=missed,
+            laps=self._lap_facts(),
+            plan=self._feed.plan,
+            paused=self._paused if paused is None else paused,
+        )
         for page in self._server.pages:
-            page.send(
-                encode(
-                    'status',
-                    factor=factor,
-                    missed=missed,
-                    slipped=slipped,
-                    laps=laps,
-                    plan=self._feed.plan,
-                    paused=self._paused if paused is None else paused,
-                    driver=None if driver is None else 'you' if driver is page else 'other',
-                )
-            )
+            page.send(message)
 
     def _update_parameters(self) -> None:
         """Request the parameters that are unknown, and take those that have changed."""
@@ -363,14 +331,10 @@ class RunPage(Host):
     def _end(self, reason: str, bag: str) -> None:
         if rows := self._feed.poll():
             self._server.send(rows)
-        self._ended = encode(
-            'end',
-            reason=reason,
-            bag=bag,
-            laps=self._lap_facts(),
-            stretches=stretch_facts(self.laps.best or self.laps.current),
-        )
-        self._server.send(self._ended)
+        self._has_ended = True
+        stretches = stretch_facts(self.laps.best or self.laps.current)
+        laps = self._lap_facts()
+        self._server.send(encode('end', reason=reason, bag=bag, laps=laps, stretches=stretches))
 
 
 class Replay(Host):

@@ -7,15 +7,12 @@ import logging
 import os
 import socket
 import webbrowser
-from abc import ABC, abstractmethod
-from functools import partial
 from http import HTTPStatus
 from ipaddress import ip_address
 from pathlib import Path
-from secrets import compare_digest, token_hex, token_urlsafe
+from secrets import compare_digest, token_urlsafe
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, cast
-from urllib.parse import urlsplit
+from typing import TYPE_CHECKING
 
 from websockets.asyncio.server import ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
@@ -26,7 +23,7 @@ from websockets.http11 import Response
 from barc_sim.cli.process import is_at_desktop, warn
 from barc_sim.errors import UserError
 from barc_sim.figures.style import style_sheet
-from barc_sim.page.protocol import RequestError, encode, parse
+from barc_sim.page.protocol import RequestError, parse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -48,17 +45,12 @@ _HEADERS = {
     'Referrer-Policy': 'no-referrer',
     'X-Content-Type-Options': 'nosniff',
 }
-_MAX_PAGES = 16
-_MAX_GUESTS = 64  #: connections that have shown no token yet; a new one replaces the oldest
-_ACCEPTED_AT_ONCE = 8  #: so few connections that each can show its token before it is replaced
 _HANDSHAKE = 2.0  #: [s] for a connection to show its token
 _MAX_MESSAGE = 256  #: [byte] from a page
 _MAX_UNSENT = 1 << 20  #: [byte] unsent to a slow page, before it misses states
-_MAX_MESSAGES_PER_SECOND = 200  #: messages from a page, so that none keeps the process busy
 _PING = 5.0  #: [s]
 HOUR = 3600.0  #: [s]
 _POLICY_VIOLATION = 1008
-_TRY_AGAIN_LATER = 1013
 _QUIET = logging.getLogger('barc_sim.page.server')
 _QUIET.addHandler(logging.NullHandler())
 _QUIET.propagate = False
@@ -70,68 +62,28 @@ class Page:
     def __init__(self, connection: ServerConnection) -> None:
         """Open over `connection`."""
         self._connection = connection
-        self._second = self._messages = 0
 
     def send(self, message: str | bytes) -> None:
         """Send a message without waiting."""
         broadcast([self._connection], message)
 
-    def count(self, now: float) -> None:
-        """Count a message at `now` [s]; refuse more than our page sends."""
-        if int(now) != self._second:
-            self._second, self._messages = int(now), 0
-        self._messages += 1
-        if self._messages > _MAX_MESSAGES_PER_SECOND:
-            raise RequestError(f'more than {_MAX_MESSAGES_PER_SECOND} messages in a second')
 
+class Host:
+    """The source of a page's content, called in the server's thread."""
 
-class Host(ABC):
-    """The source of a page's content, which needs no more than to greet a page.
-
-    The server's thread calls all of it.
-    """
-
-    @abstractmethod
     def greet(self) -> Iterable[str | bytes]:
         """Return the messages for a new page."""
+        return ()
 
-    def receive(self, page: Page, request: Request) -> None:  # noqa: B027 (nothing, by default)
+    def receive(self, page: Page, request: Request) -> None:
         """Handle a request of a page."""
 
-    def leave(self, page: Page) -> None:  # noqa: B027
+    def leave(self, page: Page) -> None:
         """Handle that a page has closed."""
 
     def pulse(self) -> float:
         """Do the periodic work; return the time to the next call [s]."""
         return HOUR
-
-
-class _Connection(ServerConnection):
-    """A connection, which is a guest until it shows the token.
-
-    Above a limit, a new guest replaces the oldest one. So many silent connections keep no page out,
-    even from the same address, as behind a router: a page shows its token at once.
-    """
-
-    def __init__(self, guests: dict[_Connection, None], *arguments: Any, **options: Any) -> None:  # noqa: ANN401
-        self._guests = guests  # oldest first
-        super().__init__(*arguments, **options)
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        if len(self._guests) >= _MAX_GUESTS:
-            oldest = next(iter(self._guests))
-            oldest.admit()
-            oldest.transport.abort()
-        self._guests[self] = None
-        super().connection_made(transport)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self.admit()
-        super().connection_lost(exc)
-
-    def admit(self) -> None:
-        """Stop counting it as a guest."""
-        self._guests.pop(self, None)
 
 
 class ViewServer:
@@ -142,7 +94,6 @@ class ViewServer:
         self._host = host
         self._socket = _listen(address, port)
         self._token = token_urlsafe(16)
-        self._run_id = token_hex(8)
         if not ip_address(self._socket.getsockname()[0]).is_loopback:
             warn(
                 'the link to the live page, with its token, travels through the network as plain '
@@ -209,12 +160,9 @@ class ViewServer:
             ping_timeout=_PING,
             close_timeout=1.0,
             open_timeout=_HANDSHAKE,
-            create_connection=cast('Any', partial(_Connection, {})),
             server_header=None,
             logger=_QUIET,
-            backlog=_ACCEPTED_AT_ONCE,
         ):
-            self._socket.listen(_MAX_GUESTS)  # the system's queue is longer
             self._ready.set()
             tasks = [asyncio.create_task(work) for work in (self._pulse(), self._closing.wait())]
             done, going = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -227,37 +175,27 @@ class ViewServer:
         while True:  # noqa: ASYNC110 (there is no event to wait for)
             await asyncio.sleep(self._host.pulse())
 
-    async def _answer(self, connection: ServerConnection, request: HttpRequest) -> Response | None:
+    def _answer(self, _: ServerConnection, request: HttpRequest) -> Response | None:
         """Return a file or an error, or None for a websocket that may open."""
         token, slash, name = request.path.partition('?')[0][1:].partition('/')
         if not compare_digest(token.encode(errors='replace'), self._token.encode()):
             return _refuse(
                 HTTPStatus.FORBIDDEN, 'Open the whole address that the run printed, token included.'
             )
-        cast('_Connection', connection).admit()
         if name == 'socket':
-            if _is_same_origin(request.headers):
-                return None
-            return _refuse(HTTPStatus.FORBIDDEN, 'A page of another origin cannot connect.')
-        if name == 'run':
-            return _response(HTTPStatus.OK, 'text/plain', self._run_id.encode())
+            return None
         name = name or 'index.html' if slash else ''
-        if name not in self._files:
-            return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
-        return _response(HTTPStatus.OK, _TYPES[Path(name).suffix], self._files[name])
+        if name in self._files:
+            return _response(HTTPStatus.OK, _TYPES[Path(name).suffix], self._files[name])
+        return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
 
     async def _on_page(self, connection: ServerConnection) -> None:
-        if len(self._pages) >= _MAX_PAGES:
-            await connection.close(_TRY_AGAIN_LATER, 'too many pages are open')
-            return
         page = Page(connection)
         try:
-            broadcast([connection], encode('run', id=self._run_id))
             for message in self._host.greet():
                 broadcast([connection], message)
             self._pages[connection] = page
             async for data in connection:
-                page.count(self._loop.time())
                 self._host.receive(page, parse(data))
         except RequestError as error:
             await connection.close(_POLICY_VIOLATION, f'malformed: {error}'[:100])
@@ -266,17 +204,6 @@ class ViewServer:
         finally:
             self._pages.pop(connection, None)
             self._host.leave(page)
-
-
-def _is_same_origin(headers: Headers) -> bool:
-    """Return whether a request comes from a page of this server: its host is the page's."""
-    hosts, origins = headers.get_all('Host'), headers.get_all('Origin')
-    if len(hosts) != 1 or len(origins) != 1:
-        return False
-    try:
-        return bool(hosts[0]) and urlsplit(origins[0]).netloc == hosts[0]
-    except ValueError:
-        return False
 
 
 def _listen(address: str, port: int) -> socket.socket:

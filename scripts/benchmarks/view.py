@@ -105,18 +105,13 @@ def _count(url: str) -> float:
     """Return how many states a second arrive at a page, until it is closed."""
     from websockets.exceptions import ConnectionClosed  # noqa: PLC0415 (the worker only)
     from websockets.sync.client import connect  # noqa: PLC0415
-    from websockets.typing import Origin  # noqa: PLC0415
 
     from barc_sim.page.protocol import COLUMNS  # noqa: PLC0415
 
     address = urlsplit(url)
     first = last = 0.0
     rows = 0
-    with connect(
-        f'ws://{address.netloc}{address.path}socket',
-        origin=Origin(f'http://{address.netloc}'),
-        proxy=None,
-    ) as socket:
+    with connect(f'ws://{address.netloc}{address.path}socket', proxy=None) as socket:
         try:
             while True:
                 data = socket.recv()

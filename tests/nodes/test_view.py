@@ -113,7 +113,7 @@ def peer(ros: Context) -> Peer:
 
 @pytest.fixture
 def view(ros: Context, peer: Peer) -> Iterator[ViewNode]:
-    view = ViewNode('teleop', context=ros, status=lambda: Status(missed=3, slipped=1, paused=None))
+    view = ViewNode('teleop', context=ros, status=lambda: Status(missed=3))
     with spinning(ros, view, peer):
         yield view
 

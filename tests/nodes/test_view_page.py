@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import socket
 import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -477,23 +476,6 @@ def test_page_reports_a_lost_connection_and_reconnects(teleop: Teleop, open_: Op
     assert tab.run("document.querySelector('#message').hidden") is True
     car.state = State(x=33.0)
     wait_until(lambda: tab.text('#place').startswith('33'))
-
-
-@pytest.mark.parametrize('is_ended', [False, True])
-def test_page_says_that_another_run_serves_its_port(
-    ros: Context, browser: Browser, is_ended: bool
-) -> None:
-    with socket.create_server(('127.0.0.1', 0)) as free:
-        port = free.getsockname()[1]
-    with run(ros, 'teleop', port) as (view, _, _):
-        tab = browser.open(view.url)
-        wait_until(lambda: tab.text('#state') == 'Live')
-        if is_ended:
-            view.page.end('The run has ended.')
-    wait_until(lambda: tab.text('#state') == ('Ended' if is_ended else 'Reconnecting'))
-    with run(ros, 'teleop', port):
-        wait_until(lambda: tab.text('#message').startswith('Another run serves this port now'))
-    tab.close()
 
 
 @pytest.fixture(params=['acc', 'teleop'])

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import http.client
-import json
-import os
 import socket
-import time
 import webbrowser
 from contextlib import ExitStack, suppress
 from threading import Event
@@ -15,7 +12,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from command_line import wait_for
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from barc_sim.errors import UserError
@@ -69,12 +66,8 @@ def server(host: Host) -> Iterator[ViewServer]:
     server.close()
 
 
-def origin(server: ViewServer) -> str:
-    return f'http://{urlsplit(server.url).netloc}'
-
-
 def page(server: ViewServer, **options: Any) -> Any:  # noqa: ANN401 (websockets' own)
-    options = {'origin': origin(server), 'open_timeout': DEADLINE, 'proxy': None, **options}
+    options = {'open_timeout': DEADLINE, 'proxy': None, **options}
     return connect(server.url.replace('http', 'ws') + 'socket', **options)
 
 
@@ -145,38 +138,9 @@ def test_invalid_request_leaves_it_running(server: ViewServer, request_: bytes) 
     assert get(server, f'/{token(server)}/')[0] == 200
 
 
-def test_every_server_has_a_token_of_its_own(host: Host) -> None:
-    servers = [ViewServer(host) for _ in range(2)]
-    for server in servers:
-        server.start()
-        server.close()
-    assert token(servers[0]) != token(servers[1])
-    assert len(token(servers[0])) >= 20
-
-
-@pytest.mark.parametrize(
-    'foreign', ['http://example.org', 'http://127.0.0.1:1', 'http://[', 'null', '', None]
-)
-def test_a_page_of_another_origin_cannot_connect(server: ViewServer, foreign: str | None) -> None:
-    with pytest.raises(InvalidStatus) as refused:
-        page(server, origin=foreign)
-    assert refused.value.response.status_code == 403
-
-
-def test_a_tunnel_with_another_port_is_no_other_origin(server: ViewServer) -> None:
-    address = f'ws://localhost:9999/{token(server)}/socket'
-    with socket.create_connection(('127.0.0.1', urlsplit(server.url).port)) as tunnel:
-        tunnel.settimeout(DEADLINE)
-        with connect(address, sock=tunnel, origin='http://localhost:9999') as client:
-            assert json.loads(client.recv(DEADLINE))['type'] == 'run'
-
-
 def test_page_is_greeted_receives_messages_and_is_answered(server: ViewServer, host: Host) -> None:
     with page(server) as one, page(server) as two:
         for client in (one, two):
-            run = json.loads(client.recv(DEADLINE))
-            identity = get(server, f'/{token(server)}/run')[2]
-            assert (run['type'], run['id'].encode()) == ('run', identity)
             assert [client.recv(DEADLINE) for _ in range(2)] == [encode('hello'), b'history']
         wait_for(lambda: len(server.pages) == 2)
         server.call(lambda: server.send(b'rows'))
@@ -206,26 +170,6 @@ def test_malformed_message_closes_the_connection(
     assert host.received == []
 
 
-def test_flood_closes_the_connection(server: ViewServer, host: Host) -> None:
-    with page(server, compression=None) as client:
-        with suppress(ConnectionClosed):
-            for _ in range(500):
-                client.send(encode('reset'))
-        closed = end_of(client)
-    assert closed.code == 1008
-    assert 'messages in a second' in closed.reason
-    assert len(host.received) <= 400  # the second may have changed meanwhile
-
-
-def test_more_than_sixteen_pages_are_refused(server: ViewServer) -> None:
-    with ExitStack() as pages:
-        for _ in range(16):
-            pages.enter_context(page(server))
-        wait_for(lambda: len(server.pages) == 16)
-        with page(server) as one_more, pytest.raises(ConnectionClosed, match='too many pages'):
-            one_more.recv(DEADLINE)
-
-
 def test_slow_page_misses_states_but_no_messages(server: ViewServer) -> None:
     with page(server, max_queue=1) as client:
         wait_for(lambda: server.pages)
@@ -246,7 +190,7 @@ def test_close_sends_the_last_message_and_frees_the_port(server: ViewServer) -> 
         wait_for(lambda: server.pages)
         server.call(lambda: server.send(encode('end', reason='done')))
         server.close()
-        assert [client.recv(DEADLINE) for _ in range(4)][-1] == encode('end', reason='done')
+        assert [client.recv(DEADLINE) for _ in range(3)][-1] == encode('end', reason='done')
         assert end_of(client).code == 1001
     with socket.create_server(('127.0.0.1', urlsplit(server.url).port or 0)):
         pass
@@ -254,14 +198,11 @@ def test_close_sends_the_last_message_and_frees_the_port(server: ViewServer) -> 
     server.close()
 
 
-def test_taken_port_is_named(host: Host) -> None:
+def test_an_address_that_cannot_be_had_is_named(host: Host) -> None:
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(UserError, match=f'on port {port} of .127.0.0.1.*--view-port'):
             ViewServer(host, port=port)
-
-
-def test_address_of_another_machine_is_named(host: Host) -> None:
     with pytest.raises(UserError, match=r"of '192\.0\.2\.7'.*--view-host"):
         ViewServer(host, '192.0.2.7')
 
@@ -276,37 +217,6 @@ def test_wildcard_address_is_shown_as_one_that_can_be_opened(host: Host) -> None
         server.close()
 
 
-def silent(server: ViewServer, stack: ExitStack) -> socket.socket:
-    """Return a connection that shows no token."""
-    port = urlsplit(server.url).port or 0
-    return stack.enter_context(socket.create_connection(('127.0.0.1', port), DEADLINE))
-
-
-def is_closed(client: socket.socket) -> bool:
-    client.setblocking(False)
-    try:
-        return client.recv(1) == b''
-    except BlockingIOError:
-        return False
-    except ConnectionResetError:
-        return True
-
-
-def test_connections_without_the_token_keep_nobody_out_who_has_it(server: ViewServer) -> None:
-    with ExitStack() as stack:
-        held = [silent(server, stack) for _ in range(120)]
-        for _ in range(40):
-            assert get(server, f'/{token(server)}/run')[0] == 200
-            held = [silent(server, stack) if is_closed(client) else client for client in held]
-        with page(server) as opened:
-            assert opened.recv(DEADLINE)
-            for _ in range(120):
-                silent(server, stack)
-            opened.send(encode('reset'))
-            assert get(server, f'/{token(server)}/run')[0] == 200
-            wait_for(lambda: len(server.pages) == 1)
-
-
 def test_token_in_plain_text_is_warned_of_beyond_this_machine(
     host: Host, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -317,25 +227,20 @@ def test_token_in_plain_text_is_warned_of_beyond_this_machine(
         assert capsys.readouterr().err.count('plain text') == warnings
 
 
-def test_silent_connections_keep_no_descriptors_and_no_page_away(server: ViewServer) -> None:
-    where = urlsplit(server.url)
-    before = len(os.listdir('/proc/self/fd'))  # noqa: PTH208
-    began = time.monotonic()
+def test_connections_that_show_no_token_are_closed_and_keep_no_page_away(
+    server: ViewServer,
+) -> None:
     with ExitStack() as stack:
+        where = ('127.0.0.1', urlsplit(server.url).port or 0)
         silent = [
-            stack.enter_context(socket.create_connection((where.hostname, where.port or 0)))
-            for _ in range(200)
+            stack.enter_context(socket.create_connection(where, DEADLINE)) for _ in range(200)
         ]
-        wait_for(lambda: len(os.listdir('/proc/self/fd')) - before <= len(silent) + 64)  # noqa: PTH208
+        with page(server) as opened:
+            assert opened.recv(DEADLINE) == encode('hello')
         for connection in silent:
-            connection.settimeout(DEADLINE)
             with suppress(ConnectionResetError):
                 while connection.recv(1024):
                     pass
-        # Each is closed, those within the limit after 2 s.
-        assert time.monotonic() - began < 10.0
-        with page(server) as opened:
-            assert opened.recv()
 
 
 # The browser

@@ -24,7 +24,6 @@ const HEADINGS = {
 const CHART_PERIOD = 0.033; // [s] between two drawings of the charts
 const DASHES = [[10, 3], [2, 3], [10, 3, 2, 3], [5, 3]]; // of the terms, beside their colours
 const SILENT = 1; // [s] without a state from which that is shown
-const HINT = 'Arrows or WASD drive, R\u00a0resets, P\u00a0pauses.';
 
 const element = (id) => document.getElementById(id);
 const history = new History();
@@ -182,12 +181,10 @@ const connection = new Connection({
     element('missed-fact').classList.toggle('bad', status.missed > 0);
     element('pause').setAttribute('aria-pressed', paused);
     element('pause').textContent = paused ? 'Resume' : 'Pause';
-    element('driver').textContent = status.driver === 'other' ? 'Another page is driving.' : HINT;
     showState();
   },
   refused({ what, why }) {
-    if (what === 'drive') showMessage('Another page is driving. You can drive once it has been idle for 3 s.', 4);
-    else if (what === 'reset' || what === 'pause') showMessage(`Cannot ${what}: ${why}.`, 6);
+    if (what === 'reset' || what === 'pause') showMessage(`Cannot ${what}: ${why}.`, 6);
     else tuning.refuse(what, why);
   },
   end(fields) {
@@ -203,12 +200,7 @@ const connection = new Connection({
   lost() {
     received = null;
     setState('lost', 'Reconnecting');
-    showMessage('The connection to the run was lost. This page reconnects by itself.');
-  },
-  moved() {
-    received = null;
-    setState('lost', 'Another run');
-    showMessage('Another run serves this port now: open the address that it printed.');
+    showMessage('The connection to the run was lost. This page reconnects by itself; another run has an address of its own.');
   },
   closed(reason) {
     received = null;
