@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from argparse import ArgumentTypeError
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import make_folder, read_regular, saving
+from barc_sim.cli.files import make_folder, saving
 from barc_sim.cli.parser import number, whole
 from barc_sim.cli.process import INTERRUPTED, uninterrupted
 from barc_sim.errors import UserError
@@ -24,9 +23,7 @@ if TYPE_CHECKING:
 
     _Outcome = tuple[Path, Grade | str]
 
-_CLASS, _SETTINGS, _RECORD = 'class.csv', 'class.json', 'record.json'
-_RESERVED = {_CLASS, _SETTINGS, 'class.html', 'canvas.csv', 'gradescope.csv'}
-_MAX_BYTES = 4 << 20  # of a file that this command has written
+_CLASS_FILES = {'class.csv', 'class.html', 'canvas.csv'}
 
 
 def add_arguments(parser: Parser) -> None:
@@ -58,14 +55,10 @@ def add_arguments(parser: Parser) -> None:
         type=Path,
         metavar='FILE',
         help='the students, a CSV file with name, id and section, as Canvas and Gradescope write '
-        'it: matches folders by id or name, and writes canvas.csv and gradescope.csv',
+        'it: matches folders by id or name, and writes canvas.csv',
     )
     parser.add_argument(
         '--due', type=moment, metavar='TIME', help='such as 2026-11-20T23:59: names who is late'
-    )
-    parser.epilog = (
-        'A class in DIR keeps its roster and due time: they need not be given again. '
-        'One of its folders can be graded alone.'
     )
     parser.add_argument(
         '--jobs', type=whole(1), metavar='N', help='how many at once (one for each core)'
@@ -94,27 +87,24 @@ def run(options: Namespace) -> int:
     paths = [path for path in submissions.find(options.submissions) if path.absolute() != out]
     points = rubric.load(options.rubric or _rubric_of(paths))
     # Gradescope looks for the files of a single submission in the folder itself.
-    alone = paths == [options.submissions.resolve()] and not (out / _SETTINGS).exists()
-    kept = _keep(options, out)
+    alone = paths == [options.submissions.resolve()]
     students = classroom.read_roster(options.roster) if options.roster else []
     folders = {path: out if alone else _folder(out, path) for path in paths}
-    before = {} if alone else _records(out)
     hands = {path: rubric.entered(folder, points) for path, folder in folders.items()}
     check(sandbox=not options.unconfined)
     limits = Limits(total=options.time_limit)
     with grade.processes(options.jobs) as executor:
         outcomes = grade.run(executor, hands, points, limits, sandbox=not options.unconfined)
         grades, failures, interrupted = _collect(outcomes, out, folders)
-    found = classroom.entries(before | grades, failures, students, options.due)
-    files = {_CLASS: classroom.as_csv(found, points)}
+    found = classroom.entries(grades, failures, students, options.due)
+    files = {'class.csv': classroom.as_csv(found, points)}
     if not alone:
-        files |= {'class.html': classroom.page(found, points), _SETTINGS: kept}
-        files |= classroom.gradebooks(found, points) if students else {}
+        files['class.html'] = classroom.page(found, points)
+        files |= {'canvas.csv': classroom.canvas(found, points)} if students else {}
     for name, text in files.items():
         _write(out, out / name, text.encode())
-    shown = [*grades.values()] if len(paths) == 1 else classroom.counted(found)
-    lines = [*classroom.summary(shown, points), str(out if alone else out / 'class.html')]
-    print('\n'.join(lines))  # noqa: T201
+    lines = classroom.summary(classroom.counted(found), points)
+    print('\n'.join([*lines, str(out if alone else out / 'class.html')]))  # noqa: T201
     for name, failure in failures.items():
         print(f'barc grade: {name} could not be graded: {failure}', file=sys.stderr)  # noqa: T201
     return INTERRUPTED if interrupted else 1 if failures else 0
@@ -138,42 +128,10 @@ def moment(text: str) -> datetime:
         ) from None
 
 
-def _keep(options: Namespace, out: Path) -> str:
-    """Take the roster and due time of the class in `out` where none are given; return them."""
-    try:
-        kept = json.loads(read_regular(out / _SETTINGS, _MAX_BYTES))
-    except (OSError, ValueError):
-        kept = {}
-    if options.roster:
-        kept['roster'] = str(options.roster.absolute())
-    if options.due:
-        kept['due'] = str(options.due)
-    options.roster = Path(kept['roster']) if 'roster' in kept else None
-    options.due = moment(kept['due']) if 'due' in kept else None
-    return json.dumps(kept)
-
-
 def _folder(out: Path, submission: Path) -> Path:
     """Return the folder of a submission's reports; none has the name of a file of the class."""
     name = submission.name
-    return out / (f'{name}.submission' if name in _RESERVED else name)
-
-
-def _records(out: Path) -> dict[str, Grade]:
-    """Return what was graded before, by folder."""
-    from barc_sim.lab.grade.grade import from_record  # noqa: PLC0415
-
-    found: dict[str, Grade] = {}
-    file = out
-    try:
-        for file in sorted(out.glob(f'*/{_RECORD}')):
-            found[file.parent.name] = from_record(read_regular(file, _MAX_BYTES))
-    except (TypeError, ValueError):
-        raise UserError(
-            f'{file} is not a record of this version of barc grade: remove {out}/*/{_RECORD}; what '
-            'was entered by hand stays'
-        ) from None
-    return found
+    return out / (f'{name}.submission' if name in _CLASS_FILES else name)
 
 
 def _collect(
@@ -195,9 +153,9 @@ def _collect(
                 failures[folder.name] = outcome
                 continue
             grade = outcome._replace(files={})
-            files = {**outcome.files, _RECORD: grade.record()}
+            files = {**outcome.files}
             if folder == out:  # of a submission alone
-                del files[_RECORD], files[BY_HAND]
+                files.pop(BY_HAND, None)
             with uninterrupted():  # a submission has all of its files, and a row, or none
                 for name, data in files.items():
                     _write(out, folder / name, data)

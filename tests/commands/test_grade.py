@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 from bombs import BOMBS
-from command_line import refused
 from user_files import CONTROLLER, MODEL
 
 from barc_sim.__main__ import main as barc
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
 # The first test's set-up grades a class: for a minute on a busy machine.
 pytestmark = pytest.mark.timeout(300)
 
-CLASS = {'class.csv', 'class.html', 'class.json'}
+CLASS = {'class.csv', 'class.html'}
 #: Of the default rubric.
 MODEL_POINTS, ALL_POINTS = 50.0, 100.0
 
@@ -134,7 +133,6 @@ def test_everybody_is_graded(graded: Graded) -> None:
         assert {file.name for file in (out / name).iterdir()} == {
             'results.json',
             'report.html',
-            'record.json',
             'by_hand.yaml',
         }
     rows = [*csv.DictReader(io.StringIO((out / 'class.csv').read_text()))]
@@ -322,15 +320,3 @@ def test_the_honest_half_of_a_class_gets_what_it_gets_alone(tmp_path: Path) -> N
         assert barc(['grade', str(folder / name), '--out', str(alone), '--time-limit', '30']) == 0
         for file in ('results.json', 'report.html'):
             assert (alone / file).read_bytes() == (out / name / file).read_bytes()
-
-
-@pytest.mark.parametrize('record', ['{"name": "ada", "score": 9.5}', '[]', '{'])
-def test_a_record_of_another_version_is_named(tmp_path: Path, record: str) -> None:
-    made, out = tmp_path / 'class', tmp_path / 'grades'
-    for folder in (made / 'ada', out / 'ada'):
-        folder.mkdir(parents=True)
-    (made / 'ada' / 'bike_model.py').write_text(MODEL)
-    (out / 'ada' / 'record.json').write_text(record)
-    sentence = refused('grade', str(made), '--out', str(out))
-    assert f'{out / "ada" / "record.json"} is not a record of this version' in sentence
-    assert (out / 'ada' / 'record.json').read_text() == record

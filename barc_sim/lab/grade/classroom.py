@@ -1,4 +1,4 @@
-"""A class: its roster, and its grades as a list, gradebooks, a table and an HTML page.
+"""A class: its roster, and its grades as a list, a gradebook, a table and an HTML page.
 
 Task 3 is on top: its points have a sum and a mean of their own, so that no mean is of 100 for some
 and of 120 for others.
@@ -265,41 +265,27 @@ def _tasks(rubric: Rubric, title: str) -> list[_Task]:
     return [task for task in found if task.worth]
 
 
-def gradebooks(found: Sequence[Entry], rubric: Rubric) -> dict[str, str]:
-    """Return the files for the gradebooks of Canvas and of Gradescope, by name.
+def canvas(found: Sequence[Entry], rubric: Rubric) -> str:
+    """Return the file for the gradebook of Canvas.
 
     A score with open points is empty: a person gives these first.
     """
     tasks = _tasks(rubric, one_line(rubric.title, 70) or 'Lab')
     worth = {task.title: task.worth for task in tasks}
-    canvas: list[dict[str, object]] = [{'Student': '    Points Possible', **worth}]
-    gradescope: list[dict[str, object]] = []
+    rows: list[dict[str, object]] = [{'Student': '    Points Possible', **worth}]
     for each in found:
-        if not each.student or each.newer:
-            continue
-        student, grade = each.student, each.grade
-        own = {'Student': student.name, 'SIS User ID': student.id, 'SIS Login ID': student.login}
-        own |= {'Section': student.section} | {
-            name: value for name, value in student.columns.items() if name in _CANVAS
-        }
-        canvas.append(own | {task.title: task.score(grade) for task in tasks})
-        is_whole = grade is not None and not grade.open
-        gradescope.append(
-            {
-                'Name': student.name,
-                'SID': student.id,
-                'Email': student.login,
-                'Sections': student.section,
-                'Total Score': grade.score if grade and is_whole else '',
-                'Max Points': grade.max_score if grade else rubric.max_score,
-                'Status': 'Graded' if is_whole else 'Ungraded' if grade else 'Missing',
-                'Lateness (H:M:S)': each.late.replace(' h', ':00'),
+        if each.student and not each.newer:
+            student = each.student
+            own = {
+                'Student': student.name,
+                'SIS User ID': student.id,
+                'SIS Login ID': student.login,
             }
-        )
-    return {
-        'canvas.csv': _lines([*_CANVAS, *worth], canvas),
-        'gradescope.csv': _lines([*(gradescope or [{'Name': ''}])[0]], gradescope),
-    }
+            own |= {'Section': student.section} | {
+                name: value for name, value in student.columns.items() if name in _CANVAS
+            }
+            rows.append(own | {task.title: task.score(each.grade) for task in tasks})
+    return _lines([*_CANVAS, *worth], rows)
 
 
 def _rows(tasks: Iterable[_Task], grades: Sequence[Grade]) -> list[dict[str, Any]]:

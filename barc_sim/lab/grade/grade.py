@@ -106,20 +106,6 @@ class Grade(NamedTuple):
         worst = [f'{LABELS[item.criterion]}: {item.message}' for item in self.mistakes[:1]]
         return '; '.join((*self.notes, *worst))
 
-    def record(self) -> bytes:
-        """Return all but the files as JSON; `from_record` reads it."""
-        values = self._asdict() | {'files': {}}
-        return json.dumps(values, ensure_ascii=False, indent=1).encode() + b'\n'
-
-
-def from_record(data: bytes) -> Grade:
-    """Return the grade of a record."""
-    found = Grade(**json.loads(data))
-    return found._replace(
-        items=tuple(Item(*item) for item in found.items),
-        notes=tuple(found.notes),
-    )
-
 
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
     """Judge a submission; its code runs in a separate process and folder.
