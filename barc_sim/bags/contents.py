@@ -106,7 +106,7 @@ class McapFile:
         self.path = path
         self.topics: dict[str, Topic] = {}
         self.metadata: dict[str, str] = {}
-        self.attachments: dict[str, Attachment] = {}
+        self.attachments: dict[str, bytes] = {}
         self.span: Span | None = None
         self.damage = Damage()
         self._budget = budget
@@ -203,7 +203,7 @@ class McapFile:
             self.metadata.update(record.metadata)
             bounds.check_entries(self.path, self.metadata)
         elif isinstance(record, Attachment):
-            self.attachments[record.name] = record
+            self.attachments[record.name] = record.data
             self._attached += len(record.data) + len(record.name)
             bounds.check_attached(self.path, self._attached)
         elif isinstance(record, Statistics):
@@ -338,7 +338,7 @@ class Contents:
     def _describe(self, file: McapFile) -> None:
         self.topics |= file.topics
         self.metadata |= file.metadata
-        self.attachments |= {name: each.data for name, each in file.attachments.items()}
+        self.attachments |= file.attachments
         if file.damage:
             self.damages[file.path.name] = file.damage
         bounds.check_topics(self.path, len(self.topics))
@@ -369,23 +369,13 @@ class Contents:
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in the order of the bag, up to its damage."""
-        by_file = self.by_file()
-        for source in self._others:
-            yield from self._counted(self._of_other(source))
-        for _, messages in by_file:
-            yield from messages
-
-    def by_file(self) -> Iterator[tuple[McapFile, Iterator[Message]]]:
-        """Begin a reading; return an iterator of the MCAP files, each with its messages."""
         self.counts, self.span = Counter(), Span()
         self._budget.renew()
-
-        def read() -> Iterator[tuple[McapFile, Iterator[Message]]]:
-            for file in self.files:
-                yield file, self._counted(file.messages())
-                self._describe(file)
-
-        return read()
+        for source in self._others:
+            yield from self._counted(self._of_other(source))
+        for file in self.files:
+            yield from self._counted(file.messages())
+            self._describe(file)
 
     def _counted(self, messages: Iterable[Message]) -> Iterator[Message]:
         for message in messages:

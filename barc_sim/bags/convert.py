@@ -1,4 +1,4 @@
-"""Converts a bag: to tables of its topics, to another kind of bag, or to a whole one."""
+"""Converts a bag: to tables of its topics, and to a whole one."""
 
 from __future__ import annotations
 
@@ -6,56 +6,46 @@ import csv
 import json
 import logging
 import re
+import shutil
 from contextlib import ExitStack
 from dataclasses import fields, is_dataclass
-from importlib import import_module
-from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rosbags.convert.converter import ConverterError
-from rosbags.convert.converter import convert as convert_bag
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.msg import normalize_msgtype
 
-from barc_sim.bags.contents import Contents, files, selected, types_of
-from barc_sim.bags.recording import Span, information, write_metadata
-from barc_sim.bags.writer import BagFile, is_being_written
-from barc_sim.cli.files import check_plain
+from barc_sim.bags.contents import Contents, selected, types_of
+from barc_sim.bags.recording import make_directory
+from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import COLUMNS, Log
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from rosbags.typesys.store import Typestore
 
-    from barc_sim.bags.contents import McapFile
-    from barc_sim.bags.messages import Message
-
-_BAGS = ('ros1', 'sqlite3')
 _logger = logging.getLogger(__name__)
 
 
 def convert(
     path: Path,
     output: Path,
-    kind: str,
     topics: Sequence[re.Pattern[str]] = (),
     exclude: Sequence[re.Pattern[str]] = (),
 ) -> None:
-    """Write the `selected` topics to the new folder or file `output`.
+    """Write each of the `selected` topics to a CSV file in the new folder `output`.
 
     A table has a row for each message: `t`, the time of reception in seconds since the start of
-    the bag, that time in nanoseconds since 1970, and each field, `header.stamp.sec`. A topic whose
-    messages cannot be decoded is left out, with a warning.
+    the bag, that time in nanoseconds since 1970, and each field, `header.stamp.sec`. A list is JSON
+    in its cell. A topic whose messages cannot be decoded is left out, with a warning.
 
     Raises
     ------
     UserError
-        The bag cannot be read, no topic is selected, the output exists, or a library is not
-        installed.
+        The bag cannot be read, no topic is selected, or the output exists.
     """
     contents = Contents(path)
     contents.complete()
@@ -66,18 +56,18 @@ def convert(
         raise UserError(f'{str(path)!r} has no topic to convert: {advice}')
     if output.exists() or output.is_symlink():
         raise UserError(f'{str(output)!r} exists: name a new --output')
-    if kind in _BAGS:
-        others = [name for name in contents.topics if name not in names]
-        types, storage = get_typestore(Stores.ROS2_JAZZY), '' if kind == 'ros1' else kind
-        try:
-            convert_bag([path], output, storage, 9, None, '', types, None, others, (), (), ())
-        except ConverterError as error:
-            raise UserError(
-                f'{str(path)!r} cannot be converted ({error}): recover it first, or choose --topics'
-            ) from None
-        return
-    write = {'csv': _write_csv, 'parquet': _write_parquet, 'mat': _write_mat}[kind]
-    write(output, _rows(contents, names))
+    output.mkdir(parents=True)
+    tables: dict[str, Any] = {}
+    with ExitStack() as files:
+        for topic, cells in _rows(contents, names):
+            if topic not in tables:
+                name = re.sub(r'[^\w.]', '_', topic.strip('/').replace('/', '.')).lstrip('.')
+                file = (output / f'{name}.csv').open('x', encoding='utf-8', newline='')
+                tables[topic] = csv.writer(files.enter_context(file))
+                tables[topic].writerow(cells)
+            tables[topic].writerow(
+                json.dumps(each) if isinstance(each, list) else each for each in cells.values()
+            )
 
 
 def _rows(contents: Contents, names: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -165,148 +155,28 @@ def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
     return Log(**columns | {'missed': never, 'saturated': never})
 
 
-def _file_name(topic: str) -> str:
-    return re.sub(r'[^\w.]', '_', topic.strip('/').replace('/', '.')).lstrip('.')
+def recover(path: Path, output: Path) -> Contents:
+    """Write what can be read of a bag to the new directory `output`; return it.
 
-
-def _write_csv(output: Path, rows: Iterator[tuple[str, dict[str, Any]]]) -> None:
-    """Write a file a topic; a list is JSON in its cell."""
-    output.mkdir(parents=True)
-    tables: dict[str, Any] = {}
-    with ExitStack() as files:
-        for topic, cells in rows:
-            if topic not in tables:
-                file = (output / f'{_file_name(topic)}.csv').open('x', encoding='utf-8', newline='')
-                tables[topic] = csv.writer(files.enter_context(file))
-                tables[topic].writerow(cells)
-            tables[topic].writerow(
-                json.dumps(each) if isinstance(each, list) else each for each in cells.values()
-            )
-
-
-def _columns(rows: Iterator[tuple[str, dict[str, Any]]]) -> dict[str, dict[str, list[Any]]]:
-    """Return the columns of each topic."""
-    tables: dict[str, dict[str, list[Any]]] = {}
-    for topic, cells in rows:
-        columns = tables.setdefault(topic, {name: [] for name in cells})
-        for name, value in cells.items():
-            columns[name].append(value)
-    return tables
-
-
-def _write_parquet(output: Path, rows: Iterator[tuple[str, dict[str, Any]]]) -> None:
-    pyarrow, parquet = _library('pyarrow', 'parquet'), _library('pyarrow.parquet', 'parquet')
-    output.mkdir(parents=True)
-    for topic, columns in _columns(rows).items():
-        parquet.write_table(pyarrow.table(columns), output / f'{_file_name(topic)}.parquet')
-
-
-def _write_mat(output: Path, rows: Iterator[tuple[str, dict[str, Any]]]) -> None:
-    """Write a struct a topic, with a column of each field; lists of one length are a matrix."""
-    scipy = _library('scipy.io', 'matlab')
-    structs = {
-        re.sub(r'\W', '_', topic.strip('/')): {
-            name.replace('.', '_'): _matrix(values) for name, values in columns.items()
-        }
-        for topic, columns in _columns(rows).items()
-    }
-    output.parent.mkdir(parents=True, exist_ok=True)
-    scipy.savemat(
-        output,
-        structs,
-        appendmat=False,
-        long_field_names=True,
-        oned_as='column',
-        do_compression=True,
-    )
-
-
-def _matrix(values: list[Any]) -> Any:  # noqa: ANN401 (of any element)
-    try:
-        found = np.array(values)
-    except ValueError:  # lists of different lengths
-        found = np.empty(0, object)
-    if found.dtype.kind in 'biufU':
-        return found
-    cells = np.empty(len(values), object)
-    cells[:] = [each if isinstance(each, str) else np.array(each) for each in values]
-    return cells
-
-
-def _library(name: str, extra: str) -> Any:  # noqa: ANN401 (a module)
-    try:
-        return import_module(name)
-    except ImportError:
-        raise UserError(
-            f'this format needs {name.partition(".")[0]}: pip install "barc_sim[{extra}]", or '
-            'choose another --to'
-        ) from None
-
-
-def recover(path: Path) -> tuple[Contents, list[Path]]:
-    """Rewrite the damaged files of a bag, with their summaries, and its metadata.yaml.
-
-    A damaged file is replaced once its successor is whole; if anything in it was unreadable, it is
-    kept as `<name>.damaged`. Return what could be read, and the files that were kept. UserError:
-    there is no bag, it is still being recorded, nothing in it can be read, or the files cannot be
-    written; the bag is unchanged.
+    Raises
+    ------
+    UserError
+        There is no bag, nothing in it can be read, or the output exists or cannot be written.
     """
-    directory = files(path)[0].parent
-    check_plain(directory)
-    contents = Contents(directory, run=True)
-    spans: dict[str, Span] = {}  # by the files' names
-    kept = []
+    contents = Contents(path, run=True)
+    make_directory(output)
     try:
-        for file, messages in contents.by_file():
-            kept += _recover_file(file, messages, contents, spans)
-        write_metadata(directory, _information(contents, spans))
-    except OSError as error:
+        writer = BagWriter(output, metadata=contents.metadata)
+        writer.attach(contents.attachments)
+        for message in contents.messages():
+            writer.write([message])
+        writer.close()
+    except (OSError, UserError) as error:
+        shutil.rmtree(output)
+        if isinstance(error, UserError):
+            raise
         raise UserError(
-            f'{str(directory)!r} cannot be recovered ({error.strerror}): copy it to a folder with '
-            'space, and recover it there'
+            f'{str(output)!r} cannot be written ({error.strerror}): name an --output on a disk '
+            'with space'
         ) from error
-    return contents, kept
-
-
-def _information(contents: Contents, spans: dict[str, Span]) -> dict[str, Any]:
-    topics = contents.topics.items()
-    counted = [(topic, count) for name, topic in topics if (count := contents.counts[name])]
-    return information(spans, counted, contents.metadata)
-
-
-def _recover_file(
-    file: McapFile, messages: Iterable[Message], contents: Contents, spans: dict[str, Span]
-) -> list[Path]:
-    """Rewrite a file if it is damaged; return the old one where that is kept."""
-    path = file.path
-    if is_being_written(path):
-        raise UserError(f'{str(path)!r} is being recorded: end the recording first')
-    part = path.with_name(f'.{token_hex(8)}.part')
-    copy, kept = BagFile(part), []
-    try:
-        copy.add_metadata(file.metadata)
-        for each in file.attachments.values():
-            copy.attach(each)
-        for message in messages:
-            copy.add([message])
-            copy.commit()
-        copy.end_chunk()
-        spans[path.name] = copy.span
-        contents.topics |= file.topics
-        if file.damage:
-            copy.finish(_information(contents, spans))
-            copy.commit()
-            if file.damage.unreadable_chunks or file.damage.unread:
-                kept.append(path.rename(_unused(path)))
-            part.replace(path)
-    finally:
-        copy.appender.close()
-        part.unlink(missing_ok=True)
-    return kept
-
-
-def _unused(file: Path) -> Path:
-    path, number = file.with_name(f'{file.name}.damaged'), 2
-    while path.exists():
-        path, number = file.with_name(f'{file.name}.damaged{number}'), number + 1
-    return path
+    return contents

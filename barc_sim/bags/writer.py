@@ -10,7 +10,6 @@ import os
 import time
 import zlib
 from collections import Counter, defaultdict
-from contextlib import suppress
 from math import inf
 from struct import Struct
 from typing import TYPE_CHECKING, Any
@@ -36,13 +35,7 @@ from mcap.records import (
 from zstandard import ZstdCompressor
 
 from barc_sim.bags.recording import METADATA_NAME, Span, information, to_yaml, write_metadata
-from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
-
-try:
-    import fcntl
-except ModuleNotFoundError:  # Windows has no way to see that a file is being written
-    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -91,11 +84,7 @@ class AtomicAppender:
     def _open(self) -> int:
         # Windows has no O_CLOEXEC, and would change line ends without O_BINARY.
         system = getattr(os, 'O_CLOEXEC', 0) | getattr(os, 'O_BINARY', 0)
-        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL | system, 0o666)
-        if fcntl:
-            with suppress(OSError):  # some file systems cannot
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return descriptor
+        return os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL | system, 0o666)
 
     def write(self, data: bytes) -> None:
         """Append to the block."""
@@ -165,20 +154,6 @@ def write_at(descriptor: int, data: memoryview, offset: int) -> int:
     """Do what `os.pwrite` does, which Windows lacks."""
     os.lseek(descriptor, offset, os.SEEK_SET)
     return os.write(descriptor, data)
-
-
-def is_being_written(path: Path) -> bool:
-    """Return whether any process has an appender for the file now."""
-    if not fcntl:
-        return False
-    try:
-        with open_regular(path, follow=False) as stream:
-            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    return False
 
 
 class ChunkBuilder:

@@ -40,8 +40,8 @@ GROUPS = {
         'record': 'record any ROS 2 system',
         'play': 'publish the messages of a bag',
         'info': 'print what is in a bag: time, topics, losses, damage and metadata',
-        'convert': 'write a bag as CSV, Parquet or .mat, or as a bag of ROS 1 or sqlite3',
-        'recover': 'repair the bag of a run that was killed',
+        'convert': 'write the topics of a bag as CSV files',
+        'recover': 'copy the bag of a killed run into a whole one',
     },
     'ROS': {
         'topics': 'list topics, their publishers, subscribers and rates',

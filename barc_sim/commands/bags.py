@@ -17,16 +17,6 @@ if TYPE_CHECKING:
     from barc_sim.cli.parser import Parser
 
 
-#: What each format makes of a bag's name.
-_FORMATS = {
-    'csv': '{}_csv',
-    'parquet': '{}_parquet',
-    'mat': '{}.mat',
-    'ros1': '{}.bag',
-    'sqlite3': '{}_sqlite3',
-}
-
-
 def add_arguments_info(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Print what is in a bag of any ROS 2 recorder, as `ros2 bag info` does.'
@@ -68,15 +58,11 @@ def _described(found: dict[str, Any]) -> Iterator[str]:
 
 def add_arguments_convert(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = (
-        'Convert a bag of any ROS 2 recorder: to tables, one a topic, or to another kind of bag.'
-    )
+    parser.description = 'Convert a bag of any ROS 2 recorder to tables, a CSV file for each topic.'
+    parser.epilog = 'For bags of ROS 1 and sqlite3, there is `rosbags-convert`.'
     parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag, or a file')
     parser.add_argument(
-        '--to', choices=_FORMATS, default='csv', help='the format (csv); mat is for MATLAB'
-    )
-    parser.add_argument(
-        '-o', '--output', type=Path, metavar='PATH', help='new folder or file (BAG_csv, BAG.mat)'
+        '-o', '--output', type=Path, metavar='DIR', help='new folder (BAG_csv, here)'
     )
     add_topic_choice(parser, 'convert')
 
@@ -85,35 +71,45 @@ def run_convert(options: Namespace) -> None:
     """Convert the bag, and print where it is."""
     from barc_sim.bags.convert import convert  # noqa: PLC0415 (slow: not for --help)
 
-    output = options.output or Path(_FORMATS[options.to].format(options.bag.resolve().stem))
-    convert(options.bag, output, options.to, options.topics, options.exclude)
+    output = options.output or Path(f'{options.bag.resolve().stem}_csv')
+    convert(options.bag, output, options.topics, options.exclude)
     print(output)  # noqa: T201
 
 
 def add_arguments_recover(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Rebuild index, summary and metadata.yaml of a bag whose run was killed.'
-    parser.epilog = 'A file that was not readable to its end is also kept, as FILE.damaged.'
-    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
+    parser.description = (
+        'Copy what can be read of a bag whose run was killed, with index, summary and '
+        'metadata.yaml, for tools that need them.'
+    )
+    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag, or a file')
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        metavar='DIR',
+        help='directory of the new bag (BAG_recovered, beside BAG)',
+    )
 
 
 def run_recover(options: Namespace) -> None:
-    """Repair the bag and print what it holds."""
+    """Write the new bag and print what it holds."""
     from barc_sim.bags.convert import recover  # noqa: PLC0415 (slow: not for --help)
 
-    for line in _recovered(*recover(options.bag)):
+    bag = options.bag.resolve()
+    output = options.output or bag.with_name(f'{bag.stem}_recovered')
+    for line in _recovered(recover(options.bag, output)):
         print(escaped(line))  # noqa: T201
+    print(output)  # noqa: T201
 
 
-def _recovered(contents: Contents, kept: list[Path]) -> Iterator[str]:
-    """Yield the lines of the summary: damages, kept files, messages by topic."""
+def _recovered(contents: Contents) -> Iterator[str]:
+    """Yield the lines of the summary: damages, messages by topic."""
     for name, damage in contents.damages.items():
         if damage.unreadable_chunks:
             yield f'{name}: {damage.unreadable_chunks} damaged chunks were left out'
         if damage.unfinished:
             yield f'{name}: was unfinished; {damage.unread} bytes at its end could not be read'
-    for path in kept:
-        yield f'kept as it was: {path}'
     for name, count in sorted(contents.counts.items()):
         yield f'{count:9} {name}'
     yield f'{contents.span.count:9} messages in {contents.span.duration / 1e9:.3f} s'

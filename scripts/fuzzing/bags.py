@@ -224,7 +224,7 @@ def _graph(path: Path) -> None:
 _OUTSIDE = b'not of the bag'
 _NEIGHBOURS = (
     *('run_0.mcap', 'run_1.mcap', 'metadata.yaml', '.metadata.yaml', '.run_0.mcap.part'),
-    *('speed.png', '.speed.png', 'report.html', 'graph.svg', 'run_0.mcap.damaged', 'any'),
+    *('speed.png', '.speed.png', 'report.html', 'graph.svg', 'any'),
 )
 
 
@@ -269,6 +269,12 @@ def _command(name: str, path: Path) -> None:
         raise UserError(error.getvalue())
 
 
+def _recover(path: Path) -> None:
+    whole = path.parent / 'whole'
+    recover(path, whole)
+    reader.read(whole)
+
+
 def uses(chance: Random) -> list[Callable[[Path], object]]:
     """Return what to do with a file, one after the other."""
     if chance.random() < _SURROUNDED:
@@ -279,4 +285,4 @@ def uses(chance: Random) -> list[Callable[[Path], object]]:
             *(partial(_command, name) for name in commands),
             _unchanged,
         ]
-    return [chance.choice((_plot, _replay, _report, _graph)), recover, reader.read]
+    return [chance.choice((_plot, _replay, _report, _graph)), _recover]

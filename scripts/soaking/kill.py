@@ -165,10 +165,12 @@ class _Ordeal:
     def _look_at_bags(self) -> None:
         for path in sorted((self._folder / 'bags').iterdir()):
             self.bags += 1
+            whole = path
             try:
                 if not (path / 'metadata.yaml').exists():
-                    recover(path)
-                with AnyReader([path]) as reader:
+                    whole = self._folder / f'{path.name} whole'
+                    recover(path, whole)
+                with AnyReader([whole]) as reader:
                     held = sum(1 for _ in reader.messages())
                     self.bad_bags += held != reader.message_count
             except (UserError, AnyReaderError) as error:

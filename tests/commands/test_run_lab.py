@@ -201,8 +201,8 @@ def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
     path = bag.newest(tmp_path / 'bags')
     expected = {'student/controller.py': (folder / 'controller.py').read_bytes()}
     assert bag.load(path).attachments == expected
-    recover(path)
-    assert bag.load(path).attachments == expected
+    recover(path, tmp_path / 'whole')
+    assert bag.load(tmp_path / 'whole').attachments == expected
 
 
 def test_a_relay_drives(start: Start, tmp_path: Path) -> None:

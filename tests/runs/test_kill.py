@@ -61,8 +61,8 @@ def test_a_killed_run_misses_a_quarter_second_at_most(
     path = bag.newest(bags)
     assert not (path / 'metadata.yaml').exists()
 
-    recover(path)
-    (file,) = path.glob('*.mcap')
+    recover(path, bags / 'whole')
+    file = bags / 'whole' / 'whole_0.mcap'
     mcap_doctor.check(file)
     kept = states(file)
     assert sorted(kept) == list(range(1, len(kept) + 1))
