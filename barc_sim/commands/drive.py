@@ -126,14 +126,12 @@ def add_arguments_acc(parser: Parser) -> None:
 
 def run_acc(options: Namespace) -> int:
     """Drive, and return the exit code."""
-    with StopSignals() as stop:
-        options.engine = run_options.choose_engine(options)
-        if options.engine == 'local':
-            from barc_sim.ros.local import install  # noqa: PLC0415
+    from barc_sim.runs.inputs import read_inputs  # noqa: PLC0415 (slow: not for --help)
 
-            install()  # before nodes are imported
-        run = import_module(f'barc_sim.runs.{_MODULES[options.mode]}')  # slow
-        return int(run.drive(options, stop))
+    with StopSignals() as stop:
+        inputs = read_inputs(options)
+        run = import_module(f'barc_sim.runs.{_MODULES[options.mode]}')  # ROS's, or what stands in
+        return int(run.drive(options, inputs, stop))
 
 
 run_teleop = run_acc

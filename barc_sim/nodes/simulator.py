@@ -101,7 +101,7 @@ class VehicleSimulator(Node):
         self.stepper = Stepper(values, self, model, self.road, self.track)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
-        self.finished, self.refused, self._on_step = Future(), RefusedInput(self), on_step
+        self.finished, self.refused, self.on_step = Future(), RefusedInput(self), on_step
         self.warn = RateLimitedWarning(self, 10.0).warn
 
         # One stamp for all messages of a state; to make new messages would cost more.
@@ -148,8 +148,8 @@ class VehicleSimulator(Node):
         if self._environment_pub in subscribed:
             self._environment_pub.publish(fill(self._environment, seen.surroundings))
         self._publish_state(with_error=self._error_pub in subscribed)
-        if self._on_step:
-            self._on_step(t, seen)
+        if self.on_step:
+            self.on_step(t, seen)
 
     def run_deadlines(self, *, on: bool) -> None:
         """Call `Stepper.pass_deadline` every period from now on, or no longer."""

@@ -10,9 +10,8 @@ import time
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from platform import platform, python_version
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import rclpy
 import yaml
@@ -22,13 +21,11 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from barc_sim import __version__
-from barc_sim.bags.recording import check_root, summary
+from barc_sim.bags.recording import summary
 from barc_sim.cli.parser import barc_path
 from barc_sim.cli.process import check_clock, report
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.adapters import line_through
-from barc_sim.lab.user_code.code import UserCode, find_files
 from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.nodes import MIRRORS
 from barc_sim.nodes.controller import CruiseController
@@ -36,10 +33,7 @@ from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.peers import node_graph
 from barc_sim.runs.options import opens_page, recording, wanted_mirrors, wants_page
-from barc_sim.runs.terminal import UserOutput
 from barc_sim.vehicle.bike_model import bikeFE
-from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -53,6 +47,7 @@ if TYPE_CHECKING:
     from barc_sim.cli.process import StopSignals
     from barc_sim.nodes.mirror import Facts
     from barc_sim.nodes.view import ViewNode
+    from barc_sim.runs.inputs import Inputs
     from barc_sim.runs.terminal import Display
 
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
@@ -89,41 +84,6 @@ def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
         yield MultiThreadedExecutor
     finally:
         rclpy.try_shutdown()
-
-
-class Inputs(NamedTuple):
-    """What the command line of a run names, read."""
-
-    road: Road | None  #: of `--road`; None: that of the simulator's parameter
-    track: Track | None  #: of `--track`; None: that of the nodes' parameters
-    user_code: UserCode
-    output: UserOutput  #: takes what user code prints
-
-
-def read_inputs(options: Namespace) -> Inputs:
-    """Read the road and the user's files, and check that a bag can be made.
-
-    UserError: one of them cannot be used.
-    """
-    road = Road.named(options.road) if options.road else None
-    track = getattr(options, 'track', None) and Track.named(options.track)
-    if not options.no_bag:
-        check_root(options.bag_dir)
-    output = UserOutput(quiet=options.quiet)
-    files = find_files(options.lab, options.parts) if options.lab else {}
-    named = {part: getattr(options, part, None) for part in (*options.parts, 'policy')}
-    files |= {
-        part: file
-        for part, file in named.items()
-        if isinstance(file, Path) and file.suffix != '.onnx'
-    }
-    user_code = UserCode(files, output=output).load()
-    if user_code.raceline and track:
-        arguments, through = line_through(track)
-        track = through(user_code.raceline(*arguments))
-    elif user_code.raceline and not (user_code.model or user_code.controller):
-        raise UserError('raceline.py is for a track: give one, as in --track L')
-    return Inputs(road, track, user_code, output)
 
 
 class Run:
@@ -417,16 +377,3 @@ def _print_commands(recorder: BagRecorder) -> None:
         print(f'bag     {shlex.quote(str(bag))}')  # noqa: T201
     print(f'plot    {barc} plot {path}')  # noqa: T201
     print(f'replay  {barc} replay {path}')  # noqa: T201
-
-
-def check_left_out(part: str, options: Mapping[str, object]) -> None:
-    """Refuse `options`, by name, that are for a part of the run that is left out.
-
-    UserError: one of them is given.
-    """
-    for name, value in options.items():
-        if value is not None:
-            raise UserError(
-                f'--{name} {value} is for the {part} that --no-{part} leaves out: give one of the '
-                'two only'
-            )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import suppress
-from math import degrees, isnan
+from math import degrees, inf, isnan
 from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import COAST, DriverInput
@@ -79,9 +79,9 @@ class Display:
     """
 
     def __init__(self, distance: float | None = None) -> None:
-        """Draw a bar to `distance` [m], too; one that pulses for 0, a run without an end."""
+        """Draw a bar to `distance` [m], too; one that pulses where that is infinite."""
         self._progress = _progress(distance) if sys.stdout.isatty() else None
-        self._total = distance or None
+        self._total = None if distance == inf else distance
         self._period = _LIVE_PERIOD if self._progress else _PLAIN_PERIOD
         self._next = 0.0
         self._latest: tuple[float, Callable[[], str]] | None = None

@@ -12,8 +12,9 @@ from barc_sim.__main__ import parse
 from barc_sim.cli.process import StopSignals
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS
-from barc_sim.runs.composition import Run, read_inputs
-from barc_sim.runs.cruise_control import Car
+from barc_sim.runs.composition import Run
+from barc_sim.runs.cruise_control import add_car
+from barc_sim.runs.inputs import read_inputs
 from barc_sim.runs.terminal import Display
 
 _PERIOD = 0.02  # s
@@ -37,7 +38,7 @@ class TimedRun(Display):
         options = parse('acc', ['--quiet', *arguments])
         options.engine = 'ros'
         self.run = Run(options, read_inputs(options), StopSignals())
-        self.car = Car(self.run, '', 0)
+        self.car = add_car(self.run, 0)
         self.in_lock_step = not self.car.simulator.values['realtime_factor']
         self.car.display = self
         self.run.show(None)

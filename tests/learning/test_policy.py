@@ -129,12 +129,12 @@ def test_an_onnx_file_steers_as_the_function_that_it_holds(tmp_path: Path) -> No
             '--track L --policy text.py',
             "in Lane-v0, action ['left']: each car takes a list of servo",
         ),
-        ('--track L --policy lane.py --lane lqr', '--policy and --lane both drive: give one of'),
-        ('--track L --policy text.py --lab lab', '--policy and lane.py, which --lab gives'),
-        ('--track L --policy race.py --ki 1', '--policy and --ki both drive'),
-        ('--policy text.py --lab lab', '--policy and controller.py, which --lab gives'),
-        ('--policy lane.py --kp 1', '--policy and --kp both drive'),
-        ('--policy lane.py --no-controller', '--no-controller leaves out'),
+        ('--track L --policy lane.py --lane lqr', '--lane and --policy both drive: give one of'),
+        ('--track L --policy text.py --lab lab', 'lane.py and --policy both drive'),
+        ('--track L --policy race.py --ki 1', '--ki and --policy both drive'),
+        ('--policy text.py --lab lab', 'controller.py and --policy both drive'),
+        ('--policy lane.py --kp 1', '--kp and --policy both drive'),
+        ('--policy lane.py --no-controller', '--policy and --no-controller: give one'),
     ],
 )
 def test_what_cannot_drive_is_refused_in_a_sentence(

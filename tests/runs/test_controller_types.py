@@ -51,7 +51,10 @@ def test_commands_take_the_bag(bag: Path, command: str) -> None:
         ),
         (('--gain', 'observer_gain=1'), 'the controller pid has no such gain; expected one of kp'),
         (('--controller-type', 'lqr', '--kp', '3'), 'kp = 3: the controller lqr has no such gain'),
-        (('--no-controller', '--controller-type', 'lqr'), 'that --no-controller leaves out'),
+        (
+            ('--no-controller', '--controller-type', 'lqr'),
+            '--controller-type and --no-controller: give one',
+        ),
         (('--ros-args', '-p', 'controller_type:=mpc'), "'mpc': expected pid or lqr"),
     ],
 )

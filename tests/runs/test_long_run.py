@@ -28,11 +28,11 @@ import sys
 import time
 
 from barc_sim.runs.composition import Run
-from barc_sim.runs.cruise_control import Car
+from barc_sim.runs.car import Car
 from barc_sim.run import main
 
 last, folder = int(sys.argv[1]), sys.argv[2]
-on_step = Car._on_step
+on_step = Car.on_step
 begin = Run.__init__
 bags = []
 memory = {}
@@ -63,7 +63,7 @@ def watched(car, t, seen):
         car.simulator.finish()
 
 
-Car._on_step = watched
+Car.on_step = watched
 Run.__init__ = keep
 options = ['--road', 'flat', '--distance', '0', '--realtime-factor', 'max', '--bag-dir', folder]
 code = main(['acc', '--quiet', *options])

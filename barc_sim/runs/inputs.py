@@ -1,0 +1,176 @@
+"""What the command line of a run names: read, and checked before its nodes are made."""
+
+from __future__ import annotations
+
+from copy import copy
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from barc_sim.bags.recording import check_root
+from barc_sim.control.cruise_control import DEFAULT_LANE, DEFAULT_TYPE, LANE_TYPES, TYPES
+from barc_sim.control.speed import PID, gain_parameters
+from barc_sim.errors import UserError
+from barc_sim.lab.user_code.adapters import UserCommands, UserController, UserLane, line_through
+from barc_sim.lab.user_code.code import UserCode, find_files
+from barc_sim.runs.options import choose_engine
+from barc_sim.runs.terminal import UserOutput
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.track import Track
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Iterable
+
+    from barc_sim.learning.tasks import Policy
+
+_STEERING = ('lane', 'lane_gain')
+_DRIVING = (*PID.gains, 'gain', 'controller_type', 'controller', 'identify')
+_OF_TRACK = (*_STEERING, 'speed_profile')
+_OF_CONTROLLER = (*_DRIVING, *_OF_TRACK, 'policy', 'acceleration_limit', 'reference')
+
+
+class Inputs(NamedTuple):
+    """The inputs of a run."""
+
+    road: Road | None  #: of `--road`; None: that of the simulator's parameter
+    track: Track | None  #: of `--track`; None: that of the nodes' parameters
+    user_code: UserCode
+    output: UserOutput  #: takes what user code prints
+    policy: Policy | None = None  #: drives in place of a controller
+
+    def laws(self) -> tuple[Any, Any]:
+        """Return a new speed controller and steering law of the user's; None: barc_sim's own."""
+        controller: Any = None
+        code, policy = self.user_code, copy(self.policy)
+        if code.identify:
+            controller = UserCommands(code)
+        elif code.controller:
+            controller = UserController(code)
+        if self.track:
+            return controller, policy or (UserLane(code) if code.lane else None)
+        return policy or controller, None
+
+
+def read_inputs(options: Namespace) -> Inputs:
+    """Read the files, set `options.engine`, and check that a bag can be made.
+
+    UserError: one of them cannot be used, or options contradict one another.
+    """
+    options.engine = choose_engine(options)
+    if options.engine == 'local':
+        from barc_sim.ros.local import install  # noqa: PLC0415 (not beside rclpy)
+
+        install()  # before nodes are imported
+    road = Road.named(options.road) if options.road else None
+    track = getattr(options, 'track', None) and Track.named(options.track)
+    if not options.no_bag:
+        check_root(options.bag_dir)
+    output = UserOutput(quiet=options.quiet)
+    user_code = UserCode(_files(options), output=output).load()
+    _refuse_contradictions(options, user_code, track)
+    if user_code.raceline and track:
+        arguments, through = line_through(track)
+        track = through(user_code.raceline(*arguments))
+    inputs = Inputs(road, track, user_code, output)
+    if options.mode == 'acc':
+        _check_laws(options, inputs)
+    if getattr(options, 'policy', None):
+        inputs = inputs._replace(policy=_policy(options, inputs))
+    return inputs
+
+
+def _files(options: Namespace) -> dict[str, Path]:
+    """Return the user's files, by part."""
+    named = {part: getattr(options, part, None) for part in (*options.parts, 'policy')}
+    return (find_files(options.lab, options.parts) if options.lab else {}) | {
+        part: file
+        for part, file in named.items()
+        if isinstance(file, Path) and file.suffix != '.onnx'
+    }
+
+
+def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | None) -> None:
+    """Refuse what is for a part of the run that it does not have, or that is given twice."""
+    one, given = 'give one of the two only', vars(options).get
+    on_track, ours = 'is for a track: give one, as in --track L', "names one of barc_sim's, and"
+    named_law, another = isinstance(given('lane'), str), code.controller or code.identify
+    driven = _STEERING if track else _DRIVING
+    for applies, names, parts, why in (
+        (not track, _OF_TRACK, (), on_track),
+        (not (track or code.model or code.controller), (), ('lane', 'raceline'), on_track),
+        (another, ('controller_type',), (), f'{ours} --lab or --controller gives another: {one}'),
+        (code.lane and named_law, ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
+        (given('reference'), ('speed_profile',), (), f'and --reference both give the speed: {one}'),
+        (given('policy'), driven, driven, f'and --policy both drive: {one}'),
+        (given('no_controller'), _OF_CONTROLLER, (), f'and --no-controller: {one}'),
+        (given('no_relay'), ('relay', 'input'), (), f'and --no-relay: {one}'),
+        (code.relay, ('input',), (), f'{ours} --lab or --relay gives another: {one}'),
+    ):
+        if applies:
+            _refuse(options, code, names, parts, why)
+
+
+def _refuse(
+    options: Namespace, code: UserCode, names: Iterable[str], parts: Iterable[str], why: str
+) -> None:
+    """Refuse the options with these names, and the files of these parts, that are given."""
+    found = [
+        f'--{name.replace("_", "-")}'
+        for name in names
+        if getattr(options, name, None) not in (None, [])
+    ]
+    found += [code.paths[part].name for part in parts if part in code.paths]
+    if found:
+        raise UserError(f'{found[0]} {why}')
+
+
+def _check_laws(options: Namespace, inputs: Inputs) -> None:
+    """Refuse laps that the track does not have, and gains that the run's laws do not have."""
+    code, track = inputs.user_code, inputs.track
+    if track:
+        track.check_laps(1 if options.laps is None else options.laps)
+        name = 'of lane.py' if code.lane else options.lane or DEFAULT_LANE
+        law: Any = UserLane(code) if code.lane else LANE_TYPES[name]()
+        _check_gains(f'the law {name}', law, options.lane_gain)
+    kind = options.controller_type or DEFAULT_TYPE
+    _check_gains(f'the controller {kind}', TYPES[kind](), gains(options).items())
+
+
+def _check_gains(what: str, law: Any, given: Iterable[tuple[str, float]]) -> None:  # noqa: ANN401
+    rows = {each.name: each for each in gain_parameters(law)}
+    for name, value in given:
+        if name not in rows:
+            names = ', '.join(rows)
+            raise UserError(f'{name} = {value:g}: {what} has no such gain; expected one of {names}')
+        rows[name].check(value)
+
+
+def gains(options: Namespace) -> dict[str, float]:
+    """Return the gains of the controller that the command line gives, by name."""
+    named = {name: getattr(options, name) for name in PID.gains}
+    return {name: value for name, value in named.items() if value is not None} | dict(options.gain)
+
+
+def _policy(options: Namespace, inputs: Inputs) -> Policy:
+    """Return the policy, of the first environment whose observation it takes; set its speed."""
+    from barc_sim.learning.tasks import Policy, onnx_policy  # noqa: PLC0415 (slow)
+
+    file, arguments = options.policy, {'speed': options.speed}
+    if options.acceleration_limit:
+        arguments['acceleration_limit'] = options.acceleration_limit
+    arguments |= {'track': inputs.track} if inputs.track else {'road': inputs.road}
+    takes = onnx_policy(file) if file.suffix == '.onnx' else inputs.user_code.function('policy')
+    failures = []
+    for task in ('Lane', 'Race') if inputs.track else ('Hills',):
+        try:
+            policy = Policy(takes, task, **arguments)
+        except UserError as error:
+            failures.append(f'in {task}-v0, {error}')
+            continue
+        if 'motor' in policy.task.actions:
+            why = 'and --policy both drive: give one of the two only'
+            _refuse(options, inputs.user_code, _DRIVING, _DRIVING, why)
+        if options.speed is None:
+            options.speed = policy.task.speed
+        return policy
+    raise UserError(f'--policy {str(file)!r}: {"; ".join(failures)}')
