@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping  # noqa: TC003 (get_type_hints reads it)
 from dataclasses import dataclass, field
-from io import BytesIO
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints
-from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from barc_sim.cli.files import read_regular, replacing
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import PID
-from barc_sim.errors import UserError, one_line
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
-    from os import PathLike
 
     import pandas as pd
     from matplotlib.axes import Axes
@@ -192,39 +187,6 @@ class Log:
 
         return barc_sim.plot(self, *others, labels=labels, ax=ax)
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write all columns into a file, NumPy's .npz, which `Log.read` reads to the last bit."""
-        with replacing(Path(path)) as part, part.open('wb') as file:
-            own = self.own_terms
-            columns: Any = {
-                _OWN * (name in own) + name: each for name, each in self.columns().items()
-            }
-            np.savez(file, **columns)
-
-    @classmethod
-    def read(cls, path: str | PathLike[str]) -> Log:
-        """Return the log in a file of `save`; `read_bag` reads one from a bag.
-
-        Raises
-        ------
-        UserError
-            where it is no such file.
-        """
-        data = BytesIO(read_regular(Path(path), _MAX_SIZE))
-        try:
-            _check_size(data)
-            with np.load(data, allow_pickle=False) as arrays:
-                own = {name: arrays[name] for name in arrays.files if name.startswith(_OWN)}
-                kind = TrackLog if 'lap_time' in arrays else Log
-                return kind(
-                    **{name: arrays[name] for name in kind.declared},
-                    own_terms={name.removeprefix(_OWN): each for name, each in own.items()},
-                )
-        except (ValueError, KeyError, EOFError, OSError, BadZipFile, NotImplementedError) as error:
-            raise UserError(
-                f'{str(path)!r} is no log of Log.save: {one_line(str(error))}'
-            ) from None
-
     def __eq__(self, other: object) -> bool:
         """Return whether both have the same columns with the same values, NaN for NaN."""
         if not isinstance(other, Log):
@@ -294,17 +256,6 @@ class TrackLog(Log):
         """The fastest lap [s] but the first, unless that is the only one; inf where none is."""
         times = self.lap_times
         return float(np.min(times[1:] if len(times) > 1 else times, initial=np.inf))
-
-
-_OWN = 'own_terms/'  #: before the names of own terms in a file
-_MAX_SIZE = 1 << 30  #: [B] of a file, and of what it holds
-
-
-def _check_size(data: BytesIO) -> None:
-    """Raise ValueError where an archive holds more than a log can."""
-    with ZipFile(data) as archive:
-        if sum(each.file_size for each in archive.infolist()) > _MAX_SIZE:
-            raise ValueError(f'it holds more than {_MAX_SIZE} bytes')
 
 
 def import_pandas() -> Any:  # noqa: ANN401 (a module)

@@ -22,7 +22,6 @@ from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from barc_sim.control.lane import Curvature
 
@@ -62,7 +61,7 @@ def test_laps_are_flying_and_split_where_s_passes_the_line(three: TrackLog) -> N
     assert first == pytest.approx(np.interp(length, three.s, three.t), abs=1e-9)
 
 
-def test_the_log_is_a_log_with_the_place_on_the_track(three: TrackLog, tmp_path: Path) -> None:
+def test_the_log_is_a_log_with_the_place_on_the_track(three: TrackLog) -> None:
     terms = {f'steer_{name}' for name in LaneLQR.terms}
     assert three.columns().keys() - Log.declared.keys() == terms | {
         *('s', 'e_y', 'e_psi', 'curvature', 'width', 'lap', 'lap_time', 'steer_saturated')
@@ -70,9 +69,6 @@ def test_the_log_is_a_log_with_the_place_on_the_track(three: TrackLog, tmp_path:
     steering = sum(three.columns()[name] for name in sorted(terms))
     assert np.abs(steering - three.servo).max() < 1e-12
     assert not three.steer_saturated.any()
-    three.save(tmp_path / 'laps.npz')
-    copy = Log.read(tmp_path / 'laps.npz')
-    assert (type(copy), copy) == (TrackLog, three)
     half = three.map(lambda column: column[::2])
     assert (half.distance == three.s[::2]).all()
     assert (half.across == three.e_y[::2]).all()
@@ -111,7 +107,7 @@ def test_a_law_of_ones_own_begins_anew_in_each_run() -> None:
     assert np.isnan(log.steer_of_e_y).all()  # it has no terms
 
 
-def test_a_laws_own_terms_are_in_the_log(tmp_path: Path) -> None:
+def test_a_laws_own_terms_are_in_the_log() -> None:
     class Counting(LaneLQR):
         terms: Mapping[str, str] = {**LaneLQR.terms, 'calls': 'how many'}
         calls = 0
@@ -126,8 +122,6 @@ def test_a_laws_own_terms_are_in_the_log(tmp_path: Path) -> None:
     assert set(log.width) == {4.0}
     assert [*log.terms] == [*PID.terms]
     assert (log.steer_of_e_y == lap(LaneLQR(), narrow, laps=1).steer_of_e_y).all()
-    log.save(tmp_path / 'laps.npz')
-    assert Log.read(tmp_path / 'laps.npz') == log
     assert log.to_frame().attrs['units']['lane.calls'] == ''
 
 

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 import barc_sim
-from barc_sim.control.speed import LQR
-from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import (
     COLUMNS,
@@ -95,41 +93,9 @@ def test_frame_has_every_column_with_its_unit(log: Log) -> None:
     assert frame.attrs['units']['theta_deg'] == 'deg'
 
 
-@pytest.mark.parametrize('controller', [None, LQR(output_min=-8.0, output_max=8.0)])
-def test_a_saved_log_is_read_to_the_last_bit(tmp_path: Path, controller: LQR | None) -> None:
-    log = closed_loop(controller=controller, max_duration=1.0)
-    log.save(tmp_path / 'run')
-    again = Log.read(tmp_path / 'run')
-    assert again == log
-    for ours, theirs in zip(again.columns().values(), log.columns().values(), strict=True):
-        assert (ours.tobytes(), ours.dtype) == (theirs.tobytes(), theirs.dtype)
-
-
 def test_logs_are_equal_by_their_values(log: Log) -> None:
     assert log == closed_loop(max_duration=1.0)
     assert log != closed_loop(max_duration=0.98)
     assert log != replace(log, motor=np.nextafter(log.motor, 9.0))
     assert log != replace(log, own_terms={'feedback': log.motor})
     assert log != 'log'
-
-
-def test_a_file_that_is_no_log_is_refused(tmp_path: Path, log: Log) -> None:
-    file = tmp_path / 'run.npz'
-    for write in (
-        lambda: file.write_bytes(b'no archive'),
-        lambda: np.savez(file, t=log.t),
-        lambda: np.savez(file, **{name: np.array([None]) for name in COLUMNS}),
-        lambda: np.savez(file, **(dict(log.columns()) | {'t': log.t[1:]})),
-    ):
-        write()
-        with pytest.raises(UserError, match=r"run.npz' is no log of Log.save: "):
-            Log.read(file)
-
-
-def test_a_file_that_unpacks_to_too_much_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    np.savez_compressed(tmp_path / 'run.npz', **{name: np.zeros(5000) for name in COLUMNS})
-    monkeypatch.setattr('barc_sim.simulation.log._MAX_SIZE', 100_000)
-    with pytest.raises(UserError, match='it holds more than 100000 bytes'):
-        Log.read(tmp_path / 'run.npz')
