@@ -41,7 +41,6 @@ __all__ = [
 CMD_VEL = 'cmd_vel'
 PREDICTION = 'prediction'  #: the way that a law of the lane plans, at every fifth state
 SPEED_REFERENCE = 'speed_reference'  #: the speed to hold [m/s], from an outer loop
-INITIAL_POSE = 'initialpose'  #: puts the car there, at rest, as the tool of RViz does
 
 # Published by the node `mirror`, for ROS's own tools.
 ODOM = 'odom'  #: the measured pose from odom to base_link; x on the map, z the elevation

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
@@ -26,7 +25,6 @@ from barc_sim.ros.node_helpers import (
     fill,
     frames,
     to_nanoseconds,
-    to_state_at_rest,
 )
 from barc_sim.ros.peers import claim
 from barc_sim.simulation.stepper import Stepper, parameters
@@ -53,8 +51,8 @@ class VehicleSimulator(Node):
     still: at factor 1 once it is 0.1 s behind the wall clock, or if the parameter `clock` is true.
 
     The service `reset` restarts the run, with the controller or relay, once the present state is
-    answered. `pause` stops and resumes time; meanwhile `step` takes one step. A message on
-    `initialpose` puts the car there. `finished` is done at the end; `refused` counts bad messages.
+    answered. `pause` stops and resumes time; meanwhile `step` takes one step. `finished` is done at
+    the end; `refused` counts bad messages.
 
     Examples
     --------
@@ -73,7 +71,7 @@ class VehicleSimulator(Node):
     >>> rclpy.shutdown()
     """
 
-    inputs: ClassVar = {names.ECU: ECU, names.INITIAL_POSE: PoseWithCovarianceStamped}
+    inputs: ClassVar = {names.ECU: ECU}
 
     def __init__(
         self,
@@ -119,9 +117,6 @@ class VehicleSimulator(Node):
         self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
         self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
         self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
-        self.create_subscription(
-            PoseWithCovarianceStamped, names.INITIAL_POSE, self._on_pose, names.QOS_NEWEST
-        )
         self.create_service(Trigger, names.RESET_SIMULATOR, self._on_reset)
         self.create_service(SetBool, names.PAUSE_SIMULATOR, self._on_pause)
         self.create_service(Trigger, names.STEP_SIMULATOR, self._on_single_step)
@@ -194,13 +189,6 @@ class VehicleSimulator(Node):
     def _on_parameters(self, changed: list[Parameter]) -> None:
         self.values.update({parameter.name: parameter.value for parameter in changed})
         self.stepper.retune(self.values)
-
-    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        if place := to_state_at_rest(message.pose.pose):
-            self.stepper.place(place)
-        else:
-            why = f'an initial pose that is not finite or no rotation: {message.pose.pose}'
-            self.refused.add(lambda: why)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = True, 'the car is back at the start'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections import Counter
-from math import atan2, cos, sin
+from math import cos, sin
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from builtin_interfaces.msg import Time
@@ -18,7 +18,6 @@ from barc_sim.bags import names
 from barc_sim.bags.messages import NANOSECONDS, split_time
 from barc_sim.control.driver import DriverInput
 from barc_sim.errors import ANY, UserError, not_between
-from barc_sim.vehicle.bike_model import State
 from barc_sim.vehicle.parameters import TRACK
 from barc_sim.vehicle.track import Track
 
@@ -32,10 +31,6 @@ if TYPE_CHECKING:
 
 Message = TypeVar('Message')
 _RECOUNT_NS = 100_000_000
-#: [m] No road leads farther.
-_FAR = 1e6
-#: Tolerance of the squared norm of a quaternion that is a rotation.
-_NORM_TOLERANCE = 1e-3
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
@@ -120,15 +115,6 @@ def to_nanoseconds(stamp: Time) -> int:
     """Return `stamp` in nanoseconds."""
     nanoseconds: int = stamp.sec * NANOSECONDS + stamp.nanosec
     return nanoseconds
-
-
-def to_state_at_rest(pose: Pose) -> State | None:
-    """Return the state at rest at `pose`; None where that is not finite or not a rotation."""
-    x, y, q = pose.position.x, pose.position.y, pose.orientation
-    norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
-    if not (max(abs(x), abs(y)) <= _FAR and abs(norm - 1.0) < _NORM_TOLERANCE):
-        return None
-    return State(x, y, atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z)))
 
 
 def to_driver_input(twist: Twist) -> DriverInput:

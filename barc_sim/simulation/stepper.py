@@ -28,7 +28,7 @@ from barc_sim.vehicle.parameters import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from barc_sim.vehicle.bike_model import Model, State
+    from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.plant import Observation
     from barc_sim.vehicle.road import Road
     from barc_sim.vehicle.track import Track
@@ -204,8 +204,8 @@ class Stepper:
     RUNNING    deadline             unanswered, punctual    count a missed command, step
     RUNNING    deadline             unanswered, late        count a slipped period
     RUNNING    pause                                        PAUSED
-    PAUSED     single step, place   answered                step
-    PAUSED     single step, place   unanswered              step when a command answers
+    PAUSED     single step          answered                step
+    PAUSED     single step          unanswered              step when a command answers
     PAUSED     resume               answered, lock-step     RUNNING, step
     PAUSED     resume               otherwise               RUNNING
     both       reset                answered                STARTING
@@ -215,10 +215,9 @@ class Stepper:
     =========  ===================  ======================  =====================================
 
     A step publishes the next state. From a state at or beyond `distance` it ends the lap: the next
-    lap begins as after a reset, and the last one leads to FINISHED; so does any after `end`. If a
-    place is stored, the step puts the car there; if commands are lost, it brakes. STARTING begins
-    with a new plant and no command. Other events change nothing in a phase, except that a command
-    or a place is stored for the next step.
+    lap begins as after a reset, and the last one leads to FINISHED; so does any after `end`. If
+    commands are lost, the car brakes. STARTING begins with a new plant and no command. Other events
+    change nothing in a phase, except that a command is stored for the next step.
 
     Stamps begin with the wall clock, and grow by one period a step, also over a reset. In real time
     (`realtime_factor` 1) a pause or a slip thus leaves them behind by `stamp_lag`; a reset sets
@@ -296,7 +295,6 @@ class Stepper:
         self._first_state = self._first_stamp = self.stamp = 0
         self._request: Literal['step', 'reset'] | None = None  # once the state is answered
         self._undecided: Literal['punctual', 'late'] | None = None  # the deadline that has passed
-        self._place: State | None = None
         self._ends = False
         self._values: Mapping[str, Any] | None = None  # for the plant
 
@@ -394,19 +392,15 @@ class Stepper:
     def single_step(self) -> tuple[bool, str]:
         """Take one step while paused; return whether that is possible, and a sentence."""
         if self.phase is Phase.PAUSED:
-            if self._step_when_answered():
-                return True, f'state {self.states - 1}'
-            return True, f'state {self.states - 1} is not answered yet: the step follows'
+            self._request = self._request or 'step'
+            if not self._commands.answered:
+                return True, f'state {self.states - 1} is not answered yet: the step follows'
+            self._step()
+            return True, f'state {self.states - 1}'
         return False, {
             Phase.STARTING: 'not begun yet',
             Phase.RUNNING: 'time runs: pause it first',
         }.get(self.phase, 'the run has ended')
-
-    def place(self, state: State) -> None:
-        """Put the car at `state` in the next step, which follows at once while paused."""
-        self._place = state
-        if self.phase is Phase.PAUSED:
-            self._step_when_answered()
 
     def retune(self, values: Mapping[str, Any]) -> None:
         """Give the plant the `LIVE` values before the next step; may be called from any thread."""
@@ -429,13 +423,6 @@ class Stepper:
         if self._request == 'reset':
             self._restart()
 
-    def _step_when_answered(self) -> bool:
-        """Take a step if the present state is answered, or request it; return whether taken."""
-        self._request = self._request or 'step'
-        if self._commands.answered:
-            self._step()
-        return self._request is None
-
     def _step(self) -> None:
         """Take the step to the next state, or do what was requested in its place."""
         request, self._request = self._request, None
@@ -443,16 +430,13 @@ class Stepper:
             self._restart()
             return
         plant = self._plant
-        if self._place is None and (self._ends or plant.distance >= self.distance):
+        if self._ends or plant.distance >= self.distance:
             self._end_lap()
             return
         if self._values:
             values, self._values = self._values, None
             retune(values, plant)
-        if self._place is not None:
-            plant.place(self._place)
-            self._place, self._ends = None, False
-        elif self._commands.timed_out(self._clock()):
+        if self._commands.timed_out(self._clock()):
             self._outputs.warn(
                 lambda: f'no command for {self._timeout:g} s: the car brakes to a standstill',
                 'timeout',
@@ -517,7 +501,7 @@ class Stepper:
         if self.phase is Phase.FINISHED:
             self.laps = 0
         self.phase = Phase.STARTING
-        self._request = self._place = None
+        self._request = None
         self._ends = False
         self._stop_deadlines()
         self._plant = self._new_plant()

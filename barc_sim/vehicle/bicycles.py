@@ -22,9 +22,8 @@ ch. II.1.
 
 from __future__ import annotations
 
-from cmath import sqrt as complex_sqrt
 from collections.abc import Callable
-from math import atan2, copysign, cos, factorial, hypot, sin
+from math import atan2, copysign, cos, hypot, sin
 from typing import Annotated, NamedTuple
 
 from barc_sim.errors import UserError, limited
@@ -72,14 +71,7 @@ def _shifted(state: Vector, rate: Vector, ts: float) -> Vector:
     return tuple(value + ts * slope for value, slope in zip(state, rate, strict=True))
 
 
-class Integrator(NamedTuple):
-    """A method; `order` is that of its error over a given time."""
-
-    step: Callable[[Rates, Vector, float], Vector]
-    order: int
-
-
-INTEGRATORS = {'euler': Integrator(euler, 1), 'rk4': Integrator(rk4, 4)}
+INTEGRATORS = {'euler': euler, 'rk4': rk4}
 
 
 @limited
@@ -148,13 +140,10 @@ class KinematicBicycle:
 
         def after(direction: float) -> State:
             rates = _kinematic_rates(held, grade, vehicle, direction)
-            return State(*self.integrator.step(rates, state, ts))
+            return State(*self.integrator(rates, state, ts))
 
         stepped = after(direction_of(state.v))
         return stepped._replace(v=with_static_resistance(state.v, stepped.v, lambda: after(0.0).v))
-
-    def check(self, vehicle: Vehicle, ts: float) -> None:
-        """Do nothing: any step will do."""
 
     def reset(self) -> None:
         """Do nothing: a step depends on the state alone."""
@@ -192,28 +181,6 @@ class DynamicBicycle:
         self._integrator = self._kinematic.integrator
         self._beta = self._psi_dot = 0.0
 
-    def check(self, vehicle: Vehicle, ts: float) -> None:
-        """Raise UserError where steps of `ts` seconds are too long for the integrator.
-
-        They are where it makes a motion across grow that decays, at the speed at which it begins:
-        where the first terms of exp(z), as many as its order, are more than 1 for an eigenvalue z
-        of the linear equations of v_y and ψ' (Rajamani, section 2.3).
-        """
-        m, l_f, l_r = vehicle.mass, vehicle.l_f, vehicle.l_r
-        i_z, c_f, c_r, v = self.lateral
-        moment = l_f * c_f - l_r * c_r
-        a, d = -(c_f + c_r) / (m * v), -(l_f**2 * c_f + l_r**2 * c_r) / (i_z * v)
-        product = (v + moment / (m * v)) * moment / (i_z * v)
-        root = complex_sqrt(0.25 * (a - d) ** 2 + product)
-        for rate in (0.5 * (a + d) + root, 0.5 * (a + d) - root):
-            terms = ((rate * ts) ** k / factorial(k) for k in range(self._integrator.order + 1))
-            if rate.real < 0.0 and abs(sum(terms)) > 1.0:
-                raise UserError(
-                    f'steps of {ts:g} s are too long for the dynamic bicycle at {v:g} m/s, where '
-                    f'it settles in {1e3 / abs(rate):.0f} ms: raise the parameter rate or '
-                    'dynamic_above'
-                )
-
     def step(self, state: State, held: Command, grade: Grade, vehicle: Vehicle, ts: float) -> State:
         """Return the state `ts` seconds later, with acceleration and steering `held`."""
         if not self._dynamic(state):
@@ -224,7 +191,7 @@ class DynamicBicycle:
 
         def end(direction: float) -> Motion:
             slopes = rates(held, grade, vehicle, self.lateral, direction)
-            return Motion(*self._integrator.step(slopes, begin, ts))
+            return Motion(*self._integrator(slopes, begin, ts))
 
         moved = end(direction_of(begin.v_x))
         v_x = with_static_resistance(begin.v_x, moved.v_x, lambda: end(0.0).v_x)
@@ -257,6 +224,22 @@ class DynamicBicycle:
         """Slip and turn as the kinematic bicycle does."""
         self._beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
         self._psi_dot = v / vehicle.l_r * sin(self._beta)
+
+
+def check_step(lateral: LateralParameters, vehicle: Vehicle, ts: float) -> None:
+    """Raise UserError where steps of `ts` seconds are too long for the dynamic bicycle.
+
+    A motion across decays fastest at the speed at which it begins; forward Euler lets it grow where
+    a step is longer than twice the time that it takes (Rajamani, section 2.3).
+    """
+    i_z, c_f, c_r, v = lateral
+    turning = (vehicle.l_f**2 * c_f + vehicle.l_r**2 * c_r) / i_z
+    settling = v / max((c_f + c_r) / vehicle.mass, turning)
+    if ts > 2.0 * settling:
+        raise UserError(
+            f'steps of {ts:g} s are too long for the dynamic bicycle at {v:g} m/s, where it '
+            f'settles in {1e3 * settling:.0f} ms: raise the parameter rate or dynamic_above'
+        )
 
 
 #: The names of the bicycles, and what each is.

@@ -11,7 +11,7 @@ from random import Random
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from barc_sim.errors import limited
-from barc_sim.vehicle.bicycles import bicycle
+from barc_sim.vehicle.bicycles import DynamicBicycle, bicycle, check_step
 from barc_sim.vehicle.bike_model import (
     Command,
     Model,
@@ -404,7 +404,8 @@ class Plant:
         self._steps = 0
         self.actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
         self._bicycle = bicycle(dynamics, integrator, model, lateral)
-        self._bicycle.check(self.vehicle, ts)
+        if isinstance(self._bicycle, DynamicBicycle):
+            check_step(self._bicycle.lateral, self.vehicle, ts)
         self.track = track
         self.on_track: TrackState | None = None
         self._lap_began = 0.0  # [s]

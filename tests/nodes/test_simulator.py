@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,6 @@ import pytest
 pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -350,27 +348,3 @@ def test_reset_continues_without_the_controllers_answer(world: World, capfd: Cap
     before = simulator.stepper.states
     world.until(lambda: simulator.stepper.states > before + 3)
     assert capfd.readouterr().err.count('has not answered its reset') == 1
-
-
-def pose(x: float, y: float, z: float, w: float) -> PoseWithCovarianceStamped:
-    message = PoseWithCovarianceStamped()
-    message.pose.pose.position.x, message.pose.pose.position.y = x, y
-    message.pose.pose.orientation.z, message.pose.pose.orientation.w = z, w
-    return message
-
-
-def test_initial_pose_puts_the_car_there_at_rest_unless_it_is_not_finite(world: World) -> None:
-    world.driver(partial(command, 1.0))
-    simulator = world.simulator(realtime_factor=LOCK_STEP, road='flat')
-    chooser = world.add(Node('chooser', context=world.context))
-    places = chooser.create_publisher(PoseWithCovarianceStamped, 'initialpose', 1)
-    world.until(lambda: len(world.states) >= 5 and places.get_subscription_count() == 1)
-    places.publish(pose(math.nan, 0.0, 0.0, 1.0))
-    world.until(lambda: simulator.refused.count == 1)
-    places.publish(pose(-30.0, 5.0, 0.6, 0.8))
-    world.until(lambda: any(state.x < -29.0 for state in world.states))
-    placed = next(state for state in world.states if state.x < -29.0)
-    assert (placed.x, placed.y, placed.v_x) == (-30.0, 5.0, 0.0)
-    assert placed.psi == pytest.approx(2.0 * math.atan2(0.6, 0.8))
-    world.until(lambda: world.states[-1].v_x > 0.1)
-    assert math.isfinite(sum(state.x for state in world.states))

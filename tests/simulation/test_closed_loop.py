@@ -284,30 +284,15 @@ def follow(
 @pytest.mark.parametrize(
     ('motion', 'gave_up', 'does'),
     [
-        (lambda _: (8.0, 8.0), 20.0, 'stands at 8.0 m: the model returns the speed in place of x'),
-        (lambda t: (3.0, t), 20.0, 'stands at 3.0 m, and its speed is 20.02 m/s: the model does'),
+        (lambda _: (8.0, 8.0), 20.0, 'is at 8.0 m, at 8.00 m/s, and was at 8.0 m: does the model'),
         (lambda _: (0.0, 0.0), 20.0, 'stands at 0.0 m: the commands do not move it'),
         (lambda t: (-t, -1.0), 20.0, 'drives backwards, to -20.02 m: is the error'),
         (
-            lambda t: (5.0 - abs(5.0 - t), -1.0),
-            25.0,
-            'is at -15.0 m, at -1.00 m/s, and was at 5.0 m; it got no further for 20 s',
-        ),
-        (
             lambda t: (0.1 * t, 0.1),
             225.0,
-            'is at 22.5 m, at 0.10 m/s, and was at 22.5 m; at the speed to hold it would have',
+            'is at 22.5 m, at 0.10 m/s, and was at 22.5 m',
         ),
-        # It diverges, and is at rest in every other step.
-        (
-            lambda t: (-(1.1 ** (t / TS)), -(1.1 ** (t / TS)) if round(t / TS) % 2 else 0.0),
-            20.0,
-            'drives backwards, to -',
-        ),
-        # It is put elsewhere in every step: nobody does that.
-        (lambda t: (-2.0 * (round(t / TS) % 2), 0.0), 20.0, 'drives backwards, to -2 m'),
-        (lambda _: (-3.0, 0.0), 20.0, 'stands at -3.0 m: the commands do not move it'),
-        (lambda _: (nan, 1.0), 20.0, 'has no position: the model returns nan for x; it got no'),
+        (lambda _: (nan, 1.0), 20.0, 'is at nan m, at 1.00 m/s'),
     ],
 )
 def test_a_car_that_never_arrives_is_given_up(
@@ -326,8 +311,6 @@ def test_a_car_that_never_arrives_is_given_up(
         (lambda t: (max(t - 19.0, 0.0) * 8.0, 8.0), {}),
         (lambda _: (0.0, 0.0), {'distance': inf}),
         (lambda _: (LAB, 0.0), {}),
-        # Put back to the start every 15 s.
-        (lambda t: (t % 15.0, 1.0 if t % 15.0 else 0.0), {'duration': 200.0}),
     ],
 )
 def test_a_car_on_its_way_is_not(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from barc_sim.simulation.stepper import PUNCTUAL, Commands, Pace, Phase, Stepper, parameters
-from barc_sim.vehicle.bike_model import Command, State
+from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.parameters import PARAMETERS
 from barc_sim.vehicle.road import Road
 
@@ -493,31 +493,6 @@ def test_step_that_was_not_taken_is_forgotten_when_time_runs_again() -> None:
     assert engine.stepper.states == 1
 
 
-# Place
-
-
-def test_place_is_the_next_step() -> None:
-    engine = lock_step(distance=10.0)
-    engine.answer(8.0)
-    engine.stepper.place(State(x=-30.0, y=5.0))
-    engine.answer(8.0)
-    _, seen, stamp = engine.published[-1]
-    assert (seen.true.x, seen.true.y, seen.true.v_x) == (-30.0, 5.0, 0.0)
-    assert stamp == START + 2 * PERIOD
-    engine.answer(1.0)
-    assert engine.speed == pytest.approx(0.02, rel=1e-3)
-
-
-def test_place_before_the_end_takes_the_car_away_from_it() -> None:
-    engine = lock_step(distance=1.0)
-    engine.stepper.place(State(x=5.0))
-    engine.answer()
-    engine.stepper.place(State())
-    engine.answer()
-    assert engine.stepper.phase is Phase.RUNNING
-    assert engine.published[-1][1].true.x == 0.0
-
-
 # Reset
 
 
@@ -545,7 +520,6 @@ def test_reset_of_an_answered_state_starts_again_with_later_stamps(factor: float
 @pytest.mark.parametrize('how', ['answer', 'deadline', 'late deadline', 'delivery', 'check'])
 def test_reset_of_a_state_that_is_not_answered_waits(how: str) -> None:
     engine = started()
-    engine.stepper.place(State(x=50.0))
     engine.stepper.reset()
     assert engine.stepper.phase is Phase.RUNNING
     if how == 'answer':
@@ -564,9 +538,6 @@ def test_reset_of_a_state_that_is_not_answered_waits(how: str) -> None:
     assert engine.stepper.phase is Phase.STARTING
     assert engine.stepper.states == engine.starts == 1
     engine.stepper.start()
-    engine.answer()
-    engine.deadline()
-    assert engine.published[-1][1].true.x < 1.0  # the place was forgotten
 
 
 def test_reset_overrides_a_single_step() -> None:
@@ -619,10 +590,6 @@ class AnyEvents(RuleBasedStateMachine):
         before = self.stepper.states
         done, _ = self.stepper.single_step()
         assert self.stepper.states <= before + done
-
-    @rule(x=st.floats(-1.0, 1.0))
-    def place(self, x: float) -> None:
-        self.stepper.place(State(x=x))
 
     @rule()
     def reset(self) -> None:

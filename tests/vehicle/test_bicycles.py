@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barc_sim.errors import UserError
 from barc_sim.vehicle.bicycles import (
     INTEGRATORS,
     DynamicBicycle,
@@ -70,18 +69,17 @@ def turned(name: str, steps: int) -> float:
     """Return the error of an oscillation after 2 s."""
     state: tuple[float, ...] = (1.0, 0.0)
     for _ in range(steps):
-        state = INTEGRATORS[name].step(lambda at: (at[1], -at[0]), state, 2.0 / steps)
+        state = INTEGRATORS[name](lambda at: (at[1], -at[0]), state, 2.0 / steps)
     return abs(complex(*state) - complex(cos(2.0), -sin(2.0)))
 
 
-@pytest.mark.parametrize('name', INTEGRATORS)
-def test_error_falls_with_the_declared_order(name: str) -> None:
-    order = log2(turned(name, 256) / turned(name, 512))
-    assert order == pytest.approx(INTEGRATORS[name].order, abs=0.02)
+@pytest.mark.parametrize(('name', 'order'), [('euler', 1), ('rk4', 4)])
+def test_error_falls_with_the_order(name: str, order: int) -> None:
+    assert log2(turned(name, 256) / turned(name, 512)) == pytest.approx(order, abs=0.02)
 
 
 def test_euler_takes_the_slope_at_the_beginning() -> None:
-    assert INTEGRATORS['euler'].step(lambda at: (at[1], 5.0), (1.0, 2.0), 0.5) == (2.0, 4.5)
+    assert INTEGRATORS['euler'](lambda at: (at[1], 5.0), (1.0, 2.0), 0.5) == (2.0, 4.5)
 
 
 # The dynamic bicycle
@@ -228,20 +226,3 @@ def test_car_that_slows_down_ends_at_rest() -> None:
         assert state.v >= 0.0
     assert state.v == 0.0
     assert bicycle.motion(state, 0.1, vehicle)[3:] == (0.0, 0.0, 0.0)
-
-
-# Steps that are too long
-
-
-@pytest.mark.parametrize(('integrator', 'ts'), [('euler', 0.05), ('rk4', 0.06)])
-def test_steps_that_would_swing_up_are_refused(integrator: str, ts: float) -> None:
-    with pytest.raises(
-        UserError, match=f'^steps of {ts:g} s are too long .* raise the parameter rate'
-    ):
-        DynamicBicycle(integrator=integrator).check(Vehicle(), ts)
-    DynamicBicycle(LateralParameters(dynamic_above=10.0), integrator).check(Vehicle(), ts)
-
-
-def test_car_that_is_unstable_itself_is_not_refused() -> None:
-    v = 1.2 * critical_speed()
-    DynamicBicycle(OVERSTEERING._replace(dynamic_above=v)).check(CAR, 0.02)

@@ -460,7 +460,10 @@ def own_model(*arguments: float, **keywords: float) -> list[float]:
         ({'dynamics': 'dynamical'}, "^dynamics 'dynamical' must be 'kinematic' or 'dynamic'$"),
         ({'model': own_model, 'integrator': 'rk4'}, "^integrator 'rk4' does not go with a model"),
         ({'model': own_model, 'dynamics': 'dynamic'}, "^dynamics 'dynamic' takes the place of a"),
-        ({'dynamics': 'dynamic', 'ts': 0.1}, '^steps of 0.1 s are too long for the dynamic bicyc'),
+        (
+            {'dynamics': 'dynamic', 'ts': 0.05},
+            '^steps of 0.05 s are too long for the dyn',
+        ),
     ],
 )
 def test_what_does_not_go_together_is_refused(options: dict[str, Any], sentence: str) -> None:
