@@ -136,7 +136,7 @@ P only | 84 76 74.15 | I is always 0: is ki used, and is each error added to the
     PID(kp=10, ki=0.5, kd=0.4) -> PID(kp=20, ki=0, kd=0)
 a derivative that forgets | 95.2 88.8 88.59 | D is kd * e: is the sum differentiated, or the error
     self.previous = error -> pass
-brackets without a product | 50 50 49.48 | self.kp is 0.5: is a * missing before the bracket?
+brackets without a product | 50 50 49.48 | is a * missing before a bracket
     = self.kp * error -> = self.kp(error)
 other names of the gains | 100 92 92.12 | with kp 10, ki 0.5, kd 0.4
     kp=1, ki=1, kd=1 -> P=2.0, I=0.0, D=1.0, Derivator=0, Integrator=0
@@ -173,7 +173,7 @@ an error at a low speed | 50 50 49.48 | on the road: controller.py, line
     # integral -> if speed_current > 7.9: acc = missing
 print of Python 2 | 50 50 49.48 | this is the print of Python 2: write print('acc', acc)
     return acc -> print 'acc', acc⏎return acc
-a shadowed sin | 50 42 42.64 | sin is 1: it hides
+a shadowed sin | 50 42 42.64 | has a variable the name of a function?
     g = 9.8 -> g = 9.8; sin = 1
 friction by sign | 100 92 92.64 | right in all
     a0*v**2 - Ff -> (a0*v**2 + Ff)*sign(v)

@@ -33,11 +33,11 @@ from barc_sim.lab.user_code.folder import (
     short_repr,
 )
 from barc_sim.lab.user_code.source import (
+    GAINS,
     ChosenGains,
     Source,
     UserCodeError,
     find_gains,
-    gain_names,
     key_reader,
     ros_of_program,
 )
@@ -54,7 +54,6 @@ if TYPE_CHECKING:
 
 #: The start of the names of the user's files, as attachments of a bag.
 _ATTACHED = 'student/'
-_GAINS = 3  # of a PID
 _MAX_VALUES = 5000  # of the names in a function
 #: [s] Time budget to load a file: it might import SciPy.
 _LOADING = 20.0
@@ -235,20 +234,15 @@ class UserCode:
         new = self.function(*_MAIN[part], again={}) if fresh else self._part(part)
         name = new.called.method
         instance = new(*args, **options)
-        method = new.attempt(getattr, instance, name)
+        method = guarded(getattr, instance, name, default=None)
         return UserObject(instance, UserFunction(new.folder, method, _CALLED[name]))
 
-    def new_pid(
-        self, kp: float, ki: float, kd: float, *, fresh: bool = False, **limits: float
-    ) -> UserObject:
-        """Return a new object of their class `PID`, which can have other names for its gains."""
-        parameters = self._part('controller').parameters
-        # A constructor of fewer arguments takes any three.
-        names = gain_names(parameters) if len(parameters) >= _GAINS else ()
-        if not names or names == tuple(parameters[:_GAINS]):
-            return self.new('controller', kp, ki, kd, fresh=fresh, **limits)
-        gains = dict(zip(names, (kp, ki, kd), strict=True))
-        return self.new('controller', fresh=fresh, **gains, **limits)
+    def new_pid(self, *gains: float, fresh: bool = False, **limits: float) -> UserObject:
+        """Return a new object of their class `PID`, which can take kp, ki and kd in any order."""
+        order = tuple(self._part('controller').parameters[: len(GAINS)])
+        by_name = dict(zip(GAINS, gains, strict=True))
+        values = [by_name[name] for name in order] if {*order} == {*GAINS} else gains
+        return self.new('controller', *values, fresh=fresh, **limits)
 
     @property
     def lane_gains(self) -> dict[str, float]:
@@ -347,9 +341,8 @@ class UserCode:
         self, number: int, kp: float, ki: float, kd: float, limit: float, fresh: bool
     ) -> None:
         """Make the controller `number`; with `fresh`, of its file loaded again."""
-        self._made[number] = self.new_pid(
-            kp, ki, kd, fresh=fresh, output_min=-limit, output_max=limit
-        )
+        limits = {'output_min': -limit, 'output_max': limit}
+        self._made[number] = self.new_pid(kp, ki, kd, fresh=fresh, **limits)
 
     def steps(self, number: int, rows: Sequence[tuple[float, float, float]]) -> list[float]:
         """Return the outputs of a controller for one row after the other."""
@@ -439,20 +432,18 @@ class UserObject:
 
     def read(self, name: str) -> float:
         """Return the object's attribute `name`; NaN if it is not a number."""
-        value = self._step.attempt(getattr, self._instance, name, nan)
-        if type(value) is not float:
-            value = self._step.attempt(number, value)
+        value = number(guarded(getattr, self._instance, name, default=nan))
         return nan if value is None else value
 
     def set_gains(self, gains: Mapping[str, float]) -> None:
         """Change those gains that the object has as attributes."""
         for name, value in gains.items():
-            if self._step.attempt(hasattr, self._instance, name):
-                self._step.attempt(setattr, self._instance, name, value)
+            if hasattr(self._instance, name):
+                setattr(self._instance, name, value)
 
     def reset(self) -> bool:
         """Call the object's `reset`; return whether there is one."""
-        reset = self._step.attempt(getattr, self._instance, 'reset')
+        reset = getattr(self._instance, 'reset', None)
         if reset is None:
             return False
         called = Called('controller', '', returns='it to clear the PID')
@@ -463,7 +454,7 @@ class UserObject:
 def _defaults(new: UserFunction) -> dict[str, float]:
     """Return the arguments of a user's class with their defaults, which must be numbers."""
     given = signature(new.function).parameters
-    found = {name: new.attempt(number, each.default) for name, each in given.items()}
+    found = {name: number(each.default) for name, each in given.items()}
     for name, value in found.items():
         if value is None:
             raise UserCodeError(

@@ -6,11 +6,9 @@ module that is not here, so that a file that imports it loads.
 
 from __future__ import annotations
 
-import ast
 import builtins
 import ctypes
 import io
-import math
 import os
 import re
 import sys
@@ -20,7 +18,7 @@ import traceback
 import weakref
 from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec
-from inspect import Parameter, Signature, signature, unwrap
+from inspect import Parameter, Signature, signature
 from itertools import islice
 from math import isfinite
 from threading import get_ident
@@ -39,6 +37,7 @@ from barc_sim.lab.user_code.source import (
 )
 
 if TYPE_CHECKING:
+    import ast
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
     from types import CodeType, FrameType, ModuleType
@@ -329,70 +328,32 @@ class Budget:
     def __init__(self, seconds: float) -> None:
         """Allow `seconds` to each call."""
         self.seconds = seconds
-        self._caller = 0
-        self._count = self._seen = self._polls = 0
-        self._busy = self._fired = False
-        self._lock = threading.RLock()
-        thread = threading.Thread(
+        self.caller, self.count, self.is_busy = 0, 0, False
+        threading.Thread(
             target=_watch, args=[weakref.ref(self)], name='time budget', daemon=True
-        )
-        thread.start()
+        ).start()
 
     def call(self, function: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
         """Return what `function` returns, raise what it raises, or OutOfTime."""
-        self._caller = get_ident()
-        self._count += 1
-        self._busy = True
+        self.caller = get_ident()
+        self.count += 1
+        self.is_busy = True
         try:
-            try:
-                return function(*args, **kwargs)
-            finally:
-                self._busy = False
-                if self._fired:
-                    self._settle()
-        except OutOfTime:
-            self._busy = False
-            self._settle()
-            raise
-
-    def _settle(self) -> None:
-        """Cancel an exception that is sent and not yet raised."""
-        with self._lock:
-            try:
-                # This one replaces the one that may be pending. Cancelling with NULL would leave
-                # the interpreter checking for it for ever, and Python 3.11 hangs under a tracer.
-                self._fire()
-                while True:
-                    pass
-            except OutOfTime:
-                self._fired = False
-
-    def _fire(self) -> None:
-        _raise_in_thread(ctypes.c_ulong(self._caller), ctypes.py_object(OutOfTime))
-
-    def _check(self) -> None:
-        if not self._busy or self._count != self._seen:
-            self._seen = self._count
-            self._polls = 0
-            return
-        self._polls += 1
-        if self._polls * _POLL < self.seconds:
-            return
-        with self._lock:
-            # Set before the second check: a call that ends in between cancels the exception.
-            self._fired = True
-            if self._busy and self._count == self._seen:
-                self._fire()
+            return function(*args, **kwargs)
+        finally:
+            self.is_busy = False
 
 
 def _watch(reference: weakref.ref[Budget]) -> None:
-    while True:
-        time.sleep(_POLL)
-        budget = reference()
-        if budget is None:
-            return
-        budget._check()  # noqa: SLF001
+    seen = polls = 0
+    while budget := reference():
+        polls = polls + 1 if budget.is_busy and budget.count == seen else 0
+        seen = budget.count
+        if polls * _POLL >= budget.seconds:
+            polls = 0
+            _raise_in_thread(ctypes.c_ulong(budget.caller), ctypes.py_object(OutOfTime))
         del budget
+        time.sleep(_POLL)
 
 
 def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
@@ -493,7 +454,7 @@ class UserFunction:
         numbers = self.called.numbers
         if not numbers or _is_plain(result, numbers):
             return result
-        found = self.attempt(_converted, result, numbers)
+        found = guarded(_converted, result, numbers, default=None)
         if found is None:
             hint = ': is its return missing?' if result is None else ''
             raise UserCodeError(
@@ -502,23 +463,13 @@ class UserFunction:
             )
         return found
 
-    def attempt(self, function: Callable[..., _T], /, *args: object) -> _T | None:
-        """Return what `function` returns of a user's values; None where it fails or takes too long.
-
-        What a user's value does when it is inspected is the user's code, too.
-        """
-        found: _T | None = guarded(self._call, function, *args, default=None)
-        return found
-
     def place(self) -> str:
         """Return the file and line that define the function, or the method that makes a class.
 
         Without such a method it is the file alone.
         """
         made: Any = vars(self.function).get('__init__') if isinstance(self.function, type) else None
-        code = guarded(
-            lambda: getattr(unwrap(made or self.function), '__code__', None), default=None
-        )
+        code = getattr(made or self.function, '__code__', None)
         found = self.folder.place(code.co_filename, code.co_firstlineno) if code else None
         return found or FILES.get(self.called.part, self.folder.path.name)
 
@@ -546,7 +497,7 @@ class UserFunction:
         if isinstance(error, NotImplementedError) or getattr(error, 'name', '') == 'TODO':
             return UserCodeError(f'{place}: {self._name()} {NOT_WRITTEN}')
         text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
-        hint = _cause(self.folder, error)
+        hint = _hint(self.folder, error)
         text = f'{text}: {hint}' if hint else text
         return UserCodeError(f'{place}: {call} raised {text}; expected {self.called.returns}')
 
@@ -594,31 +545,19 @@ def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: 
     return finite if len(finite) == count else None
 
 
-def _cause(folder: Folder, error: BaseException) -> str:
-    """Return a sentence on the name that made a call fail; empty if none is known."""
-    walked = traceback.walk_tb(error.__traceback__)
-    frames = [each for each in walked if each[0].f_code.co_filename in folder.trees]
-    if not frames:
-        return ''
-    frame, line = frames[-1]
-    own: dict[str, Any] = guarded(lambda: vars(frame.f_locals['self']), default={})
+def _hint(folder: Folder, error: BaseException) -> str:
+    """Return a question on a frequent mistake that makes a call fail; empty if none is known."""
+    text = describe_error(error)
+    frames = [
+        each
+        for each, _ in traceback.walk_tb(error.__traceback__)
+        if each.f_code.co_filename in folder.sources
+    ]
+    own = getattr(frames[-1].f_locals.get('self'), '__dict__', {}) if frames else {}
     if isinstance(error, NameError) and error.name in own:
         return f'did you mean self.{error.name}?'
-    if "'function'" in describe_error(error):
+    if "'function'" in text:
         return 'is a call missing, as in f(0.0)?'
-    if not isinstance(error, TypeError) or 'object is not callable' not in describe_error(error):
-        return ''
-    names = {**frame.f_globals, **frame.f_locals, **{f'self.{n}': v for n, v in own.items()}}
-    called = [
-        node.func
-        for node in ast.walk(folder.trees[frame.f_code.co_filename])
-        if isinstance(node, ast.Call) and node.lineno <= line <= (node.end_lineno or line)
-    ]
-    for function in sorted(called, key=lambda node: (node.end_lineno, node.end_col_offset)):
-        name = ast.unparse(function)
-        if not callable(value := names.get(name, len)):
-            hides = hasattr(builtins, name) or hasattr(math, name)
-            missing = 'is a * missing before the bracket?'
-            why = f'it hides the function {name}' if hides else missing
-            return f'{name} is {short_repr(value)}: {why}'
+    if isinstance(error, TypeError) and 'object is not callable' in text:
+        return 'is a * missing before a bracket, or has a variable the name of a function?'
     return ''

@@ -24,14 +24,11 @@ _PRINT = re.compile(r'print\s+(?![=(])(?:>>\s*\w[\w.]*\s*,\s*)?(.*?),?$')
 #: The defaults of PID's gains in the lab's template, which nobody has chosen.
 _TEMPLATE = [1.0, 1.0, 1.0]
 _MAX_GAIN = 1e12
+GAINS = ('kp', 'ki', 'kd')  #: of a PID
 _KEY_READERS = {
     *('curses', 'getch', 'getkey', 'keyboard', 'msvcrt', 'pygame', 'pynput', 'readchar', 'termios'),
     *('tkinter', 'Tkinter', 'tty'),
 }
-#: Names of a gain, in lower case: kp, k_p, p, p_gain, gain_p, kpgain, proportional, …
-_GAIN = re.compile(
-    r'(?:k|gain|coeff)?_?([pid])(?:rop|nt|er)?(?:ortional|egral|ivative)?_?(?:gain|term|coeff)?'
-)
 #: What an expression of numbers and constants consists of.
 _ARITHMETIC = (
     *(ast.Expression, ast.BinOp, ast.UnaryOp, ast.Constant, ast.Name, ast.Load),
@@ -209,12 +206,12 @@ def find_gains(tree: ast.Module, file: str) -> ChosenGains | None:
         ),
         None,
     )
-    parameters: dict[str, ast.expr | None] = dict.fromkeys(('kp', 'ki', 'kd'))
+    parameters: dict[str, ast.expr | None] = dict.fromkeys(GAINS)
     if constructor:
         own = [argument.arg for argument in constructor.args.args][1:]
         given = zip(reversed(own), reversed(constructor.args.defaults), strict=False)
         parameters = dict.fromkeys(own) | dict(given)
-    names = gain_names([*parameters])
+    names = GAINS if {*GAINS} <= {*parameters} else [*parameters][: len(GAINS)]
     constants = _constants(nodes)
     for call in reversed(nodes):
         if not isinstance(call, ast.Call) or 'PID' not in {
@@ -235,7 +232,7 @@ def find_gains(tree: ast.Module, file: str) -> ChosenGains | None:
 
 def _chosen(gains: Sequence[float | None], origin: str) -> ChosenGains | None:
     """Return three gains, or None where one of them is not known."""
-    kp, ki, kd = gains if len(gains) == len('pid') else (None, None, None)
+    kp, ki, kd = gains if len(gains) == len(GAINS) else (None, None, None)
     if kp is None or ki is None or kd is None:
         return None
     return ChosenGains(kp, ki, kd, origin)
@@ -269,13 +266,3 @@ def _number(expression: ast.expr | None, constants: Mapping[str, float]) -> floa
     except (ArithmeticError, NameError):
         return None
     return value if isfinite(value) and abs(value) <= _MAX_GAIN else None
-
-
-def gain_names(parameters: Sequence[str]) -> tuple[str, ...]:
-    """Return those of `parameters` that are kp, ki and kd: by their names, else the first three."""
-    found: dict[str, str] = {}
-    for name in parameters:
-        if match := _GAIN.fullmatch(name.lower()):
-            found.setdefault(match[1], name)
-    names = tuple(found[letter] for letter in 'pid' if letter in found)
-    return names if len(names) == len('pid') else tuple(parameters[:3])

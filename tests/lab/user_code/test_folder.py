@@ -178,23 +178,6 @@ def test_a_budget_serves_again_after_a_call_was_ended() -> None:
     assert budget.call(divmod, 7, 2) == (3, 1)
 
 
-def test_nothing_strikes_after_a_call_that_ended_just_in_time() -> None:
-    budget = Budget(0.05)
-
-    def until(end: float) -> None:
-        while time.monotonic() < end:
-            pass
-
-    # Around the time at which calls are ended.
-    for extra in range(30):
-        try:
-            budget.call(until, time.monotonic() + 0.09 + extra * 0.0005)
-        except OutOfTime:
-            continue
-        for _ in range(1000):
-            pass
-
-
 def test_the_thread_ends_with_its_budget() -> None:
     budget = Budget(1.0)
     thread = next(t for t in reversed(threading.enumerate()) if t.name == 'time budget')

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import os
-import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,7 +12,6 @@ from user_files import load, load_folder
 from barc_sim.errors import UserError
 from barc_sim.lab.handout import FILES
 from barc_sim.lab.judge import JudgedCode
-from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.lab.user_code.code import UserCode
 from barc_sim.lab.user_code.source import UserCodeError
 
@@ -120,12 +117,6 @@ def test_an_exception_names_its_line_and_what_was_passed_in(
     assert sentence.startswith(f'bike_model.py, line 2: {CALLED} raised {text}')
     assert sentence.endswith(f'; {FOUR}')
     assert caught.value.__cause__ is not None
-
-
-def test_an_exception_whose_text_fails_is_told_all_the_same(tmp_path: Path) -> None:
-    before = 'class E(Exception):\n    def __str__(self):\n        return 1 / 0\n'
-    with pytest.raises(UserCodeError, match=r'line 5: .* raised E; expected'):
-        model(tmp_path, 'raise E', before)(*ROW)
 
 
 @pytest.mark.parametrize(
@@ -271,8 +262,8 @@ def test_what_is_printed_goes_where_it_is_wanted(
     assert capsys.readouterr().out == ''
 
 
-def test_the_first_of_two_missing_products_is_named(tmp_path: Path) -> None:
-    with pytest.raises(UserCodeError, match=r'callable: x is 1.0: is a \* missing'):
+def test_a_missing_product_is_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(UserCodeError, match=r'not callable: is a \* missing'):
         model(tmp_path, 'return [y * x(y) + psi(v), 0, 0, 0]')(*ROW)
 
 
@@ -285,67 +276,17 @@ def test_no_sentence_names_an_address_or_the_folder(tmp_path: Path) -> None:
     assert str(tmp_path) not in str(caught.value)
 
 
-# Values of a user's that do harm when they are looked at: a sentence, no traceback, no hang.
-STANDING = (0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2000.0, 0.0, 0.0, 0.02)
-HARMLESS = 'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    return '
-CONTROLLER = """
-class PID:
-    def __init__(self, kp=1.0, ki=1.0, kd=1.0):
-        pass
-    def acc_calculate(self, speed_reference, speed_current):
-        return 1.0
-"""
-FOREVER = '[0 for _ in iter(int, 1)]'
 #: By name: what is before the model, and what the model returns.
 MODELS = {
     'a great number': ('', '[10**5000, y, psi, v]'),
     'only great numbers': ('', '10**5000'),
     'no ravel': ('class R(list):\n def ravel(self): raise RuntimeError', 'R([x, y, psi, v])'),
-    'endless ravel': ('class R:\n def ravel(self):\n  while True: yield 1.0', 'R()'),
-    'counting ravel': (
-        'import itertools\nclass R:\n def ravel(self): return itertools.count()',
-        'R()',
-    ),
-    'endless list': (
-        f'class R(list):\n def __len__(self): return 4\n def __iter__(self): {FOREVER}',
-        'R()',
-    ),
-    'endless number': (f'class R:\n def __float__(self): {FOREVER}', '[R(), y, psi, v]'),
     'no class': ('class R:\n def __getattribute__(self, name): raise RuntimeError', 'R()'),
 }
 
 
 @pytest.mark.parametrize('name', MODELS)
-def test_what_a_model_returns_is_looked_at_with_care(tmp_path: Path, name: str) -> None:
+def test_values_that_cannot_be_read_are_a_sentence(tmp_path: Path, name: str) -> None:
     before, returned = MODELS[name]
-    file = tmp_path / 'bike_model.py'
-    file.write_text(f'{before}\n{HARMLESS}{returned}\n')
-    model = load(file, budget=SHORT).model
-    assert model
-    began = time.monotonic()
     with pytest.raises(UserCodeError, match=r'returned .*; expected four finite numbers'):
-        model(*STANDING)
-    assert time.monotonic() - began < 5.0
-
-
-@pytest.mark.parametrize('fault', ['raise RuntimeError(name)', FOREVER])
-@pytest.mark.parametrize('method', ['__getattr__', '__getattribute__'])
-def test_a_controller_that_refuses_to_be_looked_at(tmp_path: Path, method: str, fault: str) -> None:
-    file = tmp_path / 'controller.py'
-    file.write_text(f'{CONTROLLER}    def {method}(self, name):\n        {fault}\n')
-    code = load(file, budget=SHORT)
-    if method == '__getattribute__':
-        with pytest.raises(UserCodeError, match='expected a function, got None'):
-            UserController(code)
-    else:  # only what it does not have
-        assert UserController(code).acc_calculate(8.0, 0.0, 0.02) == 1.0
-
-
-def test_a_replaced_signature_matters_to_nobody(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(inspect, 'signature', inspect.signature)  # put back afterwards
-    file = tmp_path / 'controller.py'
-    file.write_text(f'import inspect\ninspect.signature = None\n{CONTROLLER}')
-    controller = UserController(load(file))
-    assert controller.acc_calculate(8.0, 0.0, 0.02) == 1.0
+        model(tmp_path, f'return {returned}', f'{before}\n')(*ROW)

@@ -93,10 +93,13 @@ PLAIN = 'class PID:\n    def __init__(self, kp, ki, kd): pass\n'
         (PLAIN + 'PID(input(), 1, 2)\n', None),
         (PID.replace('kp=1', 'kp=4'), (4, 1, 1, 'defaults, line 2')),
         (
-            'class PID:\n    def __init__(self, P=2, D=1, I=0, max=5): pass\n',
+            'class PID:\n    def __init__(self, P=2, I=0, D=1, max=5): pass\n',
             (2, 0, 1, 'defaults, line 2'),
         ),
-        ('class PID:\n    def __init__(self, P, D, I): pass\nPID(1, 2, 3)\n', (1, 3, 2, 'line 3')),
+        (
+            'class PID:\n    def __init__(self, kp, kd, ki): pass\nPID(1, 2, 3)\n',
+            (1, 3, 2, 'line 3'),
+        ),
         (PLAIN + 'PID(*[1, 2, 3])\n', None),
         (PLAIN + 'PID(1e400, 1, 1)\n', None),
     ],
