@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from math import nan
 from time import thread_time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.lane import LaneLaw
 from barc_sim.control.speed import Gain
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 class MPC(LaneLaw):
     """Steers by the best plan of the next 20 steps, with limits of the angle and of its rate.
 
-    The equations are in `barc_sim.control.planning`. `prediction` is the plan, shape `(21, 2)`:
-    distance ahead and e_y [m].
+    The equations are in `barc_sim.control.planning`.
 
     Examples
     --------
@@ -64,7 +63,11 @@ class MPC(LaneLaw):
         self.of_e_y = self.of_e_psi = nan  # one sum of the plan
         self.solve_time = self.infeasible = 0.0
         self._planner = Planner(self)
-        self.prediction = self._planner.prediction
+
+    @property
+    def prediction(self) -> Any:  # noqa: ANN401 (an array)
+        """The latest plan, shape `(21, 2)`: distance ahead and e_y [m]."""
+        return self._planner.prediction
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature

@@ -20,7 +20,7 @@ plan reaches as far as the way to a stop::
 
     (v²)' = 2 a        v² |κ| ≤ lateral        |a| ≤ longitudinal        v ≤ top_speed
 
-The speeds of the plan are those of the lane's model.
+The model of the lane has the present speed all the way.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from __future__ import annotations
 from collections import deque
 from functools import lru_cache
 from importlib import import_module
-from math import exp
+from math import exp, inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,9 +57,13 @@ _SETTLED = 1e-3  #: [m] A round that moves the line less is the last.
 _STEP = 0.05  #: [m] of the integral over a lap
 HORIZON = 20  #: steps of an MPC
 _SLOWEST = 0.1  #: [m/s] A slower car counts as one of this speed.
+_LAG = 0.05  #: [m] λ is rounded to multiples, so that few programs have to be made
 _LOOKS = 4  #: of the curvature in a step of the speed
-_CHANGE = np.eye(HORIZON) - np.eye(HORIZON, k=-1)
+_ONE, _ONES = np.eye(HORIZON), np.ones(HORIZON)
+_CHANGE = _ONE - np.eye(HORIZON, k=-1)
 _SUM = np.tril(np.ones((HORIZON, HORIZON)))
+_SUMS = _SUM.T @ _SUM
+_LEAST = np.concatenate([-_ONES, -inf * _ONES])
 #: daqp's codes of limits: those of the second half may be broken where there is no other way.
 _SOFT = np.repeat(np.array([0, 8], np.intc), HORIZON)
 
@@ -171,27 +175,35 @@ class Planner:
     def __init__(self, law: Any) -> None:  # noqa: ANN401 (it imports this module)
         """Begin at rest, with the gains of an MPC, to which acceleration and terms go, too."""
         self._law, self._solve = law, solver().solve
-        self.prediction = np.zeros((HORIZON + 1, 2))
         self._servo = self._latest = 0.0  # [rad] the angle, and the command before
         self._sent: deque[float] = deque()  # the commands on their way
+        self._start, self._commands = 0.0, np.zeros(HORIZON)
+        self._known, self._across = np.zeros(2 * HORIZON + 3), np.zeros((HORIZON, 3 * HORIZON + 3))
+        self._upper = np.empty(2 * HORIZON)
 
     def steer(self, e_y: float, e_psi: float, speed: float, curvature: Curvature) -> float:
         """Return the command [rad] for errors in metres and radians, and a speed in m/s."""
         law = self._law
         v, actuator = max(abs(speed), _SLOWEST), Actuator(lag=law.lag, rate=law.rate)
         start, state = self._where_it_acts(actuator, e_y, e_psi, v, curvature)
-        speeds = np.full(HORIZON, v)
         if 'top_speed' in law.gains:
-            speeds = self._speeds(v, start, curvature)
-        command = self._plan(state, start, speeds, curvature)
+            law.acceleration = self._acceleration(v, curvature)
+        command = self._plan(state, start, v, curvature)
         self._latest = min(max(command, -law.output_max), law.output_max)
         self._sent.append(self._latest)
         self._servo, _ = actuator.respond(self._servo, self._sent.popleft(), law.period)
         return self._latest
 
+    @property
+    def prediction(self) -> Floats:
+        """The latest plan: distance ahead and e_y [m], shape `(HORIZON + 1, 2)`."""
+        ahead = self._start + self._law.step * np.arange(HORIZON + 1)
+        e_y = self._across @ np.concatenate([self._commands, self._known])
+        return np.column_stack([ahead, [self._known[0], *e_y]])
+
     def _where_it_acts(
         self, actuator: Actuator, e_y: float, e_psi: float, v: float, curvature: Curvature
-    ) -> tuple[float, Floats]:
+    ) -> tuple[float, tuple[float, float, float]]:
         """Return the distance [m] until the next command acts; and e_y, e_psi and δ there."""
         law = self._law
         waiting = round(law.delay / law.period)
@@ -206,54 +218,37 @@ class Planner:
             turn = (mean - steer) * step / length
             e_y += (e_psi + 0.5 * turn - heading) * step + law.l_r * turn
             e_psi, ahead = e_psi + turn, ahead + step
-        return ahead, np.array([e_y, e_psi, angle])
+        return ahead, (e_y, e_psi, angle)
 
-    def _plan(self, state: Floats, start: float, speeds: Floats, curvature: Curvature) -> float:
+    def _plan(
+        self, state: tuple[float, float, float], start: float, v: float, curvature: Curvature
+    ) -> float:
         """Return the first command [rad] of the best plan from `state` on."""
         law, n, step = self._law, HORIZON, self._law.step
-        bends = [curvature(start + (k + 0.5) * step) for k in range(n)]
-        steer, heading = np.array([steady_turn(bend, law.l_f, law.l_r) for bend in bends]).T
-        law.feedforward = float(steer[0])
-        # The states as linear functions of the commands; the last column is without any.
-        now = np.zeros((3, n + 1))
-        now[:, n] = state
-        across, turned = np.empty((n, n + 1)), np.empty((n, n + 1))
-        models = {v: self._model(v) for v in {*speeds.tolist()}}
-        for k, v in enumerate(speeds.tolist()):
-            matrix, by_command, by_track = models[v]
-            now = matrix @ now
-            now[:, k] += by_command
-            now[:, n] -= by_track * steer[k]
-            now[0, n] -= step * heading[k]
-            across[k], turned[k] = now[0], now[1]
-        turned[:-1, n] -= heading[1:]
-        turned[-1, n] -= heading[-1]
-        root = np.vstack([across[-1], turned[-1]])
-        terminal = _cost_to_go(law.q_e_y, law.q_e_psi, step, law.l_f + law.l_r, law.l_r)
-        y, e = across[:-1], turned[:-1]
-        by_all = step * (law.q_e_y * y.T @ y + law.q_e_psi * e.T @ e) + root.T @ terminal @ root
-        hessian = by_all[:n, :n] + step * np.eye(n) + law.q_change * _CHANGE.T @ _CHANGE
-        gradient = by_all[:n, n] - step * steer
-        gradient[0] -= law.q_change * self._latest
-        limit = np.full(n, law.output_max)
-        change = law.rate * step / speeds
-        change[0] = law.rate * law.period
-        first = np.zeros(n)
-        first[0] = self._latest
-        upper, lower = (
-            np.concatenate([sign * limit, first + sign * change]) for sign in (1.0, -1.0)
+        weights = law.q_e_y, law.q_e_psi, law.q_change
+        hessian, by_known, self._across = _program(
+            _LAG * round(v * law.lag / _LAG), step, weights, law.l_f, law.l_r
         )
+        bends = [curvature(start + (k + 0.5) * step) for k in range(n)]
+        turns = {bend: steady_turn(bend, law.l_f, law.l_r) for bend in {*bends}}
+        steer, heading = zip(*(turns[bend] for bend in bends), strict=True)
+        self._start, self._known = start, np.array([*state, *steer, *heading])
+        law.feedforward = steer[0]
+        gradient = by_known @ self._known
+        gradient[0] -= law.q_change * self._latest
+        upper = self._upper
+        upper[:n], upper[n:] = law.output_max, law.rate * step / v
+        upper[n] = law.rate * law.period
+        lower = -upper
+        upper[n] += self._latest
+        lower[n] += self._latest
         commands, _, flag, _ = self._solve(hessian, gradient, _CHANGE, upper, lower)
         law.infeasible = float(flag < 1)
-        if law.infeasible:
-            commands = np.full(n, self._latest)
-        self.prediction[0] = start, state[0]
-        self.prediction[1:, 0] = start + step * np.arange(1, n + 1)
-        self.prediction[1:, 1] = across[:, :n] @ commands + across[:, n]
-        return float(commands[0])
+        self._commands = np.full(n, self._latest) if law.infeasible else commands
+        return float(self._commands[0])
 
-    def _speeds(self, v: float, start: float, curvature: Curvature) -> Floats:
-        """Return the speed [m/s] in each step of the plan, `start` metres ahead."""
+    def _acceleration(self, v: float, curvature: Curvature) -> float:
+        """Return the first acceleration [m/s²] of the fastest plan from the speed `v` on."""
         law, n, top = self._law, HORIZON, self._law.top_speed**2
         step = max(1.0, top / (2.0 * law.longitudinal * n))
         look = step / _LOOKS
@@ -267,40 +262,49 @@ class Planner:
         allowed[0] = min(allowed[0], v * v + float(((near - v * v) * ways).min()))
         # In shares: of `longitudinal`, and of the square of the top speed.
         gain = 2.0 * step * law.longitudinal / top
-        reach, missing = gain * _SUM, v * v / top - allowed / top
+        missing = (v * v - allowed) / top
         shares, *_ = self._solve(
-            reach.T @ reach + 1e-3 * np.eye(n),
-            reach.T @ missing,
+            gain**2 * _SUMS + 1e-3 * _ONE,
+            gain * _SUM.T @ missing,
             _SUM,
-            np.concatenate([np.ones(n), -missing / gain]),
-            np.concatenate([-np.ones(n), np.full(n, -np.inf)]),
+            np.concatenate([_ONES, -missing / gain]),
+            _LEAST,
             _SOFT,
         )
-        law.acceleration = law.longitudinal * float(shares[0])
-        squares = np.maximum(v * v + top * reach @ shares, _SLOWEST**2)
-        places = start + law.step * (np.arange(n) + 0.5)
-        found: Floats = np.sqrt(np.interp(places, step * np.arange(n + 1), [v * v, *squares]))
-        return found
+        return float(law.longitudinal * shares[0])
 
-    def _model(self, v: float) -> tuple[Floats, Floats, Floats]:
-        """Return what a step makes of the state, of its command, and of the steady turn."""
-        law = self._law
-        length, step, distance = law.l_f + law.l_r, law.step, v * law.lag
-        left = exp(-step / distance) if distance > 0.0 else 0.0
-        once = distance * (1.0 - left)  # integral of what is left of the angle
-        twice = distance * (step - once)
-        half = 0.5 * step * step
-        matrix = np.array(
-            [
-                [1.0, step, (law.l_r * once + twice) / length],
-                [0.0, 1.0, once / length],
-                [0.0, 0.0, left],
-            ]
-        )
-        by_track = np.array([(law.l_r * step + half) / length, step / length, 0.0])
-        by_command = by_track - matrix[:, 2]
-        by_command[2] = 1.0 - left
-        return matrix, by_command, by_track
+
+@lru_cache(256)
+def _program(
+    distance: float, step: float, weights: tuple[float, float, float], l_f: float, l_r: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return the Hessian, and the matrices of the gradient and of e_y behind each step.
+
+    `distance` [m] is λ. What is known is e_y, e_psi and δ at the start, and the steady turn and its
+    heading in each step: the gradient is linear in these, and e_y in the commands before them.
+    """
+    n, length, (q_e_y, q_e_psi, q_change) = HORIZON, l_f + l_r, weights
+    left = exp(-step / distance) if distance else 0.0
+    once = distance * (1.0 - left)  # integral of what is left of the angle
+    by_angle = (l_r * once + distance * (step - once)) / length, once / length, left
+    matrix = np.array([[1.0, step, by_angle[0]], [0.0, 1.0, by_angle[1]], [0.0, 0.0, left]])
+    by_track = np.array([l_r + 0.5 * step, 1.0, 0.0]) * (step / length)
+    by_command = by_track - by_angle + (0.0, 0.0, 1.0)
+    steer, heading = n + 3, 2 * n + 3  # the first of their columns, behind commands and start
+    now, path = np.eye(3, 3 * n + 3, n), np.empty((2, n, 3 * n + 3))
+    for k in range(n):
+        now = matrix @ now
+        now[:, k] += by_command
+        now[:, steer + k] -= by_track
+        now[0, heading + k] -= step
+        path[:, k] = now[:2]
+        path[1, k, heading + min(k + 1, n - 1)] -= 1.0
+    weighted = step * np.array([[[q_e_y]], [[q_e_psi]]]) * path
+    weighted[:, -1] = _cost_to_go(q_e_y, q_e_psi, step, length, l_r) @ path[:, -1]
+    by_all = path[:, :, :n].reshape(-1, n).T @ weighted.reshape(2 * n, -1)
+    by_all[:, :n] += step * _ONE + q_change * _CHANGE.T @ _CHANGE
+    by_all[:, steer:heading] -= step * _ONE
+    return by_all[:, :n].copy(), by_all[:, n:].copy(), path[0]
 
 
 @lru_cache(8)
