@@ -37,7 +37,7 @@ from barc_sim.ros.local.executor import (
     ExternalShutdownException,
     World,
 )
-from barc_sim.ros.local.messages import message_type
+from barc_sim.ros.local.messages import Message, message_type
 from barc_sim.ros.local.node import HistoryPolicy, Node, QoSProfile, init, ok, shutdown
 
 if TYPE_CHECKING:
@@ -70,21 +70,22 @@ _LOGS = [f'log{level}' for level in ('debug', 'info', 'warn', 'err', 'fatal')]
 def _lenient(type_name: str) -> type[Any]:
     """Return the class of a message as ROS 1 has it; its header comes last."""
     kind: Any = message_type(type_name)
-    order = sorted(kind.__fields__, key=lambda name: name == 'header')
+    order = sorted(kind.__slots__, key=lambda name: name == 'header')
 
     class Lenient(kind):  # type: ignore[misc]
         def __init__(self, *values: Any, **named: Any) -> None:
             super().__init__()
-            for name, field in kind.__fields__.items():
-                if not (field.is_many or field.base or name == 'header'):
-                    setattr(self, name, _lenient(field.type.__msgtype__)())
+            for name in kind.__slots__:
+                if name != 'header' and isinstance(value := getattr(self, name), Message):
+                    setattr(self, name, _lenient(value.__msgtype__)())
             for name, value in (*zip(order, values, strict=False), *named.items()):
                 setattr(self, name, value)
 
         def __setattr__(self, name: str, value: Any) -> None:
             is_whole = isinstance(value, int) and not isinstance(value, bool)
-            field = kind.__fields__.get(name)
-            super().__setattr__(name, float(value) if is_whole and field.type is float else value)
+            if is_whole and isinstance(getattr(self, name, None), float):
+                value = float(value)
+            super().__setattr__(name, value)
 
     Lenient.__name__, Lenient.__module__ = kind.__name__, kind.__module__
     return Lenient

@@ -69,7 +69,7 @@ def _modules() -> dict[str, ModuleType]:
     made: dict[str, ModuleType] = {}
     for name in (*_NAMES, *(kind.partition('.')[0] for kind in kinds), *kinds):
         module = made.setdefault(name, _StandIn(name))
-        module.__path__ = []
+        module.__path__, module.__spec__ = [], ModuleSpec(name, None, is_package=True)
         vars(module).update({word: names[word] for word in _NAMES.get(name, '').split()})
         parent, _, child = name.rpartition('.')
         if parent:
@@ -91,16 +91,10 @@ def find_module(name: str) -> ModuleType | None:
 
 
 class _Finder:
-    """Finds the stand-ins, as a finder on `sys.meta_path` does."""
+    """Names what rclpy has and its stand-in lacks, as a finder on `sys.meta_path`."""
 
-    def find_spec(self, name: str, *_: object) -> ModuleSpec | None:
-        return ModuleSpec(name, self, is_package=True) if find_module(name) else None  # type: ignore[arg-type]
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
-        return find_module(spec.name)
-
-    def exec_module(self, module: ModuleType) -> None:
-        """Do nothing: a stand-in is complete."""
+    def find_spec(self, name: str, *_: object) -> None:
+        find_module(name)
 
 
 _FINDER = _Finder()
@@ -120,6 +114,7 @@ def install() -> World:
             f'rclpy is imported already, from {there.__file__!r}: messages without ROS need a '
             'process of their own'
         )
-    if _modules() and _FINDER not in sys.meta_path:
+    sys.modules.update(_modules())
+    if _FINDER not in sys.meta_path:
         sys.meta_path.insert(0, _FINDER)
     return current()

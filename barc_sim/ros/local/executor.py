@@ -8,22 +8,21 @@ jumps to the next timer: a minute takes milliseconds, and always takes the same 
 from __future__ import annotations
 
 import inspect
-import os
 import sys
 import threading
 import time
 from collections import deque
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from contextvars import ContextVar
 from enum import IntEnum
 from functools import partialmethod, total_ordering
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.ros.local.messages import message_type
+from barc_sim.ros.local.messages import LACKS, message_type
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Coroutine, Generator, Iterator
+    from collections.abc import Callable, Collection, Iterator
 
 SECOND = 1_000_000_000  #: [ns]
 _LONGEST_SLEEP = 0.1  #: [s] until an executor notices that another thread has shut down rclpy
@@ -63,7 +62,7 @@ class World:
         return self.is_ok
 
     def get_domain_id(self) -> int:
-        return int(os.environ.get('ROS_DOMAIN_ID') or 0)
+        return 0
 
     def all(self, kind: str, name: str) -> list[Any]:
         """Return what nodes have of a kind, as `publishers`, under this full name."""
@@ -244,11 +243,18 @@ class Clock:
         return Time(nanoseconds=ns, clock_type=self.clock_type)
 
 
+def not_async(callback: Any) -> Any:
+    """Return a callback, which must be a plain function."""
+    if inspect.iscoroutinefunction(callback):
+        raise TypeError(f'an async callback {LACKS}')
+    return callback
+
+
 class Timer:
     """Calls back by the wall, or by simulated time; a late one leaves out what has passed."""
 
     def __init__(self, node: Any, period: int, callback: Any) -> None:
-        self.node, self.callback, self.timer_period_ns = node, callback, period
+        self.node, self.callback, self.timer_period_ns = node, not_async(callback), period
         self.due = inf  #: [ns]; infinity: it is cancelled
         self._now = node.context.now
 
@@ -283,11 +289,6 @@ class Future:
 
     def __init__(self) -> None:
         self._callbacks: list[Callable[[Future], object]] = []
-
-    def __await__(self) -> Generator[Future, None, Any]:
-        if not self.is_done:
-            yield self
-        return self._result
 
     def done(self) -> bool:
         return self.is_done
@@ -373,9 +374,7 @@ class Executor:
             self._ready += [timer for timer in timers if timer.due <= now]
             self._soonest = min((timer.due for timer in timers if timer.due > now), default=inf)
         if self._ready:
-            result = self._ready.popleft().run()
-            if result is not None and inspect.iscoroutine(result):
-                self._continue(result)
+            self._ready.popleft().run()
             return True
         self._waits = True
         try:
@@ -385,11 +384,6 @@ class Executor:
         if not (self.world.is_ok or self._is_shutdown):
             raise ExternalShutdownException
         return False
-
-    def _continue(self, coroutine: Coroutine[Future, None, Any]) -> None:
-        """Run a callback to what it awaits, and on as soon as that is done."""
-        with suppress(StopIteration):
-            coroutine.send(None).add_done_callback(lambda _: self._continue(coroutine))
 
     def _wait(self, until: float) -> None:
         if self.world.simulated:

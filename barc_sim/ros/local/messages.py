@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import array
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -104,18 +104,17 @@ class _Array(array.array):  # type: ignore[type-arg]
 class Message:
     """A message; the classes of types derive from it."""
 
-    __slots__ = ()
-    __fields__: ClassVar[dict[str, _Field]] = {}
+    __slots__: tuple[str, ...] = ()
     __msgtype__ = ''
     __copy__: Any  #: returns a copy, whose fields are checked
 
     def __repr__(self) -> str:
-        values = ', '.join(f'{name}={_shown(getattr(self, name))}' for name in self.__fields__)
+        values = ', '.join(f'{name}={_shown(getattr(self, name))}' for name in self.__slots__)
         return f'{type(self).__module__.rpartition(".")[0]}.{type(self).__name__}({values})'
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and all(
-            _plain(getattr(self, name)) == _plain(getattr(other, name)) for name in self.__fields__
+            _plain(getattr(self, name)) == _plain(getattr(other, name)) for name in self.__slots__
         )
 
     __hash__ = None  # type: ignore[assignment]
@@ -137,61 +136,48 @@ class _Field:
     """How the values of one field are made, checked and copied."""
 
     def __init__(self, owner: str, name: str, kind: Nodetype, of: Any) -> None:
-        self.name, self.fixed = name, kind == Nodetype.ARRAY
-        self.is_many = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
-        self.bound: int
-        (kind, of), self.bound = of if self.is_many else ((kind, of), 0)
-        self.base = of[0] if kind == Nodetype.BASE else ''  #: empty: a message
-        self.code = _CODES.get(self.base, '')
-        default = _DEFAULTS.get((owner, name), _ZERO.get(self.base, 0))
-        self.type: type[Any] = type(default) if self.base else _message(of)
-        self._make_one = (lambda: default) if self.base else self.type
-        limits = np.iinfo(self.code) if self.type is int else None
-        self.low, self.high = (int(limits.min), int(limits.max)) if limits else (0, 0)
+        self.name, self._is_fixed = name, kind == Nodetype.ARRAY
+        self._is_many = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+        self._bound: int
+        (kind, of), self._bound = of if self._is_many else ((kind, of), 0)
+        self._base = of[0] if kind == Nodetype.BASE else ''  # empty: a message
+        self._code = _CODES.get(self._base, '')
+        default = _DEFAULTS.get((owner, name), _ZERO.get(self._base, 0))
+        self.type: type[Any] = type(default) if self._base else _message(of)
+        self._make_one = (lambda: default) if self._base else self.type
 
     def make(self) -> Any:
         """Return the default."""
-        if not self.is_many:
+        if not self._is_many:
             return self._make_one()
-        return self._of([self._make_one() for _ in range(self.bound * self.fixed)])
+        return self._of([self._make_one() for _ in range(self._bound * self._is_fixed)])
 
     def _of(self, items: Any) -> Any:
         """Return items as rclpy keeps them: numbers in arrays."""
-        if not self.code:
+        if not self._code:
             return _List(items)
-        return np.array(items, self.code) if self.fixed else _Array(self.code, items)
+        return np.array(items, self._code) if self._is_fixed else _Array(self._code, items)
 
     def copy(self, value: Any) -> Any:
-        """Return a copy of `value`.
-
-        Raises
-        ------
-        AssertionError
-            It does not fit, in rclpy's words.
-        """
-        if not self.is_many:
+        """Return a copy of `value`; AssertionError: it does not fit."""
+        if not self._is_many:
             return self._copy_one(value)
         if isinstance(value, (str, dict)) or not hasattr(value, '__len__'):
             self._refuse('a set or sequence')
-        if self.bound and (len(value) > self.bound or (self.fixed and len(value) < self.bound)):
-            length = f'length {"" if self.fixed else "<= "}{self.bound}'
-            self._refuse(f'a set or sequence with {length}')
-        if isinstance(value, array.array) and value.typecode == self.code:
+        if self._bound and (len(value) > self._bound or len(value) < self._bound * self._is_fixed):
+            self._refuse(f'a set or sequence with length {self._bound}, or less if it may be')
+        if isinstance(value, array.array) and value.typecode == self._code:
             return self._of(value)
         return self._of([self._copy_one(each) for each in _plain(value)])
 
     def _copy_one(self, value: Any) -> Any:
-        if not isinstance(value, self.type) or (self.base == 'byte' and len(value) != 1):
-            what = 'of type' if self.base else 'a sub message of type'
-            self._refuse(f"{what} '{self.type.__name__}'")
-        if self.type is int and not self.low <= value <= self.high:
-            sign = 'an integer' if self.low else 'an unsigned integer'
-            self._refuse(f'{sign} in [{self.low}, {self.high}]')
-        if self.base == 'float32':
+        if not isinstance(value, self.type) or (self._base == 'byte' and len(value) != 1):
+            self._refuse(f"of type '{self.type.__name__}'")
+        if self._base == 'float32':
             return float(np.float32(value))
-        if self.base == 'byte':
+        if self._base == 'byte':
             return _Byte(value)
-        return self.type(value) if self.base else value.__copy__()
+        return self.type(value) if self._base else value.__copy__()
 
     def _refuse(self, expected: str) -> NoReturn:
         raise AssertionError(f'The {self.name!r} field must be {expected}')
@@ -199,11 +185,10 @@ class _Field:
     @property
     def quick_copy(self) -> str:
         """The expression for a copy of `v`, which costs little where it has the very type."""
-        if self.is_many or self.base in ('byte', 'float32'):
+        if self._is_many or self._base in ('byte', 'float32'):
             return f'copy_{self.name}(v)'
-        within = f' and {self.low} <= v <= {self.high}' if self.type is int else ''
-        copied = 'v' if self.base else 'v.__copy__()'
-        return f'{copied} if v.__class__ is type_{self.name}{within} else copy_{self.name}(v)'
+        copied = 'v' if self._base else 'v.__copy__()'
+        return f'{copied} if v.__class__ is type_{self.name} else copy_{self.name}(v)'
 
 
 _CLASS = """
@@ -246,7 +231,7 @@ def _message(name: str) -> type[Any]:
     exec(source, scope)  # noqa: S102 (from the definitions)
     made: type[Any] = scope[short]
     made.__module__ = f'{package}.{"srv" if short.endswith(_PARTS) else "msg"}._{short.lower()}'
-    made.__msgtype__, made.__fields__ = name, fields
+    made.__msgtype__ = name
     if not fields:
         setattr(made, _EMPTY, 0)  # rosbags serializes it
     for constant, kind, value in constants:

@@ -26,6 +26,7 @@ from barc_sim.ros.local.executor import (
     Timer,
     World,
     current,
+    not_async,
 )
 from barc_sim.ros.local.messages import LACKS, message_type, store
 from barc_sim.ros.local.parameters import Arguments, Parameter, Parameters
@@ -46,37 +47,27 @@ DurabilityPolicy = IntEnum(
 
 @dataclass(kw_only=True)
 class QoSProfile:
-    """What a publisher offers or a subscription requests; what counts here is what there is."""
+    """How many messages wait, and whether a publisher keeps them; nothing is lost on the way."""
 
     depth: int = 0
     history: Any = HistoryPolicy.KEEP_LAST
     reliability: Any = ReliabilityPolicy.RELIABLE
     durability: Any = DurabilityPolicy.VOLATILE
 
-    @property
-    def length(self) -> int | None:
-        """How many messages a queue holds; None: all."""
-        return None if self.history == HistoryPolicy.KEEP_ALL else max(self.depth, 1)
-
-    def refuses(self, offered: QoSProfile) -> str:
-        """Return the policy by which a subscription gets nothing of a publisher, or ''."""
-        best_effort = offered.reliability == ReliabilityPolicy.BEST_EFFORT
-        if best_effort and self.reliability == ReliabilityPolicy.RELIABLE:
-            return 'RELIABILITY'
-        latched = DurabilityPolicy.TRANSIENT_LOCAL
-        return 'DURABILITY' if self.durability == latched != offered.durability else ''
+    def __post_init__(self) -> None:
+        keeps_all = self.history == HistoryPolicy.KEEP_ALL
+        self.length = None if keeps_all else max(self.depth, 1)
+        self.is_latched = self.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
 
 qos_profile_system_default = QoSProfile(depth=10)
-qos_profile_parameter_events = QoSProfile(depth=1000)
 qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-QOS_ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 _DOCUMENTED = '(create|destroy|get|set|add|remove|count|declare|undeclare|describe|wait)_'
 #: What a node has, by kind.
 _KINDS = ('publishers', 'subscriptions', 'services', 'clients', 'timers', 'guards')
-_KEPT = (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.BEST_AVAILABLE)
+_LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class NotInitializedException(Exception):
@@ -107,7 +98,8 @@ class _Entity:
     def __init__(
         self, node: Node, name: str, kind: Any, qos: QoSProfile, callback: Any = None
     ) -> None:
-        self.node, self.kind, self.qos_profile, self.callback = node, kind, qos, callback
+        self.node, self.kind, self.qos_profile = node, kind, qos
+        self.callback = not_async(callback)
         self.topic_name = self.service_name = name
         self.node_name, self.node_namespace = node.get_name(), node.get_namespace()
         package, sort, *_ = kind.__module__.split('.')
@@ -139,7 +131,7 @@ class Publisher(_Entity):
         if not isinstance(msg, self.kind):
             raise TypeError(f'Expected {self.kind}, got {type(msg)}')
         self.number += 1
-        if self.is_latched:
+        if self.qos_profile.is_latched:
             self.queue.append((msg.__copy__(), self.number))
         for subscription in self.subscriptions:
             subscription.receive(msg, self.number)
@@ -152,20 +144,8 @@ class Publisher(_Entity):
 
     def match(self) -> None:
         """Find the subscriptions that get this publisher's messages."""
-        self.is_latched = self.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        found = []
-        for each in self.node.context.all('subscriptions', self.topic_name):
-            refused = each.qos_profile.refuses(self.qos_profile)
-            if refused and not each.has_warned:
-                each.has_warned = True
-                each.node.get_logger().warning(
-                    f"New publisher discovered on topic '{self.topic_name}', offering incompatible "
-                    f'QoS. No messages will be received from it. Last incompatible policy: '
-                    f'{refused}'
-                )
-            if each.kind is self.kind and not refused:
-                found.append(each)
-        self.subscriptions = tuple(found)
+        found = self.node.context.all('subscriptions', self.topic_name)
+        self.subscriptions = tuple(each for each in found if each.kind is self.kind)
 
     def destroy(self) -> None:
         super().destroy()
@@ -173,7 +153,7 @@ class Publisher(_Entity):
 
 
 class Subscription(_Entity):
-    has_warned = raw = False
+    raw = False
 
     def receive(self, msg: Any, _: int) -> None:
         """Keep a message of a publisher until the executor calls back."""
@@ -251,9 +231,9 @@ class Node(Parameters):
         self._logger = Logger(name.strip('/').replace('/', '.'), self.context)
         if enable_rosout:
             log = message_type('rcl_interfaces/msg/Log')
-            self._logger.rosout = self.create_publisher(log, '/rosout', QOS_ROSOUT)
+            self._logger.rosout = self.create_publisher(log, '/rosout', _LATCHED)
         event = message_type('rcl_interfaces/msg/ParameterEvent')
-        events = self.create_publisher(event, '/parameter_events', qos_profile_parameter_events)
+        events = self.create_publisher(event, '/parameter_events', 1000)
         given = self.context.arguments.of(name)
         given |= {each.name: each.value for each in parameter_overrides or ()}
         super().__init__(events, given)
@@ -288,8 +268,7 @@ class Node(Parameters):
             yield from [entity] * len(entity.queue)
 
     def _expanded(self, name: str) -> str:
-        name = _checked(name.replace('{node}', self._name).replace('{ns}', self._namespace[1:]))
-        if name.startswith('~'):
+        if _checked(name).startswith('~'):
             return f'{self.get_fully_qualified_name()}/{name[1:].strip("/")}'.rstrip('/')
         return name if name.startswith('/') else f'{self._namespace.rstrip("/")}/{name}'
 
@@ -333,7 +312,7 @@ class Node(Parameters):
         self.subscriptions.append(made)
         for publisher in self.context.all('publishers', made.topic_name):
             publisher.match()
-            if made in publisher.subscriptions and made.qos_profile.durability in _KEPT:
+            if made in publisher.subscriptions and made.qos_profile.is_latched:
                 for msg, number in [*publisher.queue]:
                     made.receive(msg, number)
         return made
@@ -480,14 +459,6 @@ spin_once = partial(_spin, 'spin_once')
 spin_until_future_complete = partial(_spin, 'spin_until_future_complete')
 
 
-#: Of a subscription that matches every publisher.
-_ANY = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.BEST_AVAILABLE,
-)
-
-
 class LocalSubscriptions:
     """Subscribes to the wanted topics; `take` returns their messages, serialized.
 
@@ -515,7 +486,7 @@ class LocalSubscriptions:
         for name, (kind, *_) in self._node.get_topic_names_and_types():
             wanted = name not in self._subscriptions and self._wants(name, (kind,))
             if wanted and self._node.get_publishers_info_by_topic(name):
-                made = Subscription(self._node, name, message_type(kind), _ANY)
+                made = Subscription(self._node, name, message_type(kind), _LATCHED)
                 made.receive = self._receiver(name, kind)  # type: ignore[assignment,method-assign]
                 self._subscriptions[name] = self._node.connect(made)
         yield from ()

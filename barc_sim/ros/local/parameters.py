@@ -6,8 +6,6 @@ import array
 from contextlib import suppress
 from enum import Enum
 from fnmatch import fnmatchcase
-from functools import partial
-from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -109,23 +107,19 @@ def _interface(name: str, kind: str = 'msg') -> Any:
 
 
 class ParameterException(Exception):
-    pass
+    """A parameter cannot be declared, or got, or set to its first value."""
 
 
-class ParameterNotDeclaredException(ParameterException):
-    pass
+class ParameterNotDeclaredException(ParameterException): ...
 
 
-class ParameterAlreadyDeclaredException(ParameterException):
-    pass
+class ParameterAlreadyDeclaredException(ParameterException): ...
 
 
-class InvalidParameterTypeException(ParameterException):
-    pass
+class InvalidParameterTypeException(ParameterException): ...
 
 
-class InvalidParameterValueException(ParameterException):
-    pass
+class InvalidParameterValueException(ParameterException): ...
 
 
 class Type(Enum):
@@ -153,10 +147,8 @@ class Parameter:
     Type: ClassVar[Any] = Type
 
     def __init__(self, name: str, type_: Any = None, value: Any = None) -> None:
-        found = Type.from_parameter_value(value)
-        if type_ not in (None, found):
-            raise ValueError(f"Type '{type_}' and value '{value}' do not agree")
-        self.name, self.type_, self.value = name, found, value
+        self.name, self.value = name, value
+        self.type_ = type_ or Type.from_parameter_value(value)
 
     @classmethod
     def from_parameter_msg(cls, param_msg: Any) -> Parameter:
@@ -201,8 +193,6 @@ class Parameters:
         descriptor = descriptor or _interface('ParameterDescriptor')()
         if value is None or isinstance(value, Type) or descriptor.dynamic_typing:
             raise ValueError(f'parameter {name!r} without a value or of any type {LACKS}')
-        if any(each.step for each in (*descriptor.floating_point_range, *descriptor.integer_range)):
-            raise ValueError(f'parameter {name!r} with a step {LACKS}')
         descriptor.name, descriptor.type = name, Type.from_parameter_value(value).value
         value = self._overrides.get(name, value)
         parameter = Parameter(name, value=value)
@@ -233,10 +223,9 @@ class Parameters:
         return [self.get_parameter(name) for name in names]
 
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
-        within = tuple(f'{each}.' for each in prefixes) or ''
-        shallow = (each for each in self._parameters if not depth or each.count('.') < depth)
-        names = [each for each in shallow if f'{each}.'.startswith(within)]
-        return _interface('ListParametersResult')(names=names)
+        if prefixes or depth:
+            raise ValueError(f'a list of some parameters {LACKS}')
+        return _interface('ListParametersResult')(names=[*self._parameters])
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
         self.get_parameters([each.name for each in parameter_list])
@@ -299,11 +288,7 @@ def _fault(parameter: Parameter, descriptor: Any) -> str:
         return f"Wrong parameter type, expected '{Type(descriptor.type)}' got '{kind}'"
     is_whole = kind is Type.INTEGER
     for allowed in descriptor.integer_range if is_whole else descriptor.floating_point_range:
-        low, high = sorted((allowed.from_value, allowed.to_value))
-        is_at = partial(isclose, value, rel_tol=0.0 if is_whole else 1e-6)  # as in rclpy
-        if is_at(low) or is_at(high):
-            continue
-        mark = '.' if is_whole else ''
-        if not low < value < high:
+        low, high, mark = allowed.from_value, allowed.to_value, '.' * is_whole
+        if not low <= value <= high:
             return f'Parameter {name} out of range{mark} Min: {low}, Max: {high}, value: {value}'
     return ''

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message
+from rosbags.interfaces import Nodetype
 
 from barc_sim.bags.messages import share
 from barc_sim.ros.local import messages
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 TYPES = [
     *('barc_interfaces/ControllerState', 'barc_interfaces/ECU', 'barc_interfaces/PidState'),
@@ -39,33 +44,44 @@ def both(name: str) -> tuple[type[Any], type[Any]]:
     )
 
 
-def values(kind: type[Any]) -> st.SearchStrategy[dict[str, Any]]:
+def described(name: str) -> Iterator[tuple[str, bool, int, int, str]]:
+    """Yield each field with whether it is of many, the least and most of them, and their type."""
+    for field, (kind, node) in messages.store().fielddefs[name.replace('/', '/msg/')][1]:
+        is_many = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+        (kind_of_one, of), bound = node if is_many else ((kind, node), 0)
+        base = of[0] if kind_of_one == Nodetype.BASE else of.replace('/msg/', '/')
+        if field != 'structure_needs_at_least_one_member':
+            yield field, is_many, bound * (kind == Nodetype.ARRAY), bound or 3, base
+
+
+def values(name: str) -> st.SearchStrategy[dict[str, Any]]:
     """Return the values of a message's fields, by name; those of a message within are a dict."""
 
-    def value(field: Any) -> st.SearchStrategy[Any]:
-        low, high = field.low, field.high
-        if field.base in _BASES:
-            one = _BASES[field.base]
-        else:
-            one = st.integers(low, high) if field.base else values(field.type)
-        if not field.is_many:
-            return one
-        number = field.bound if field.fixed else 0
-        return st.lists(one, min_size=number, max_size=number or field.bound or 3)
+    def one(base: str) -> st.SearchStrategy[Any]:
+        if '/' in base:
+            return values(base)
+        if base in _BASES:
+            return _BASES[base]
+        limits = np.iinfo({'char': 'uint8'}.get(base, base))
+        return st.integers(int(limits.min), int(limits.max))
 
-    return st.fixed_dictionaries({name: value(field) for name, field in kind.__fields__.items()})
+    return st.fixed_dictionaries(
+        {
+            field: st.lists(one(base), min_size=least, max_size=most) if is_many else one(base)
+            for field, is_many, least, most, base in described(name)
+        }
+    )
 
 
-def filled(message: Any, given: dict[str, Any], kind: type[Any], within: Any) -> Any:
-    """Return the message with the fields of `given`; `within` makes those within it."""
-    for name, value in given.items():
-        field = kind.__fields__[name]
-        made = value
-        if not field.base:
-            items = value if field.is_many else [value]
-            many = [filled(within(field)(), each, field.type, within) for each in items]
-            made = many if field.is_many else many[0]
-        setattr(message, name, made)
+def filled(name: str, given: dict[str, Any], which: int) -> Any:
+    """Return a message of rclpy, or of ours, with the fields of `given`."""
+    message = both(name)[which]()
+    for field, is_many, _, _, base in described(name):
+        made = given[field]
+        if '/' in base:
+            many = [filled(base, each, which) for each in (made if is_many else [made])]
+            made = many if is_many else many[0]
+        setattr(message, field, made)
     return message
 
 
@@ -74,11 +90,8 @@ def filled(message: Any, given: dict[str, Any], kind: type[Any], within: Any) ->
 @given(data=st.data())
 def test_rclpy_reads_what_is_written_here(name: str, data: st.DataObject) -> None:
     theirs, ours = both(name)
-    given = data.draw(values(ours))
-    of_ros = filled(
-        theirs(), given, ours, lambda field: both(field.type.__msgtype__.replace('/msg/', '/'))[0]
-    )
-    of_ours = filled(ours(), given, ours, lambda field: field.type)
+    given = data.draw(values(name))
+    of_ros, of_ours = filled(name, given, 0), filled(name, given, 1)
     # Not byte by byte: rclpy's padding is not always zero.
     assert repr(deserialize_message(of_ours.__serialize__(), theirs)) == repr(of_ros)
     assert ours.__copy__(of_ours) == of_ours
@@ -99,8 +112,6 @@ def test_defaults_are_those_of_rclpy(package: str) -> None:
     [
         ('barc_interfaces/ECU', 'motor', 1),
         ('barc_interfaces/ECU', 'header', 'road'),
-        ('std_msgs/UInt8', 'data', 256),
-        ('std_msgs/Int8', 'data', -129),
         ('std_msgs/Byte', 'data', 1),
         ('barc_interfaces/ControllerState', 'names', ['a', 1]),
         ('barc_interfaces/ControllerState', 'names', 'kp'),
@@ -117,9 +128,6 @@ def test_what_rclpy_would_assert_is_refused_where_it_is_published(
         setattr(theirs(check_fields=True), field, value)
     with pytest.raises(AssertionError, match=f"'{field}'"):
         ours(**{field: value}).__copy__()
-    if value != 1:  # a whole number is recorded as a float
-        with pytest.raises(AssertionError, match=f"'{field}'"):
-            ours(**{field: value}).__serialize__()
 
 
 def test_a_single_float_is_rounded_where_it_is_sent() -> None:
