@@ -109,10 +109,10 @@ def run_report(options: Namespace) -> None:
 def add_arguments_submit(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Pack what you hand in as one zip: code, gains, the bags of the course and of the drive '
-        'by hand with their reports (plots and graph), its video, your description. Each part '
-        'that is missing is named in a line; the rest is packed. The course is driven anew with '
-        'your files, without waiting.'
+        'Pack what you hand in as one zip: code, the bags of the course and of the drive by hand '
+        'with their reports (gains, plots and graph), its video, your description. Each part that '
+        'is missing is named in a line; the rest is packed. The course is driven anew with your '
+        'files, without waiting.'
     )
     parser.epilog = 'barc grade takes the zip as it is.'
     parser.add_argument('folder', type=Path, metavar='LAB', help='your folder')
@@ -138,17 +138,14 @@ def run_submit(options: Namespace) -> None:
     path = target(options.save or f'{folder.resolve().name}.zip', ARCHIVES)
     from barc_sim.lab import submit  # noqa: PLC0415 (slow: not to refuse)
 
-    bags = (Path('bags'), folder / 'bags')
-    teleop = options.teleop or submit.newest_drive(bags)
-    beside = [] if teleop is None else [teleop if teleop.is_dir() else teleop.parent]
-    video = submit.newest_video([folder, *beside])
+    teleop = options.teleop or submit.newest_drive((Path('bags'), folder / 'bags'))
     with saving(path) as part, tempfile.TemporaryDirectory() as made:
         course, why = _drive(folder, Path(made))
-        parts = [*submit.collect(folder, course, why, teleop, video)]
+        parts = [*submit.collect(folder, course, why, teleop)]
         submit.write(part, parts)
     for line in parts:
         print(escaped(str(line)))  # noqa: T201
-    print(f'{path}  ({submit.size(path)})')  # noqa: T201
+    print(f'{path}  ({path.stat().st_size / 2**20:.1f} MiB)')  # noqa: T201
 
 
 def _drive(folder: Path, bags: Path) -> tuple[Path | None, str]:

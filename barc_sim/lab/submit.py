@@ -1,10 +1,9 @@
-"""What a student hands in: code, gains, bags, reports, video and description, in one zip."""
+"""What a student hands in: code, bags, reports, video and description, in one zip."""
 
 from __future__ import annotations
 
 import shutil
 import zipfile
-from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -12,11 +11,9 @@ import numpy as np
 from barc_sim.bags import contents, reader
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
-from barc_sim.lab.grade.submissions import MAX_ARCHIVE, listed, take
+from barc_sim.lab.grade.submissions import listed, take
 from barc_sim.lab.handout import files_in, handout_of, names_of
 from barc_sim.lab.report import page, read
-from barc_sim.lab.user_code.source import compiled, find_gains
-from barc_sim.lab.user_code.source import read as read_source
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import RUN_UP
 
@@ -25,11 +22,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-#: The text of the printed lines, in the zip.
-SUMMARY = 'summary.txt'
 _VIDEOS = ('.mp4', '.gif', '.webm', '.mkv', '.mov')
-_DESCRIPTIONS = ('description', 'readme', 'report')
-_TEXTS = ('.md', '.txt', '.rst', '.pdf')
+_DESCRIPTIONS = ('description.md', 'description.txt', 'description.pdf', 'report.pdf')
 
 
 class Part(NamedTuple):
@@ -45,25 +39,23 @@ class Part(NamedTuple):
         return f'{self.name:12}  {"missing: " if self.missing else ""}{self.text}'
 
 
-def collect(
-    folder: Path, course: Path | None, why: str, teleop: Path | None, video: Path | None
-) -> Iterator[Part]:
-    """Yield the parts of a student's `folder`, with the bags and the video of the drives.
+def collect(folder: Path, course: Path | None, why: str, teleop: Path | None) -> Iterator[Part]:
+    """Yield the parts of a student's `folder`, with the bags of the drives.
 
     `why` is the sentence of a course that has no bag, or did not end well.
     """
     yield from _code(folder)
-    parts = handout_of(files_in(folder)).files
-    if 'controller' in parts:
-        yield _gains(folder)
     if why:
         yield Part('course', why, missing=True)
     if course:
         yield _course(course)
-    if 'relay' in parts:
+    if 'relay' in handout_of(files_in(folder)).files:
         yield _teleop(teleop)
-        yield _video(video)
-    yield _description(folder)
+        yield _video(folder)
+    found = [name for name in _DESCRIPTIONS if (folder / name).is_file()]
+    text = 'write what you did, and why, in description.md'
+    files = {name: folder / name for name in found}
+    yield Part('description', ', '.join(found) or text, files, missing=not found)
 
 
 def write(path: Path, parts: Iterable[Part]) -> None:
@@ -80,14 +72,7 @@ def write(path: Path, parts: Iterable[Part]) -> None:
                 archive.open(name, 'w', force_zip64=True) as packed,
             ):
                 shutil.copyfileobj(file, packed)
-        archive.writestr(SUMMARY, ''.join(f'{part}\n' for part in parts))
-
-
-def size(path: Path) -> str:
-    """Return the size of the zip at `path`, and whether `grade` opens it."""
-    bytes_ = path.stat().st_size
-    limit = f', and barc grade opens {MAX_ARCHIVE >> 20} MiB at most: leave the video out'
-    return f'{bytes_ / 2**20:.1f} MiB{limit if bytes_ > MAX_ARCHIVE else ""}'
+        archive.writestr('summary.txt', ''.join(f'{part}\n' for part in parts))
 
 
 def newest_drive(folders: Sequence[Path]) -> Path | None:
@@ -103,14 +88,6 @@ def _is_by_hand(bag: Path) -> bool:
         return reader.info(bag).get('command', '').split()[1:2] == ['teleop']
     except UserError:
         return False
-
-
-def newest_video(folders: Iterable[Path]) -> Path | None:
-    """Return the newest video in one of `folders`."""
-    videos = [
-        file for folder in folders for file in folder.glob('*') if file.suffix.lower() in _VIDEOS
-    ]
-    return max(videos, key=lambda file: file.stat().st_mtime_ns, default=None)
 
 
 def _code(folder: Path) -> Iterator[Part]:
@@ -132,18 +109,6 @@ def _code(folder: Path) -> Iterator[Part]:
             yield Part('code', name, missing=True)
         elif files[found] == handout.templates()[name]:
             yield Part('code', f'{found} is the template: nothing is written in it', missing=True)
-
-
-def _gains(folder: Path) -> Part:
-    """Return the line of the gains that the folder's controller chooses; none of it is run."""
-    path = files_in(folder).get('controller')
-    chosen = None
-    with suppress(UserError):
-        chosen = path and find_gains(compiled(read_source(path, path.name)).tree, path.name)
-    if chosen:
-        return Part('gains', str(chosen))
-    text = 'controller.py chooses none: write pid = PID(kp=…, ki=…, kd=…) below its class'
-    return Part('gains', text, missing=True)
 
 
 def _course(bag: Path) -> Part:
@@ -179,20 +144,7 @@ def _teleop(bag: Path | None) -> Part:
     return Part('teleop', text, _bag(bag, 'teleop') | {'teleop.html': page(facts).encode()})
 
 
-def _video(video: Path | None) -> Part:
-    if video:
-        return Part('video', str(video), {f'teleop{video.suffix.lower()}': video})
-    return Part(
-        'video', 'save one in your folder: barc replay BAG --save …/drive.mp4', missing=True
-    )
-
-
-def _description(folder: Path) -> Part:
-    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _TEXTS)
-    templates = handout_of(files_in(folder)).templates()
-    for stem in _DESCRIPTIONS:
-        for file in files:
-            same = file.stem.lower() == stem and file.is_file()
-            if same and file.read_bytes() not in (b'', templates.get(file.name)):
-                return Part('description', file.name, {file.name: file})
-    return Part('description', 'write what you did, and why, in description.md', missing=True)
+def _video(folder: Path) -> Part:
+    videos = {file.name: file for file in folder.glob('*') if file.suffix.lower() in _VIDEOS}
+    text = 'save one in your folder: barc replay BAG --save …/drive.mp4'
+    return Part('video', ', '.join(videos) or text, videos, missing=not videos)

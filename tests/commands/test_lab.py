@@ -48,7 +48,7 @@ def teleop_bag(path: Path) -> Path:
 def test_everything_is_in_the_zip(lab: Path) -> None:
     (lab / 'bags').mkdir()
     teleop_bag(lab / 'bags' / 'drive')
-    (lab / 'bags' / 'drive' / 'drive.mp4').write_bytes(bytes(2 << 20))
+    (lab / 'drive.mp4').write_bytes(bytes(2 << 20))
 
     done = barc('submit', 'lab')
 
@@ -58,13 +58,12 @@ def test_everything_is_in_the_zip(lab: Path) -> None:
         summary = archive.read('summary.txt').decode()
         assert archive.read('controller.py') == CONTROLLER.encode()
     wanted = {
-        *OWN, 'report.html', 'teleop.html', 'summary.txt', 'teleop.mp4',
+        *OWN, 'report.html', 'teleop.html', 'summary.txt', 'drive.mp4',
         'course/metadata.yaml',
     }  # fmt: skip
     assert wanted <= {*names}
     assert [name for name in names if name.startswith('teleop/') and name.endswith('.mcap')]
     assert done.stdout.startswith(summary)
-    assert 'gains         kp 10, ki 0.5, kd 0.4 (controller.py, line 38)\n' in summary
     assert 'the RMS error is 0.101 m/s, the maximum 0.367 m/s' in summary
     assert 'teleop        1.0 s by hand (barc teleop --lab lab)' in summary
     assert [line for line in summary.splitlines() if 'missing' in line] == [
@@ -91,7 +90,7 @@ def test_what_is_missing_is_a_line_each_and_nothing_is_refused(lab: Path) -> Non
 
     assert done.returncode == 0
     missing = [line for line in done.stdout.splitlines() if 'missing: ' in line]
-    parts = ['code'] * 5 + ['gains', 'course', 'teleop', 'video', 'description']
+    parts = ['code'] * 5 + ['course', 'teleop', 'video', 'description']
     assert [line.split()[0] for line in missing] == parts
     assert zipfile.ZipFile('mine.zip').namelist() == ['summary.txt']
 

@@ -112,7 +112,7 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     ]
     with zipfile.ZipFile('my_lab.zip') as archive:
         assert archive.testzip() is None
-        assert {'report.html', 'teleop.html', 'teleop.gif'} <= {*archive.namelist()}
+        assert {'report.html', 'teleop.html', 'drive.gif'} <= {*archive.namelist()}
 
     # The instructor.
     (tmp_path / 'class').mkdir()

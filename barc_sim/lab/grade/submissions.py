@@ -31,8 +31,7 @@ _EVIDENCE = (
 MAX_FILE = 1 << 20  #: bytes
 MAX_FILES = 200
 MAX_TOTAL = 8 << 20  #: bytes
-_MAX_NAME = 255  # bytes of a file's or folder's name, as in most file systems
-_MAX_DEPTH, _MAX_PATH = 20, 1000  # folders within folders, and bytes of a file's path
+_MAX_PATH = 200  # bytes of a file's path: any file system holds it
 _MAX_NOTES = 10
 MAX_ARCHIVE = 256 << 20  #: bytes
 MAX_ENTRIES = 2000  #: files of an archive
@@ -121,12 +120,10 @@ def _handed_in(path: Path) -> float:
 def _unreadable(path: Path) -> str:
     """Return why a submission is not opened; empty for a folder or an archive."""
     status = path.lstat()
-    if path.is_symlink():
-        return 'it is a link, which is not followed: hand in the files themselves'
-    if path.is_dir():
+    if path.is_dir() and not path.is_symlink():
         return ''
-    if not stat.S_ISREG(status.st_mode):
-        return 'it is no regular file: hand in a .zip or a folder'
+    if fault := _fault_of(status.st_mode):
+        return f'it {fault}: hand in a .zip or a folder'
     if not is_archive(path):
         return f'a single {path.suffix} file cannot be graded: hand in a .zip or a folder'
     too_big = f'it has more than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
@@ -192,7 +189,7 @@ def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -
         if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
             notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
             break
-        name = one_line(member.path, _MAX_NAME)
+        name = one_line(member.path, _MAX_PATH)
         parents = [str(parent) for parent in PurePosixPath(member.path).parents]
         if fault := _fault(member, files, folders, parents):
             notes.append(f'{name} {fault}')
@@ -227,15 +224,10 @@ def _fault(member: Member, files: dict[str, bytes], folders: set[str], parents: 
     path = PurePosixPath(member.path)
     if path.is_absolute() or '..' in path.parts:
         return 'leads out of the archive'
-    sizes = [len(os.fsencode(part)) for part in path.parts]
-    if '\0' in member.path or not 0 < max(sizes, default=0) <= _MAX_NAME:
-        return f'has a name that no file can have: at most {_MAX_NAME} bytes'
-    if sum(sizes) > _MAX_PATH or len(sizes) > _MAX_DEPTH:
-        return f'lies too deep: at most {_MAX_DEPTH} folders and {_MAX_PATH} bytes'
-    if member.path in files:
+    if '\0' in member.path or not 0 < len(os.fsencode(path)) <= _MAX_PATH:
+        return f'has a name that no file can have: at most {_MAX_PATH} bytes'
+    if member.path in {*files, *folders} or any(parent in files for parent in parents):
         return 'is there twice: the first is taken'
-    if member.path in folders or any(parent in files for parent in parents):
-        return 'is a file and a folder at once'
     return member.fault
 
 

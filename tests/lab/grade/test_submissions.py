@@ -88,7 +88,7 @@ def test_a_folder_gives_its_own_files_and_a_note_on_what_is_none(
         'relay.py is no regular file',
     )
     assert (link.name, link.files) == ('link', {})
-    assert link.notes == ('it is a link, which is not followed: hand in the files themselves',)
+    assert link.notes == ('it is a link, which is not followed: hand in a .zip or a folder',)
 
 
 def test_of_too_many_files_those_at_the_top_are_taken(folder: Callable[..., Path]) -> None:
@@ -175,10 +175,9 @@ def test_a_pipe_with_the_name_of_an_archive_does_not_hang(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(('names', 'note'), [
-    (('a', 'a/b'), 'a/b is a file and a folder at once'),
-    (('a/b', 'a'), 'a is a file and a folder at once'),
-    (('x' * 300,), 'has a name that no file can have: at most 255 bytes'),
-    (('x/' * 30 + 'y',), 'lies too deep'),
+    (('a', 'a/b'), 'a/b is there twice: the first is taken'),
+    (('a/b', 'a'), 'a is there twice: the first is taken'),
+    (('x/' * 100 + 'y',), 'has a name that no file can have: at most 200 bytes'),
     (('a', 'a'), 'a is there twice: the first is taken'),
     (('old/controller.py',), 'old/controller.py is not graded: controller.py comes first'),
 ])  # fmt: skip
