@@ -50,18 +50,6 @@ if TYPE_CHECKING:
 _BLOCK = 512  #: measurements whose noise is drawn at once
 
 
-class LoopSettings(NamedTuple):
-    """The numbers of a loop beside gains and road."""
-
-    reference: float  #: [m/s]
-    low: float  #: [m/s²] limits of the command
-    high: float
-    vehicle: Vehicle
-    ts: float  #: [s] of the vehicle's steps
-    dt: float  #: [s] of the controller: `ts` in whole nanoseconds
-    distance: float  #: [m] where the loop ends
-
-
 class RoadSegments(NamedTuple):
     """A road as the loop reads it: segment `i` reaches from `begins[i]` up to `ends[i]` [m]."""
 
@@ -87,35 +75,28 @@ class RoadSegments(NamedTuple):
 
 
 def _drive(
-    gains: tuple[float, float, float],
-    settings: LoopSettings,
-    segments: RoadSegments,
-    errors: Iterable[float],
-    start: tuple[float, float],
-    waiting: list[float],
-    early: float,
+    plant: Plant, pid: PID, reference: float, distance: float, errors: Iterable[float]
 ) -> tuple[Floats, Floats]:
     """Return the speed [m/s], and the integral [m/s²] after the command, of each state.
 
     The loop ends at the distance, or with `errors`, measured minus true speed [m/s].
-
-    `start` is x [m] and v [m/s]; the controller is at its beginning.
-
-    `waiting` has the commands [m/s²] on their way, the next first: one more than the steps of
-    delay. The loop appends its own. Without any, a command acts at once. `early` is the share of a
-    step for which the older of two commands still acts.
     """
-    kp, ki, kd = gains
-    reference, low, high, vehicle, ts, dt, distance = settings
-    mass = vehicle.mass
-    x, v = start
+    kp, ki, kd, low, high = pid.kp, pid.ki, pid.kd, pid.output_min, pid.output_max
+    vehicle, ts, dt, mass = plant.vehicle, plant.ts, plant.period_ns / 1e9, plant.vehicle.mass
+    x, v = plant.state.x, plant.state.v
+    # Commands [m/s²] on their way, the next first: one more than the steps of delay. The loop
+    # appends its own. Without any, a command acts at once. For the share `early` of a step the
+    # older of two commands still acts.
+    motor = plant.actuators.motor
+    waiting, early = [] if plant.actuators.is_ideal else motor.waiting, motor.early
+    acting = iter(waiting)
+    older = next(acting, 0.0)
     integral = previous = interval = 0.0
+    segments = RoadSegments.of(plant.road, vehicle)
     begin, end, gravity_force = segments.at(x)
     speeds: list[float] = []
     integrals: list[float] = []
     add_speed, add_integral = speeds.append, integrals.append
-    acting = iter(waiting)
-    older = next(acting, 0.0)
     for error in errors:
         if x >= end or x < begin:
             begin, end, gravity_force = segments.at(x)
@@ -160,23 +141,18 @@ def _drive(
 
 @np.errstate(over='ignore', invalid='ignore')  # as with floats
 def _commands(
-    gains: tuple[float, float, float],
-    settings: LoopSettings,
-    v: Floats,
-    integral: Floats,
-    errors: Floats | float,
+    pid: PID, reference: float, dt: float, v: Floats, integral: Floats, errors: Floats | float
 ) -> dict[str, Any]:
     """Return the columns of the PID's command and terms: the sums of `_drive`, for arrays."""
-    kp, ki, kd = gains
     measured = v + errors
-    deviation = settings.reference - measured
-    increment = ki * deviation * settings.dt
+    deviation = reference - measured
+    increment = pid.ki * deviation * dt
     change = np.diff(measured, prepend=0.0)
-    proportional, derivative = kp * deviation, -kd * change / settings.dt
+    proportional, derivative = pid.kp * deviation, -pid.kd * change / dt
     increment[:1] = derivative[:1] = 0.0
     before = np.concatenate([[0.0], integral[:-1]])
     output = proportional + before + increment + derivative
-    motor = np.clip(output, settings.low, settings.high)
+    motor = np.clip(output, pid.output_min, pid.output_max)
     return {
         'motor': motor,
         'proportional': proportional,
@@ -196,37 +172,20 @@ def pid_log(
     if pid.previous is not None or pid.integral:
         return None
     state, vehicle = plant.state, plant.vehicle
-    gains = pid.kp, pid.ki, pid.kd
-    settings = LoopSettings(
-        reference=speed_reference,
-        low=pid.output_min,
-        high=pid.output_max,
-        vehicle=vehicle,
-        ts=plant.ts,
-        dt=plant.period_ns / 1e9,
-        distance=distance,
-    )
-    motor = plant.actuators.motor
     blocks: list[Floats] = []
     # An error of -0.0 also leaves a speed of -0.0 as it is.
     errors: Iterable[float] = repeat(-0.0)
     if plant.sensor.is_noisy:
         errors = chain.from_iterable(_speed_errors(plant.sensor.again(), blocks))
-    v, integral = _drive(
-        gains,
-        settings,
-        RoadSegments.of(plant.road, vehicle),
-        islice(errors, steps + 1),
-        (state.x, state.v),
-        [] if plant.actuators.is_ideal else motor.waiting,
-        motor.early,
-    )
+    v, integral = _drive(plant, pid, speed_reference, distance, islice(errors, steps + 1))
     n = len(v)
     zero: Any = np.zeros(n)
     error: Any = MeasurementError(*[zero] * 6)
     if blocks:
         error = MeasurementError(*np.concatenate(blocks, axis=1)[:, :n])
-    computed = _commands(gains, settings, v, integral, error.v_x if blocks else -0.0)
+    dt = plant.period_ns / 1e9
+    seen = error.v_x if blocks else -0.0
+    computed = _commands(pid, speed_reference, dt, v, integral, seen)
     if not all(isfinite(each[-1]) for each in computed.values()):
         return None
     x = np.add.accumulate(np.append(state.x, plant.ts * v[:-1]))

@@ -15,7 +15,7 @@ import numpy as np
 from barc_sim import tuning
 from barc_sim.control.speed import ACCELERATION_LIMIT, SPEED_REFERENCE
 from barc_sim.simulation.closed_loop import DISTANCE, LIMITS, check_arguments, simulate
-from barc_sim.simulation.fast import LoopSettings, PIDs, RoadSegments, next_speeds
+from barc_sim.simulation.fast import PIDs, RoadSegments, next_speeds
 from barc_sim.simulation.metrics import RUN_UP
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.parameters import NANOSECONDS
@@ -67,12 +67,12 @@ class Course:
     @property
     def steps(self) -> int:
         """The maximum number of steps, as `closed_loop` counts them."""
-        return round(self.max_duration / self.settings.ts)
+        return round(self.max_duration / self.step)
 
     @property
     def is_batchable(self) -> bool:
         """Whether a batch can drive it: its delay is in whole steps, and its noise a number."""
-        return not (in_steps(self.delay, self.settings.ts)[1] or isinstance(self.noise, tuple))
+        return not (in_steps(self.delay, self.step)[1] or isinstance(self.noise, tuple))
 
     def drive(self, controller: Controller, **others: Any) -> Log:  # noqa: ANN401 (of `simulate`)
         """Return the log of a run of `controller`, with `others` of the arguments of `simulate`."""
@@ -81,18 +81,9 @@ class Course:
         return simulate(controller=controller, **arguments)
 
     @cached_property
-    def settings(self) -> LoopSettings:
-        """The numbers that all loops have in common."""
-        ts = round(self.ts * NANOSECONDS) / NANOSECONDS
-        return LoopSettings(
-            reference=self.speed_reference,
-            low=-self.acceleration_limit,
-            high=self.acceleration_limit,
-            vehicle=self.vehicle,
-            ts=ts,
-            dt=ts,
-            distance=self.distance,
-        )
+    def step(self) -> float:
+        """`ts` in whole nanoseconds [s]."""
+        return round(self.ts * NANOSECONDS) / NANOSECONDS
 
     @cached_property
     def first_end(self) -> float:
@@ -132,10 +123,10 @@ class _Block:
     """Loops in step with one another, without those that have arrived."""
 
     def __init__(self, course: Course, gains: Floats) -> None:
-        self._course, self._settings = course, course.settings
+        self._course = course
         self._segments = tuple(map(np.array, RoadSegments.of(course.road, course.vehicle)))
         self._found = np.full((len(Sums._fields), len(gains)), -1.0)
-        delay, _ = in_steps(course.delay, course.settings.ts)
+        delay, _ = in_steps(course.delay, course.step)
         self._commands = np.zeros((delay, len(gains)))
         self._number = np.arange(len(gains))
         self._on_first = np.ones(len(gains), np.bool_)
@@ -148,8 +139,8 @@ class _Block:
         """Drive all of them; return their sums."""
         interval = 0.0  # none before the first sample: nothing is added to the integral
         for k, error in enumerate(self._course.errors):
-            command = self._pids.control(self._v + error, self._settings.reference, interval)
-            interval = self._settings.dt
+            command = self._pids.control(self._v + error, self._course.speed_reference, interval)
+            interval = self._course.step
             self._account(command)
             if self._arriving:
                 command = self._arrive(k, command)
@@ -165,8 +156,8 @@ class _Block:
     def _name_rows(self, rows: Floats) -> None:
         """Name the rows of `rows`, shape (_ROWS, loops): the state of the loops, and their sums."""
         self._rows = rows
-        settings = self._settings
-        self._pids = PIDs(settings.low, settings.high, settings.dt, *rows[:5])
+        limit = self._course.acceleration_limit
+        self._pids = PIDs(-limit, limit, self._course.step, *rows[:5])
         self._x, self._v = rows[5:7]
         self._begin, self._end, self._gravity_force = rows[7:10]
         self._squares, self._before, self._maximum, self._peak, self._effort = rows[10:]
@@ -174,7 +165,7 @@ class _Block:
     def _account(self, command: Floats) -> None:
         """Add the present states and their commands to the sums."""
         self._effort += command * command
-        deviation = np.abs(self._settings.reference - self._v)
+        deviation = np.abs(self._course.speed_reference - self._v)
         counts = self._x >= RUN_UP
         if not counts.all():
             deviation *= counts
@@ -187,7 +178,7 @@ class _Block:
 
     def _arrive(self, k: int, command: Floats) -> Floats:
         """Keep the sums of the loops that are at the distance in step `k`, and drop these loops."""
-        there = self._x >= self._settings.distance
+        there = self._x >= self._course.distance
         self._found[:, self._number[there]] = (
             np.full(np.count_nonzero(there), k),
             self._squares[there],
@@ -206,7 +197,7 @@ class _Block:
 
     def _advance(self, command: Floats) -> None:
         """Go one step."""
-        ts, vehicle, v = self._settings.ts, self._settings.vehicle, self._v
+        ts, vehicle, v = self._course.step, self._course.vehicle, self._v
         self._x += ts * v
         forwards = v.min() > 0.0
         v[:] = next_speeds(v, command, self._gravity_force, vehicle, ts)
@@ -222,6 +213,6 @@ class _Block:
         x = self._x[moved]
         segment = np.searchsorted(begins, x, side='right') - 1
         self._begin[moved] = begins[segment]
-        self._end[moved] = np.minimum(ends[segment], self._settings.distance)
+        self._end[moved] = np.minimum(ends[segment], self._course.distance)
         self._gravity_force[moved] = gravity_forces[segment]
-        self._arriving = bool((x >= self._settings.distance).any())
+        self._arriving = bool((x >= self._course.distance).any())
