@@ -77,15 +77,13 @@ class Driver:
         self.limits = limits or Limits()  #: may be replaced at any time
         self.dt = dt
         self.stale_after = stale_after
-        self.linear_scale = self.angular_scale = 1.0  #: factors of an input, before its limits
         self.reset()
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Set some of the parameters in `PARAMETERS`."""
         limits = {name: value for name, value in values.items() if name in Limits._fields}
         self.limits = self.limits._replace(**limits)
-        for name in ('linear_scale', 'angular_scale', 'stale_after'):
-            setattr(self, name, values.get(name, getattr(self, name)))
+        self.stale_after = values.get('stale_after', self.stale_after)
 
     def reset(self) -> None:
         """Forget the input, and put the wheel straight."""
@@ -98,14 +96,9 @@ class Driver:
 
     def receive(self, request: DriverInput, t: float) -> bool:
         """Store a `request`, received at `t` [s]; return False if it is not finite, and refused."""
-        scaled = DriverInput(
-            request.forward * self.linear_scale,
-            request.turn * self.angular_scale,
-            request.brake * self.linear_scale,
-        )
-        if not all(map(isfinite, scaled)):
+        if not all(map(isfinite, request)):
             return False
-        self._latest = self._within_limits(scaled)
+        self._latest = self._within_limits(request)
         self._received = t
         return True
 
@@ -235,8 +228,6 @@ PARAMETERS = [
         read_only=True,
     ),
     *parameters_of(Limits),
-    Parameter('linear_scale', 1.0, 'factor of a linear, before its limit', (-100.0, 100.0)),
-    Parameter('angular_scale', 1.0, 'factor of an angular, before its limit', (-100.0, 100.0)),
     Parameter('stale_after', STALE_AFTER, 'age above which a Twist is ignored [s]', (0.05, 60.0)),
     # The car's geometry, from which the velocity's steering follows.
     *(each for each in CAR if each.name in ('l_f', 'l_r')),

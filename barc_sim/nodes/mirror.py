@@ -36,7 +36,6 @@ from barc_sim.ros.node_helpers import (
     to_nanoseconds,
     to_poses,
 )
-from barc_sim.simulation.stepper import TOLERATED
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -71,6 +70,8 @@ _LINE_WIDTH = 0.12  #: [m]
 _MARGIN = 200.0  #: [m] of road before the end of its first stretch, and after the start of its last
 #: Share of the requested real-time factor below which a run is slow.
 _SLOW = 0.9
+#: [s] by which stamps may be behind the wall clock: a usual tolerance of tf2's users.
+_TOLERATED = 0.1
 
 
 class Facts(NamedTuple):
@@ -380,10 +381,8 @@ def _timing(facts: Facts, before: Facts, factor: float | None) -> DiagnosticStat
         message = f'simulated time has fallen behind by {slipped} periods'
     elif factor is not None and factor < _SLOW * requested:
         message = f'simulated time runs at {factor:.2f}, not at {requested:g}'
-    elif (facts.stamp_lag or 0.0) > TOLERATED:
-        message = (
-            f'stamps are {facts.stamp_lag:.1f} s behind the wall clock: use_sim_time, or reset'
-        )
+    elif (facts.stamp_lag or 0.0) > _TOLERATED:
+        message = f'stamps are {facts.stamp_lag:.1f} s behind the wall clock: reset, or use --clock'
     else:
         level = _OK
     values = {

@@ -48,7 +48,7 @@ class VehicleSimulator(Node):
     `k` is stamped `t_0 + k·T_s`.
 
     Each state's stamp is published on `/clock` before the state, and every second while time stands
-    still: at factor 1 once it is 0.1 s behind the wall clock, or if the parameter `clock` is true.
+    still: at factor 1 if the parameter `clock` is true.
 
     The service `reset` restarts the run, with the controller or relay, once the present state is
     answered. `pause` stops and resumes time; meanwhile `step` takes one step. `finished` is done at
@@ -107,9 +107,9 @@ class VehicleSimulator(Node):
         place, car = (Header(stamp=self._stamp, frame_id=name) for name in frames(self))
         self._time, self._environment = ClockMessage(clock=self._stamp), Environment(header=place)
         self._state, self._error = ZDynBkMdl(header=place), EZDynBkMdl(header=car)
-        self._may_keep_clock, self.clock_pub, self._track_pub = keeps_clock, None, None
-        if values['clock'] or values['realtime_factor'] != 1.0:
-            self.begin_clock()
+        self.clock_pub, self._track_pub = None, None
+        if keeps_clock and (values['clock'] or values['realtime_factor'] != 1.0):
+            self.clock_pub = self.create_publisher(ClockMessage, names.CLOCK, names.QOS)
         if self.track:
             self._place = TrackState(header=place)
             self._track_pub = self.create_publisher(TrackState, names.TRACK_STATE, names.QOS)
@@ -163,12 +163,6 @@ class VehicleSimulator(Node):
     def finish(self) -> None:
         """End the run; may be called from any thread."""
         self.finished.set_result(None)
-
-    def begin_clock(self) -> bool:
-        """Publish `/clock` with each state from now on; return whether this node may do so."""
-        if self._may_keep_clock and not self.clock_pub:
-            self.clock_pub = self.create_publisher(ClockMessage, names.CLOCK, names.QOS)
-        return self.clock_pub is not None
 
     def _publish_clock(self) -> None:
         if self.clock_pub:

@@ -64,7 +64,6 @@ LIMITS = {
     'seed': ROWS['seed'],
     'noise': ROWS['noise_v_x'],
     'delay': ROWS['motor_delay'],
-    'sensor_delay': ROWS['sensor_delay'],
     'ts': Parameter('ts', 0.02, 'step [s]', (0.001, 1.0)),
     'e_y': Parameter('e_y', 0.0, 'where the car starts, to the left [m]', (-1e3, 1e3)),
 }
@@ -95,7 +94,6 @@ def simulate(
     vehicle: Vehicle | None = None,
     noise: float | NoiseLevels = 0.0,
     delay: float = 0.0,
-    sensor_delay: float = 0.0,
     disturbance: float | str | PathLike[str] | Signal = 0.0,
     controller: object | None = None,
     model: Model = bikeFE,
@@ -128,8 +126,6 @@ def simulate(
         Standard deviation of the measured speed [m/s], or of every signal.
     delay
         [s] from a command to its effect.
-    sensor_delay
-        [s] age of what is measured.
     disturbance
         [N] force on the car, positive forwards: a number, a function of the time since the start
         [s] and the place along the road [m], or the path of a CSV file with the columns
@@ -224,7 +220,6 @@ def plant_of(**arguments: Any) -> Plant:  # noqa: ANN401 (of `simulate`)
         ts=round(given.ts * NANOSECONDS) / NANOSECONDS,
         noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),
         seed=given.seed,
-        sensor_delay=given.sensor_delay,
         force=force(0.0, 0.0) if is_constant else 0.0,
         disturbance=None if is_constant else force,
         model=model if model is bikeFE else _with_options(model),

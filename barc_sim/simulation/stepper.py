@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 #: Share of a period by which a deadline may be late and still count as punctual.
 PUNCTUAL = 0.1
-#: [s] by which stamps may be behind the wall clock in real time: a usual tolerance of tf2's users.
-TOLERATED = 0.1
 
 
 class Pace:
@@ -174,9 +172,6 @@ class Outputs(Protocol):
     def warn(self, sentence: Callable[[], str], about: str) -> None:
         """Warn about one thing, once in 10 s at most."""
 
-    def begin_clock(self) -> bool:
-        """Publish the simulated time from now on; return whether that is allowed."""
-
 
 class Phase(Enum):
     """The states of a `Stepper`."""
@@ -290,7 +285,6 @@ class Stepper:
         self.paused = False
         self.states = self.missed = self.laps = 0
         self.stamp_lag = 0.0
-        self._warned_of_lag = False  # since the start or the latest reset
         self._warned_of_stamps = False
         self._first_state = self._first_stamp = self.stamp = 0
         self._request: Literal['step', 'reset'] | None = None  # once the state is answered
@@ -314,7 +308,7 @@ class Stepper:
         self.stamp = self.stamp + self._period_ns if self.stamp else self._wall_clock()
         if self._in_real_time:
             self.stamp = max(self.stamp, self._wall_clock())
-        self._first_stamp, self._warned_of_lag = self.stamp, False
+        self._first_stamp = self.stamp
         self._commands.start_timeout(self._clock())
         self._publish()
         self._start_deadlines()
@@ -441,7 +435,9 @@ class Stepper:
                 lambda: f'no command for {self._timeout:g} s: the car brakes to a standstill',
                 'timeout',
             )
-            plant.brake(self._braking)
+            # As the driver's brake: half of what would stop the car in the relay's period.
+            motor = max(-self._braking, min(-10.0 * plant.state.v, self._braking))
+            plant.advance((self._commands.latest or Command())._replace(motor=motor))
         else:
             plant.advance(self._commands.latest)
         self._commands.next_step()
@@ -464,22 +460,9 @@ class Stepper:
     def _publish(self) -> None:
         if self._in_real_time:
             self.stamp_lag = max((self._wall_clock() - self.stamp) / NANOSECONDS, 0.0)
-            if self.stamp_lag > TOLERATED and not self._warned_of_lag:
-                self._warned_of_lag = True
-                self._warn_of_lag()
         t = (self.states - self._first_state) * self._plant.ts
         self._outputs.publish_state(t, self._plant.observe(), self.stamp)
         self.states += 1
-
-    def _warn_of_lag(self) -> None:
-        begun = self._outputs.begin_clock()
-        where = '; /clock has the simulated time from now on' if begun else ''
-        why = (
-            f'stamps are {self.stamp_lag:.1f} s behind the wall clock, because simulated time was '
-            f'paused{where}: set use_sim_time in nodes that compare stamps with their clock, or '
-            'reset the run'
-        )
-        self._outputs.warn(lambda: why, 'stamps behind the clock')
 
     def _check_stamp(self, stamp: int) -> None:
         """Warn, once, of a command with a stamp [ns] that no state has."""

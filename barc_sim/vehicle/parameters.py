@@ -50,10 +50,7 @@ _ACTUATORS = [
         ('limit', f'maximum {limit} either way [{unit}]', 1e6),
     )
 ]
-_OTHERS = [
-    Parameter('sensor_delay', 0.0, 'age of what is measured [s]; 0: none', (0.0, 10.0)),
-    Parameter('disturbance', 0.0, 'force on the car, positive forwards [N]', (-1e6, 1e6)),
-]
+_FORCE = Parameter('disturbance', 0.0, 'force on the car, positive forwards [N]', (-1e6, 1e6))
 PARAMETERS = [
     *parameters_of(Vehicle),
     Parameter('rate', 50.0, 'steps per second of simulated time [Hz]', (1.0, 1000.0)),
@@ -83,7 +80,7 @@ PARAMETERS = [
     Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),
     *_NOISE,
     *_ACTUATORS,
-    *_OTHERS,
+    _FORCE,
     Parameter(
         'disturbance_file',
         '',
@@ -100,7 +97,7 @@ PARAMETERS = [
 ROWS = {row.name: row for row in PARAMETERS}
 
 #: Those that can be changed while the car drives: they take effect with the next step.
-LIVE = frozenset(parameter.name for parameter in (*_NOISE, *_ACTUATORS, *_OTHERS))
+LIVE = frozenset(parameter.name for parameter in (*_NOISE, *_ACTUATORS, _FORCE))
 NANOSECONDS = 1_000_000_000
 FORCE_COLUMN = 'force_n'  #: of a file with a disturbance
 
@@ -128,7 +125,6 @@ def plant(
         ts=round(NANOSECONDS / float(values['rate'])) / NANOSECONDS,
         noise=_noise(values),
         seed=values['seed'],
-        sensor_delay=values['sensor_delay'],
         force=values['disturbance'],
         disturbance=disturbance,
         model=model,
@@ -143,7 +139,7 @@ def plant(
 
 def retune(values: Mapping[str, Any], plant: Plant) -> None:
     """Give the plant the `LIVE` parameters of `values`; commands on their way stay on it."""
-    plant.sensor.noise, plant.sensor.delay = _noise(values), values['sensor_delay']
+    plant.sensor.noise = _noise(values)
     plant.force = values['disturbance']
     plant.actuators.replace(_actuator(values, 'motor'), _actuator(values, 'servo'))
 

@@ -1,6 +1,6 @@
 """The plant: the vehicle on its road or track, with its actuators and its sensor.
 
-Actuators delay, limit and lag a command; each is off by default. The sensor adds noise and delay.
+Actuators delay, limit and lag a command; each is off by default. The sensor adds noise.
 """
 
 from __future__ import annotations
@@ -193,17 +193,6 @@ class Actuators:
         self.servo.hold(0.0)
         self.now = Command()
 
-    def brake(self, command: Command) -> Command:
-        """Go one step with the acceleration of `command` in force at once.
-
-        The brakes have no delay, lag or limit. The motor is cut off meanwhile, and begins anew
-        from zero.
-        """
-        self.motor.hold(0.0)
-        servo = self.servo.advance(command.servo)
-        self.now = Command(command.motor, self.servo.value)
-        return Command(command.motor, servo)
-
 
 @limited
 class NoiseLevels(NamedTuple):
@@ -232,27 +221,16 @@ _NO_ERROR = MeasurementError()
 
 
 class Sensor:
-    """Measures a motion late, and adds white Gaussian noise; one seed gives the same errors.
-
-    A measurement is that of `delay` seconds ago; between two states, on the line between them.
+    """Adds white Gaussian noise to a motion; one seed gives the same errors.
 
     The generator is Python's Mersenne Twister, whose sequence is the same in every version, and
     every measurement draws six numbers: the noise of one signal does not depend on whether another
     has any.
     """
 
-    def __init__(
-        self,
-        noise: NoiseLevels | None = None,
-        seed: int = 0,
-        *,
-        delay: float = 0.0,
-        ts: float = 0.02,
-    ) -> None:
-        """Measure every `ts` seconds with these standard deviations, zero unless given."""
+    def __init__(self, noise: NoiseLevels | None = None, seed: int = 0) -> None:
+        """Measure with these standard deviations, zero unless given."""
         self.noise = noise or NoiseLevels()
-        self.delay, self._ts = delay, ts
-        self._past: list[Motion] = []  # from the one that a measurement needs first
         self._seed = seed
         self._random = Random(int(seed))  # noqa: S311 (a simulation, not a secret)
 
@@ -263,38 +241,18 @@ class Sensor:
 
     def measure(self, true: Motion) -> tuple[Motion, MeasurementError]:
         """Return the motion as measured, and its error: measured minus true."""
-        if self.delay:
-            return self._measure_late(true)
         if not self.is_noisy:
             return true, _NO_ERROR
         error = self._draw_one()
         return with_error(true, error, cos(true.psi), sin(true.psi)), error
 
-    def forget(self) -> None:
-        """Forget the motion so far: the car is somewhere else."""
-        self._past = []
-
     def _draw_one(self) -> MeasurementError:
         gauss = self._random.gauss
         return MeasurementError(*[sigma * gauss(0.0, 1.0) for sigma in self.noise])
 
-    def _measure_late(self, true: Motion) -> tuple[Motion, MeasurementError]:
-        whole, share = in_steps(self.delay, self._ts)
-        past = self._past = [*self._past[-whole - 1 :], true]
-        older, newer = (past[max(len(past) - k, 0)] for k in (whole + 2, whole + 1))
-        seen = newer
-        if share:
-            pairs = zip(older, newer, strict=True)
-            seen = type(true)(*[share * old + (1.0 - share) * new for old, new in pairs])
-        if self.is_noisy:
-            seen = with_error(seen, self._draw_one(), cos(seen.psi), sin(seen.psi))
-        x, y, *others = [now - then for now, then in zip(seen, true, strict=True)]
-        along, across = cos(true.psi), sin(true.psi)
-        return seen, MeasurementError(x * along + y * across, y * along - x * across, *others)
-
     def again(self) -> Sensor:
         """Return such a sensor before its first measurement."""
-        return Sensor(self.noise, self._seed, delay=self.delay, ts=self._ts)
+        return Sensor(self.noise, self._seed)
 
     def draw(self, n: int) -> Floats:
         """Return the errors of the next `n` measurements, shape `(6, n)`.
@@ -375,7 +333,6 @@ class Plant:
         ts: float = 0.02,
         noise: NoiseLevels | None = None,
         seed: int = 0,
-        sensor_delay: float = 0.0,
         force: float = 0.0,
         disturbance: Signal | None = None,
         model: Model = bikeFE,
@@ -399,7 +356,7 @@ class Plant:
         self.ts = ts
         self.state = State()
         self._held = Command()
-        self.sensor = Sensor(noise, seed, delay=sensor_delay, ts=ts)
+        self.sensor = Sensor(noise, seed)
         self.force, self.disturbance = force, disturbance
         self._steps = 0
         self.actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
@@ -431,7 +388,7 @@ class Plant:
             type(self) is Plant
             and not self.track
             and self._bicycle.is_lab
-            and not (self.sensor.delay or self.force or self.disturbance)
+            and not (self.force or self.disturbance)
             and self.state.psi == actuators.now.servo == 0.0
             and (
                 actuators.is_ideal
@@ -462,7 +419,6 @@ class Plant:
         self.state = state
         self._held = Command()
         self.actuators.stop()
-        self.sensor.forget()
         self._bicycle.reset()
         if self.track:
             self.on_track = None
@@ -472,17 +428,6 @@ class Plant:
         """Do as `place` does, at the start of a new run."""
         self._steps = 0
         self.place(state, near)
-
-    def brake(self, deceleration: float) -> None:
-        """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
-
-        On a hill it takes part of that to keep the car from rolling. The brakes act at once,
-        without the motor's actuator, which restarts from zero.
-        """
-        pull = self.vehicle.gravity * sin(self._grade(self.state.x))
-        motor = max(-deceleration, min(pull - self.state.v / self.ts, deceleration))
-        self._held = self._held._replace(motor=motor)
-        self._step(self.actuators.brake(self._held))
 
     def _on_road(self, x: float) -> float:
         """Return where the road is read [m] for a car at `x`: on a track, where the step began."""

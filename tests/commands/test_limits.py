@@ -82,7 +82,6 @@ def test_a_command_refuses_what_python_does(
         (NoiseLevels, {'psi_dot': nan}, 'noise_psi_dot', nan),
         (simulate, {'delay': -1}, 'motor_delay', -1.0),
         (Actuator, {'lag': 101}, 'servo_lag', 101.0),
-        (simulate, {'sensor_delay': 11}, 'sensor_delay', 11.0),
         (simulate, {'disturbance': nan}, 'disturbance', nan),
         (simulate, {'seed': 1.5}, 'seed', 1.5),
         (simulate, {'seed': -1}, 'seed', -1),

@@ -130,10 +130,10 @@ def values(**changed: float | str) -> dict[str, float | str | bool]:
 
 
 def test_parameter_names_what_a_twist_means() -> None:
-    driver = make_driver(values(input='velocity', l_f=1.0, l_r=1.5, linear_scale=2.0))
+    driver = make_driver(values(input='velocity', l_f=1.0, l_r=1.5))
     assert isinstance(driver, VelocityDriver)
     assert driver.wheelbase == 2.5
     assert driver.receive(DriverInput(forward=3.0, turn=0.3), 0.0)
     driver.command(0.0, 0.0)
-    assert driver.request == (6.0, 0.3, 0.0)
+    assert driver.request == (3.0, 0.3, 0.0)
     assert not isinstance(make_driver(values()), VelocityDriver)

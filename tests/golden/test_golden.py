@@ -61,7 +61,6 @@ def test_a_run_is_that_of_simulate(tmp_path: Path) -> None:
     (tmp_path / 'speed.csv').write_text('time_s,speed_mps\n0,4\n3,8\n6,8\n6,5\n')
     (tmp_path / 'gust.csv').write_text('distance_m,force_n\n0,0\n9,-3000\n20,900\n20,0\n')
     parameters = {
-        'vehicle_simulator:sensor_delay': 0.05,
         'vehicle_simulator:disturbance_file': 'gust.csv',
         'vehicle_simulator:rate': 333.0,
         'vehicle_simulator:noise_v_x': 0.05,
@@ -73,7 +72,6 @@ def test_a_run_is_that_of_simulate(tmp_path: Path) -> None:
     assert read_bag(bag) == simulate(
         reference=tmp_path / 'speed.csv',
         disturbance=tmp_path / 'gust.csv',
-        sensor_delay=0.05,
         noise=0.05,
         distance=30.0,
         ts=1 / 333,

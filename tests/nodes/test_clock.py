@@ -6,7 +6,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -21,7 +20,7 @@ from node_bench import NodeBench, overrides
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import SetBool
 
 from barc_sim.bags import names
 from barc_sim.bags import reader as bag
@@ -115,24 +114,6 @@ def test_clock_stands_while_paused_and_is_repeated_for_late_nodes(bench: Make) -
     assert {to_nanoseconds(message.clock) for message in late} == {world.stamps[-1]}
     world.call(SetBool, 'vehicle_simulator/pause', data=False)
     world.until(lambda: world.times[-1] > to_nanoseconds(late[0].clock))
-
-
-def test_clock_begins_in_real_time_when_a_pause_has_left_stamps_behind(bench: Make) -> None:
-    world = bench()
-    world.until(lambda: len(world.stamps) > 3)
-    world.call(SetBool, 'vehicle_simulator/pause', data=True)
-    end = time.monotonic() + 0.15
-    world.until(lambda: time.monotonic() > end)
-    assert not world.peer.count_publishers('/clock')
-    world.call(SetBool, 'vehicle_simulator/pause', data=False)
-    world.until(lambda: len(world.times) > 5)
-    assert world.simulator.stepper.stamp_lag >= 0.1
-    assert set(world.times) <= set(world.stamps)
-
-    world.call(Trigger, 'vehicle_simulator/reset')
-    world.until(lambda: world.simulator.stepper.stamp_lag < 0.1)
-    ticks = len(world.times)
-    world.until(lambda: len(world.times) > ticks)
 
 
 @pytest.mark.usefixtures('ros_domain')

@@ -259,7 +259,7 @@ def test_run_that_is_well_is_ok_in_everything_and_has_its_figures() -> None:
         ('timing', WELL._replace(missed=2), 1.0, '2 commands missed their deadline'),
         ('timing', WELL._replace(slipped=3), 1.0, 'simulated time has fallen behind by 3 periods'),
         ('timing', WELL._replace(requested_factor=5.0), 3.0, 'simulated time runs at 3.00, not at'),
-        ('timing', WELL._replace(stamp_lag=6.1), 1.0, 'stamps are 6.1 s behind the wall clock: us'),
+        ('timing', WELL._replace(stamp_lag=6.1), 1.0, 'stamps are 6.1 s behind the wall clock: re'),
         ('command', WELL._replace(rivals=['/a', '/b']), 1.0, '/a and /b drive together: end one'),
         ('bag', WELL._replace(lost=7), 1.0, '7 messages are lost'),
     ],

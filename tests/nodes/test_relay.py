@@ -66,9 +66,6 @@ def test_twist_is_a_share_of_the_limits_which_may_be_changed(bench: Make) -> Non
     b.until_motor(1.5)
     b.relay.set_parameters([Parameter('acceleration', value=5.0)])
     b.until_motor(2.5)
-    b.relay.set_parameters([Parameter('linear_scale', value=2.0)])
-    b.send(forward=0.4)
-    b.until_motor(4.0)
     b.send(forward=7.0)
     b.until_motor(5.0)
 

@@ -224,7 +224,7 @@ def test_a_model_is_called_as_bikefe() -> None:
     assert_same(simulate(model=with_options, distance=30.0), expected)
 
 
-# A reference that changes, a disturbance, a late sensor
+# A reference that changes, a disturbance
 
 
 def test_the_log_and_the_scores_follow_a_reference_over_time(tmp_path: Path) -> None:
@@ -251,12 +251,6 @@ def test_a_constant_function_is_the_number() -> None:
     wind = simulate(disturbance=-900.0)
     assert wind == simulate(disturbance=lambda *_: -900.0)
     assert wind != simulate()
-
-
-def test_a_late_sensor_makes_the_loop_swing() -> None:
-    punctual, late = simulate(road='flat'), simulate(road='flat', sensor_delay=0.06)
-    assert summary(late).overshoot > 2.0 * summary(punctual).overshoot
-    assert late.speed[4:-3].tolist() == pytest.approx(late.v_x[7:].tolist())
 
 
 TS = 0.02

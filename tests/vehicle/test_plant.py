@@ -31,7 +31,6 @@ from barc_sim.vehicle.plant import (
     NoiseLevels,
     Plant,
     Sensor,
-    with_error,
 )
 from barc_sim.vehicle.road import Road
 
@@ -158,22 +157,6 @@ def test_command_beyond_the_limit_is_cut_either_way() -> None:
     assert limited == [(0.3, 0.3), (0.5, 0.5), (-0.5, -0.5)]
 
 
-# Brakes
-
-
-def test_brakes_act_at_once_and_the_motor_begins_anew() -> None:
-    slow = Actuator(delay=0.1, lag=0.2, rate=1.0, limit=2.0)
-    actuators = Actuators(slow, slow, TS)
-    for _ in range(20):
-        actuators.advance(Command(2.0, 0.3))
-    steered = actuators.now.servo
-    assert actuators.brake(Command(-8.0, 0.3)).motor == -8.0
-    assert actuators.now.motor == -8.0
-    assert actuators.now.servo > steered
-    assert [actuators.advance(Command(2.0, 0.3)).motor for _ in range(5)] == [0.0] * 5
-    assert actuators.advance(Command(2.0, 0.3)).motor > 0.0
-
-
 # Replaced while it works
 
 
@@ -260,49 +243,6 @@ def test_errors_have_zero_mean_and_the_given_deviations_and_are_white() -> None:
         assert stdev(values) == pytest.approx(sigma, rel=5.0 / (2 * n) ** 0.5)
         lagged = fmean(a * b for a, b in pairwise(values)) / sigma**2
         assert abs(lagged) < 5.0 / n**0.5
-
-
-# Delay
-
-
-def at(k: int) -> Motion:
-    return Motion(x=0.1 * k * k, y=-0.2 * k, psi=0.3 * k, v_x=10.0 * k, v_y=k, psi_dot=-k)
-
-
-@pytest.mark.parametrize(('delay', 'steps'), [(0.04, 2.0), (0.05, 2.5), (0.001, 0.05), (0.02, 1.0)])
-def test_a_late_measurement_is_that_of_before(delay: float, steps: float) -> None:
-    sensor = Sensor(delay=delay)
-    for k in range(40):
-        seen, error = sensor.measure(at(k))
-        if k > steps:
-            share = -steps % 1.0
-            new, old = at(k - int(steps)), at(k - int(steps + 0.99))
-            expected = [share * a + (1.0 - share) * b for a, b in zip(new, old, strict=True)]
-            assert seen == pytest.approx(expected if steps % 1.0 else new)
-        elif k == 0:
-            assert seen == at(0)
-        true, psi = at(k), at(k).psi
-        assert seen == pytest.approx(with_error(true, error, cos(psi), sin(psi)), abs=1e-9)
-
-
-def test_noise_and_delay_add_up() -> None:
-    noise = NoiseLevels(v_x=0.5)
-    late, punctual = Sensor(noise, 3, delay=0.02), Sensor(noise, 3)
-    seen = [late.measure(at(k))[0].v_x for k in range(20)]
-    errors = [punctual.measure(at(k))[1].v_x for k in range(20)]
-    assert seen == [10.0 * max(k - 1, 0) + error for k, error in enumerate(errors)]
-
-
-def test_a_delay_can_change_and_a_car_can_be_put_elsewhere() -> None:
-    sensor = Sensor()
-    for k in range(10):
-        sensor.measure(at(k))
-    sensor.delay = 0.04
-    assert [sensor.measure(at(k))[0] for k in (10, 11, 12, 13)] == [at(10), at(10), at(10), at(11)]
-    sensor.delay = 0.02
-    assert sensor.measure(at(14))[0] == at(13)
-    sensor.forget()
-    assert sensor.measure(at(50))[0] == at(50)
 
 
 HILL = Road((0.0, 20.0), (5.0, -7.0))
@@ -408,27 +348,6 @@ def test_placed_car_has_no_command_on_its_way() -> None:
         plant.advance(Command())
         fresh.advance(Command())
         assert plant.observe() == fresh.observe()
-
-
-# Braking, whatever is on
-
-
-@pytest.mark.parametrize('on', [{}, ALL_ON, ALL_ON | {'integrator': 'euler'}])
-@pytest.mark.parametrize(('x', 'v'), [(10.0, 6.0), (10.0, -6.0), (25.0, 6.0), (25.0, -3.0)])
-def test_brake_stops_the_car_whatever_is_on(on: dict[str, Any], x: float, v: float) -> None:
-    plant = Plant(road=HILL, vehicle=VEHICLE, ts=0.02, **on)
-    for _ in range(20):
-        plant.advance(Command(4.0, 0.1))
-    plant.state = State(x=x, v=v)
-    speeds = []
-    for _ in range(100):
-        plant.brake(8.0)
-        speeds.append(plant.state.v)
-    assert all(speed * v >= -1e-12 for speed in speeds)
-    assert speeds[-1] == pytest.approx(0.0, abs=1e-12)
-    still = plant.state
-    plant.brake(8.0)
-    assert plant.state == pytest.approx(still, abs=1e-12)
 
 
 # Integrator and dynamics
