@@ -17,7 +17,6 @@ from matplotlib.ticker import MaxNLocator
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
 from barc_sim.figures.style import (
-    AT_LIMIT,
     BLUE,
     COLOURS,
     DASHES,
@@ -30,10 +29,8 @@ from barc_sim.figures.style import (
     SKY,
     STYLE,
     TERM_DASHES,
-    acting,
     after_run_up,
     limits,
-    motor_limit,
     speed_limits,
     term_colours,
     use_measurement,
@@ -277,13 +274,6 @@ def _add_details(log: Log, speed: Axes, grade: Axes, command: Axes) -> None:
     if has_error(log):
         speed.set_ylim(*speed_limits(log))
     grade.fill_between(log.distance, log.theta_deg, step='post', color=EARTH)
-    if limit := motor_limit(log):
-        did = acting(log)
-        held = (np.abs(did) > AT_LIMIT * limit) & (np.abs(log.motor) > limit)
-        for level in (limit, -limit):
-            command.axhline(level, color=INK, lw=0.8, ls=DASHES)
-        at_limit = np.where(held, np.copysign(limit, did), np.nan)
-        command.plot(log.distance, at_limit, color=GREEN, lw=3.0, label='motor at its limit')
     if missed := np.count_nonzero(log.missed):
         label = f'{missed} missed deadline' + ('s' if missed > 1 else '')
         marks: dict[str, Any] = {
@@ -295,7 +285,6 @@ def _add_details(log: Log, speed: Axes, grade: Axes, command: Axes) -> None:
         }
         bottom = command.get_xaxis_transform()
         command.plot(log.distance[log.missed], np.zeros(missed), transform=bottom, **marks)
-    if limit or missed:
         command.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
 
 

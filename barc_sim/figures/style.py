@@ -1,7 +1,4 @@
-"""The look of figures and page: palette, Matplotlib style, limits, readings; and windows.
-
-Also what they show that a log does not have as it is: the motor's effect and limit, the road.
-"""
+"""The look of figures and page: palette, Matplotlib style, limits, readings; the road; windows."""
 
 from __future__ import annotations
 
@@ -10,8 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.simulation.metrics import RUN_UP, laps_of
-from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.simulation.metrics import RUN_UP
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -95,8 +91,6 @@ STYLE: list[str | dict[str, Any]] = [
 ]
 
 DASHES = (0.0, (5.0, 3.0))
-AT_LIMIT = 0.99  #: share of its limit from which a motor is at it
-HELD = 5  #: states at its limit from which a motor has one
 
 
 def term_colours(terms: tuple[str, ...]) -> dict[str, str]:
@@ -121,29 +115,6 @@ def use_measurement(log: Log) -> Log:
     """
     errors = ('e_s', 'e_ey', 'e_epsi', 'e_v_x', 'e_v_y', 'e_psi_dot')
     return replace(log, **{name: np.nan_to_num(getattr(log, name)) for name in errors})
-
-
-def acting(log: Log) -> NDArray[np.float64]:
-    """Return what the motor did from each state to the next [m/s²], NaN where it is unknown.
-
-    It is what accelerated the car beside gravity, drag and friction.
-    """
-    car = Vehicle()
-    known = np.append(np.diff(laps_of(log)[1]) == 0, False)
-    rate = np.append(np.diff(log.speed) / np.diff(log.t), np.nan)
-    others = -car.gravity * np.sin(np.radians(log.theta_deg)) + (log.drag + log.friction) / car.mass
-    return np.where(known, rate - others, np.nan)
-
-
-def motor_limit(log: Log) -> float:
-    """Return the motor's limit [m/s²] where the run shows one, else 0: its maximum.
-
-    It is one where the motor did that for a while, and more was commanded.
-    """
-    did = np.abs(acting(log))
-    maximum = float(np.nanmax(did, initial=0.0))
-    held = (did > AT_LIMIT * maximum) & (np.abs(log.motor) > maximum / AT_LIMIT)
-    return round(maximum, 6) if np.count_nonzero(held) >= HELD else 0.0
 
 
 def driven_road(log: Log) -> Road | None:

@@ -35,7 +35,7 @@ class CruiseController(Node):
     """Answers each `z_vhcl` with an `ecu` of the same stamp; its dt is the difference of stamps.
 
     On a track it steers, too. Parameters can be changed while it runs: `values` are the present
-    ones. `reference` is the speed to hold over time and place; `refused` counts invalid messages.
+    ones, and `reference` the speed to hold. `control` computes; `refused` counts invalid messages.
 
     Examples
     --------
@@ -68,7 +68,7 @@ class CruiseController(Node):
         super().__init__('controller', **options)
         self.refused, track = RefusedInput(self), declare_track(self, track)
         refuse, warn = self.refused.add, self.refused.warn
-        self._control = control = CruiseControl(
+        self.control = control = CruiseControl(
             controller, partial(declare, self), acceleration_limit, refuse, warn, track, lane
         )
         self.values, self.reference = control.values, control.reference
@@ -94,23 +94,23 @@ class CruiseController(Node):
         self.create_service(Trigger, names.RESET_CONTROLLER, self._on_reset)
 
     def _on_parameters(self, parameters: list[Parameter]) -> None:
-        self._control.configure({parameter.name: parameter.value for parameter in parameters})
+        self.control.configure({parameter.name: parameter.value for parameter in parameters})
 
     def _on_speed(self, message: Float64) -> None:
-        self._control.refer(message.data)
+        self.control.refer(message.data)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._control.reset()
+        self.control.reset()
         response.success, response.message = True, 'as at the start'
         return response
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         stamp, pose = to_nanoseconds(state.header.stamp), (state.x, state.y, state.psi)
-        self._publish(state.header, self._control.take_state(stamp, state.v_x, *pose))
+        self._publish(state.header, self.control.take_state(stamp, state.v_x, *pose))
 
     def _on_error(self, error: EZDynBkMdl) -> None:
         stamp = to_nanoseconds(error.header.stamp)
-        self._publish(error.header, self._control.take_error(stamp, error.v_x))
+        self._publish(error.header, self.control.take_error(stamp, error.v_x))
 
     def _publish(self, of_state: Header, answer: Answer | None) -> None:
         if answer:

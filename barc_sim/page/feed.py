@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import struct
 import time
-from abc import ABC, abstractmethod
 from collections import deque
 from math import cos, hypot, nan, sin
-from typing import TYPE_CHECKING
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,8 +16,11 @@ from barc_sim.figures.track_figure import true_pose
 from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
 from barc_sim.simulation.log import (
     COMMAND,
+    CONTROLLER_STATE,
     ENVIRONMENT,
+    LANE_STATE,
     PID_STATE,
+    STATE,
     STATE_ERROR,
     TRACK_STATE,
     TrackLog,
@@ -26,7 +29,7 @@ from barc_sim.simulation.log import (
 from barc_sim.simulation.metrics import Laps, TrackLaps, laps_of, track_laps_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Iterator
 
     from barc_sim.simulation.log import Log
 
@@ -40,14 +43,17 @@ FIELDS: dict[str, dict[str, float]] = {
 }
 # What `controller_state` holds beyond the fields of `pid_state`.
 FIELDS[PID_STATE] |= dict.fromkeys(OTHER_TERMS, nan)
-STATE_FIELDS = ('x', 'y', 'psi', 'v_x', 'v_y')
+_STATE = attrgetter('x', 'y', 'psi', 'v_x', 'v_y')
+_ALL = {topic: attrgetter(*fields) for topic, fields in FIELDS.items() if topic != PID_STATE}
 _REFERENCE = [*FIELDS[PID_STATE]].index('reference')
 _THETA = [*FIELDS[ENVIRONMENT]].index('theta')
 _SERVO = [*FIELDS[COMMAND]].index('servo')
 _ON_TRACK = [[*FIELDS[TRACK_STATE]].index(name) for name in ('lap', 'lap_time', 'e_y')]
 _ROW = struct.Struct(f'<{len(COLUMNS)}d')
 _HISTORY = 3000  #: rows that are sent to a page when it opens: a minute
-_WAITING = 100  #: samples per topic that wait for their state
+#: Messages of a topic that wait for the server's thread, which a busy machine can hold up, or for
+#: their state: those of a third of a second at a real-time factor of 6.
+DEPTH = 100
 NANOSECONDS = 1_000_000_000
 _PERIOD = 0.02  #: [s] between two polls
 #: [s] after a state at which to poll: its command has come by then, and the next step is far.
@@ -59,8 +65,11 @@ _STEP = 20_000_000  #: [ns] that the page shows in place of such a jump
 _WINDOW = 4  #: calls over which the real-time factor is measured
 
 
-class Feed(ABC):
-    """The states of a run with their other messages, as rows; it keeps those of the last minute."""
+class Feed:
+    """The states of a run with their other messages, as rows; it keeps those of the last minute.
+
+    Messages are anything with the fields of the topic's type.
+    """
 
     def __init__(self) -> None:
         """Begin without states."""
@@ -70,31 +79,34 @@ class Feed(ABC):
         self.plan: list[tuple[float, float]] = []  #: [m] of the way that the steering plans
         self._first: int | None = None  # stamp [ns] at which the time of the rows begins
         self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
-        self._waiting: dict[str, deque[Sample]] = {
-            topic: deque(maxlen=_WAITING) for topic in FIELDS
+        self._arrived: dict[str, deque[Any]] = {
+            topic: deque(maxlen=DEPTH) for topic in (STATE, *FIELDS, CONTROLLER_STATE)
         }
+        self._waiting: dict[str, deque[Sample]] = {topic: deque(maxlen=DEPTH) for topic in FIELDS}
         self._history: deque[bytes] = deque(maxlen=_HISTORY)
         self._newest: tuple[int, int] | None = None  # reception and stamp [ns] of a state
         self._window: deque[tuple[int, int]] = deque(maxlen=_WINDOW)
 
-    @abstractmethod
-    def _others(self) -> dict[str, list[Sample]]:
-        """Return the new samples of the topics in `FIELDS`."""
-
-    @abstractmethod
-    def _states(self) -> list[tuple[int, Sample]]:
-        """Return the new states, each with the time of its reception [ns]."""
+    def take(self, topic: str, message: Any, received: int | None = None) -> None:  # noqa: ANN401
+        """Keep a message, `received` [ns], now; from any thread."""
+        if topic == STATE:
+            message = (received or time.time_ns(), message)
+        self._arrived[topic].append(message)
 
     def poll(self) -> bytes:
         """Return the rows of the new states, each with the latest samples that are not newer.
 
         A command without a stamp holds from its arrival.
         """
-        for topic, samples in self._others().items():
-            self._waiting[topic].extend(samples)
+        for topic in (*FIELDS, CONTROLLER_STATE):
+            waiting = self._waiting[PID_STATE if topic == CONTROLLER_STATE else topic]
+            for message in self._drained(topic):
+                if values := _values_of(topic, message):
+                    waiting.append((_stamp(message), values))
         rows = []
-        for received, (stamp, values) in self._states():
-            if is_valid(values):
+        for received, state in self._drained(STATE):
+            stamp, values = _stamp(state), _STATE(state)
+            if _is_valid(values):
                 first = stamp if self._first is None else self._first
                 self._first = first + self._stood_still(received, stamp)
                 rows.append(self._row(stamp, values))
@@ -102,6 +114,12 @@ class Feed(ABC):
                 self.seen += 1
         self._history.extend(rows)
         return b''.join(rows)
+
+    def _drained(self, topic: str) -> Iterator[Any]:
+        """Yield what has arrived, while another thread may append to it."""
+        arrived = self._arrived[topic]
+        for _ in range(len(arrived)):
+            yield arrived.popleft()
 
     def _stood_still(self, received: int, stamp: int) -> int:
         """Return by how much [ns] stamps have jumped, as a reset after a pause makes them."""
@@ -170,17 +188,31 @@ class Feed(ABC):
         return factor
 
 
-def is_valid(values: tuple[float, ...]) -> bool:
+def _stamp(message: Any) -> int:  # noqa: ANN401 (any message with a header)
+    """Return the stamp [ns] of a message."""
+    stamp = message.header.stamp
+    return int(stamp.sec * NANOSECONDS + stamp.nanosec)
+
+
+def _is_valid(values: tuple[float, ...]) -> bool:
     """Return whether all values are finite, and none is absurdly large."""
     return all(abs(value) <= _MAX_VALUE for value in values)  # False for NaN
 
 
-def values_of(topic: str, value_of: Callable[[str], float]) -> tuple[float, ...]:
-    """Return the values of a topic's `FIELDS`, NaN for those that are unknown or invalid.
+def _values_of(topic: str, message: Any) -> tuple[float, ...]:  # noqa: ANN401 (of the topic's type)
+    """Return the values of a topic's `FIELDS`; none where one is invalid.
 
-    `value_of` returns a value by name, NaN where it is unknown.
+    Of a controller and a lane's law, NaN stands for each that is unknown or invalid.
     """
-    values = map(value_of, FIELDS[topic])
+    if topic in (PID_STATE, CONTROLLER_STATE):
+        terms = {}
+        if topic == CONTROLLER_STATE:
+            terms = dict(zip(message.names, message.values, strict=False))
+        values = tuple(terms.get(name, getattr(message, name, nan)) for name in FIELDS[PID_STATE])
+    else:
+        values = _ALL[topic](message)
+        if topic != LANE_STATE:
+            return values if _is_valid(values) else ()
     return tuple(value if abs(value) <= _MAX_VALUE else nan for value in values)
 
 

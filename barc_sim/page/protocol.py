@@ -7,16 +7,14 @@ States go to the page in binary messages: rows of little-endian float64, one val
 from __future__ import annotations
 
 import json
-from contextlib import suppress
 from dataclasses import asdict
 from functools import cache
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
-from barc_sim.control.cruise_control import DEFAULT_TYPE, GAINS, LANE_TYPES, TERMS, TYPES
+from barc_sim.control.cruise_control import DEFAULT_TYPE, LANE_TYPES, TERMS, TYPES
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE, Gain
-from barc_sim.errors import UserError
 from barc_sim.figures.style import FORCES, QUANTITIES, term_colours
 from barc_sim.figures.track_figure import Course, lap_rows
 from barc_sim.simulation.log import (
@@ -28,14 +26,14 @@ from barc_sim.simulation.log import (
     columns_of,
 )
 from barc_sim.vehicle.bike_model import Vehicle
-from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-    from barc_sim.control.speed import Controller
+    from barc_sim.control.cruise_control import CruiseControl
     from barc_sim.simulation.metrics import Lap, Laps, TrackLap, TrackLaps
+    from barc_sim.vehicle.road import Road
+    from barc_sim.vehicle.track import Track
 
 #: The topics whose columns a row has as they are.
 TOPICS = (ENVIRONMENT, COMMAND, TRACK_STATE, LANE_STATE, PID_STATE)
@@ -66,13 +64,7 @@ CAR = {
     'motor_limit': Gain(0.0, 'm/s²', 'limit of the motor, 0: none', 20.0),
 }
 CONTROLLER, SIMULATOR = 'controller', 'vehicle_simulator'
-#: The parameters that the page may set, and the node of each.
-TUNABLE = dict.fromkeys((*GAINS, *OTHERS), CONTROLLER) | dict.fromkeys(CAR, SIMULATOR)
-_LANE_GAINS = {name for law in LANE_TYPES.values() for name in law.gains}
-TUNABLE |= {LANE + name: CONTROLLER for name in _LANE_GAINS}
 _OF_RUN = ('road', 'distance', 'laps')
-#: Parameters of `vehicle_simulator` that the page shows.
-OF_SIMULATOR = ('l_f', 'l_r', 'mass', 'track', *_OF_RUN, *CAR)
 #: Short names of the sliders, where they differ from the parameter's.
 _SHORT = {
     'speed_reference': 'speed',
@@ -115,7 +107,7 @@ class Drive(NamedTuple):
 
 
 class Tune(NamedTuple):
-    """Set a parameter of the controller or the car."""
+    """Set a parameter of the controller or the car; the node refuses what it does not have."""
 
     name: str
     value: float
@@ -164,7 +156,7 @@ def parse(message: str | bytes) -> Request:
         if drive.brake < 0.0:
             raise RequestError('the brake is from 0 to 1')
         return drive
-    if kind == 'tune' and set(fields) == {'name', 'value'} and fields['name'] in [*TUNABLE]:
+    if kind == 'tune' and set(fields) == {'name', 'value'} and isinstance(fields['name'], str):
         return Tune(fields['name'], _number(fields['value'], 1e9))
     if kind in [*BUTTONS] and not fields:
         return Press(kind)
@@ -186,38 +178,53 @@ def _number(value: object, limit: float) -> float:
     return float(value)
 
 
-def facts(
-    mode: str,
-    simulator: Mapping[str, Any],
-    controller: Mapping[str, Any],
-    kind: type[Controller] = PID,
-    road: Road | None = None,
-    lane: str = '',
-) -> dict[str, Any]:
-    """Return the fields of the greeting; unknown parameters are left out.
+class RunFacts(NamedTuple):
+    """What the page knows of a run beside its topics: of its nodes, and so always as it is now."""
 
-    `kind` declares the controller's gains, a slider each, and the terms to draw. `road` replaces
-    the one that the simulator's parameter names. On a track `lane`, the type of the lane
-    controller, declares the sliders.
-    """
-    sliders = {**kind.gains, **OTHERS, **CAR}
-    values = {**simulator, **controller}
-    of_track = _track(simulator.get('track'))
-    if of_track:
-        law = LANE_TYPES.get(lane)
-        gains = {LANE + name: gain for name, gain in law.gains.items()} if law else {}
-        sliders = gains | {'speed_reference': OTHERS['speed_reference']}
-    run = {name: simulator[name] for name in _OF_RUN if name in simulator}
-    if of_track:
-        run = {'track': simulator['track'], 'lane': lane, 'laps': run.get('laps', 1)}
+    simulator: Mapping[str, Any] = {}  #: parameters of `vehicle_simulator`
+    control: CruiseControl | None = None  #: what the node `controller` computes with
+    road: Road | None = None
+    track: Track | None = None
+    status: Callable[[], Status] = Status
+    finish: Callable[[], None] | None = None  #: ends the run
+
+    @property
+    def gains(self) -> dict[str, Gain]:
+        """The gains by parameter: of the steering on a track, else of the controller."""
+        if self.track:
+            lane = self.control.lane if self.control else None
+            return {LANE + name: gain for name, gain in lane.gains.items()} if lane else {}
+        return dict((self.control.controller if self.control else PID).gains)
+
+    @property
+    def sliders(self) -> dict[str, Gain]:
+        """What can be set while the car drives, by parameter."""
+        others = {'speed_reference': OTHERS['speed_reference']} if self.track else {**OTHERS, **CAR}
+        return self.gains | others
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The present values of the sliders that are known."""
+        known = {**self.simulator, **(self.control.values if self.control else {})}
+        return {name: known[name] for name in self.sliders if name in known}
+
+
+def facts(mode: str, run: RunFacts) -> dict[str, Any]:
+    """Return the fields of the greeting; unknown parameters are left out."""
+    law, simulator = run.control.controller if run.control else PID, run.simulator
+    lane = run.control.lane.lane if run.control and run.control.lane else None
+    shown = {name: simulator[name] for name in _OF_RUN if name in simulator}
+    if run.track:
+        steers = next((name for name, kind in LANE_TYPES.items() if type(lane) is kind), '')
+        shown = {'track': run.track.name, 'lane': steers, 'laps': shown.get('laps', 1)}
     return {
         'mode': mode,
         'columns': COLUMNS,
-        'road': road_facts(road) if road else _road(simulator.get('road')),
+        'road': run.road and road_facts(run.road),
         'axles': [-simulator.get('l_r', 1.5), simulator.get('l_f', 1.5)],
         'mass': simulator.get('mass', Vehicle().mass),
-        'terms': list(kind.terms),
-        'colours': QUANTITIES | term_colours((*kind.terms,)),
+        'terms': list(law.terms),
+        'colours': QUANTITIES | term_colours((*law.terms,)),
         'forces': FORCES,
         'sliders': {
             name: {
@@ -225,27 +232,28 @@ def facts(
                 'short': _SHORT.get(name, name.removeprefix(LANE).replace('_', ' ')),
                 'unit': '' if gain.unit == '-' else gain.unit,
                 'max': gain.slider,
-                'node': TUNABLE[name],
+                'node': node_of(name),
             }
-            for name, gain in sliders.items()
+            for name, gain in run.sliders.items()
         },
-        'presets': _presets(kind),
+        'presets': _presets(law),
         'about': _ABOUT,
         'controller_type': next(
-            (name for name, type_ in TYPES.items() if type_ is kind), DEFAULT_TYPE
+            (name for name, kind in TYPES.items() if type(law) is kind), DEFAULT_TYPE
         ),
-        'tuning': {name: values[name] for name in sliders if name in values},
-        'run': run,
-        **(track_facts(of_track) if of_track else {}),
+        'tuning': run.values,
+        'run': shown,
+        'can_finish': run.finish is not None,
+        **(track_facts(_course(run.track)) if run.track else {}),
     }
 
 
-@cache
-def _track(name: str | None) -> Course | None:
-    """Return the centre line of a track; None where there is none."""
-    with suppress(UserError):  # a file that the simulator's process sees, and this one doesn't
-        return Course.of(Track.named(name)) if name else None
-    return None
+def node_of(parameter: str) -> str:
+    """Return the node that has a slider's parameter."""
+    return SIMULATOR if parameter in CAR else CONTROLLER
+
+
+_course = cache(Course.of)
 
 
 def track_facts(course: Course) -> dict[str, Any]:
@@ -266,9 +274,9 @@ def track_facts(course: Course) -> dict[str, Any]:
 _OF_POINTS = ('s', 'x', 'y', 'psi', 'curvature')  #: of a track's centre line, for the page
 
 
-def _presets(kind: type[Controller]) -> dict[str, dict[str, float]]:
+def _presets(law: object) -> dict[str, dict[str, float]]:
     """Return the values of each preset, for all sliders but the reference's."""
-    own = getattr(kind, 'presets', {})
+    own = getattr(law, 'presets', {})
     usual = {'acceleration_limit': ACCELERATION_LIMIT, **dict.fromkeys(CAR, 0.0)}
     return {name: usual | gains for name, gains in {**own, **(_OF_CAR if own else {})}.items()}
 
@@ -276,21 +284,13 @@ def _presets(kind: type[Controller]) -> dict[str, dict[str, float]]:
 def _label(name: str, gain: Gain) -> str:
     """Return a slider's label, as in `Proportional gain, kp [1/s]`."""
     unit = '' if gain.unit == '-' else f' [{gain.unit}]'
-    name = name.removeprefix(LANE)
-    symbol = f', {name}' if name in GAINS or name in _LANE_GAINS else ''
+    symbol = '' if name in OTHERS or name in CAR else f', {name.removeprefix(LANE)}'
     return f'{gain.meaning.capitalize()}{symbol}{unit}'
 
 
 def road_facts(road: Road) -> dict[str, list[float]]:
     """Return where stretches begin [m] and their grades [deg]."""
     return {'starts': list(road.starts), 'grades_deg': list(road.grades_deg)}
-
-
-def _road(name: str | None) -> dict[str, list[float]] | None:
-    """Return the road, or None where it is unknown: the page then shows what was driven."""
-    with suppress(UserError):  # a file that the simulator's process sees, and this one doesn't
-        return road_facts(Road.named(name)) if name is not None else None
-    return None
 
 
 def lap_facts(laps: Laps, gains: Mapping[int, Sequence[str]] | None = None) -> dict[str, Any]:

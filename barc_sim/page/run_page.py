@@ -10,20 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.control.cruise_control import LANE_TYPES, TYPES
 from barc_sim.control.lane import LANE
-from barc_sim.control.speed import PID
-from barc_sim.figures.style import QUANTITIES, driven_road, motor_limit, term_colours
+from barc_sim.figures.style import QUANTITIES, driven_road, term_colours
 from barc_sim.figures.track_figure import Course
 from barc_sim.page.feed import columns_in, rows_of
 from barc_sim.page.protocol import (
-    CONTROLLER,
-    OF_SIMULATOR,
-    OTHERS,
-    SIMULATOR,
     Drive,
     Pause,
     Press,
+    RunFacts,
     Status,
     Tune,
     encode,
@@ -39,24 +34,20 @@ from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import laps_of, track_laps_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
-    from barc_sim.control.speed import Controller
     from barc_sim.page.feed import Feed
     from barc_sim.page.protocol import Request
     from barc_sim.page.server import Page
     from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import Laps
-    from barc_sim.vehicle.road import Road
 
     #: Called with whether the request succeeded, and if not, with the reason.
     OnDone = Callable[[bool, str], None]
-    OnValues = Callable[[dict[str, Any]], None]  # called with parameters
 
 _SLOW_PERIOD = 0.1  #: [s] between two polls while no page is open
 _STATUS_PERIOD = 0.25  #: [s]
 _MAX_WAIT = 2.0  #: [s] for the message of the end
-_RETRY_AFTER = 1.0  #: [s] after which an unanswered request is repeated
 
 STALE = 0.5  #: [s] without a message of the driving page after which its keys count as released
 _PERIOD = 0.05  #: [s] between two commands while a key is held
@@ -111,25 +102,12 @@ class RunPage(Host):
         mode: str,
         host: str,
         port: int,
-        status: Callable[[], Status],
-        road: Road | None,
-        finish: Callable[[], None] | None = None,
+        run: RunFacts,
     ) -> None:
-        """Take the port; `start` serves the page.
-
-        `status` returns the facts that no topic carries, from the first state on. `road` replaces
-        the one that the simulator's parameter names. `finish` ends the run; without it, the page
-        cannot.
-        """
-        self._mode = mode
-        self._status = status
-        self._road = road
-        self._finish = finish
+        """Take the port; `start` serves the page."""
+        self._mode, self._run = mode, run
         self._keys = HeldKeys()
-        self._parameters: dict[str, dict[str, Any]] = {SIMULATOR: {}, CONTROLLER: {}}  # by node
-        self._kind: type[Controller] | None = None  # of the controller, None until it is received
-        self._lane: str | None = None  # on a track, the type of the lane controller; likewise
-        self._retry_at: dict[str, float] = {}
+        self._values = run.values  # of the sliders, as the pages have them
         self._gains: dict[int, list[str]] = {}  # by lap, one after another
         self._paused = False
         self._has_ended = False
@@ -143,19 +121,13 @@ class RunPage(Host):
         feed: Feed,
         drive: Callable[[Drive], None],
         request: Callable[[Request, OnDone], None],
-        parameters: Callable[[str, Sequence[str], OnValues], bool],
-        changes: Callable[[], Iterable[tuple[str, str, float]]],
     ) -> None:
         """Serve the page.
 
         `feed` has the states; `drive` publishes a driver's input; `request` passes any other
-        request to the simulator or the controller; `parameters` requests parameters of a node,
-        and returns False if it is not there; `changes` returns those that have changed since the
-        last call: node, name and value. None waits, and what is passed back is called in the
-        server's thread.
+        request to the simulator or the controller, and answers in the server's thread. None waits.
         """
         self._feed, self._drive, self._request = feed, drive, request
-        self._parameters_of, self._changes = parameters, changes
         self._server.start()
 
     @property
@@ -191,13 +163,8 @@ class RunPage(Host):
 
     def greet(self) -> Iterator[str | bytes]:
         """Yield the messages for a new page."""
-        yield encode('hello', **self._facts())
+        yield encode('hello', **facts(self._mode, self._run))
         yield self._feed.history()
-
-    def _facts(self) -> dict[str, Any]:
-        kind, (simulator, controller) = self._kind or PID, self._parameters.values()
-        fields = facts(self._mode, simulator, controller, kind, self._road, self._lane or '')
-        return fields | {'can_finish': self._finish is not None}
 
     def receive(self, page: Page, request: Request) -> None:
         """Handle a page's request."""
@@ -209,8 +176,8 @@ class RunPage(Host):
                 self._keys.hold(page, request, now)
                 self._publish(now)
             case Press('finish'):
-                if self._finish:
-                    self._finish()
+                if self._run.finish:
+                    self._run.finish()
             case Pause(on):
                 self._request(request, partial(self._on_paused, page, on))
             case Tune() | Press('reset' | 'reset_controller'):
@@ -234,26 +201,23 @@ class RunPage(Host):
             self._server.send(rows)
         if now >= self._next_status:
             self._next_status = now + _STATUS_PERIOD
-            self._update_parameters()
+            if (values := self._run.values) != self._values:
+                self._values = values
+                self._server.send(encode('facts', **facts(self._mode, self._run)))
             if self._server.pages:
                 self._send_status()
         return self._feed.until_next() if self._server.pages else _SLOW_PERIOD
 
     def _lap_gains(self) -> dict[int, list[str]]:
         """Return the gains of each lap, with those of the present one now."""
-        values = self._parameters[CONTROLLER]
-        names = self._lane_gains() if self._lane else [*(self._kind or PID).gains]
-        shown = {name.removeprefix(LANE): values[name] for name in names if name in values}
-        now = ', '.join(f'{name} {value:g}' for name, value in shown.items())
+        values = self._run.values
+        shown = {name: values[name] for name in self._run.gains if name in values}
+        now = ', '.join(f'{name.removeprefix(LANE)} {value:g}' for name, value in shown.items())
         laps = self._feed.track_laps if self._feed.is_on_track else self.laps
         seen = self._gains.setdefault(laps.current.number, [])
         if now and seen[-1:] != [now]:
             seen.append(now)
         return self._gains
-
-    def _lane_gains(self) -> list[str]:
-        law = LANE_TYPES.get(self._lane or '')
-        return [LANE + name for name in law.gains] if law else []
 
     def _lap_facts(self) -> dict[str, Any]:
         if self._feed.is_on_track:
@@ -265,7 +229,7 @@ class RunPage(Host):
             self._drive(command)
 
     def _send_status(self) -> None:
-        missed, paused = self._status() if self.seen else Status()
+        missed, paused = self._run.status() if self.seen else Status()
         message = encode(
             'status',
             factor=self._feed.realtime_factor(),
@@ -276,47 +240,6 @@ class RunPage(Host):
         )
         for page in self._server.pages:
             page.send(message)
-
-    def _update_parameters(self) -> None:
-        """Request the parameters that are unknown, and take those that have changed."""
-        if not self._parameters[SIMULATOR]:
-            on_values = partial(self._on_parameters, SIMULATOR)
-            self._ask(SIMULATOR, OF_SIMULATOR, on_values)
-        if self._kind is None:
-            self._ask(CONTROLLER, ('controller_type',), self._on_controller_type)
-        elif self._lane is None and self._parameters[SIMULATOR].get('track'):
-            self._ask(CONTROLLER, ('lane_type',), self._on_lane_type)
-        elif not self._parameters[CONTROLLER]:
-            on_values = partial(self._on_parameters, CONTROLLER)
-            wanted = (*self._kind.gains, *OTHERS, *self._lane_gains())
-            self._ask(CONTROLLER, wanted, on_values)
-        for node, name, value in self._changes():
-            self._on_parameters(node, {name: value})
-
-    def _ask(self, node: str, parameters: Sequence[str], on_values: OnValues) -> None:
-        """Request parameters of a node, unless a recent request is still unanswered."""
-        now = time.monotonic()
-        if now >= self._retry_at.get(node, 0.0) and self._parameters_of(
-            node, parameters, on_values
-        ):
-            self._retry_at[node] = now + _RETRY_AFTER
-
-    def _on_controller_type(self, values: dict[str, Any]) -> None:
-        """Take the declaration of the controller's type; the PID's if it names none."""
-        self._kind = TYPES.get(values.get('controller_type', ''), PID)
-        self._retry_at.pop(CONTROLLER, None)
-        self._update_parameters()
-
-    def _on_lane_type(self, values: dict[str, Any]) -> None:
-        """Take the type of the lane controller; a user's own has none."""
-        self._lane = values.get('lane_type', '')
-        self._parameters[CONTROLLER].clear()
-        self._retry_at.pop(CONTROLLER, None)
-        self._update_parameters()
-
-    def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
-        self._parameters[node].update(values)
-        self._server.send(encode('facts', **self._facts()))
 
     def _on_done(self, page: Page, what: str, done: bool, why: str) -> None:
         if not done:
@@ -347,7 +270,7 @@ class Replay(Host):
         hello = encode(
             'hello',
             **{
-                **facts(mode, {'motor_limit': motor_limit(log)}, {}),
+                **facts(mode, RunFacts()),
                 'road': road and road_facts(road),
                 'columns': columns_in(log),
                 'terms': list(log.terms),

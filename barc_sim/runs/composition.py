@@ -234,20 +234,28 @@ class Run:
 
     def _serve(self, number: int) -> None:
         """Serve the live page of a car."""
-        from barc_sim.nodes.view import ViewNode, status  # noqa: PLC0415 (a server, only if wanted)
+        from barc_sim.nodes.view import ViewNode  # noqa: PLC0415 (a server, only if wanted)
+        from barc_sim.page.protocol import RunFacts, Status  # noqa: PLC0415
         from barc_sim.page.server import open_page  # noqa: PLC0415
 
         options, simulator = self.options, self.simulators[number]
+        namespace, stepper = simulator.get_namespace(), simulator.stepper
+        controllers = [each for each in self.nodes if isinstance(each, CruiseController)]
         view = self.add(
             ViewNode,
-            namespace=simulator.get_namespace(),
+            namespace=namespace,
             reads=simulator,
             mode=options.mode,
             host=options.view_host,
             port=options.view_port and options.view_port + number,
-            status=partial(status, simulator.stepper),
-            road=simulator.road,
-            finish=self.finish,
+            run=RunFacts(
+                simulator.values,
+                next((c.control for c in controllers if c.get_namespace() == namespace), None),
+                simulator.road,
+                simulator.track,
+                lambda: Status(stepper.missed, stepper.paused),
+                self.finish,
+            ),
         )
         self._views.append(view)
         self._print(f'live page  {view.url}')

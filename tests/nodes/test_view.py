@@ -17,8 +17,6 @@ from command_line import spinning
 from geometry_msgs.msg import Point, Pose, PoseStamped
 from nav_msgs.msg import Path
 from page_client import connect_page
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterEvent, ParameterType, ParameterValue
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -27,7 +25,7 @@ from barc_sim.control.speed import LQR
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
-from barc_sim.page.protocol import CAR, COLUMNS, OTHERS, Status, encode
+from barc_sim.page.protocol import CAR, COLUMNS, OTHERS, RunFacts, encode
 from barc_sim.ros.node_helpers import to_header
 
 if TYPE_CHECKING:
@@ -113,7 +111,7 @@ def peer(ros: Context) -> Peer:
 
 @pytest.fixture
 def view(ros: Context, peer: Peer) -> Iterator[ViewNode]:
-    view = ViewNode('teleop', context=ros, status=lambda: Status(missed=3))
+    view = ViewNode('teleop', context=ros)
     with spinning(ros, view, peer):
         yield view
 
@@ -145,35 +143,16 @@ def test_plan_of_the_steering_reaches_the_page(view: ViewNode, peer: Peer) -> No
     assert plan == [[1.235, -2.0]]
 
 
-def test_invalid_parameter_events_are_ignored(view: ViewNode, peer: Peer) -> None:
-    events = peer.create_publisher(ParameterEvent, '/parameter_events', 10)
-    until(events.get_subscription_count)
-    odd = [
-        ParameterValue(type=99),
-        ParameterValue(type=ParameterType.PARAMETER_STRING, string_value='high'),
-        ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float('nan')),
-        ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=7.0),
-    ]
-    with page(view) as client:
-        client.receive('hello')
-        for value in odd:
-            changed = [ParameterMessage(name=name, value=value) for name in ('kp', 'other')]
-            events.publish(ParameterEvent(node='/controller', changed_parameters=changed))
-        tuned: dict[str, float] = {}
-        while not tuned:
-            tuned = client.receive('facts')['tuning']
-    assert tuned == {'kp': 7.0}
-
-
 def test_road_axles_and_gains_come_from_the_nodes(ros: Context) -> None:
-    view = ViewNode(context=ros)
     overrides = [Parameter('l_r', value=1.25), Parameter('wait_for_controller', value=False)]
     simulator = VehicleSimulator(context=ros, parameter_overrides=overrides)
     controller = CruiseController(context=ros)
+    run = RunFacts(simulator.values, controller.control, simulator.road)
+    view = ViewNode(context=ros, run=run)
     with spinning(ros, view, simulator, controller), page(view) as client:
         facts = client.receive('hello')
-        while not ('kp' in facts['tuning'] and facts['road']):
-            facts = client.receive('facts')
+        controller.set_parameters([Parameter('kp', value=7.0)])  # as `barc param set` does
+        assert client.receive('facts')['tuning'] == facts['tuning'] | {'kp': 7.0}
     assert facts['mode'] == 'acc'
     assert facts['axles'] == [-1.25, 1.5]
     assert facts['road']['grades_deg'][:3] == [0.0, 10.0, 0.0]
@@ -184,14 +163,13 @@ def test_road_axles_and_gains_come_from_the_nodes(ros: Context) -> None:
 
 
 def test_another_controllers_sliders_and_terms_are_shown(ros: Context) -> None:
-    view = ViewNode(context=ros)
     simulator = VehicleSimulator(context=ros)
     overrides = [Parameter('controller_type', value='lqr')]
     controller = CruiseController(context=ros, parameter_overrides=overrides)
+    run = RunFacts(simulator.values, controller.control)
+    view = ViewNode(context=ros, run=run)
     with spinning(ros, view, simulator, controller), page(view) as client:
         facts = client.receive('hello')
-        while facts['tuning'].keys() != facts['sliders'].keys():
-            facts = client.receive('facts')
         client.request('tune', name='observer_gain', value=1.0)
         until(lambda: controller.get_parameter('observer_gain').value == 1.0)
         while not np.isfinite(client.column('feedback')).any():
@@ -206,8 +184,9 @@ def test_another_controllers_sliders_and_terms_are_shown(ros: Context) -> None:
 
 
 def test_namespace_applies_to_its_clients(ros: Context) -> None:
-    view = ViewNode(context=ros, namespace='car2')
     controller = CruiseController(context=ros, namespace='car2')
+    run = RunFacts(control=controller.control)
+    view = ViewNode(context=ros, namespace='car2', run=run)
     with spinning(ros, view, controller), page(view) as client:
         client.request('tune', name='kp', value=2.0)
         while client.receive('facts')['tuning'].get('kp') != 2.0:

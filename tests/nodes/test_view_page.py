@@ -25,7 +25,7 @@ from barc_sim.control.speed import PID
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
-from barc_sim.page.protocol import CAR, Status, lap_facts, stretch_facts
+from barc_sim.page.protocol import CAR, RunFacts, Status, lap_facts, stretch_facts
 from barc_sim.ros.node_helpers import to_header
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.metrics import track_laps_of
@@ -55,9 +55,13 @@ class Car(Node):
     def __init__(self, context: Context, road: str) -> None:
         super().__init__('vehicle_simulator', context=context)
         car = {'road': road, 'track': '', 'l_f': 1.5, 'l_r': 1.5, 'mass': Vehicle().mass}
-        for name, value in (car | {'distance': 180.0, 'laps': 0} | dict.fromkeys(CAR, 0.0)).items():
+        self.values = car | {'distance': 180.0, 'laps': 0} | dict.fromkeys(CAR, 0.0)
+        for name, value in self.values.items():
             self.declare_parameter(name, value)
-        self._road = Road.named(road)
+        self.add_post_set_parameters_callback(
+            lambda changed: self.values.update({each.name: each.value for each in changed})
+        )
+        self.road = Road.named(road)
         self.state = State()
         self.command = Command()
         self.paused = self.hangs = self.braking = False
@@ -77,7 +81,7 @@ class Car(Node):
         self.paused |= self.state.x > self.stops_at
         if self.paused or self.hangs:
             return
-        theta = self._road.grade_deg(self.state.x)
+        theta = self.road.grade_deg(self.state.x)
         if self.braking:
             slower = min(8.0, abs(self.state.v) / TS)
             self.command = Command(-math.copysign(slower, self.state.v))
@@ -89,7 +93,7 @@ class Car(Node):
             Environment(
                 header=header,
                 theta=theta,
-                elevation=self._road.elevation(now.x),
+                elevation=self.road.elevation(now.x),
                 gravity=-Vehicle().mass * Vehicle().gravity * math.sin(math.radians(theta)),
                 drag=-1.5,
                 friction=-0.25,
@@ -124,10 +128,14 @@ def run(
     context: Context, mode: str, port: int = 0
 ) -> Iterator[tuple[ViewNode, Car, CruiseController | None]]:
     car = Car(context, 'lab' if mode == 'acc' else 'flat')
-    view = ViewNode(
-        mode, port=port, context=context, status=lambda: Status(missed=2, paused=car.paused)
-    )
     controller = CruiseController(context=context) if mode == 'acc' else None
+    run = RunFacts(
+        car.values,
+        controller and controller.control,
+        car.road,
+        status=lambda: Status(missed=2, paused=car.paused),
+    )
+    view = ViewNode(mode, port=port, context=context, run=run)
     with spinning(context, *(node for node in (view, car, controller) if node)):
         yield view, car, controller
 
@@ -513,7 +521,8 @@ def test_laps_of_a_track_are_those_of_the_log(ros: Context, open_: Open) -> None
         context=ros, parameter_overrides=overrides(track='circle', speed_reference=10.0)
     )
     simulator = VehicleSimulator(context=ros, parameter_overrides=overrides(**driven))
-    view = ViewNode(context=ros)
+    run = RunFacts(simulator.values, controller.control, track=simulator.track)
+    view = ViewNode(context=ros, run=run)
     with spinning(ros, view, simulator, controller):
         tab = open_(view.url)
         tab.until("document.body.dataset.mode === 'track'")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,33 +16,24 @@ from barc_sim.simulation.closed_loop import closed_loop
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from barc_sim.page.feed import Sample
-
 STEP = 20_000_000  #: [ns]
+AT_REST = {'x': 0.0, 'y': 0.0, 'psi': 0.0, 'v_x': 0.0, 'v_y': 0.0}
 
 
-AT_REST = (0.0,) * 5
+def message(stamp: int, **fields: float) -> Any:  # noqa: ANN401 (of no type of ROS's)
+    """Return a message stamped `stamp` [ns]."""
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=stamp))
+    return SimpleNamespace(header=header, **fields)
 
 
-class MadeFeed(Feed):
-    """A feed of what `add` is given, each state received at its stamp unless told otherwise."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.others: dict[str, list[Sample]] = {}
-        self.states: list[tuple[int, Sample]] = []
-
-    def _others(self) -> dict[str, list[Sample]]:
-        return self.others
-
-    def _states(self) -> list[tuple[int, Sample]]:
-        return self.states
-
-    def add(self, *states: Sample, at: int | None = None, **others: list[Sample]) -> Any:  # noqa: ANN401
-        """Return the columns of the rows of `states`, by name, as arrays."""
-        self.others = others
-        self.states = [(sample[0] if at is None else at, sample) for sample in states]
-        return table(self.poll())
+def add(feed: Feed, *states: Any, at: int | None = None, **others: Any) -> Any:  # noqa: ANN401
+    """Return the columns of the rows of `states`, by name; each received at its stamp, or `at`."""
+    for topic, messages in others.items():
+        for each in messages:
+            feed.take(topic, each)
+    for state in states:
+        feed.take('z_vhcl', state, state.header.stamp.nanosec if at is None else at)
+    return table(feed.poll())
 
 
 def table(data: bytes) -> dict[str, Any]:
@@ -51,9 +43,9 @@ def table(data: bytes) -> dict[str, Any]:
 
 def driven(*states: tuple[float, int, int]) -> dict[str, list[float]]:
     """Return the columns of states, one poll each: distance [m], reception and stamp [ns]."""
-    feed = MadeFeed()
+    feed = Feed()
     for x, at, stamp in states:
-        feed.add((stamp, (x, 0.0, 0.0, 8.0, 0.0)), at=at)
+        add(feed, message(stamp, **AT_REST | {'x': x, 'v_x': 8.0}), at=at)
     return {name: column.tolist() for name, column in table(feed.history()).items()}
 
 
@@ -82,38 +74,38 @@ def test_a_pause_without_a_reset_is_a_step() -> None:
 
 
 def test_what_never_came_is_nan_and_the_measurement_counts_as_true() -> None:
-    row = MadeFeed().add((1, (3.0, 4.0, 0.5, 6.0, 8.0)))
+    row = add(Feed(), message(1, x=3.0, y=4.0, psi=0.5, v_x=6.0, v_y=8.0))
     assert (row['x'], row['y'], row['psi'], row['speed']) == (3.0, 4.0, 0.5, 6.0)
     for name in ('theta_deg', 'elevation', 'motor', 'servo', 'reference', 'integral'):
         assert np.isnan(row[name])
 
 
 def test_a_sample_goes_with_the_state_of_its_stamp_and_holds_until_the_next() -> None:
-    feed = MadeFeed()
-    states = [(k * STEP, AT_REST) for k in range(4)]
-    commands = [(1 * STEP, (1.0, 0.1)), (3 * STEP, (3.0, 0.3))]
-    found = feed.add(*states, ecu=commands)
+    states = [message(k * STEP, **AT_REST) for k in range(4)]
+    commands = [message(k * STEP, motor=1.0 * k, servo=0.1 * k) for k in (1, 3)]
+    found = add(Feed(), *states, ecu=commands)
     np.testing.assert_array_equal(found['motor'], [np.nan, 1.0, 1.0, 3.0])
-    np.testing.assert_array_equal(found['servo'], [np.nan, 0.1, 0.1, 0.3])
+    np.testing.assert_allclose(found['servo'], [np.nan, 0.1, 0.1, 0.3])
 
 
 def test_a_sample_that_comes_before_its_state_waits_for_it() -> None:
-    feed = MadeFeed()
-    feed.add(environment=[(STEP, (10.0, 2.0, -1.0, -2.0, -3.0))])
-    found = feed.add((0, AT_REST), (STEP, AT_REST))
+    feed = Feed()
+    slope = message(STEP, theta=10.0, elevation=2.0, friction=-1.0, drag=-2.0, gravity=-3.0)
+    add(feed, environment=[slope])
+    found = add(feed, message(0, **AT_REST), message(STEP, **AT_REST))
     np.testing.assert_array_equal(found['theta_deg'], [np.nan, 10.0])
     np.testing.assert_array_equal(found['gravity'], [np.nan, -3.0])
 
 
 def test_a_command_without_a_stamp_holds_from_its_arrival() -> None:
-    feed = MadeFeed()
-    found = feed.add((5 * STEP, AT_REST), ecu=[(0, (2.0, 0.0))])
+    found = add(Feed(), message(5 * STEP, **AT_REST), ecu=[message(0, motor=2.0, servo=0.0)])
     assert found['motor'] == 2.0
 
 
 def test_the_truth_is_shown_where_the_error_is_known() -> None:
-    error = (0.3, 0.4, 0.0, 0.5, 0.25)
-    found = MadeFeed().add((1, (10.0, 0.0, np.pi / 2, 6.0, 12.25)), ez_vhcl=[(1, error)])
+    error = message(1, s=0.3, ey=0.4, epsi=0.0, v_x=0.5, v_y=0.25)
+    state = message(1, x=10.0, y=0.0, psi=np.pi / 2, v_x=6.0, v_y=12.25)
+    found = add(Feed(), state, ez_vhcl=[error])
     assert found['x'] == pytest.approx(10.4)
     assert found['y'] == pytest.approx(-0.3)
     assert found['speed'] == 5.5
@@ -122,9 +114,9 @@ def test_the_truth_is_shown_where_the_error_is_known() -> None:
 
 
 def test_a_page_that_opens_late_gets_the_last_minute() -> None:
-    feed = MadeFeed()
+    feed = Feed()
     for k in range(4000):
-        feed.add((k * STEP, (float(k), 0.0, 0.0, 50.0, 0.0)))
+        add(feed, message(k * STEP, **AT_REST | {'x': float(k), 'v_x': 50.0}))
     history = table(feed.history())
     np.testing.assert_array_equal(history['x'], np.arange(1000, 4000))
 

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import json
 import math
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barc_sim.control.speed import LQR, speed_controller
+from barc_sim.control.cruise_control import CruiseControl
+from barc_sim.control.lane import LaneLQR
+from barc_sim.control.speed import LQR, PID, Gain, as_controller, speed_controller
 from barc_sim.page.protocol import (
     CAR,
     OTHERS,
-    TUNABLE,
     Drive,
     Pause,
     Press,
     RequestError,
+    RunFacts,
     Tune,
     facts,
     parse,
@@ -26,6 +29,10 @@ from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.track import Track
+
+if TYPE_CHECKING:
+    from barc_sim.errors import Parameter
 
 MALFORMED = [
     '',
@@ -44,7 +51,6 @@ MALFORMED = [
     '{"type":"drive","linear":"1","angular":0}',
     '{"type":"drive","linear":true,"angular":0}',
     '{"type":"drive","linear":0,"angular":0,"more":0}',
-    '{"type":"tune","name":"mass","value":1}',
     '{"type":"tune","name":["kp"],"value":1}',
     '{"type":"tune","name":"kp","value":1e10}',
     '{"type":"tune","name":"kp","value":' + '9' * 400 + '}',
@@ -110,15 +116,27 @@ def test_whatever_arrives_is_a_request_within_limits_or_refused(message: str | b
         assert isinstance(found, (Press, Pause))
 
 
-def test_a_road_of_the_simulator_is_among_the_facts() -> None:
-    found = facts('acc', {'road': 'lab', 'l_f': 1.25, 'l_r': 1.75}, {'kp': 3.0, 'mass': 1.0})
+def driven(law: object, lane: object = None, track: Track | None = None) -> RunFacts:
+    """Return the facts of a run with these laws, and 0.1 s of delay."""
+
+    def declare(parameters: list[Parameter]) -> dict[str, Any]:
+        return {each.name: each.default for each in parameters}
+
+    def never(_: object) -> None:
+        """Take no warning."""
+
+    control = CruiseControl(as_controller(law), declare, 8.0, never, never, track, lane)
+    return RunFacts({'l_f': 1.25, 'l_r': 1.75, 'motor_delay': 0.1}, control, Road.lab(), track)
+
+
+def test_road_and_car_are_among_the_facts() -> None:
+    found = facts('acc', driven(PID()))
     assert found['road']['starts'][:3] == [0.0, 20.0, 40.0]
     assert found['axles'] == [-1.75, 1.25]
-    assert found['tuning'] == {'kp': 3.0}
 
 
 def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
-    found = facts('acc', {}, {'kp': 30.0, 'observer_gain': 0.5}, LQR)
+    found = facts('acc', driven(LQR(observer_gain=0.5)))
     assert found['terms'] == ['feedback', 'compensation']
     assert [*found['sliders']] == [*LQR.gains, *OTHERS, *CAR]
     assert found['sliders']['observer_gain'] == {
@@ -128,13 +146,16 @@ def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
         'max': 1.0,
         'node': 'controller',
     }
-    assert facts('acc', {}, {})['sliders']['kp']['label'] == 'Proportional gain, kp [1/s]'
-    assert found['tuning'] == {'observer_gain': 0.5}
+    assert facts('acc', driven(PID()))['sliders']['kp']['label'] == 'Proportional gain, kp [1/s]'
+    values = {'observer_gain': 0.5, 'acceleration_limit': 8.0, 'motor_delay': 0.1}
+    assert values.items() <= found['tuning'].items()
+    assert found['controller_type'] == 'lqr'
 
 
 def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_motor() -> None:
-    presets = facts('acc', {}, {})['presets']
-    assert {name for values in presets.values() for name in values} <= TUNABLE.keys()
+    found = facts('acc', RunFacts())
+    presets = found['presets']
+    assert {name for values in presets.values() for name in values} <= found['sliders'].keys()
     assert [name for name, values in presets.items() if values['motor_limit']] == ['Windup']
     windup = presets['Windup']
     knows = {**windup, 'acceleration_limit': windup['motor_limit']}
@@ -149,7 +170,7 @@ def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_mo
 
 
 def test_what_the_default_gains_leave_to_improve_is_true_and_within_the_sliders() -> None:
-    found = facts('acc', {}, {})
+    found = facts('acc', RunFacts())
     error = summary(simulate()).rms_error_after_run_up
     assert f'{error:.3f} m/s: kp and ki can halve it' in found['about']['Tuned']
     better = {'kp': 70.0, 'ki': 400.0, 'kd': 0.0}
@@ -157,12 +178,25 @@ def test_what_the_default_gains_leave_to_improve_is_true_and_within_the_sliders(
     assert summary(simulate(**better)).rms_error_after_run_up < 0.5 * error
 
 
-@pytest.mark.parametrize('simulator', [{}, {'road': 'no/such/file.csv'}])
-def test_a_road_that_is_not_known_here_is_left_out(simulator: dict[str, str]) -> None:
-    assert facts('acc', simulator, {})['road'] is None
+class OwnLane:
+    """A law of a user's, that declares its gain."""
+
+    gains: ClassVar = {'k_e_y': Gain(0.5, '-', 'gain of e_y', 1.0)}
+    k_e_y = 0.5
+
+    def steer_calculate(self, e_y: float, *_: object) -> float:
+        """Steer."""
+        return -self.k_e_y * e_y
 
 
-def test_road_value_needs_no_file() -> None:
-    road = Road(starts=(0.0,), grades_deg=(3.0,), name='no/such/file.csv')
-    found = facts('acc', {'road': road.name}, {}, road=road)
-    assert found['road'] == {'starts': [0.0], 'grades_deg': [3.0]}
+@pytest.mark.parametrize(
+    ('law', 'gains', 'name'),
+    [(LaneLQR(), ['q_e_y', 'q_e_psi', 'preview'], 'lqr'), (OwnLane(), ['k_e_y'], '')],
+)
+def test_on_a_track_the_sliders_are_those_of_the_steering(
+    law: object, gains: list[str], name: str
+) -> None:
+    found = facts('acc', driven(PID(), law, Track.named('L')))
+    assert [*found['sliders']] == [*(f'lane.{gain}' for gain in gains), 'speed_reference']
+    assert found['tuning'].keys() == found['sliders'].keys()
+    assert (found['mode'], found['run']['lane']) == ('track', name)
