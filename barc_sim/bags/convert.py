@@ -7,7 +7,7 @@ import json
 import logging
 import re
 import shutil
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -166,11 +166,10 @@ def recover(path: Path, output: Path) -> Contents:
     contents = Contents(path, run=True)
     make_directory(output)
     try:
-        writer = BagWriter(output, metadata=contents.metadata)
-        writer.attach(contents.attachments)
-        for message in contents.messages():
-            writer.write([message])
-        writer.close()
+        with closing(BagWriter(output, metadata=contents.metadata)) as writer:
+            writer.attach(contents.attachments)
+            for message in contents.messages():
+                writer.write([message])
     except (OSError, UserError) as error:
         shutil.rmtree(output)
         if isinstance(error, UserError):

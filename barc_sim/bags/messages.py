@@ -1,16 +1,14 @@
 """Messages and their types as a bag has them: CDR with times; definitions, also without ROS.
 
-Definitions come from the files installed with their packages or with barc_sim.
+Definitions are those that are installed with their packages, or with barc_sim.
 
 CDR is the encoding of DDS (OMG formal/2008-01-04, 15.3, PLAIN_CDR).
 """
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import PathFinder
@@ -20,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.errors import UserError
+from barc_sim.vehicle.parameters import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -36,23 +35,7 @@ _CHECKOUT = Path(__file__).parents[2] / 'barc_interfaces' / 'msg'
 _OURS = 'barc_interfaces'
 _FIELD = re.compile(r'\s*([a-zA-Z]\w*(?:/\w+)?)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+\b(?!\s*=)')
 _COMMENT = re.compile(r'\s*#.*')
-_OF_ITS_PACKAGE = re.compile(r'(?m)^(\s*)([A-Z]\w*\b)(?!/)')
 _DELIMITER = '=' * 80
-_PARTS = {'srv': ('Request', 'Response'), 'action': ('Goal', 'Result', 'Feedback')}
-#: Types that ROS derives from an action, and from any service, by the end of their name.
-_GOAL = 'unique_identifier_msgs/UUID goal_id\n'
-_DERIVED = {
-    'FeedbackMessage': _GOAL + '{0}_Feedback feedback\n',
-    'SendGoal_Request': _GOAL + '{0}_Goal goal\n',
-    'SendGoal_Response': 'bool accepted\nbuiltin_interfaces/Time stamp\n',
-    'GetResult_Request': _GOAL,
-    'GetResult_Response': 'int8 status\n{0}_Result result\n',
-}
-_EVENT = """\
-service_msgs/ServiceEventInfo info
-{0}_Request[<=1] request
-{0}_Response[<=1] response
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,15 +57,16 @@ def definition(type_name: str) -> str:
     dependency once, under a line of 80 `=` and its name as `MSG: std_msgs/Header`. LookupError: one
     of them is not installed.
     """
-    package, _, rest = type_name.partition('/')
-    kind, _, base = rest.partition('/')
-    if not (package.isidentifier() and kind.isidentifier() and base.isidentifier()):
-        raise LookupError(f'{type_name!r} is not the name of a type')
-    seen = {type_name}
+    known, seen = installed(), {type_name}
 
     def expand(name: str) -> str:
-        text = _text(name)
-        for dependency in sorted(_dependencies(text, name.partition('/')[0])):
+        package = name.partition('/')[0]
+        full = name if name.count('/') > 1 else name.replace('/', '/msg/')
+        if full not in known:
+            raise LookupError(f'the definition of {name!r} is not installed')
+        text = known[full].read_text(encoding='utf-8')
+        names = set(_FIELD_TYPE.findall(text)) - PRIMITIVES
+        for dependency in sorted(each if '/' in each else f'{package}/{each}' for each in names):
             if dependency not in seen:
                 seen.add(dependency)
                 text += f'\n{_DELIMITER}\nMSG: {dependency}\n{expand(dependency)}'
@@ -98,78 +82,20 @@ def shipped() -> Iterator[tuple[str, Path]]:
         yield f'{package}/msg/{path.stem}', path
 
 
-def _text(name: str) -> str:
-    """Return the text of a type's definition: the installed one, else that of barc_sim."""
-    package, *kinds, base = name.split('/')
-    if kinds not in ([], ['msg']):
-        return _text_of_part(package, kinds[0], base)
-    brought = dict(shipped()).get(f'{package}/msg/{base}')
-    try:
-        path = share(package) / 'msg' / f'{base}.msg'
-    except LookupError:
-        if brought is None:
-            raise
-        path = brought
-    return _read(name, path)
-
-
-def _text_of_part(package: str, kind: str, base: str) -> str:
-    """Return what ROS makes of a part of a service or an action, as in `SetBool_Request`."""
-    stem, _, end = base.partition('_')
-    of, last = f'{package}/{kind}/{base}'.rpartition('_')[::2]
-    text = _read(f'{package}/{kind}/{base}', share(package) / kind / f'{stem}.{kind}')
-    if last == 'Event':
-        return _EVENT.format(of)
-    if end in _DERIVED:
-        return _DERIVED[end].format(f'{package}/{kind}/{stem}')
-    parts = dict(zip(_PARTS.get(kind, ()), re.split(r'(?m)^---$\n?', text), strict=False))
-    if end not in parts:
-        raise LookupError(f'{package}/{kind}/{base} is no part of a service or an action')
-    if not any(_FIELD.match(_COMMENT.sub('', line)) for line in parts[end].splitlines()):
-        return 'uint8 structure_needs_at_least_one_member\n'
-    return _OF_ITS_PACKAGE.sub(rf'\1{package}/\2', parts[end])
-
-
-def _read(name: str, path: Path) -> str:
-    if path.is_file():
-        return path.read_text(encoding='utf-8')
-    raise LookupError(f'{name!r} has no definition at {str(path)!r}')
-
-
-def _dependencies(text: str, package: str) -> set[str]:
-    """Return the message types among a definition's fields, as in `std_msgs/Header`."""
-    names = set(_FIELD_TYPE.findall(text)) - PRIMITIVES
-    return {name if '/' in name else f'{package}/{name}' for name in names}
+def installed() -> dict[str, Path]:
+    """Return the file of each message and service type: the installed ones, else barc_sim's own."""
+    return _files(os.environ.get('AMENT_PREFIX_PATH', ''))
 
 
 @cache
-def share(package: str) -> Path:
-    """Return a package's share folder: `share/<package>` in a folder above its Python module.
-
-    This works without AMENT_PREFIX_PATH, which ROS from wheels does not set: in a virtual
-    environment, in /opt/ros and in a colcon workspace.
-    """
-    spec = None
-    with suppress(ImportError):
-        if package.isidentifier():  # what stands in for ROS has no share folder
-            spec = PathFinder.find_spec(package) or importlib.util.find_spec(package)
-    if spec is None or spec.origin is None:
-        raise LookupError(f'the package {package!r} is not installed')
-    for folder in Path(spec.origin).parents:
-        share = folder / 'share' / package
-        if share.is_dir():
-            return share
-    raise LookupError(f'no share/{package} is installed above {spec.origin!r}')
-
-
-def installed() -> dict[str, Path]:
-    """Return the file of each message and service type, barc_sim's own and the installed ones."""
-    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-    roots = [Path(prefix) / 'share' for prefix in prefixes if prefix]
-    with suppress(LookupError):
-        roots.append(share(_OURS).parent)
+def _files(prefixes: str) -> dict[str, Path]:
+    roots = [Path(prefix) / 'share' for prefix in prefixes.split(os.pathsep) if prefix]
+    # ROS from wheels does not set AMENT_PREFIX_PATH. What stands in for ROS is no file.
+    if spec := PathFinder.find_spec(_OURS):
+        above = Path(spec.origin or '').parents
+        roots += [root for each in above if (root := each / 'share') and (root / _OURS).is_dir()]
     found = dict(shipped())
-    for root in roots:
+    for root in reversed(roots):
         for kind in ('msg', 'srv'):
             for path in root.glob(f'*/{kind}/*.{kind}'):
                 found[f'{path.parents[1].name}/{kind}/{path.stem}'] = path
@@ -219,8 +145,6 @@ def _lines_of(known: dict[str, Path], name: str, depth: int) -> Iterator[str]:
             if nested in known:
                 yield from _lines_of(known, nested, depth + 1)
 
-
-NANOSECONDS = 1_000_000_000
 
 _STAMP = slice(4, 12)
 _LAST = 2**31 - 1  #: [s]

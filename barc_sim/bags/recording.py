@@ -51,24 +51,17 @@ class Recording:
     max_bag_size: float = inf  #: [B] of a file
     max_bag_duration: float = inf  #: [s] of a file
     depth: int = 10_000  #: queue length of a subscription: one second at 10,000 messages a second
-    on_write_error: str = 'stop'  #: or `continue`
     min_free_space: float = 64.0  #: [MiB] to leave free on the disk
     use_sim_time: bool = False  #: stamp messages with `/clock`
     start_paused: bool = False
     snapshot: float | None = None  #: [s] to keep in memory and write on request; None: write all
     compression: str = 'zstd'  #: of `COMPRESSIONS`
-    nodes: Sequence[str] = ()  #: record only topics that one of these publishes or subscribes to
-    topic_types: Sequence[str] = ()  #: record only topics of these types
-    all_services: bool = False  #: also requests and responses where introspection publishes them
     #: By topic, the QoS to request, in rosbag2's terms.
     qos: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def wants(self, topic: str, types: Sequence[str] = ()) -> bool:
-        """Return whether to record a topic, given its full name and, if known, its types."""
-        is_service = self.all_services and topic.endswith('/_service_event')
-        if '/_' in topic and not (self.include_hidden_topics or is_service):
-            return False
-        if types and self.topic_types and not {*types} & {*self.topic_types}:
+    def wants(self, topic: str) -> bool:
+        """Return whether to record a topic, given its full name."""
+        if '/_' in topic and not self.include_hidden_topics:
             return False
         if self.exclude and self.exclude.search(topic):
             return False

@@ -51,7 +51,6 @@ MAGIC = b'\x89MCAP0\r\n'  #: begins and ends a file
 #: needs about 140 bytes for each chunk. zstd writes 40 % of the bytes for 0.6 us a message.
 CHUNK_SIZE = 768 * 1024
 
-_COPIED_AT_ONCE = 1 << 20
 _OPCODE_AND_LENGTH = 9  # bytes of each record that its length does not count
 #: A message's record before its data: opcode, length, channel, sequence number, time of reception,
 #: time of publication.
@@ -78,13 +77,8 @@ class AtomicAppender:
         self._waiting: list[bytes] = []
         self._size = 0  # of the file
         self.position = 0  #: [B] the length of all that was written, with what waits
-        self._descriptor = self._open()
-        self._identity = _identity(os.fstat(self._descriptor))
-
-    def _open(self) -> int:
-        # Windows has no O_CLOEXEC, and would change line ends without O_BINARY.
-        system = getattr(os, 'O_CLOEXEC', 0) | getattr(os, 'O_BINARY', 0)
-        return os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL | system, 0o666)
+        self._file = path.open('xb', buffering=0)
+        self._status = os.fstat(self._file.fileno())
 
     def write(self, data: bytes) -> None:
         """Append to the block."""
@@ -101,59 +95,31 @@ class AtomicAppender:
         block = b''.join(self._waiting)
         self._waiting = [block]
         try:
-            self._put(memoryview(block))
+            self.put(block)
         except OSError:
-            os.ftruncate(self._descriptor, self._size)
+            self._file.seek(self._size)
+            self._file.truncate()
             raise
         self._size += len(block)
         self._waiting = []
 
-    def _put(self, data: memoryview) -> None:
-        offset = self._size
-        while data:
-            written = write_at(self._descriptor, data, offset)
-            data = data[written:]
-            offset += written
+    def put(self, data: bytes) -> None:
+        """Write to the end of the file, in as many parts as the system takes."""
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._file.write(rest) :]
 
     @property
     def in_place(self) -> bool:
         """Whether the file is still where it was made, also after `close`."""
         try:
-            return _identity(self._path.stat()) == self._identity
+            return os.path.samestat(self._path.stat(), self._status)
         except OSError:
             return False
 
-    def restore(self) -> None:
-        """Make the file and its folder anew, after they were removed; whole or not at all."""
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        copy = AtomicAppender(self._path)
-        try:
-            os.lseek(self._descriptor, 0, os.SEEK_SET)
-            while part := os.read(self._descriptor, _COPIED_AT_ONCE):
-                copy.write(part)
-                copy.commit()
-        except OSError:
-            copy.close()
-            self._path.unlink(missing_ok=True)
-            raise
-        os.close(self._descriptor)
-        self._descriptor, self._identity = copy._descriptor, copy._identity
-
     def close(self) -> None:
         """Close the file; a block that was not committed is dropped."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
-
-
-def _identity(status: os.stat_result) -> tuple[int, int]:
-    return status.st_dev, status.st_ino
-
-
-def write_at(descriptor: int, data: memoryview, offset: int) -> int:
-    """Do what `os.pwrite` does, which Windows lacks."""
-    os.lseek(descriptor, offset, os.SEEK_SET)
-    return os.write(descriptor, data)
+        self._file.close()
 
 
 class ChunkBuilder:
@@ -311,7 +277,7 @@ class BagFile:
                 Schema(
                     id=self._schemas[schema],
                     name=topic.type,
-                    encoding='ros2msg',
+                    encoding='ros2msg' if topic.definition else '',
                     data=topic.definition.encode(),
                 )
             )
@@ -405,7 +371,7 @@ class BagWriter:
     metadata
         The run's own, kept in the files and in `custom_data` of metadata.yaml.
     max_size, max_duration
-        Of a file [B], [s]: a new one begins after the message that reaches one of them.
+        Of a file [B], [s]: a new one begins after the `write` that reaches one of them.
     compression
         One of `COMPRESSIONS`.
 
@@ -438,15 +404,17 @@ class BagWriter:
     ) -> None:
         self.directory = directory
         self._compression = compression
-        self._max_size, self._max_span = max_size, max_duration * 1e9
+        self._max_size, self._max_duration = max_size, max_duration * 1e9
         self._files: list[BagFile] = []
-        self._span = Span()  # of the last file, where there are limits
         self._metadata: dict[str, str] = {}
+        self._first: int | None = None  # [ns] of the messages in the last file
+        self._is_full = False
         self.closed = False
         try:
             self._begin_file()
             self.add_metadata(metadata or {})
         except OSError as error:
+            self._close_files()
             path = directory / f'{directory.absolute().name}_0.mcap'
             raise UserError(
                 f'the bag {str(path)!r} cannot be made ({error.strerror}): name another folder'
@@ -456,6 +424,11 @@ class BagWriter:
     def file(self) -> Path:
         """The file that is being written."""
         return self._files[-1].path
+
+    @property
+    def in_place(self) -> bool:
+        """Whether the current file is still where it was made."""
+        return self._files[-1].appender.in_place
 
     @property
     def counts(self) -> dict[str, int]:
@@ -485,27 +458,18 @@ class BagWriter:
         self.flush()
 
     def write(self, messages: Sequence[MessageFields]) -> None:
-        """Append messages; those of one name have the same topic each time."""
-        if min(self._max_size, self._max_span) == inf:
+        """Append messages, at least one; those of one name have the same topic each time."""
+        try:
+            if self._is_full:
+                self.split()
+        finally:  # in the same file, if there cannot be another
             self._files[-1].add(messages)
-        else:
-            self._write_within_limits(messages)
+        self._first = messages[0][2] if self._first is None else self._first
+        self._is_full = (
+            self._files[-1].appender.position >= self._max_size
+            or messages[-1][2] - self._first >= self._max_duration
+        )
         self._commit()
-
-    def _write_within_limits(self, messages: Sequence[MessageFields]) -> None:
-        failure = None
-        for message in messages:
-            size, span = self._files[-1].appender.position, self._span.duration
-            full = size >= self._max_size or span >= self._max_span
-            try:
-                if full and not failure:
-                    self.split()
-            except OSError as error:
-                failure = error  # the file continues
-            self._files[-1].add([message])
-            self._span.add(message[2])
-        if failure:
-            raise failure
 
     def split(self) -> None:
         """Continue in the next file."""
@@ -518,7 +482,7 @@ class BagWriter:
     def _begin_file(self) -> None:
         name = f'{self.directory.absolute().name}_{len(self._files)}.mcap'
         self._files.append(BagFile(self.directory / name, self._compression))
-        self._span = Span()
+        self._first, self._is_full = None, False
 
     def flush(self) -> None:
         """Hand all data to the operating system: a kill of the process loses nothing then."""
@@ -528,14 +492,6 @@ class BagWriter:
     def _commit(self) -> None:
         for file in self._files:
             file.commit()
-
-    def restore(self) -> bool:
-        """Make the current file anew if it was removed; return whether it was."""
-        appender = self._files[-1].appender
-        removed = not self.closed and not appender.in_place
-        if removed:
-            appender.restore()
-        return removed
 
     def close(self) -> None:
         """Finish the bag and write metadata.yaml; a second call does nothing."""
@@ -548,8 +504,11 @@ class BagWriter:
             write_metadata(self.directory, self._information())
         finally:
             self.closed = True
-            for file in self._files:
-                file.appender.close()
+            self._close_files()
+
+    def _close_files(self) -> None:
+        for file in self._files:
+            file.appender.close()
 
     def _information(self) -> dict[str, Any]:
         spans = {file.path.name: file.span for file in self._files}

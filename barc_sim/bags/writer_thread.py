@@ -45,8 +45,7 @@ class WriterThread:
     reserve
         Space to leave free [B].
     on_failure
-        Called in the thread: with a sentence at the first failure to write, and with None when
-        writing works again.
+        Called in the thread with a sentence when writing fails, not again until it works again.
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class WriterThread:
         writer: BagWriter,
         source: Callable[[], Iterable[MessageFields]],
         reserve: int,
-        on_failure: Callable[[str | None], None],
+        on_failure: Callable[[str], None],
     ) -> None:
         self._lock = threading.Lock()
         self.paused = False
@@ -101,9 +100,7 @@ class WriterThread:
                 self._chunk_due = time.monotonic() + _CHUNK_PERIOD
                 self._check_disk()
                 self._writer.flush()
-                if self._stuck and not self._broken:
-                    self._stuck = False
-                    self._on_failure(None)
+                self._stuck = self._broken
         except OSError as error:
             self._fail(error)
         except Exception as error:  # noqa: BLE001 (a thread's end would go unnoticed)
@@ -169,10 +166,10 @@ class WriterThread:
         Raises
         ------
         OSError
-            The bag was removed, and has been made anew; or the disk is short of space.
+            The bag was removed, or the disk is short of space.
         """
-        if self._writer.restore():
-            raise OSError(errno.ENOENT, 'it was removed while recording, and is written anew')
+        if not self._writer.in_place:
+            raise OSError(errno.ENOENT, 'it was removed while recording')
         if short := short_of_space(self._writer.directory, self._reserve):
             raise OSError(errno.ENOSPC, short)
 

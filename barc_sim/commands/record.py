@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from barc_sim.nodes.recorder import BagRecorder
 
 _EPILOG = (
-    'Services bag_recorder/pause, resume, is_paused, split_bagfile, snapshot, stop and record, of '
-    "rosbag2's types where it is installed, else of std_srvs/srv/Trigger."
+    'Services bag_recorder/pause, resume, is_paused, split_bagfile and snapshot, of the type '
+    'std_srvs/srv/Trigger.'
 )
 _SNAPSHOT, _MAX_SNAPSHOT = 10.0, 3600.0  #: [s]
 
@@ -63,18 +63,6 @@ def _add_more(parser: Parser) -> None:
     )
     parser.add_argument(
         '--compression', choices=COMPRESSIONS, default='zstd', help='of each chunk (zstd)'
-    )
-    for option, field, what in (
-        ('--node', 'nodes', 'that one of these nodes publishes or subscribes to'),
-        ('--topic-types', 'topic_types', 'of these types, as in sensor_msgs/msg/Imu'),
-    ):
-        parser.add_argument(
-            option, dest=field, nargs='+', default=(), metavar='NAME', help=f'only topics {what}'
-        )
-    parser.add_argument(
-        '--all-services',
-        action='store_true',
-        help='also requests and responses of services whose introspection is on',
     )
     parser.add_argument(
         '--qos-profile-overrides-path',
@@ -122,6 +110,6 @@ def run(options: Namespace) -> int:
     recorder, counts = made[0], made[0].counts
     lines = [f'{count:9} {topic}' for topic, count in sorted(counts.items())]
     lines.append(summary(counts, recorder.lost, recorder.left_out))
-    lines += [f'bag {path}' for path in recorder.paths]
+    lines.append(f'bag {recorder.path}')
     print('\n'.join(lines))  # noqa: T201
     return code

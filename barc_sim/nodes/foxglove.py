@@ -60,10 +60,10 @@ class FoxgloveServer(Node):
         except RuntimeError as error:
             raise UserError(f'port {port} cannot be had for Foxglove: {error}') from None
         self.url = f'ws://{_HOST}:{self._server.port}'  #: to open in the app
-        self._topics = TopicSubscriptions(self, lambda topic, _: '/_' not in topic)
-        self._discover()
+        self._topics = TopicSubscriptions(self, lambda topic: '/_' not in topic)
+        self._topics.discover()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=steady)
+        self.create_timer(_DISCOVERY_PERIOD, self._topics.discover, clock=steady)
         self.create_timer(_PERIOD, self._serve, clock=steady)
         self.create_timer(_LATCHED_PERIOD, self._repeat, clock=steady)
 
@@ -73,10 +73,6 @@ class FoxgloveServer(Node):
         self._server.stop()
         self._topics.close()
         super().destroy_node()
-
-    def _discover(self) -> None:
-        for name in self._topics.discover():
-            self.get_logger().warning(f'{name} is not served: {self._topics.unknown[name]}')
 
     def _serve(self) -> None:
         """Send what has arrived, in order."""

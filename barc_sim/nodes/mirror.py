@@ -25,7 +25,6 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.bags import names
-from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.errors import Parameter
 from barc_sim.nodes import MIRRORS
 from barc_sim.ros.node_helpers import (
@@ -36,6 +35,7 @@ from barc_sim.ros.node_helpers import (
     to_nanoseconds,
     to_poses,
 )
+from barc_sim.vehicle.parameters import NANOSECONDS
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,9 +42,8 @@ class BagRecorder(Node):
     nodes' constructors on.
 
     A thread of its own writes the messages. Spinning the node finds topics, and serves rosbag2's
-    names: `bag_recorder/pause`, `resume`, `is_paused`, `split_bagfile`, `snapshot`, `stop` and, for
-    another bag in the folder, `record`. The types are those of rosbag2_interfaces where that is
-    installed, else Trigger.
+    names: `bag_recorder/pause`, `resume`, `is_paused`, `split_bagfile` and `snapshot`, all of the
+    type Trigger.
 
     Parameters
     ----------
@@ -56,11 +53,11 @@ class BagRecorder(Node):
     recording
         What to record, and how.
     path
-        The directory of the first bag itself, to be made; overrides the folder.
+        The bag's directory itself, to be made; overrides the folder.
     metadata
         The run's metadata, kept in the bag.
     attachments
-        Files, by name, to attach to each bag.
+        Files, by name, to attach to the bag.
     options
         Those of `rclpy.node.Node`.
 
@@ -97,21 +94,16 @@ class BagRecorder(Node):
     ) -> None:
         super().__init__('bag_recorder', **options)
         self._own_name = self.get_name()  # also needed after the node is destroyed
-        #: Done when writing has failed, where that is to stop the run.
-        self.finished: Future = Future()
+        self.finished: Future = Future()  #: done when writing has failed
         self.failure: str | None = None  #: the first failure to write, in a sentence
         self._recording = recording or Recording()
-        self._use_sim_time = self._recording.use_sim_time
         self._metadata = dict(metadata or {})
-        self._attachments = dict(attachments or {})
-        self._expected: dict[str, type[Any]] = {}
         self._graph_size = 0  # nodes and topics of the graph in the bag
-        self._writers: list[BagWriter] = []  # of each bag
-        self._lost: dict[str, dict[str, int] | None] = {}  # of the bags before the last
-        self._subscribe()  # before the parameters are declared, to record their events
+        self._topics = _subscriptions(self, self._recording)
+        self.discover()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
-        self._root = Path(declare(self, [BAG_DIR._replace(default=default)])['bag_dir'])
-        self._start(path)
+        root = Path(declare(self, [BAG_DIR._replace(default=default)])['bag_dir'])
+        self._start(root, path, attachments or {})
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
         for name, action in (
@@ -120,13 +112,34 @@ class BagRecorder(Node):
             ('is_paused', lambda: str(self.paused).lower()),
             ('split_bagfile', self._split_bagfile),
             ('snapshot', self._snapshot),
-            ('stop', self._stop),
-            ('record', self._record),
         ):
             respond = partial(self._respond, action)
-            self.create_service(_service_type(name), f'bag_recorder/{name}', respond)
+            self.create_service(Trigger, f'bag_recorder/{name}', respond)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
+
+    def _start(self, root: Path, path: Path | None, attachments: Mapping[str, bytes]) -> None:
+        """Begin the bag in the directory `path`, or in a new one of the folder `root`."""
+        settings = self._recording
+        check_space(path or root, settings.reserve)
+        self._writer = BagWriter(
+            make_directory(path) if path else new_directory(root),
+            metadata=self._metadata,
+            max_size=settings.max_bag_size,
+            max_duration=settings.max_bag_duration,
+            compression=settings.compression,
+        )
+        self._thread = WriterThread(
+            self._writer, self._topics.take, settings.reserve, self._on_failure
+        )
+        if not has_dds():
+            self._topics.on_full = self._thread.write_now
+        self._thread.do(lambda writer: writer.attach(attachments))
+        self._thread.use_sim_time = settings.use_sim_time
+        self._thread.snapshot = settings.snapshot
+        self._thread.paused = settings.start_paused
+        self._thread.start()
+        self.get_logger().info(f'recording to {str(self.path)!r}')
 
     def _on_timer(self) -> None:
         if not self.stopped:
@@ -143,86 +156,37 @@ class BagRecorder(Node):
             graph = node_graph(self).to_json()
             self._thread.do(lambda writer: writer.add_metadata({'graph': graph}))
 
-    def _subscribe(self) -> None:
-        self._topics = _subscriptions(self, self._recording)
-        self.expect(self._expected)
-        self.discover()
-
     def expect(self, topics: Mapping[str, type[Any]]) -> None:
         """Record topics, by name with their types, before they have a publisher.
 
         To be called before the nodes that subscribe to them are created: a publisher that waits for
         a subscription may send one message and end.
         """
-        self._expected |= topics
         for name, message_type in topics.items():
             self._topics.expect(self.resolve_topic_name(name), message_type)
 
-    def _start(self, path: Path | None = None) -> None:
-        """Begin a bag in the directory `path`; without it, in a new one of the folder for bags."""
-        reserve = self._recording.reserve
-        check_space(path or self._root, reserve)
-        path = make_directory(path) if path else new_directory(self._root)
-        settings = self._recording
-        self._writer = BagWriter(
-            path,
-            metadata=self._metadata,
-            max_size=settings.max_bag_size,
-            max_duration=settings.max_bag_duration,
-            compression=settings.compression,
-        )
-        self._writers.append(self._writer)
-        self._thread = WriterThread(self._writer, self._topics.take, reserve, self._on_failure)
-        if not has_dds():
-            self._topics.on_full = self._thread.write_now
-        self._thread.do(lambda writer: writer.attach(self._attachments))
-        self._thread.use_sim_time = self._use_sim_time
-        self._thread.snapshot = settings.snapshot
-        self._thread.paused = settings.start_paused and len(self._writers) == 1
-        self._graph_size = 0
-        self._thread.start()
-        self.get_logger().info(f'recording to {str(self.path)!r}')
-
-    def _on_failure(self, failure: str | None) -> None:
-        if failure is None:
-            self.get_logger().warning(f'recording to {str(self.path)!r} continues')
-            return
-        self.failure = self.failure or failure
+    def _on_failure(self, failure: str) -> None:
         self.get_logger().error(failure)
-        if self._recording.on_write_error == 'stop' and not self.finished.done():
+        if self.failure is None:
+            self.failure = failure
             self.finished.set_result(None)
 
     @property
     def path(self) -> Path:
-        """The directory of the last bag."""
+        """The directory of the bag."""
         return self._writer.directory
 
     @property
-    def paths(self) -> list[Path]:
-        """The directories of all bags."""
-        return [writer.directory for writer in self._writers]
-
-    @property
     def counts(self) -> dict[str, int]:
-        """Number of messages in the files of all bags, by topic."""
-        return dict(sum((Counter(writer.on_disk) for writer in self._writers), Counter()))
+        """Number of messages in the bag's files, by topic."""
+        return self._writer.on_disk
 
     @property
     def lost(self) -> dict[str, dict[str, int] | None]:
-        """Number of messages lost of all bags, by topic and node; None where that is unknown.
+        """Number of lost messages, by topic and node; None where that is unknown.
 
         What the disk has refused to the end is a loss of the recorder.
         """
-        lost = self._lost_of_bag()
-        for topic, before in self._lost.items():
-            by_node = lost.setdefault(topic, {})
-            if before is None or by_node is None:
-                lost[topic] = None
-            else:
-                lost[topic] = dict(Counter(by_node) + Counter(before))
-        return lost
-
-    def _lost_of_bag(self) -> dict[str, dict[str, int] | None]:
         lost: dict[str, dict[str, int] | None] = self._topics.lost()
         for topic, count in self._thread.unwritten.items():
             lost[topic] = (lost.get(topic) or {}) | {self._own_name: count}
@@ -240,7 +204,7 @@ class BagRecorder(Node):
 
     def stamp_with_clock(self) -> None:
         """Stamp messages with `/clock`, once there is one."""
-        self._use_sim_time = self._thread.use_sim_time = True
+        self._thread.use_sim_time = True
 
     @property
     def stopped(self) -> bool:
@@ -254,8 +218,7 @@ class BagRecorder(Node):
 
     def discover(self) -> None:
         """Subscribe to each wanted topic that has got a publisher since the last call."""
-        for name in self._topics.discover():
-            self.get_logger().warning(f'{name} is not recorded: {self._topics.unknown[name]}')
+        self._topics.discover()
 
     def close(self) -> None:
         """Record the waiting messages and finish the bag; a second call does nothing."""
@@ -267,70 +230,36 @@ class BagRecorder(Node):
         self._topics.close()
 
     def _final_metadata(self) -> dict[str, str]:
-        return losses_as_metadata(self._lost_of_bag(), self.left_out)
+        return losses_as_metadata(self.lost, self.left_out)
 
     def destroy_node(self) -> None:
         """Close the bag and destroy the node."""
         self.close()
         super().destroy_node()
 
-    def _respond(self, action: Callable[[], str], _: object, response: Any) -> Any:  # noqa: ANN401
-        """Respond with what `action` returns, or with the reason why it cannot be done.
-
-        A response of rosbag2 may have no field for either.
-        """
+    def _respond(
+        self, action: Callable[[], str], _: object, response: Trigger.Response
+    ) -> Trigger.Response:
+        """Respond with what `action` returns, or with the reason why it cannot be done."""
         try:
-            message, success = action(), True
+            response.message, response.success = action(), True
         except UserError as error:
-            message, success = str(error), False
-            self.get_logger().warning(message)
-        values = {'success': success, 'message': message, 'paused': self.paused}
-        for name in filter(partial(hasattr, response), values):
-            setattr(response, name, values[name])
+            response.message = str(error)
         return response
 
-    def _check_recording(self) -> None:
-        if self.stopped:
-            raise UserError('nothing is being recorded: call record first')
-
     def _pause(self, paused: bool) -> str:
-        self._check_recording()
         self._thread.paused = paused
         return 'paused' if paused else 'recording'
 
     def _split_bagfile(self) -> str:
-        self._check_recording()
         self._thread.do(lambda writer: writer.split())
         return str(self.path)
 
     def _snapshot(self) -> str:
-        self._check_recording()
         if self._recording.snapshot is None:
             raise UserError('every message is written already: record with --snapshot to keep some')
         self._thread.write_snapshot()
         return str(self.path)
-
-    def _stop(self) -> str:
-        self.close()
-        return str(self.path)
-
-    def _record(self) -> str:
-        """Begin the next bag."""
-        if not self.stopped:
-            raise UserError(f'{str(self.path)!r} is being recorded: call stop first')
-        self._lost, self._thread.unwritten = self.lost, {}
-        self._subscribe()  # latched messages come again
-        self._start()
-        return str(self.path)
-
-
-def _service_type(name: str) -> Any:  # noqa: ANN401 (a generated class)
-    """Return rosbag2's type of a service, where rosbag2 is installed and has it; else Trigger."""
-    try:
-        srv = import_module('rosbag2_interfaces.srv')
-    except ImportError:
-        return Trigger
-    return getattr(srv, name.title().replace('_', ''), Trigger)
 
 
 def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of either carrier)
@@ -338,9 +267,7 @@ def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of
     if has_dds():
         from barc_sim.ros.topics import TopicSubscriptions  # noqa: PLC0415
 
-        return TopicSubscriptions(
-            node, recording.wants, recording.depth, recording.nodes, recording.qos
-        )
+        return TopicSubscriptions(node, recording.wants, recording.depth, recording.qos)
     from barc_sim.ros.local.node import LocalSubscriptions  # noqa: PLC0415
 
     return LocalSubscriptions(node, recording.wants, recording.depth)

@@ -27,6 +27,7 @@ from barc_sim.simulation.log import (
     columns_of,
 )
 from barc_sim.simulation.metrics import Laps, TrackLaps, laps_of, track_laps_of
+from barc_sim.vehicle.parameters import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,7 +55,6 @@ _HISTORY = 3000  #: rows that are sent to a page when it opens: a minute
 #: Messages of a topic that wait for the server's thread, which a busy machine can hold up, or for
 #: their state: those of a third of a second at a real-time factor of 6.
 DEPTH = 100
-NANOSECONDS = 1_000_000_000
 _PERIOD = 0.02  #: [s] between two polls
 #: [s] after a state at which to poll: its command has come by then, and the next step is far.
 _AFTER = 0.006

@@ -15,10 +15,10 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from std_msgs.msg import Header
 
 from barc_sim.bags import names
-from barc_sim.bags.messages import NANOSECONDS, split_time
+from barc_sim.bags.messages import split_time
 from barc_sim.control.driver import DriverInput
 from barc_sim.errors import ANY, UserError, not_between
-from barc_sim.vehicle.parameters import TRACK
+from barc_sim.vehicle.parameters import NANOSECONDS, TRACK
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ import importlib
 import threading
 import time
 from collections import defaultdict
+from contextlib import suppress
 from ctypes import c_size_t, c_void_p
 from dataclasses import dataclass, field
 from struct import Struct
@@ -32,7 +33,7 @@ from barc_sim.errors import UserError
 from barc_sim.ros.peers import all_own, of_participant, publishers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from rclpy.node import Node
     from rclpy.subscription import Subscription
@@ -123,18 +124,14 @@ def matches(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:
 
 
 def describe(name: str, ends: Sequence[TopicEndpointInfo]) -> Topic:
-    """Return a bag's record of the topic, from its publishers; from subscriptions without any.
-
-    Raises
-    ------
-    LookupError
-        The definition of the topic's type is not installed.
-    """
-    type_name = ends[0].topic_type
+    """Return a bag's record of the topic, from its publishers; from subscriptions without any."""
+    type_name, text = ends[0].topic_type, ''
+    with suppress(LookupError):  # not installed: others may have it
+        text = definition(type_name)
     return Topic(
         name=name,
         type=type_name,
-        definition=definition(type_name),
+        definition=text,
         type_hash=str(ends[0].topic_type_hash),
         offered_qos=[
             _as_metadata(end.qos_profile)
@@ -225,11 +222,9 @@ class TopicSubscriptions:
     node
         The owner of the subscriptions.
     wants
-        The filter: returns whether to subscribe to a topic, given its full name and its types.
+        The filter: returns whether to subscribe to a topic, given its full name.
     depth
         Queue length of each subscription.
-    nodes
-        Those that publish or subscribe to the topics; without names, all.
     overrides
         By topic, the QoS to request, in rosbag2's terms.
 
@@ -242,13 +237,11 @@ class TopicSubscriptions:
     def __init__(
         self,
         node: Node,
-        wants: Callable[[str, Sequence[str]], bool],
+        wants: Callable[[str], bool],
         depth: int = 10_000,
-        nodes: Sequence[str] = (),
         overrides: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         self._node = node
-        self._nodes = {f'/{name.lstrip("/")}' for name in nodes}
         self._overrides = {
             node.resolve_topic_name(name): profile({'depth': depth} | dict(values))
             for name, values in (overrides or {}).items()
@@ -259,105 +252,74 @@ class TopicSubscriptions:
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`
         self.unknown: dict[str, str] = {}  #: by name, why a topic cannot be recorded
-        self._unexpected: set[str] = set()  # without a publisher, and of a type not installed
+        self._unexpected: set[str] = set()  # without a publisher, and impossible to record
 
     def expect(self, name: str, message_type: type[Any]) -> None:
         """Subscribe, reliably, to a wanted topic before it has a publisher or subscriptions."""
-        if self._wants(name, ()) and name not in self._topics:
+        if self._wants(name) and name not in self._topics:
             self._begin(name, message_type, QoSProfile(depth=self._depth))
 
-    def discover(self) -> Iterator[str]:
+    def discover(self) -> None:
         """Subscribe to each wanted topic that has got a publisher since the last call.
 
-        Also to each that has got its first subscription.
-
-        Yields
-        ------
-            Name of each topic that turns out to be impossible to record.
+        Also to each that has got its first subscription. A topic that cannot be recorded is named
+        in a warning, once.
         """
-        for name, types in self._node.get_topic_names_and_types():
+        for name, _ in self._node.get_topic_names_and_types():
             recorded = self._topics.get(name)
             count = self._node.count_publishers(name)
             if name in self.unknown or (recorded and recorded.publishers == count):
                 continue
-            if self._wants(name, types) and self._has_wanted_node(name):
-                publishers = self._node.get_publishers_info_by_topic(name)
-                if publishers and not self.subscribe(name, publishers):
-                    yield name
-                elif recorded and not publishers:
+            if self._wants(name):
+                if publishers := self._node.get_publishers_info_by_topic(name):
+                    self._subscribe(name, publishers)
+                elif recorded:
                     recorded.publishers = 0
-                elif not publishers and name not in self._unexpected:
-                    self._follow(name, self._node.get_subscriptions_info_by_topic(name))
+                elif name not in self._unexpected and self._follow(name):
+                    self._unexpected.add(name)  # whether that matters, a publisher will show
 
-    def _has_wanted_node(self, name: str) -> bool:
-        if not self._nodes:
-            return True
-        ends = (
-            *self._node.get_publishers_info_by_topic(name),
-            *self._node.get_subscriptions_info_by_topic(name),
-        )
-        names = {f'{end.node_namespace.rstrip("/")}/{end.node_name}' for end in ends}
-        return bool(names & self._nodes)
-
-    def _follow(self, name: str, subscribers: Sequence[TopicEndpointInfo]) -> None:
-        """Subscribe to a topic as its subscribers do."""
-        if subscribers:
-            qos = request(subscribers, self._depth)
-            try:
-                self._begin(name, message_class(subscribers[0].topic_type), qos)
-            # Not installed, without a definition, or of another type in this participant.
-            except (LookupError, RuntimeError, UserError):
-                self._unexpected.add(name)  # whether that matters, a publisher will show
+    def _follow(self, name: str) -> Exception | None:
+        """Subscribe to a topic as its subscribers do; return why that is impossible."""
+        try:
+            if ends := self._node.get_subscriptions_info_by_topic(name):
+                (type_name, *others) = {end.topic_type for end in ends}
+                if others:
+                    type_name = (of_participant(self._node, ends) or ends)[0].topic_type
+                self._begin(name, message_class(type_name), request(ends, self._depth))
+        except (RuntimeError, UserError) as error:  # of rcl: this process has another type
+            return error
+        return None
 
     def _begin(self, name: str, message_type: type[Any], qos: QoSProfile) -> None:
-        """Subscribe to a topic without a publisher.
-
-        Raises
-        ------
-        LookupError
-            The definition of its type is not installed.
-        """
+        """Subscribe to a topic without a publisher."""
         subscription = self._create(name, message_type, qos)
-        try:
-            ends = self._node.get_subscriptions_info_by_topic(subscription.topic_name)
-            topic = describe(name, ends)
-        except LookupError:
-            self._node.destroy_subscription(subscription)
-            raise
+        ends = self._node.get_subscriptions_info_by_topic(subscription.topic_name)
         with self._lock:
-            self._topics[name] = RecordedTopic(topic, subscriptions=[subscription])
+            self._topics[name] = RecordedTopic(describe(name, ends), subscriptions=[subscription])
 
-    def subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
-        """Subscribe to all publishers of a topic; return False where that is impossible.
+    def _subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
+        """Subscribe to all publishers of a topic.
 
         Where publishers do not agree on the topic's type, that of this participant's nodes counts,
         as DDS takes no second type there; else the first one's.
         """
         recorded = self._topics.get(name)
-        count = len(publishers)
         types = {publisher.topic_type for publisher in publishers}
-        if recorded:
-            type_name = recorded.topic.type
-        elif len(types) > 1:
-            type_name = (of_participant(self._node, publishers) or publishers)[0].topic_type
-        else:
-            (type_name,) = types
+        own = of_participant(self._node, publishers) if len(types) > 1 else ()
+        type_name = recorded.topic.type if recorded else (*own, *publishers)[0].topic_type
         for other in types - {type_name}:
             self._leave_out(f'{name} as {other}', f'its type is {type_name}')
-        publishers = [publisher for publisher in publishers if publisher.topic_type == type_name]
         try:
-            if publishers:
-                recorded = self._begun(name, recorded, publishers)
-        except (LookupError, UserError) as error:
-            self.unknown[name] = f'{type_name}: {error}'
-            return False
+            if of_type := [each for each in publishers if each.topic_type == type_name]:
+                recorded = self._begun(name, recorded, of_type)
+        except UserError as error:
+            self._leave_out(name, f'{type_name}: {error}')
         except RuntimeError:  # of rcl: another node of this process has another type
-            self._follow(name, self._node.get_subscriptions_info_by_topic(name))
-            return True
-        self.unknown.pop(name, None)
-        if recorded:
-            recorded.publishers = count
-        return True
+            if why := self._follow(name):
+                self._leave_out(name, f'{type_name}: {why}')
+        else:
+            if recorded:
+                recorded.publishers = len(publishers)
 
     def _leave_out(self, what: str, why: str) -> None:
         """Warn once that something is not recorded, and keep the reason."""
@@ -368,13 +330,7 @@ class TopicSubscriptions:
     def _begun(
         self, name: str, recorded: RecordedTopic | None, publishers: Sequence[TopicEndpointInfo]
     ) -> RecordedTopic:
-        """Return a topic that has a subscription for each of its publishers.
-
-        Raises
-        ------
-        LookupError
-            The definition of its type is not installed.
-        """
+        """Return a topic that has a subscription for each of its publishers."""
         recorded = recorded or RecordedTopic(describe(name, publishers))
         is_new = not recorded.begun
         if is_new:

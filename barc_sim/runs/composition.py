@@ -381,7 +381,6 @@ def _print_commands(recorder: BagRecorder) -> None:
     """Print the bag's path, and the commands that read it."""
     barc, path = barc_path(), shlex.quote(str(recorder.path))
     print(summary(recorder.counts, recorder.lost, recorder.left_out))  # noqa: T201
-    for bag in recorder.paths:
-        print(f'bag     {shlex.quote(str(bag))}')  # noqa: T201
+    print(f'bag     {path}')  # noqa: T201
     print(f'plot    {barc} plot {path}')  # noqa: T201
     print(f'replay  {barc} replay {path}')  # noqa: T201

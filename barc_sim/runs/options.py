@@ -244,13 +244,6 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         help='begin a new file of the bag after this time',
     )
     group.add_argument(
-        '--on-write-error',
-        choices=('stop', 'continue'),
-        default='stop',
-        help='when the bag cannot be written: stop, or continue and write again when it can be '
-        '(stop); the exit code is 1 either way',
-    )
-    group.add_argument(
         '--min-free-space',
         type=number(0, _MAX_SIZE / 2**20),
         default=Recording.min_free_space,

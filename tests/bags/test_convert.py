@@ -179,10 +179,10 @@ def test_a_damaged_chunk_is_left_out(killed: Path, place: int, flip: int, left: 
 
 
 def test_full_disk_leaves_nothing_behind(killed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> int:
+    def refuse(*_: object) -> None:
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr('barc_sim.bags.writer.write_at', refuse)
+    monkeypatch.setattr('barc_sim.bags.writer.AtomicAppender.put', refuse)
     with pytest.raises(UserError, match=r"whole_0.mcap' cannot be made \(No space left"):
         recover(killed, killed.with_name('whole'))
     assert [*killed.parent.iterdir()] == [killed]

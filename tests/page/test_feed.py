@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from barc_sim.control.speed import LQR
-from barc_sim.page.feed import NANOSECONDS, Feed, columns_in, rows_of
+from barc_sim.page.feed import Feed, columns_in, rows_of
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.vehicle.parameters import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

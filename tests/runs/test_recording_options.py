@@ -52,7 +52,6 @@ def test_without_options_everything_is_recorded_into_one_file() -> None:
         (('--max-bag-duration', 'inf'), 'inf is not a number from 0.001 to 1e+09'),
         (('--min-free-space', '-1'), '-1 is not a number from 0 to'),
         (('--min-free-space', 'much'), "'much' is not a number from 0 to"),
-        (('--on-write-error', 'ignore'), "invalid choice: 'ignore'"),
     ],
 )
 def test_what_cannot_be_used_is_named(

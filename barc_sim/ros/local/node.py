@@ -32,7 +32,7 @@ from barc_sim.ros.local.messages import LACKS, message_type, store
 from barc_sim.ros.local.parameters import Arguments, Parameter, Parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping
 
     from barc_sim.bags.messages import MessageFields
 
@@ -472,7 +472,7 @@ class LocalSubscriptions:
 
     expects_latched = False
 
-    def __init__(self, node: Node, wants: Callable[[str, Sequence[str]], bool], depth: int) -> None:
+    def __init__(self, node: Node, wants: Callable[[str], bool], depth: int) -> None:
         self._node, self._wants, self._depth = node, wants, depth
         self._subscriptions: dict[str, Subscription] = {}
         self._messages: deque[MessageFields] = deque()
@@ -481,15 +481,14 @@ class LocalSubscriptions:
     def expect(self, *_: object) -> None:
         """Do nothing: a publisher is found as soon as it is there."""
 
-    def discover(self) -> Iterator[Any]:
+    def discover(self) -> None:
         """Subscribe to each wanted topic that has got a publisher since the last call."""
         for name, (kind, *_) in self._node.get_topic_names_and_types():
-            wanted = name not in self._subscriptions and self._wants(name, (kind,))
+            wanted = name not in self._subscriptions and self._wants(name)
             if wanted and self._node.get_publishers_info_by_topic(name):
                 made = Subscription(self._node, name, message_type(kind), _LATCHED)
                 made.receive = self._receiver(name, kind)  # type: ignore[assignment,method-assign]
                 self._subscriptions[name] = self._node.connect(made)
-        yield from ()
 
     def _receiver(self, name: str, kind: str) -> Callable[[Any, int], None]:
         """Return what keeps a message of a topic."""
