@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from barc_sim.bags.bounds import MAX_LONG_TEXT
-from barc_sim.cli.files import open_regular, read_regular
+from barc_sim.cli.files import read_regular
 from barc_sim.cli.process import StopSignals, check_clock, check_limits
 from barc_sim.errors import UserError
 from barc_sim.ros.executor import QuickExecutor
@@ -36,14 +36,12 @@ _CONSOLE_FORMAT = '\r\x1b[K[{severity}] [{time}] [{name}]: {message}'
 
 _PROFILES = Path(__file__).with_name('fast_dds.xml')
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
-#: What Fast DDS looks for where a command is run.
-_BESIDE = ('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml')
 #: Without it, rmw overrides how histories use memory. ROS's QoS settings win over the profiles
 #: either way.
 _USE_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 
 _SHARED_MEMORY = Path('/dev/shm')  # noqa: S108 (where Fast DDS has it)
-_LOCK = re.compile(r'(fastrtps_[0-9a-f]{16})_el')
+_LOCK = re.compile(r'fastrtps_[0-9a-f]{16}_el')
 
 
 @contextmanager
@@ -55,14 +53,6 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     """
     check_clock()
     check_limits()
-    secure = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
-    keystore = Path(os.environ.get('ROS_SECURITY_KEYSTORE', ''))
-    if secure and not (keystore / 'enclaves').is_dir():
-        # Unless ROS_SECURITY_STRATEGY is Enforce, rcl would continue without security.
-        raise UserError(
-            f'ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE, {str(keystore)!r}, is no '
-            'keystore: set it to one made by `ros2 security create_keystore`, or unset both'
-        )
     if not any(os.environ.get(name) for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')):
         raise UserError('ROS has no folder for its logs: set HOME, or ROS_LOG_DIR to a folder')
     domain = os.environ.get('ROS_DOMAIN_ID', '')
@@ -79,13 +69,10 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     try:
         # rcl raises what it logs about its arguments.
         set_logger_level('rcl', LoggingSeverity.FATAL)
-    except RuntimeError:
-        names = ', '.join(name for name in os.environ if name.startswith('RCUTILS_'))
-        raise UserError(f'ROS refuses a setting of its log: unset {names}') from None
-    try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 (rclpy raises several private kinds)
-        raise UserError(f'ROS cannot start with its arguments: {_reason(error)}') from None
+        reason = re.sub(r',? at /\S+:\d+', '', str(error))  # without the line of rcl's source
+        raise UserError(f'ROS cannot start with these arguments and variables: {reason}') from None
     if get_logger_level('rcl') == LoggingSeverity.FATAL:
         set_logger_level('rcl', LoggingSeverity.UNSET)
     try:
@@ -100,11 +87,6 @@ def _check_files(args: list[str]) -> None:
         if option == '--params-file':  # rcl would wait at a pipe, and take hours for a large one
             with suppress(OSError):  # rcl names it
                 read_regular(Path(file), MAX_LONG_TEXT)
-
-
-def _reason(error: Exception) -> str:
-    """Return rcl's error without the line of its source."""
-    return re.sub(r',? at /\S+:\d+', '', str(error))
 
 
 def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
@@ -130,16 +112,10 @@ def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
 
 
 def use_profiles(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Set our profiles in `environment`, unless the user has set others there.
-
-    UserError is raised for a named pipe in place of one, at which Fast DDS would wait for ever.
-    """
+    """Set our profiles in `environment`, unless the user has set others there."""
     if not any(name in environment for name in (*_VARIABLES, _USE_PROFILES)):
         environment[_VARIABLES[0]] = str(_PROFILES)
         environment[_USE_PROFILES] = '1'
-    for name in filter(None, (*map(environment.get, _VARIABLES), *_BESIDE)):
-        with suppress(OSError):  # Fast DDS does without
-            open_regular(Path(name)).close()
 
 
 def sweep(folder: Path = _SHARED_MEMORY, least_age: float = 10.0) -> int:
@@ -153,26 +129,14 @@ def sweep(folder: Path = _SHARED_MEMORY, least_age: float = 10.0) -> int:
     A lock younger than `least_age` [s] stays: its process may be about to take it.
     """
     removed = 0
-    with suppress(OSError):
-        names = [path.name for path in folder.iterdir()]
-        for name in names:
-            if (found := _LOCK.fullmatch(name)) and _is_old(folder / name, least_age):
-                removed += _remove(folder / name, folder / found[1])
+    for lock in folder.glob('fastrtps_*_el'):
+        with suppress(OSError):  # others hold it, or have removed it
+            status = lock.lstat()
+            is_old = time.time() - status.st_ctime > least_age
+            if _LOCK.fullmatch(lock.name) and is_old and status.st_uid == os.getuid():
+                with lock.open('rb') as file:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    lock.with_name(lock.name.removesuffix('_el')).unlink(missing_ok=True)
+                    lock.unlink(missing_ok=True)
+                    removed += 1
     return removed
-
-
-def _is_old(lock: Path, least_age: float) -> bool:
-    with suppress(OSError):
-        status = lock.lstat()
-        return status.st_uid == os.getuid() and time.time() - status.st_ctime > least_age
-    return False
-
-
-def _remove(lock: Path, segment: Path) -> bool:
-    """Remove both under the lock, which is free once its process has ended."""
-    with suppress(OSError), lock.open('rb') as file:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        segment.unlink(missing_ok=True)
-        lock.unlink(missing_ok=True)
-        return True
-    return False

@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 import rclpy
-from command_line import barc, call
+from command_line import barc
 
 import barc_sim
 from barc_sim.errors import UserError
@@ -95,8 +95,6 @@ def test_run_is_seen_on_this_machine_only_unless_set_otherwise(
     [
         ('ROS_DOMAIN_ID', '233', 'choose one from 0 to 232'),
         ('ROS_DOMAIN_ID', 'abc', 'ROS_DOMAIN_ID is not an integral number'),
-        ('FASTRTPS_DEFAULT_PROFILES_FILE', 'pipe', "'pipe' is a named pipe"),
-        ('ROS_SECURITY_ENABLE', 'true', "ROS_SECURITY_KEYSTORE, '.', is no keystore"),
         ('HOME', '', 'set HOME, or ROS_LOG_DIR to a folder'),
     ],
 )
@@ -105,16 +103,10 @@ def test_a_setting_that_ros_cannot_use_is_named(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv('ROS_LOG_DIR', raising=False)
-    os.mkfifo('pipe')
     monkeypatch.setenv(name, value)
     with pytest.raises(UserError, match=re.escape(expected)), ros([]):
         pass
     assert not rclpy.ok()
-
-
-def test_a_setting_of_the_log_that_ros_cannot_use_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv('RCUTILS_COLORIZED_OUTPUT', 'x')  # read once in a process
-    assert 'unset RCUTILS_COLORIZED_OUTPUT' in call('topics').stderr
 
 
 def test_parameters_that_rcl_would_read_for_hours_are_refused(
@@ -126,15 +118,6 @@ def test_parameters_that_rcl_would_read_for_hours_are_refused(
     for name, expected in (('pipe', 'is a named pipe'), ('long', 'has more than 200000 bytes')):
         with pytest.raises(UserError, match=expected), ros(['--ros-args', '--params-file', name]):
             pass
-
-
-def test_a_pipe_where_dds_looks_for_its_profiles_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    os.mkfifo('DEFAULT_FASTRTPS_PROFILES.xml')
-    with pytest.raises(UserError, match='is a named pipe'), ros([]):
-        pass
 
 
 # Fast DDS

@@ -47,12 +47,13 @@ def drive(folder: Path, *words: str, engine: str = 'local') -> tuple[str, TrackL
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize(
     ('engine', 'factor'),
-    [('local', 'max'), ('ros', 'max'), pytest.param('ros', '1', marks=pytest.mark.slow)],
+    [('local', 'max'), ('ros', 'max'), pytest.param('ros', '0.25', marks=pytest.mark.slow)],
 )
 def test_a_lap_has_the_bits_of_python_on_every_carrier(
     tmp_path: Path, engine: str, factor: str
 ) -> None:
     (tmp_path / 'circle.csv').write_text(CIRCLE, 'utf-8')
+    # By the clock, a busy machine keeps a deadline of 80 ms; that of 20 ms it may miss.
     words = '--track circle.csv --lane stanley --speed 8 --lane-gain k=3 --dynamics dynamic'
     factors = ('--realtime-factor', factor)
     printed, log = drive(tmp_path, *words.split(), *factors, engine=engine)
