@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentTypeError
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,9 +56,6 @@ def add_arguments(parser: Parser) -> None:
         'it: matches folders by id or name, and writes canvas.csv',
     )
     parser.add_argument(
-        '--due', type=moment, metavar='TIME', help='such as 2026-11-20T23:59: names who is late'
-    )
-    parser.add_argument(
         '--jobs', type=whole(1), metavar='N', help='how many at once (one for each core)'
     )
     parser.add_argument(
@@ -96,7 +91,7 @@ def run(options: Namespace) -> int:
     with grade.processes(options.jobs) as executor:
         outcomes = grade.run(executor, hands, points, limits, sandbox=not options.unconfined)
         grades, failures, interrupted = _collect(outcomes, out, folders)
-    found = classroom.entries(grades, failures, students, options.due)
+    found = classroom.entries(grades, failures, students)
     files = {'class.csv': classroom.as_csv(found, points)}
     if not alone:
         files['class.html'] = classroom.page(found, points)
@@ -116,16 +111,6 @@ def _rubric_of(paths: Iterable[Path]) -> str:
 
     found = (names_of(read(path).files) for path in paths)
     return handout_of(next(filter(None, found), ())).rubrics[0]
-
-
-def moment(text: str) -> datetime:
-    """Return a date and time, in the zone of this machine where it has none."""
-    try:
-        return datetime.fromisoformat(text).astimezone()
-    except ValueError:
-        raise ArgumentTypeError(
-            f'{text!r} is no date: expected one such as 2026-11-20T23:59'
-        ) from None
 
 
 def _folder(out: Path, submission: Path) -> Path:

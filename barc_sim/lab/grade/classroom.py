@@ -23,7 +23,6 @@ from barc_sim.lab.html import render
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
-    from datetime import datetime
     from pathlib import Path
 
     from barc_sim.lab.grade.grade import Grade
@@ -44,9 +43,8 @@ _MISTAKES = 8  # rows
 _SHORT = 30  # characters of a clause that needs the next one
 # Where a message begins with a call and a line of code.
 _PLACE = re.compile(r'^(call \d+, after [\d.]+ s on the road: )?([\w .()-]+\.py, line \d+: )?')
-# What a spreadsheet takes for a formula, at the beginning of a cell: after any separator, as each
-# splits at its own. Some of East Asia take the wide signs, too.
-_FORMULA = re.compile(r'(^|[;,\t|])([\s"\'\\]*)(?=[=+\-@\uff1d\uff0b\uff0d\uff20])')
+# What a spreadsheet takes for a formula, after any separator that it splits at.
+_FORMULA = re.compile(r'(^|[;,\t|])([\s"\'\\]*)(?=[=+\-@])')
 _CANVAS = ('Student', 'ID', 'SIS User ID', 'SIS Login ID', 'Section')
 
 
@@ -132,7 +130,6 @@ class Entry(NamedTuple):
     grade: Grade | None = None
     student: Student | None = None
     newer: str = ''  #: the folder of a later submission of the same student, which counts
-    late: str = ''  #: by how much
     looks: tuple[str, ...] = ()  #: why a person looks at it, beside no points
 
     @property
@@ -156,7 +153,6 @@ class Entry(NamedTuple):
         grade = self.grade
         flags = {
             'look': self.looks or (grade and not (grade.score or grade.open)),
-            'late': self.late,
             'open': grade and grade.open,
             'older': self.newer,
             'missing': not self.folder,
@@ -165,10 +161,7 @@ class Entry(NamedTuple):
 
 
 def entries(
-    grades: Mapping[str, Grade],
-    failures: Mapping[str, str],
-    students: Sequence[Student],
-    due: datetime | None,
+    grades: Mapping[str, Grade], failures: Mapping[str, str], students: Sequence[Student]
 ) -> list[Entry]:
     """Return the class, by section and name; `grades` and `failures` are by folder."""
     owners = {name: owner(name, students) for name in {**grades, **failures}}
@@ -183,8 +176,8 @@ def entries(
             eye = ', '.join(LABELS[criterion] for criterion in grade.open)
             looks += [*grade.notes, *([f'judge by eye: {eye}'] if eye else [])]
         looks += ['not in the roster'] if students and not student else []
-        again, late = newer if newer != name else '', _late(name, grade, due)
-        found.append(Entry(name, grade, student, again, late, tuple(looks)))
+        again = newer if newer != name else ''
+        found.append(Entry(name, grade, student, again, tuple(looks)))
     return sorted(found, key=lambda each: (each.section, each.name.casefold(), each.folder))
 
 
@@ -193,20 +186,12 @@ def counted(found: Iterable[Entry]) -> list[Grade]:
     return [each.grade for each in found if each.grade and not each.newer]
 
 
-def _late(name: str, grade: Grade | None, due: datetime | None) -> str:
-    """Return by how much a submission is late; Canvas has a word for it in the file's name."""
-    if due and grade and (seconds := grade.handed_in - due.timestamp()) > 0.0:
-        minutes = round(seconds / 60.0)
-        return f'{minutes // 60}:{minutes % 60:02} h'
-    return 'yes' if '_LATE_' in name else ''
-
-
 def as_csv(found: Sequence[Entry], rubric: Rubric) -> str:
     """Return a line for each entry; open points, and those of what was not graded, are empty."""
     student = ['student', 'id', 'section'] if any(each.student for each in found) else []
     rows = []
     for each in found:
-        row: dict[str, object] = {'name': each.folder, 'late': each.late}
+        row: dict[str, object] = {'name': each.folder}
         if each.student:
             row |= {'student': each.name, 'id': each.student.id, 'section': each.section}
         if grade := each.grade:
@@ -216,7 +201,7 @@ def as_csv(found: Sequence[Entry], rubric: Rubric) -> str:
         looks = (look for look in each.looks if look not in each.remark)
         rows.append({**row, 'remark': '; '.join(filter(None, (newer, *looks, each.remark)))})
     own = ['name', *student, 'score', 'max_score', *rubric.points]
-    return _lines([*own, 'open', 'late', 'comment', 'remark'], rows)
+    return _lines([*own, 'open', 'comment', 'remark'], rows)
 
 
 def _lines(fields: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
@@ -333,7 +318,6 @@ def page(found: Sequence[Entry], rubric: Rubric) -> str:
         nonce=secrets.token_urlsafe(),
         numbers={
             'submissions': len(grades),
-            'late': sum(bool(each.late) for each in found if not each.newer),
             'to judge by eye': sum(bool(grade.open) for grade in grades),
             'nothing handed in': sum(not each.folder for each in found),
         },
