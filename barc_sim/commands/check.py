@@ -64,7 +64,7 @@ def run(options: Namespace) -> int:
     name = options.save or str(folder / 'check.png')
     path = None if options.no_plot else target(name, FIGURES)
     parts = find_files(folder)  # or a UserError
-    rubric = load(options.rubric or handout_of(parts).rubrics[0])
+    rubric = load(options.rubric or handout_of(parts).rubric)
     wanted = rubric.lab.handout.files
     if parts.keys().isdisjoint(wanted):
         raise UserError(

@@ -110,7 +110,7 @@ def _rubric_of(paths: Iterable[Path]) -> str:
     from barc_sim.lab.grade.submissions import read  # noqa: PLC0415
 
     found = (names_of(read(path).files) for path in paths)
-    return handout_of(next(filter(None, found), ())).rubrics[0]
+    return handout_of(next(filter(None, found), ())).rubric
 
 
 def _folder(out: Path, submission: Path) -> Path:

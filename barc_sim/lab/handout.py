@@ -23,7 +23,7 @@ class Handout(NamedTuple):
 
     folder: str  #: of its templates
     files: Mapping[str, str]  #: that are loaded and judged, by part
-    rubrics: tuple[str, ...]  #: their names; the first one is the usual
+    rubric: str  #: its name
     drive: str  #: the command that drives with a folder, less that folder
     others: tuple[str, ...] = ()  #: more files to write
 
@@ -42,26 +42,26 @@ class Handout(NamedTuple):
 HILLS = Handout(
     folder='hills',
     files={'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'},
-    rubrics=('lab', 'strict', 'extended'),
+    rubric='lab',
     drive='acc --lab',
     others=(COMPOSE,),
 )
 LANE = Handout(
     folder='lane',
     files={'lane': 'lane.py'},
-    rubrics=('lane',),
+    rubric='lane',
     drive='acc --track L --speed 6 --laps 3 --dynamics dynamic --lab',
 )
 RACELINE = Handout(
     folder='raceline',
     files={'raceline': 'raceline.py'},
-    rubrics=('raceline',),
+    rubric='raceline',
     drive='acc --track L --speed-profile 3.5 2 --speed 12 --laps 3 --dynamics dynamic --lab',
 )
 IDENTIFY = Handout(
     folder='identify',
     files={'identify': 'identify.py'},
-    rubrics=('identify',),
+    rubric='identify',
     drive='acc --road flat --distance 0 --lab',
 )
 #: By the word of `barc new --lab`.
@@ -69,7 +69,7 @@ HANDOUTS = {'hills': HILLS, '3': LANE, '4': RACELINE, '5': IDENTIFY}
 #: The file of each part of any lab.
 FILES = {part: name for each in HANDOUTS.values() for part, name in each.files.items()}
 #: The names of the rubrics.
-RUBRICS = tuple(name for each in HANDOUTS.values() for name in each.rubrics)
+RUBRICS = tuple(each.rubric for each in HANDOUTS.values())
 
 
 def handout_of(parts: Collection[str]) -> Handout:

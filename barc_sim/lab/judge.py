@@ -34,7 +34,11 @@ if TYPE_CHECKING:
 
 
 _MAX_PHRASES = 20
-_MAX_ENDS = 2  # a function that has ended its process, or looped, so often is not called again
+_MAX_ENDS = 3  # a function that has ended its process, or looped, so often is not called again
+#: The user's name for what a request calls.
+_CALLED = {'make_lane': 'Lane', 'steer': 'Lane', 'relay_commands': 'relay'} | dict.fromkeys(
+    ('make_pid', 'steps', 'reset'), 'PID'
+)
 
 
 class JudgedCode:
@@ -52,7 +56,6 @@ class JudgedCode:
         self._process: Process | None = None
         self._left = self._limits.total
         self._ends: Counter[str] = Counter()
-        self._loops: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self._printed = b''
         self._gains: ChosenGains | None = None
@@ -69,9 +72,10 @@ class JudgedCode:
         """Return whether there is the file of this part."""
         return part in files_in(self._folder)
 
-    def called(self, do: str, *_: Any) -> str:  # noqa: ANN401 (JSON)
-        """Return the user's name for what a request calls."""
-        return do
+    def rows(self, name: str, rows: Sequence[Sequence[Any]], size: int) -> list[Any]:
+        """Return what a user's function returns for each row of arguments: `size` numbers."""
+        found = self.call('functions', name, rows)
+        return rows_of(name, found, len(rows), size)
 
     def chosen_gains(self) -> ChosenGains | None:
         """Return the gains that `controller.py`, once loaded, chooses; None if it has none."""
@@ -126,8 +130,8 @@ class JudgedCode:
         UserCodeError
             if the function fails or ends its process.
         """
-        function = self.called(do, *arguments)
-        if max(self._ends[function], self._loops[function]) >= _MAX_ENDS:
+        function = self._called(do, *arguments)
+        if self._ends[function] >= _MAX_ENDS:
             raise UserCodeError(self._reasons[function])
         if self._left <= 0.0:
             raise UserCodeError(self._out_of_time())
@@ -140,7 +144,7 @@ class JudgedCode:
             return self._process.request(do, *arguments, wait=min(self._limits.wait, self._left))
         except Failed as error:
             if 'is there an endless loop' in str(error):  # each such call takes all of its time
-                self._loops[function] += 1
+                self._ends[function] += 1
                 self._reasons[function] = str(error)
             raise UserCodeError(str(error)) from None
         except Ended as error:
@@ -152,6 +156,11 @@ class JudgedCode:
             raise UserCodeError(self._reasons[function]) from None
         finally:
             self._left -= time.monotonic() - began
+
+    def _called(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
+        if do == 'lines':
+            return self._called(*arguments)
+        return str(arguments[0]) if do == 'functions' else _CALLED.get(do, do)
 
     def _out_of_time(self) -> str:
         return (
@@ -375,26 +384,32 @@ class Functions:
     @np.errstate(all='ignore')
     def judge(self, code: JudgedCode, seed: int | str) -> tuple[list[Finding], list[Trial]]:
         """Return a finding for each result that is judged, and all that was returned."""
-        trials: list[Trial] = []
-        for name, results in self.results.items():
-            call = partial(self._called, code, name)
-            trials += run(call, results, self.law.situations[name], seed, self.count)
-        judge = Judge(self.law, self.agree, self._shown, partial(self._line, code), _MIN_LOSS)
+        trials = [each for name in self.results for each in self.trials(code, name, seed)]
         judged = [
             each._replace(got={n: got for n, got in each.got.items() if n in self.criteria})
             for each in trials
         ]
         findings = []
-        for name, verdict in judge.judge(judged, self.criteria).items():
+        for name, verdict in self.judge_of(code).judge(judged, self.criteria).items():
             cases = self.count * sum(name in trial.got for trial in trials)
-            message = verdict.message or f'right in all {cases} cases'
+            message = verdict.message or f'right in all {cases:,} cases'
             findings.append(Finding(self.criteria[name], verdict.score, message))
         return findings, trials
 
-    def _called(self, code: JudgedCode, name: str, inputs: Inputs) -> list[Any]:
-        rows = self._rows(name, inputs)
-        found = code.call('functions', name, rows)
-        return rows_of(name, found, len(rows), len(self.results[name]))
+    def trials(
+        self, code: JudgedCode, name: str, seed: int | str, situations: str = ''
+    ) -> list[Trial]:
+        """Return what a function returns in its situations, or in others of the law."""
+
+        def call(inputs: Inputs) -> list[Any]:
+            return code.rows(name, self._rows(name, inputs), len(self.results[name]))
+
+        chosen = self.law.situations[situations or name]
+        return run(call, self.results[name], chosen, seed, self.count)
+
+    def judge_of(self, code: JudgedCode) -> Judge:
+        """Return what judges the results of code."""
+        return Judge(self.law, self.agree, self._shown, partial(self._line, code), _MIN_LOSS)
 
     def _rows(self, name: str, inputs: Inputs) -> list[list[Any]]:
         if self.arguments:
@@ -411,9 +426,9 @@ class Functions:
     ) -> str:
         function, (k,) = self._function(trial), index
         rows = self._rows(function, {n: each[k : k + 1] for n, each in trial.inputs.items()})
-        others = [each for each in rows[0] if isinstance(each, float)]
-        others += [float(self.law.right(trial.inputs, n)[0][k]) for n in trial.got if n != name]
-        return code.line_of('functions', (function, rows), wrong, others)
+        others = [float(self.law.compute(trial.inputs)[n][k]) for n in trial.got if n != name]
+        request = function, rows, True  # so that the constants of its file count, too
+        return code.line_of('functions', request, wrong, others)
 
     def _shown(self, trial: Trial, index: Index) -> str:
         function = self._function(trial)

@@ -19,8 +19,8 @@ import re
 from collections import Counter
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import combinations, product
-from math import inf, pi
+from itertools import product
+from math import inf
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -43,8 +43,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Range = tuple[float, float]  #: uniform between the two
 
-_NUMPY = ('abs', 'arctan2', 'clip', 'cos', 'degrees', 'maximum', 'radians', 'sign', 'sin', 'tan')
-_FUNCTIONS = {'atan': np.arctan, 'pi': pi, **{name: getattr(np, name) for name in _NUMPY}}
+_FUNCTIONS = {**vars(np), 'atan': np.arctan}  #: of the formulas
 _SAMPLE = 100  #: inputs with which mistakes are tried first
 #: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
 _TOLERANCE = 1e-9
@@ -53,17 +52,12 @@ _MAX_FAILURES = 4
 
 
 class Mistake(NamedTuple):
-    """A mistake in a law: a common one, two at once, or one that has no formulas."""
+    """A mistake in a law: a common one, or one that has no formulas."""
 
     topic: str  #: of one common mistake
     sentence: str  #: what to check, as the user reads it
     formulas: Formulas  #: the wrong ones, by quantity
     kind: str  #: the sentence as the file has it: one mistake, made in several results
-
-    @property
-    def is_general(self) -> bool:
-        """Whether it is any mistake in a quantity: its formula uses what the code returned."""
-        return any('got_' in formula for formula in self.formulas.values())
 
 
 class Situation(NamedTuple):
@@ -91,39 +85,34 @@ class Law:
     formulas: Formulas
     mistakes: tuple[Mistake, ...]  #: the likelier ones first
     situations: Mapping[str, tuple[Situation, ...]] = field(default_factory=dict)
-    #: By result, changes to the formulas that are right, too.
-    alternatives: Mapping[str, tuple[Formulas, ...]] = field(default_factory=dict)
     functions: Mapping[str, Callable[..., Any]] = field(default_factory=dict)  #: of the formulas
 
-    def compute(self, inputs: Inputs, changes: Formulas | None = None) -> Quantities:
+    def compute(self, inputs: Inputs, changes: Formulas | None = None) -> dict[str, Floats]:
         """Return all quantities; `changes` replace formulas, and inputs before they are used."""
-        return Quantities(inputs, {**self.formulas, **(changes or {})}, self.functions)
+        changes, values = changes or {}, dict(inputs)
+        first = {name: each for name, each in changes.items() if name in inputs}
+        later = {name: each for name, each in changes.items() if name not in inputs}
+        for name, formula in {**first, **self.formulas, **later}.items():
+            names = {**_FUNCTIONS, **self.functions}
+            values[name] = np.asarray(eval(_compiled(formula), names, values), np.float64)  # noqa: S307 (ours)
+        return values
 
     def changed(self, inputs: Inputs, mistake: Mistake, at: Sequence[int]) -> list[float]:
         """Return the values that a mistake changes, at an index of the inputs."""
         shape = np.broadcast_shapes(*(np.shape(values) for values in inputs.values()))
-        values = [
-            [float(np.broadcast_to(made[name], shape)[tuple(at)]) for made in each]
-            for each in [(self.compute(inputs, mistake.formulas), self.compute(inputs))]
-            for name in {**self.formulas, **mistake.formulas}
-        ]
-        return [wrong for wrong, right in values if wrong != right]
-
-    def right(self, inputs: Inputs, name: str, mistakes: Formulas | None = None) -> list[Floats]:
-        """Return the values of the result `name` by each right form of it, with `mistakes`."""
-        mistakes = mistakes or {}
-        values: list[Floats] = []
-        for form in self.alternatives.get(name, ({},)):
-            made = self.compute(inputs, {**form, **mistakes})
-            values.append(made[name])
-            if not made.keys() & (form.keys() - mistakes.keys()):
-                break  # the other forms give the same
-        return values
+        wrong, right = self.compute(inputs, mistake.formulas), self.compute(inputs)
+        values = (
+            [float(np.broadcast_to(made[name], shape)[tuple(at)]) for made in (wrong, right)]
+            for name in right
+        )
+        return [mine for mine, usual in values if mine != usual]
 
     def explain(
         self, cases: Mapping[str, Case], wrong: Iterable[str], agree: Agree
     ) -> dict[str, Mistake]:
-        """Return the mistake in each wrong result that one of them, or two, explain.
+        """Return the mistake that explains each wrong result, where one does.
+
+        Of several it is the one that explains the most results, right ones included.
 
         Parameters
         ----------
@@ -136,46 +125,16 @@ class Law:
         """
         few = {name: _few(case) for name, case in cases.items()}
 
-        def explains(name: str, mistakes: Formulas) -> bool:
-            return all(
-                any(
-                    agree(got, np.broadcast_to(values, got.shape))
-                    for values in self.right(inputs, name, mistakes)
-                )
-                for inputs, got in (few[name], cases[name])[few[name] is cases[name] :]
-            )
+        def explains(mistake: Mistake, name: str) -> bool:
+            inputs, got = few[name]
+            made = self.compute(inputs, mistake.formulas)[name]
+            return agree(got, np.broadcast_to(made, got.shape))
 
-        explained = [
-            (mistake, {name for name in cases if explains(name, mistake.formulas)})
-            for mistake in self.mistakes
-        ]
         found: dict[str, Mistake] = {}
-        # The mistake that explains the most results, right ones included, comes first.
-        for mistake, names in sorted(explained, key=lambda m: (m[0].is_general, -len(m[1]))):
-            new = [name for name in wrong if name in names and name not in found]
-            if new[1:] or not mistake.is_general:
-                found |= dict.fromkeys(new, mistake)
-        for name in (name for name in wrong if name not in found):
-            for first, second in self._pairs(few[name][0], name, agree):
-                both = {**first.formulas, **second.formulas}
-                if explains(name, both):
-                    text = f'two mistakes: {first.sentence}; and {second.sentence}'
-                    found[name] = Mistake('', text, both, f'{first.kind}; {second.kind}')
-                    break
+        made = [(each, [name for name in few if explains(each, name)]) for each in self.mistakes]
+        for mistake, names in sorted(made, key=lambda each: -len(each[1])):
+            found |= {n: mistake for n in wrong if n in names and n not in found}
         return found
-
-    def _pairs(self, inputs: Inputs, name: str, agree: Agree) -> Iterator[tuple[Mistake, Mistake]]:
-        """Yield pairs of mistakes that each change the result `name`, in different formulas."""
-        right = self.compute(inputs)[name]
-        changed = [self.compute(inputs, each.formulas)[name] for each in self.mistakes]
-        changing = [
-            each
-            for each, values in zip(self.mistakes, changed, strict=True)
-            if not agree(np.broadcast_to(values, right.shape), right)
-        ]
-        for first, second in combinations(changing, 2):
-            if not first.formulas.keys() & second.formulas.keys():
-                yield first, second
 
 
 def _few(case: Case) -> Case:
@@ -193,12 +152,6 @@ class Trial(NamedTuple):
     inputs: Inputs
     got: Mapping[str, Floats]  #: by result; NaN where the code failed
     failure: str = ''
-    remark: str = ''  #: a mistake that no formula has
-
-    @property
-    def known(self) -> Inputs:
-        """The inputs, and what the code returned."""
-        return {**self.inputs, **{f'got_{name}': got for name, got in self.got.items()}}
 
 
 def close(got: Floats, expected: Floats) -> bool:
@@ -239,7 +192,6 @@ class Verdict(NamedTuple):
 
     score: float
     message: str = ''
-    is_named: bool = False  #: as a common mistake, or two
 
 
 _PROPORTIONAL = 1e-6  #: relative error of a result that is the right one but for a factor
@@ -260,9 +212,8 @@ class Judge:
     min_loss: float  #: of a result that is wrong
 
     def is_right(self, trial: Trial, name: str) -> bool:
-        """Return whether a result is right, by any form of the law."""
-        forms = self.law.right(trial.inputs, name)
-        return not trial.remark and any(self.agree(trial.got[name], form) for form in forms)
+        """Return whether a result is right."""
+        return self.agree(trial.got[name], self.law.compute(trial.inputs)[name])
 
     def loss(self, trials: Iterable[Trial], name: str) -> float:
         """Return how wrong a result is, from 0 to 1.
@@ -274,11 +225,9 @@ class Judge:
         tested, others = [0.0], [0.0]
         for trial in trials:
             old = trial.inputs.get(name.removesuffix('_next'), 0.0)
-            forms = [form - old for form in self.law.right(trial.inputs, name)]
-            loss = min(_loss(trial.got[name] - old, form) for form in forms)
-            (tested if name in trial.tests else others).append(
-                0.0 if self.is_right(trial, name) else loss
-            )
+            right = self.law.compute(trial.inputs)[name]
+            loss = 0.0 if self.is_right(trial, name) else _loss(trial.got[name] - old, right - old)
+            (tested if name in trial.tests else others).append(loss)
         shares = (sum(each) / max(len(each) - 1, 1) for each in (tested, others))
         loss = 1.0 - (1.0 - next(shares)) * (1.0 - next(shares))
         return float(max(loss, self.min_loss)) if loss else 0.0
@@ -300,21 +249,17 @@ class Judge:
             share = losses[name] / (1 if absent else times[cause.kind])
             most = _SIGN if cause.topic and not absent else 1.0
             text = placed.setdefault(cause.sentence, self.placed(own[name], name, cause))
-            verdicts[name] = Verdict(1.0 - min(share, most), text, bool(cause.formulas))
+            verdicts[name] = Verdict(1.0 - min(share, most), text)
         return verdicts
 
-    def causes(
-        self, trials: Sequence[Trial], wrong: Sequence[str], others: Sequence[Trial] = ()
-    ) -> dict[str, Mistake]:
+    def causes(self, trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Mistake]:
         """Return for each wrong result the failure, the mistake, or its largest error."""
         causes: dict[str, Mistake] = {}
         cases: dict[str, Case] = {}
         for name in {name: 0 for trial in trials for name in trial.got}:
-            own = [trial for trial in (*others, *trials) if name in trial.got]
+            own = [trial for trial in trials if name in trial.got]
             failed = [trial for trial in own if trial.failure]
-            if remarks := [trial.remark for trial in own if trial.remark]:
-                causes[name] = Mistake('Remarks', remarks[0], {}, remarks[0])
-            elif len(failed) == len(own):
+            if len(failed) == len(own):
                 causes[name] = Mistake(_ABSENT, failed[0].failure, {}, '')
             elif failed:
                 text = f'{failed[0].failure} ({failed[0].name})'
@@ -338,13 +283,13 @@ class Judge:
         if trial is None or trial.failure:
             return cause.sentence
         index = self._largest(trial, name)
-        wrong = [*self.law.changed(trial.known, cause, index), float(trial.got[name][index])]
+        wrong = [*self.law.changed(trial.inputs, cause, index), float(trial.got[name][index])]
         line = self.line(trial, name, index, wrong)
         return f'{line}: {cause.sentence}' if line else cause.sentence
 
     def _largest(self, trial: Trial, name: str) -> Index:
         """Return the index of the largest error."""
-        error = np.abs(trial.got[name] - self.law.right(trial.inputs, name)[0])
+        error = np.abs(trial.got[name] - self.law.compute(trial.inputs)[name])
         return tuple(map(int, np.unravel_index(error.argmax(), error.shape)))
 
     def _largest_error(self, trials: Sequence[Trial], name: str) -> Mistake:
@@ -355,7 +300,7 @@ class Judge:
         errors = []
         for trial in bad:
             index = self._largest(trial, name)
-            got, right = trial.got[name][index], self.law.right(trial.inputs, name)[0][index]
+            got, right = trial.got[name][index], self.law.compute(trial.inputs)[name][index]
             errors.append((abs(float(got - right)), trial, index, float(got), float(right)))
         _, trial, index, got, right = max(errors, key=lambda each: each[0])
         text = (
@@ -375,9 +320,9 @@ def _loss(got: Floats, right: Floats) -> float:
 
 
 def joined(trials: Sequence[Trial], name: str) -> Case:
-    """Return what the code knew and what it returned in several trials, one after the other."""
+    """Return what the code got and what it returned in several trials, one after the other."""
     inputs = {
-        key: np.concatenate([trial.known[key] for trial in trials]) for key in trials[0].known
+        key: np.concatenate([trial.inputs[key] for trial in trials]) for key in trials[0].inputs
     }
     return inputs, np.concatenate([trial.got[name] for trial in trials])
 
@@ -410,11 +355,9 @@ def read(file: Path, **values: object) -> Law:
 
 
 def _choices(loop: str) -> list[tuple[str, str]]:
-    """Return the name and each value of a loop: words, or whole numbers such as `2..59`."""
-    name, _, text = loop.partition(' in ')
-    first, dots, last = text.partition('..')
-    values = map(str, range(int(first), int(last) + 1)) if dots else text.split()
-    return [(name, value) for value in values]
+    """Return the name and each value of a loop."""
+    name, _, values = loop.partition(' in ')
+    return [(name, value) for value in values.split()]
 
 
 def _entries(text: str, values: Mapping[str, object]) -> Iterator[Mistake]:
@@ -436,28 +379,6 @@ def _situations(
     for entry in entries:
         name, _, tests = entry.sentence.partition('; ')
         yield Situation(name, tests.split(), {**inputs, **_ranges(entry.formulas)})
-
-
-class Quantities(dict[str, Any]):
-    """The quantities of a law by name; each is computed when it is first used."""
-
-    def __init__(self, inputs: Inputs, formulas: Formulas, functions: Mapping[str, Any]) -> None:
-        """Compute from `inputs`; formulas of their names get the inputs as they are."""
-        super().__init__(inputs)
-        self._formulas = formulas
-        self._functions = {**_FUNCTIONS, **functions}
-        for name in inputs.keys() & formulas.keys():
-            self[name] = self._computed(name, inputs)
-
-    def __missing__(self, name: str) -> Floats:
-        """Compute the quantity called `name`."""
-        self[name] = self._computed(name, self)
-        value: Floats = self[name]
-        return value
-
-    def _computed(self, name: str, values: Inputs) -> Floats:
-        value = eval(_compiled(self._formulas[name]), self._functions, values)  # noqa: S307 (ours)
-        return np.asarray(value, dtype=np.float64)
 
 
 @cache

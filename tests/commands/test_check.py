@@ -56,7 +56,7 @@ def test_a_rubric_of_another_lab_is_refused(folder: Path) -> None:
 def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
     (folder / 'controller.py').write_text(RIGHT, encoding='utf-8')
     lines = printed('check', str(folder)).splitlines()
-    assert lines[0] == 'model.x             9 / 9  right in all 2,750 states'
+    assert lines[0] == 'model.x             9 / 9  right in all 2,750 cases'
     assert lines[-2:] == [
         '8 of 8 criteria are met in full: 100 of 100 points',
         str(folder / 'check.png'),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 PROGRAMS = read_programs("""
-right | 100 |  | right in all 2,750 states
+right | 100 |  | right in all 2,750 cases
 g of 9.81 | 98 | g = 9.81 | g is 9.81: the lab has 9.8
     g = 9.8 -> g = 9.81
 g is 10 | 98 | g = 10 | g is 10: the lab has 9.8
@@ -38,7 +38,7 @@ cos of theta | 92 | F_ext = | cos is used in place of sin in gravity
     sin(theta) -> cos(theta)
 theta once more | 92 | theta = | theta arrives in radians
     F_ext = -> theta = theta * 3.141592653589793 / 180⏎    F_ext =
-a power of sin | 94 | F_ext = | v_next is wrong in: uphill, downhill
+a power of sin | 94 | v_next = | v_next is wrong in: uphill, downhill
     sin(theta) -> sin(theta)**3
 no resistance | 95 | F_ext = | air drag and rolling friction are missing
     - (a0 * v**2 + Ff) * sign(v) -> + 0
@@ -66,17 +66,15 @@ sin of psi | 93 | psi_next = | psi is used in place of beta in v / l_r * sin(bet
     sin(beta) -> sin(psi)
 beta's sign | 95 | beta = | is the sign of beta right?
     beta = atan -> beta = -atan
-l_f in the numerator | 98 | beta = | l_f is used in place of l_r in beta
-    atan(l_r -> atan(l_f
 no ratio | 94 | beta = | beta is as large as d_f
     atan(l_r / (l_f + l_r) * tan(d_f)) -> d_f
 no tan | 96 | beta = | tan is missing in beta
     * tan(d_f) -> * d_f
 no brackets in beta | 94 | beta = | the brackets around l_f + l_r are missing
     (l_f + l_r) -> l_f + l_r
-a beta of its own | 95 | beta = | beta is wrong: beta = atan(l_r / (l_f + l_r) * tan(d_f))
+a beta of its own | 95 | x_next = | x_next is wrong in
     l_r / (l_f + l_r) -> 0.7
-another beta of its own | 95 | beta = | beta is wrong: beta = atan(l_r / (l_f + l_r) * tan(d_f))
+another beta of its own | 95 | x_next = | x_next is wrong in
     atan(l_r / (l_f + l_r) * tan(d_f)) -> d_f / 2 + d_f**3
 beta in degrees | 92 | beta = | beta is in degrees
     * tan(d_f)) -> * tan(d_f)) * 57.29577951308232
@@ -117,9 +115,6 @@ order of the result | 88 | return [ | v_next is returned in place of psi_next
     psi_next, v_next] -> v_next, psi_next]
 psi stays | 88 | return [ | psi does not change
     psi_next, v_next] -> psi, v_next]
-two mistakes | 93 | beta = | two mistakes: tan is missing
-    * tan(d_f) -> * d_f
-    (psi + beta) -> (psi) + beta
 an assertion uphill | 94 | assert theta | AssertionError
     beta = -> assert theta < 0.2⏎    beta =
 the template's model | 50 | raise | bikeFE is not written yet (TODO)
@@ -155,9 +150,9 @@ D after the error is stored | 92 | return output | replaced only after D has use
     self.total += -> self.e_before = e⏎        self.total +=
 D adds | 95 | D = | D adds the error of the last call
     e - self.e_before -> e + self.e_before
-kp in all terms | 94 | output = | kp multiplies
+kp in all terms | 94 |  | kp multiplies
     P + I + D -> P + self.kp * (I + D)
-whole numbers | 92 | return int | the outputs are whole numbers
+whole numbers | 87 | return int | the outputs are whole numbers
     return output -> return int(output)
 own gains | 88 |  | the gains that PID gets have no effect
     = kp -> = 30

@@ -15,17 +15,15 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
-from barc_sim.lab.judge import Finding, Lab, Part
+from barc_sim.lab.judge import Finding, Functions, Lab, Part
 from barc_sim.lab.labs.pid import LABELS, TS, HillsCode, judge_pid
-from barc_sim.lab.laws import Judge, close, read, run
+from barc_sim.lab.laws import read
 from barc_sim.lab.user_code.folder import BY_EYE, NOT_WRITTEN, Command, TimedTwist
 from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Vehicle
 from barc_sim.vehicle.parameters import PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
-
-    from barc_sim.lab.laws import Index, Inputs, Situation, Trial, Verdict
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 
 EQUATIONS = ('x_next', 'y_next', 'psi_next', 'v_next')  #: in the order of what bikeFE returns
@@ -34,8 +32,7 @@ MODEL_LABELS = {
     'model.y': 'Model: position y',
     'model.psi': 'Model: heading \N{GREEK SMALL LETTER PSI}',
     'model.v': 'Model: speed v',
-    'model.reverse': 'Model: in reverse',
-    'model.general': 'Model: another car',
+    'model.general': "Model: beyond the lab's road",
 }
 _LAB = Vehicle()
 BIKE = read(
@@ -48,129 +45,48 @@ BIKE = read(
     L_F=L_F,
     L_R=L_R,
 )
-ROAD, REVERSE, GENERAL, LENGTHS = BIKE.situations.values()
-*ARGUMENTS, _, _ = ROAD[0].values  #: of bikeFE
-_MIN_LOSS = 0.1  #: of an equation's points
-_STATES = 250  #: of each situation
+FUNCTIONS = Functions(
+    BIKE,
+    {'bikeFE': ' '.join(BIKE.situations['bikeFE'][0].values)},
+    {'bikeFE': EQUATIONS},
+    dict(zip(EQUATIONS, MODEL_LABELS, strict=False)),
+    count=250,
+)
+
+
+def judge_model(
+    code: HillsCode, seed: int, criteria: Collection[str] = tuple(MODEL_LABELS)
+) -> Iterator[Finding]:
+    """Yield a finding for each of the four equations on the lab's road, and one beyond it."""
+    findings, trials = FUNCTIONS.judge(code, seed)
+    again = FUNCTIONS.trials(code, 'bikeFE', seed)
+    for one, other in zip(trials, again, strict=True):
+        if not np.array_equal([*one.got.values()], [*other.got.values()], equal_nan=True):
+            text = (
+                'the same arguments give different results: does bikeFE use random numbers or '
+                'change a global variable?'
+            )
+            yield from (Finding(name, 0.0, text) for name in MODEL_LABELS)
+            return
+    yield from findings
+    if 'model.general' in criteria:
+        yield _judge_beyond(code, seed, findings)
 
 
 @np.errstate(all='ignore')
-def judge_model(
-    code: HillsCode, seed: int, criteria: Collection[str] = tuple(MODEL_LABELS)
-) -> list[Finding]:
-    """Return a finding for each of the four equations on the lab's road, and those beyond it."""
-    road = _run(code, seed, ROAD)
-    if random := _randomness(code, road):
-        return [Finding(name, 0.0, random) for name in MODEL_LABELS]
-    judge = Judge(BIKE, close, _call, partial(_line, code), _MIN_LOSS)
-    verdicts = judge.judge(road, EQUATIONS)
-    elsewhere, hidden = _hidden(judge, road, *_run(code, seed, LENGTHS))
-    findings = []
-    for criterion, (name, verdict) in zip(MODEL_LABELS, verdicts.items(), strict=False):
-        message = verdict.message or _right(road)
-        if name in hidden:
-            message += f' of a car with l_f = l_r; of another one not: {hidden[name]}'
-        findings.append(Finding(criterion, verdict.score, message))
-    for criterion, situations in {'model.reverse': REVERSE, 'model.general': GENERAL}.items():
-        if criterion in criteria:
-            trials = _run(code, seed, situations)
-            trials += elsewhere if situations is GENERAL else []
-            findings.append(Finding(criterion, *_beyond(judge, road, verdicts, trials)))
-    return findings
-
-
-def _run(code: HillsCode, seed: int, situations: Sequence[Situation]) -> list[Trial]:
-    """Call `bikeFE` in all of the `situations`."""
-    return run(
-        lambda inputs: code.bike_fe(*_arguments(inputs)), EQUATIONS, situations, seed, _STATES
-    )
-
-
-def _arguments(inputs: Inputs, part: slice = slice(None)) -> tuple[list[list[float]], float, float]:
-    """Return the arguments of calls, and the lengths."""
-    rows: list[list[float]] = np.array([inputs[name][part] for name in ARGUMENTS]).T.tolist()
-    return rows, float(inputs['l_f'][0]), float(inputs['l_r'][0])
-
-
-def _hidden(
-    judge: Judge, road: Sequence[Trial], trial: Trial
-) -> tuple[list[Trial], dict[str, str]]:
-    """Return the trial at other axle distances, and the mistakes that show only there.
-
-    Other differences there are no mistake: a file may have 0.5 in place of l_r / (l_f + l_r).
-    """
-    wrong = [name for name in trial.tests if not judge.is_right(trial, name)]
-    if trial.failure or any(judge.loss(road, name) for name in trial.tests):
-        return [], {}
-    causes = judge.causes([trial], wrong, road)
-    named = {n: cause for n, cause in causes.items() if cause.formulas and not cause.is_general}
-    others = {name: BIKE.right(trial.inputs, name)[0] for name in EQUATIONS if name not in named}
-    texts = {name: judge.placed([trial], name, cause) for name, cause in named.items()}
-    return [trial._replace(got={**trial.got, **others})], texts
-
-
-def _beyond(
-    judge: Judge, road: Sequence[Trial], verdicts: Mapping[str, Verdict], trials: Sequence[Trial]
-) -> tuple[float, str]:
-    """Judge the equations in states that the lab's road has not.
+def _judge_beyond(code: HillsCode, seed: int, found: Sequence[Finding]) -> Finding:
+    """Judge the equations in states that the lab's road has not: in reverse, and of another car.
 
     What follows from a mistake on the road is not taken off again.
     """
-    scores: list[float] = []
-    wrong: list[str] = []
-    for name, verdict in verdicts.items():
-        score = 1.0 if verdict.is_named and verdict.score else verdict.score
-        if score == 1.0 == verdict.score and (loss := judge.loss(trials, name)):
-            score, wrong = 1.0 - loss, [*wrong, name]
-        scores.append(score)
-    message = _right(trials)
-    if wrong:
-        # A cause must explain the results on the lab's road, too.
-        message = judge.placed(trials, wrong[0], judge.causes(trials, wrong[:1], road)[wrong[0]])
-    elif any(verdict.score < 1.0 for verdict in verdicts.values()):
-        message = 'no mistake but those above'
-    return float(np.mean(scores)), message
-
-
-def _right(trials: Sequence[Trial]) -> str:
-    return f'right in all {len(trials) * _STATES:,} states'
-
-
-def _line(code: HillsCode, trial: Trial, name: str, index: Index, wrong: list[float]) -> str:
-    (k,) = index
-    values = {key: float(each[k]) for key, each in trial.known.items()}
-    if name == 'v_next':  # the force that follows from it
-        rate = (values['got_v_next'] - values['v']) / values['ts']
-        wrong = [*wrong, values['m'] * (rate - values['a'])]
-    right = [float(BIKE.right(trial.inputs, each)[0][k]) for each in EQUATIONS]
-    request = code.request(*_arguments(trial.inputs, slice(k, k + 1)))
-    return code.line_of('functions', request, wrong, right)
-
-
-def _call(trial: Trial, index: Index) -> str:
-    values = (f'{name}={trial.inputs[name][index]:.6g}' for name in ARGUMENTS)
-    return f'bikeFE({", ".join(values)})'
-
-
-def _randomness(code: HillsCode, trials: Sequence[Trial]) -> str:
-    """Return a message if the same arguments give different results, else an empty string."""
-    trial = next((trial for trial in trials if not trial.failure), None)
-    if trial is None:
-        return ''
-    try:
-        again = np.array(code.bike_fe(*_arguments(trial.inputs))).T
-    except UserError as error:
-        return f'a second call with the same arguments fails: {error}'
-    before = np.array([*trial.got.values()])
-    differing = np.flatnonzero(np.any(before != again, axis=0))
-    if not differing.size:
-        return ''
-    k = int(differing[0])
-    first, then = (', '.join(f'{x:.9g}' for x in each[:, k]) for each in (before, again))
-    return (
-        'the same arguments give different results: does bikeFE use random numbers or change a '
-        f'global variable? {_call(trial, (k,))} first gave [{first}], then [{then}]'
-    )
+    trials = FUNCTIONS.trials(code, 'bikeFE', seed, "beyond the lab's road")
+    right = [name for name, each in zip(EQUATIONS, found, strict=True) if each.passed]
+    verdicts = FUNCTIONS.judge_of(code).judge(trials, right)
+    absent = sum(not each.score for each in found)
+    lost = absent + sum(1.0 - each.score for each in verdicts.values())
+    messages = [each.message for each in verdicts.values() if each.message]
+    usual = 'no mistake but those above' if right != [*EQUATIONS] else 'right, in reverse, too'
+    return Finding('model.general', 1.0 - lost / len(EQUATIONS), (messages or [usual])[0])
 
 
 RELAY_LABELS = {
@@ -179,13 +95,11 @@ RELAY_LABELS = {
     'relay.units': 'Relay: m/s² and radians',
     'relay.release': 'Relay: a released key',
     'relay.rate': 'Relay: commands a second',
-    'relay.silence': 'Relay: no driver',
 }
 _PRESSED, _RELEASED, _END = 1.0, 3.0, 5.0  #: [s]
 _PERIOD = 0.05  #: [s] between the Twists of a held key
 _HELD = 2.9  #: [s] The relay has had 1.9 s to turn the wheels.
-_LATER = 4.9  #: [s] 1.9 s after the release, or after the last Twist
-_LAST = 4.0  #: [s] Commands after this time follow a silence of 1 s.
+_LATER = 4.9  #: [s] 1.9 s after the release
 _NEGLIGIBLE = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad]
 _TOLERANCE = 1e-6
 _SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these is full marks.
@@ -220,7 +134,6 @@ def judge_relay(code: HillsCode) -> list[Finding]:
         drives = {
             key: code.relay_commands(_twists(key), _END) for key in (_UP, _DOWN, _LEFT, _RIGHT)
         }
-        silent = code.relay_commands(_twists(_UP, released=False), _END)
     except UserError as error:
         text = str(error)
         skipped, is_open = NOT_WRITTEN in text, BY_EYE in text
@@ -232,16 +145,15 @@ def judge_relay(code: HillsCode) -> list[Finding]:
         'relay.units': partial(_bounded, drives),
         'relay.release': partial(_release, drives),
         'relay.rate': partial(_rate, drives[_UP]),
-        'relay.silence': partial(_silence, silent),
     }
     return [Finding(name, *judges[name]()) for name in RELAY_LABELS]
 
 
-def _twists(key: _Key, *, released: bool = True) -> list[TimedTwist]:
+def _twists(key: _Key) -> list[TimedTwist]:
     """Return the Twists of a key that is held, with the zero of its release."""
     count = round((_RELEASED - _PRESSED) / _PERIOD)
     twists = [TimedTwist(_PRESSED + k * _PERIOD, key.linear_x, key.angular_z) for k in range(count)]
-    return twists + ([TimedTwist(_RELEASED, 0.0, 0.0)] if released else [])
+    return [*twists, TimedTwist(_RELEASED, 0.0, 0.0)]
 
 
 def _at(commands: Sequence[Command], t: float) -> Command:
@@ -326,18 +238,6 @@ def _release(drives: Drives) -> tuple[float, str]:
     right = 'a released key neither drives on nor turns the wheels further'
     checks = 1 + len(drives)
     return 1.0 - len(faults) / checks, '; '.join(faults) or right
-
-
-def _silence(commands: Sequence[Command]) -> tuple[float, str]:
-    _, motor, _ = _at(commands, _LATER)
-    if commands[-1].t < _LAST:
-        return 1.0, 'in silence it commands nothing, and the simulator brakes after 0.5 s'
-    if motor > _NEGLIGIBLE['motor']:
-        return 0.0, (
-            f'{_LATER - _RELEASED:.1f} s after the last Twist it still commands {motor:+.3g} m/s²: '
-            'a car whose driver is gone drives on. Keep the time of the last Twist'
-        )
-    return 1.0, 'after silence it does not drive on'
 
 
 def _rate(commands: Sequence[Command]) -> tuple[float, str]:

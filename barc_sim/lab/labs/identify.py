@@ -163,10 +163,6 @@ FUNCTIONS = Functions(
 class IdentifyCode(JudgedCode):
     """A user's `identify.py`."""
 
-    def called(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
-        """Return the user's name for what a request calls."""
-        return str(arguments[0]) if do == 'functions' else do
-
     def commands(self) -> list[float]:
         """Return the commands [m/s²] of 60 s."""
         found = self.call('functions', 'command', [[t] for t in _times()])

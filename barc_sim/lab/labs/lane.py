@@ -12,7 +12,7 @@ from itertools import count
 from math import inf, pi
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -118,10 +118,6 @@ class LaneCode(JudgedCode):
     """A user's `lane.py`."""
 
     _lanes = count()
-
-    def called(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
-        """Return the user's name for what a request calls."""
-        return {'functions': str(arguments[0]) if arguments else '', 'notes': do}.get(do, 'Lane')
 
     def new_lane(self, track: Track, sign: float = 1.0) -> int:
         """Return the number of a new `Lane` on a track; its file is loaded again.

@@ -2,9 +2,8 @@
 
 Every common form of a term is right. The integral can add an error, or the mean of two, with or
 without the first, before or after it is used. The derivative can use the error or the measurement,
-with or without a low-pass filter of first order. The first output is not judged. A positive
-constant factor, such as a missing dt, is right and remarked upon: the gains absorb it. `pid.dt`
-judges it.
+with or without a low-pass filter of first order. The first outputs are not judged. A positive
+constant factor, such as a missing dt, is right and remarked upon: the gains absorb it.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from itertools import count, pairwise
 from math import inf, isfinite
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -27,14 +26,13 @@ from barc_sim.lab.judge import Finding, JudgedCode, Table, Thresholds, judges, n
 from barc_sim.lab.laws import Judge, Trial, read
 from barc_sim.lab.user_code.folder import MAX_COMMANDS, NOT_WRITTEN, Command, TimedTwist
 from barc_sim.lab.user_code.source import ChosenGains
-from barc_sim.simulation.closed_loop import DISTANCE, MAX_DURATION, Progress, closed_loop
+from barc_sim.simulation.closed_loop import DISTANCE, Progress, closed_loop
 from barc_sim.simulation.metrics import SegmentErrors, summary
-from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R
+from barc_sim.vehicle.bike_model import GRAVITY
 from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
     from matplotlib.figure import Figure
 
@@ -48,35 +46,11 @@ if TYPE_CHECKING:
 TS = 0.02  #: [s]
 Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
-#: The user's name for what a request calls; others call a PID.
-_CALLED = {'functions': 'bikeFE', 'relay_commands': 'relay', 'notes': 'notes'}
-_STATE = 4  # numbers
 _numbers = count()  # of the controllers
 
 
 class HillsCode(JudgedCode):
     """A user's model, controller and relay."""
-
-    def called(self, do: str, *_: Any) -> str:  # noqa: ANN401 (JSON)
-        """Return the user's name for what a request calls."""
-        return _CALLED.get(do, 'PID')
-
-    def bike_fe(
-        self, rows: Sequence[Sequence[float]], l_f: float = L_F, l_r: float = L_R
-    ) -> list[Next]:
-        """Return the result of `bikeFE` for each row of its arguments.
-
-        Lengths [m] that are not the lab's are passed if it takes them, and replace the file's own.
-        """
-        request = self.request(rows, l_f, l_r)
-        if (l_f, l_r) == (L_F, L_R):
-            request = request[:-1]
-        return rows_of('bikeFE', self.call('functions', *request), len(rows), _STATE)
-
-    @staticmethod
-    def request(rows: Sequence[Sequence[float]], l_f: float, l_r: float) -> tuple[Any, ...]:
-        """Return the arguments of a request for `bikeFE`, whose file gets these lengths, too."""
-        return 'bikeFE', rows, {'l_f': l_f, 'l_r': l_r}, {'lf': l_f, 'lr': l_r}
 
     def new_pid(
         self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True
@@ -129,27 +103,8 @@ def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwi
     return calls
 
 
-STEEPEST_DEG = 25.0
 NOT_A_CAR = 1e6  #: [m/s²]
-_RANDOM_ROADS = 4
-_GRADES = 5
-_MIN_LENGTH, _MAX_LENGTH = 15.0, 30.0  #: [m] of a grade
 _MAX_SPEED = 40.0  #: [m/s] A figure ends there.
-
-
-def random_road(seed: int, number: int) -> tuple[Road, float]:
-    """Return random road `number` and its length [m]: 20 m on the flat, then five grades.
-
-    The car's motor can climb each of them.
-    """
-    random = Random(f'{seed} road {number}')  # noqa: S311 (a simulation, not a secret)
-    starts, grades = [0.0], [0.0]
-    end = 20.0
-    for _ in range(_GRADES):
-        starts.append(end)
-        grades.append(round(random.uniform(-STEEPEST_DEG, STEEPEST_DEG), 1))
-        end = round(end + random.uniform(_MIN_LENGTH, _MAX_LENGTH), 1)
-    return Road(tuple(starts), tuple(grades), name=f'random {number + 1}'), end
 
 
 @dataclass(frozen=True)
@@ -167,15 +122,36 @@ class Conditions:
 
 @judges('loop.lab_road')
 def judge_lab_road(code: HillsCode, conditions: Conditions) -> Judged:
-    """Return the finding for the lab's road, with what the speed does on each stretch of it."""
+    """Return the finding for the lab's road, with what the speed does on each stretch of it.
+
+    What follows from a wrong term is not taken off again: with one, barc_sim's PID drives, too,
+    with the gains that were chosen, and the better drive counts.
+    """
+    if conditions.gains is None:
+        code.new_pid(0.0, 0.0, 0.0).acc_calculate(0.0, 0.0, TS)  # its own error, if there is one
+        raise UserError(
+            'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with the tuned '
+            'ones as its last line'
+        )
+    *gains, _ = conditions.gains
+    drives = []
     try:
-        drive = _drive(code, conditions, Road.lab(), DISTANCE)
+        drives.append(_driven(_Driving(code, *gains), replace(conditions, mended='')))
     except UserError as error:
-        if NOT_WRITTEN in str(error) or not conditions.gains:
+        if NOT_WRITTEN in str(error):
             raise
-        raise UserError(f'{error} ({conditions})') from error
-    message = f'{drive.describe()}, {conditions}{drive.worst_stretch()}'
-    return drive.score, message, drive
+        if not conditions.mended:
+            raise UserError(f'{error} ({conditions})') from error
+    if conditions.mended:
+        drives.append(_driven(PID(*gains), conditions))
+    drive = max(drives, key=lambda each: each.score)
+    return drive.score, f'{drive.describe()}, {conditions}{drive.worst_stretch()}', drive
+
+
+def _driven(controller: PID, conditions: Conditions) -> Drive:
+    progress = Progress(DISTANCE)
+    log = closed_loop(Plant(), controller, distance=DISTANCE, progress=progress)
+    return Drive(log, progress.failure, conditions)
 
 
 @cache
@@ -184,87 +160,30 @@ def _usual() -> Log:
     return closed_loop(controller=speed_controller(limit=inf), distance=DISTANCE)
 
 
-@judges('loop.random_roads')
-def judge_random_roads(code: HillsCode, conditions: Conditions, seed: int) -> Judged:
-    """Return the finding for random roads: the mean of their scores."""
-    roads = (random_road(seed, number) for number in range(_RANDOM_ROADS))
-    drives = [_drive(code, conditions, *road) for road in roads]
-    worst = min(drives, key=lambda drive: drive.score)
-    message = f'the worst of {len(drives)} roads: {worst.describe()}{worst.worst_stretch()}'
-    return float(np.mean([drive.score for drive in drives])), message
+class _Driving(PID):
+    """A user's controller on the road."""
 
-
-class _Mended(PID):
-    """A user's controller; terms of barc_sim's PID take the place of some."""
-
-    def __init__(self, code: HillsCode, conditions: Conditions) -> None:
-        assert conditions.gains  # noqa: S101 (there are some)
-        gains = dict(zip('PID', conditions.gains[:3], strict=True))
-        own = [0.0 if name in conditions.mended else gain for name, gain in gains.items()]
-        super().__init__()  # a user's gains have no limits
-        self.kp, self.ki, self.kd = (
-            gain - mine for gain, mine in zip(gains.values(), own, strict=True)
-        )
-        self._controller = code.new_pid(*own)
-        self.calls = 0
+    def __init__(self, code: HillsCode, *gains: float) -> None:
+        super().__init__()
+        self._controller, self.calls = code.new_pid(*gains), 0
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
     ) -> float:
-        """Return the acceleration [m/s²]."""
+        """Return the acceleration [m/s²]; an error names the call."""
+        where = f'call {self.calls + 1}, after {self.calls * TS:.2f} s on the road'
         self.calls += 1
-        dt = self.dt if dt is None else dt
-        output = self._controller.acc_calculate(speed_reference, speed_current, dt)
-        output += super().acc_calculate(speed_reference, speed_current, dt)
+        try:
+            output = self._controller.acc_calculate(speed_reference, speed_current, dt or TS)
+        except UserError as error:
+            if NOT_WRITTEN in str(error):
+                raise
+            raise UserError(f'{where}: {error}') from error
         if abs(output) > NOT_A_CAR:
-            raise UserError(
-                f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car'
-                + (f'; {_BACKWARDS}' if speed_current < -_HELD else '')
-            )
+            text = f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car'
+            hint = f'; {_BACKWARDS}' if speed_current < -_HELD else ''
+            raise UserError(f'{where}: {text}{hint}')
         return output
-
-
-def _drive(code: HillsCode, conditions: Conditions, road: Road, distance: float) -> Drive:
-    """Drive over a road; what follows from a wrong term is not taken off again.
-
-    So the code drives with its wrong terms put right, too, and the better drive counts.
-    """
-    if conditions.gains is None:
-        code.new_pid(0.0, 0.0, 0.0).acc_calculate(0.0, 0.0, TS)  # its own error, if there is one
-        raise UserError(
-            'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with the tuned '
-            'ones as its last line'
-        )
-    drives = []
-    try:
-        drives.append(_driven(code, replace(conditions, mended=''), road, distance))
-    except UserError:
-        if not conditions.mended:
-            raise
-    if conditions.mended:
-        drives.append(_driven(code, conditions, road, distance))
-    return max(drives, key=lambda drive: drive.score)
-
-
-def _driven(
-    code: HillsCode,
-    conditions: Conditions,
-    road: Road,
-    distance: float,
-    duration: float = MAX_DURATION,
-) -> Drive:
-    """Drive over a road once; an error of the code on the way names the call."""
-    plant = Plant(road=road)
-    pid = _Mended(code, conditions)
-    progress = Progress(distance)
-    try:
-        log = closed_loop(plant, pid, distance=distance, max_duration=duration, progress=progress)
-    except UserError as error:
-        if NOT_WRITTEN in str(error):
-            raise
-        time = (pid.calls - 1) * plant.ts
-        raise UserError(f'call {pid.calls}, after {time:.2f} s on the road: {error}') from error
-    return Drive(log, progress.failure, conditions)
 
 
 @dataclass(frozen=True)
@@ -384,65 +303,30 @@ LABELS = {
     'pid.proportional': 'PID: proportional term',
     'pid.integral': 'PID: integral term',
     'pid.derivative': 'PID: derivative term',
-    'pid.dt': 'PID: the time step',
     'pid.windup': 'PID: integral at the limit',
     'pid.reset': 'PID: fresh start of a new run',
     'loop.lab_road': "Cruise control: the lab's road",
-    'loop.random_roads': 'Cruise control: other roads',
 }
 
 
-def _total(values: Floats) -> Floats:
-    """Return the sums up to each call."""
-    return np.cumsum(values, axis=-1)
-
-
-def _before(values: Floats, calls: int = 1) -> Floats:
-    """Return the values some calls before; the first value before the first call."""
-    earlier: Floats = values[:, np.maximum(np.arange(values.shape[1]) - calls, 0)]
-    return earlier
-
-
-def _delayed(values: Floats, calls: int = 1) -> Floats:
-    """Return the values some calls before; 0 before the first call."""
-    return np.where(np.arange(values.shape[1]) < calls, 0.0, _before(values, calls))
-
-
-def _window(values: Floats, calls: int) -> Floats:
-    """Return the sums of the last values."""
-    return _total(values) - _delayed(_total(values), calls)
+def _before(values: Floats) -> Floats:
+    """Return the values of the call before; the first value before the first call."""
+    return np.concatenate([values[:, :1], values[:, :-1]], axis=1)
 
 
 def _bounded_total(values: Floats, low: Floats, high: Floats) -> Floats:
     """Return the sums up to each call, each kept within its bounds."""
-    sums = np.zeros_like(values)
-    total = np.zeros(len(values))
+    sums, total = np.zeros_like(values), np.zeros(len(values))
     for k, column in enumerate(values.T):
-        total = np.clip(total + column, low.ravel(), high.ravel())
-        sums[:, k] = total
+        sums[:, k] = total = np.clip(total + column, low.ravel(), high.ravel())
     return sums
 
 
-#: The integral adds each error, or the mean of two; the first one in full, half or not at all.
-_AREAS = (
-    'total(e) * dt',
-    '(total(e) - e[:, :1]) * dt',
-    '(total(e) - 0.5 * e) * dt',
-    '(total(e) - 0.5 * e - 0.5 * e[:, :1]) * dt',
-    '(total(e) - 0.5 * e + 0.5 * e[:, :1]) * dt',
-)
 PID_LAW = replace(
     read(Path(__file__).with_name('pid.txt')),
-    alternatives={
-        # The sum is used after, or before the error of this call is added.
-        'I': tuple({'area': form} for area in _AREAS for form in (area, f'delayed({area})')),
-        'D': ({'change': 'e - before(e)'}, {'change': 'before(measured) - measured'}),
-    },
     functions={
-        'total': _total,
+        'total': partial(np.cumsum, axis=-1),
         'before': _before,
-        'delayed': _delayed,
-        'window': _window,
         'bounded_total': _bounded_total,
     },
 )
@@ -455,17 +339,12 @@ def judge_pid(code: HillsCode, settings: Settings, criteria: Collection[str]) ->
     gains = code.chosen_gains()
     findings = [*judge_controller(code, settings.seed, criteria)]
     yield from findings
-    if gains is None and ignores_gains(code, settings.seed):
-        gains = ChosenGains(KP, KI, KD, 'which have no effect')
-    conditions = Conditions(
-        gains,
-        settings.thresholds,
-        mended=wrong_terms(findings),
-    )
     if 'loop.lab_road' in criteria:
-        yield judge_lab_road(code, conditions)
-    if 'loop.random_roads' in criteria:
-        yield judge_random_roads(code, conditions, settings.seed)
+        if gains is None and findings[0].message == _IGNORED:
+            gains = ChosenGains(KP, KI, KD, 'which have no effect')
+        there = zip('PID', (each.score for each in findings), strict=False)
+        mended = ''.join(name for name, score in there if 0.0 < score < 1.0)
+        yield judge_lab_road(code, Conditions(gains, settings.thresholds, mended))
 
 
 def judge_controller(
@@ -488,35 +367,47 @@ def judge_controller(
 
 
 class Term(NamedTuple):
-    """A term of the PID, and how it is judged."""
+    """A term of the PID, judged alone: the other gains are 0."""
 
     criterion: str
     name: str  #: P, I or D
     gains: tuple[float, float]
-    reach: float  #: amplitude of its output for an error of amplitude 1 and a gain of 1
+    amplitude: float  #: [m/s] of the error, for a gain of 1
     max_sum: float = inf  #: [m/s] of the errors
 
-    def only(self, gain: float, kp: float = 0.0) -> Gains:
-        """Return gains that are zero except for this term's, and `kp`."""
-        own, ki, kd = (gain if name == self.name else 0.0 for name in 'PID')
-        return own or kp, ki, kd
+    def tried(self, code: HillsCode, seed: int) -> Trial:
+        """Return the outputs: a row for each gain, and a column for each call."""
+        sequences = [
+            wandering(seed, f'{self.criterion} {gain}', self.amplitude / gain, self.max_sum)
+            for gain in self.gains
+        ]
+        gains = [[gain if name == self.name else 0.0 for name in 'PID'] for gain in self.gains]
+        reference, measured, dt = np.array(sequences).transpose(2, 0, 1)
+        outputs, failure = np.full_like(reference, np.nan), ''
+        with np.errstate(all='ignore'):
+            try:
+                calls = zip(gains, sequences, strict=True)
+                outputs = np.array([code.new_pid(*each).acc_sequence(rows) for each, rows in calls])
+            except UserError as error:
+                failure = str(error)
+        inputs = {'reference': reference, 'measured': measured, 'dt': dt}
+        inputs |= dict(zip(('kp', 'ki', 'kd'), np.array(gains).T[..., np.newaxis], strict=True))
+        inputs |= {'low': outputs.min(1, keepdims=True), 'high': outputs.max(1, keepdims=True)}
+        return Trial(self.criterion, self.name, inputs, {self.name: outputs}, failure)
 
 
+# Outputs are below 2 m/s², also with a missing dt: a user's limit does not change them.
 TERMS = (
-    Term('pid.proportional', 'P', (0.5, 30.0), 1.0),
+    Term('pid.proportional', 'P', (0.5, 30.0), 1.5),
     # The sum of errors is far below what a limited sum allows.
-    Term('pid.integral', 'I', (0.5, 200.0), 0.6, max_sum=1.0),
-    Term('pid.derivative', 'D', (0.1, 3.0), 2.0 / TS),
+    Term('pid.integral', 'I', (0.5, 200.0), 0.05, max_sum=1.0),
+    Term('pid.derivative', 'D', (0.1, 3.0), 0.75 * TS),
 )
 _LENGTH = 120  #: calls of a sequence
 _TOLERANCE = 1e-9  #: [m/s²]
 _RELATIVE = 1e-7
 _HALF = 0.5
 _KEPT = 0.99  #: A low-pass filter keeps less of its last output.
-_KP = (
-    'kp multiplies a term that is not its own: the gains are those of '
-    'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
-)
 
 
 def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> list[Sample]:
@@ -534,109 +425,106 @@ def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> l
     return [(r, v, TS) for r, v in zip(reference.tolist(), measured.tolist(), strict=True)]
 
 
-def _tried(code: HillsCode, term: Term, seed: int, output: float = 0.1, kp: float = 0.0) -> Trial:
-    """Return the outputs of a term alone, or what it adds to P with the gain `kp`.
+def _fitted(got: Floats, *columns: Floats) -> list[float]:
+    """Return how much of each column the outputs are, from the fourth call on; nothing if not."""
+    values, wanted = np.stack(columns, -1)[:, 3:].reshape(-1, len(columns)), got[:, 3:].ravel()
+    scale = np.abs(values).max(0)
+    if not (np.all(scale) and 0.0 < np.abs(wanted).max() < NOT_A_CAR):
+        return []
+    found = np.linalg.lstsq(values / scale, wanted)[0] / scale
+    rest = np.abs(wanted - values @ found).max()
+    shares: list[float] = found.tolist()
+    return shares if rest <= _RELATIVE * np.abs(wanted).max() else []
 
-    There is a row for each of its gains, and a column for each call. Outputs are of the size
-    `output` [m/s²]: the usual one is small, as 50 times as much, with a missing dt, is below 8.
+
+def agree(got: Floats, form: Floats) -> bool:
+    """Return whether outputs are the same, up to a positive factor."""
+    shares = _fitted(got, np.broadcast_to(form, got.shape))
+    return shares[0] > 0.0 if shares else not (np.any(got[:, 1:]) or np.any(form[:, 1:]))
+
+
+def factor_of(trial: Trial) -> float:
+    """Return how many times the formula's term the outputs are; 0 if they are another term.
+
+    P is the error. What I grows by is a sum of the last errors, each with a positive share: it adds
+    an error, or the mean of two, before or after it is used. D is the change of the error or of the
+    measurement, also through a low-pass filter of first order.
     """
-    sequences = [
-        wandering(
-            seed,
-            f'{term.criterion} {gain}',
-            output / gain / term.reach,
-            term.max_sum * output / 0.1,
-        )
-        for gain in term.gains
-    ]
-    gains = [term.only(gain, kp) for gain in term.gains]
-    reference, measured, dt = np.array(sequences).transpose(2, 0, 1)
-    inputs = {'reference': reference, 'measured': measured, 'dt': dt}
-    inputs |= dict(zip(('kp', 'ki', 'kd'), np.array(gains).T[..., np.newaxis], strict=True))
-    outputs, failure = np.full_like(reference, np.nan), ''
-    try:
-        outputs = _outputs(code, gains, sequences)
-        if kp:
-            outputs -= _outputs(code, [term.only(0.0, kp)] * len(gains), sequences)
-    except UserError as error:
-        failure = str(error)
-    inputs |= {'low': outputs.min(1, keepdims=True), 'high': outputs.max(1, keepdims=True)}
-    return Trial(term.criterion, term.name, inputs, {term.name: outputs}, failure)
-
-
-def _outputs(code: HillsCode, gains: Sequence[Gains], sequences: Sequence[list[Sample]]) -> Floats:
-    pairs = zip(gains, sequences, strict=True)
-    return np.array([code.new_pid(*each).acc_sequence(sequence) for each, sequence in pairs])
-
-
-def _trial(code: HillsCode, term: Term, seed: int) -> Trial:
-    """Return the outputs of a term; where they are 0, those which show why."""
-    trial = large = _tried(code, term, seed)
-    if not np.any(trial.got[term.name]):
-        # Only large outputs are rounded to other numbers than 0; kp can multiply the term.
-        large = _tried(code, term, seed, output=100.0)
-        other = _tried(code, term, seed, kp=3.0)
-        if term.name != 'P' and not other.failure and np.any(other.got[term.name]):
-            return other._replace(remark=_KP)
-    return trial._replace(remark='' if large.failure else _rounding(large.got[term.name]))
-
-
-def _factor(got: Floats, form: Floats) -> float:
-    """Return the positive factor between outputs, filtered or not; 0 if there is none."""
-    got, before, form = got[:, 1:].ravel(), got[:, :-1].ravel(), form[:, 1:].ravel()
-    if not _TOLERANCE < np.abs(got).max() < NOT_A_CAR or not np.isfinite(form).all():
-        return 0.0
-    columns = np.stack([form, before], axis=1)
-    filtered = np.linalg.lstsq(columns.T @ columns, columns.T @ got)[0].tolist()
-    for scale, kept in ((float(got @ form) / (float(form @ form) or inf), 0.0), filtered):
-        rest = got - columns @ (scale, kept)
-        if scale > 0.0 <= kept < _KEPT and np.abs(rest).max() <= _RELATIVE * np.abs(got).max():
-            factor = scale / (1.0 - kept)  # after a low-pass filter
-            return 1.0 if abs(factor - 1.0) <= _RELATIVE else factor
+    ((name, outputs),), inputs = trial.got.items(), trial.inputs
+    outputs = outputs / inputs[f'k{name.lower()}']
+    e, v = inputs['reference'] - inputs['measured'], inputs['measured']
+    if name == 'P':
+        ways = [_fitted(outputs, e)]
+    elif name == 'I':
+        last = e * TS, _before(e) * TS, _before(_before(e)) * TS
+        ways = [_fitted(outputs - _before(outputs), *last)]
+    else:
+        ways = [_fitted(outputs, (x - _before(x)) / TS, _before(outputs)) for x in (e, -v)]
+    for shares in ways:
+        kept = shares[1] if shares and name == 'D' else 0.0
+        if shares and min(shares) >= -_RELATIVE * max(shares) and kept < _KEPT:
+            return (sum(shares) - kept) / (1.0 - kept)
     return 0.0
 
 
-def _agree(got: Floats, form: Floats) -> bool:
-    """Return whether outputs are the same, up to a positive factor."""
-    return _factor(got, form) > 0.0 if np.any(got[:, 1:]) else not np.any(form[:, 1:])
+class _TermJudge(Judge):
+    """Judges terms: each of their common forms is right."""
+
+    def is_right(self, trial: Trial, _: str) -> bool:
+        """Return whether a term is right up to a factor, which the gain absorbs."""
+        return factor_of(trial) > 0.0
+
+
+_KP = (
+    'kp multiplies a term that is not its own: the gains are those of '
+    'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
+)
+_IGNORED = (
+    'the gains that PID gets have no effect: it uses numbers of its own. Store kp, ki and kd in '
+    '__init__, and use these'
+)
 
 
 @np.errstate(all='ignore')
 def _judge_terms(code: HillsCode, seed: int) -> list[Finding]:
-    """Return the finding for each term, and that on their factors."""
-    if ignored := ignores_gains(code, seed):
-        findings = [Finding(term.criterion, *ignored[term.name]) for term in TERMS]
-        score = float(np.mean([each.score for each in findings]))
-        return [*findings, Finding('pid.dt', score, findings[0].message)]
-    trials = {term.name: _trial(code, term, seed) for term in TERMS}
-    judge = Judge(PID_LAW, _agree, _call, partial(_line, code), _HALF)
-    verdicts = judge.judge([*trials.values()], 'PID')
-    findings, remarks, scores = [], [], []
-    for term in TERMS:
-        score, message, _ = verdicts[term.name]
-        scores.append(score)
-        if score == 1.0:
-            trial = trials[term.name]
-            got, forms = trial.got[term.name], PID_LAW.right(trial.inputs, term.name)
-            factor = next(filter(None, (_factor(got, form) for form in forms)))
-            gains = ' and '.join(f'{gain:g}' for gain in term.gains)
-            message = f'right in all {got.size} outputs, for gains of {gains}'
-            if factor != 1.0:
-                remarks.append(_remark(term.name, factor))
-                message += f'; {remarks[-1]}, or choose gains that absorb it'
-                scores[-1] = 0.0
-        else:
-            remarks.append(f'{term.name} is not right')
-        findings.append(Finding(term.criterion, score, message))
-    # What follows from a mistake in a term is not taken off again.
-    right = 'each term has the factor of the formula, dt included'
-    return [*findings, Finding('pid.dt', float(np.mean(scores)), '; '.join(remarks) or right)]
+    """Return the finding for each term."""
+    rows = wandering(seed, 'gains', 0.01)
+    with suppress(UserError):
+        one, other = (
+            code.new_pid(*gains).acc_sequence(rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7))
+        )
+        if one == other and any(one):
+            is_a_pid = len({*map(abs, one)}) > _LENGTH // 2 and max(one) < NOT_A_CAR
+            return [Finding(term.criterion, _HALF * is_a_pid, _IGNORED) for term in TERMS]
+    trials = [term.tried(code, seed) for term in TERMS]
+    judge = _TermJudge(PID_LAW, agree, _call, partial(_line, code), _HALF)
+    findings = []
+    for trial, (name, verdict) in zip(trials, judge.judge(trials, 'PID').items(), strict=True):
+        score, message = verdict
+        if not trial.got[name].any() and _is_scaled_by_kp(code, name, rows):
+            score, message = 1.0 - 0.5 * _HALF, _KP
+        right = f'right in all {trial.got[name].size} outputs{_remark(name, factor_of(trial))}'
+        findings.append(Finding(trial.name, score, message or right))
+    return findings
 
 
-def wrong_terms(findings: Sequence[Finding]) -> str:
-    """Return the letters of the terms that are there, but wrong."""
-    scores = {each.criterion: each.score for each in findings}
-    return ''.join(term.name for term in TERMS if 0.0 < scores[term.criterion] < 1.0)
+def _is_scaled_by_kp(code: HillsCode, name: str, rows: Sequence[Sample]) -> bool:
+    """Return whether a term that is 0 without kp is there with it."""
+    one, other = ((1.0, *(each * (name == of) for of in 'ID')) for each in (1.0, 0.0))
+    with suppress(UserError):
+        return code.new_pid(*one).acc_sequence(rows) != code.new_pid(*other).acc_sequence(rows)
+    return False
+
+
+def _remark(name: str, factor: float) -> str:
+    """Return the remark on a term that is right up to a factor, which the gain absorbs."""
+    if abs(factor - 1.0) <= _RELATIVE:
+        return ''
+    no_dt = {'I': (1.0 / TS, 'add up ki * e * dt'), 'D': (TS, 'divide the change of e by dt')}
+    missing, advice = no_dt.get(name, (0.0, ''))
+    if abs(factor - missing) <= _RELATIVE * missing:
+        return f'; {name} has no dt: {advice}, with dt = {TS:g} s, or choose gains that absorb it'
+    return f'; {name} is {factor:.6g} times that of the formula: is dt right? The gain absorbs it'
 
 
 def _call(trial: Trial, index: Index) -> str:
@@ -647,79 +535,13 @@ def _call(trial: Trial, index: Index) -> str:
     return f'call {k + 1}, with a gain of {gain:g} and e = {error[k]:.6g} m/s{before},'
 
 
-def _line(code: HillsCode, trial: Trial, name: str, index: Index, wrong: list[float]) -> str:
+def _line(code: HillsCode, trial: Trial, _: str, index: Index, wrong: list[float]) -> str:
     row, k = index
     columns = (trial.inputs[key][row, : k + 1].tolist() for key in ('reference', 'measured', 'dt'))
-    calls = [*zip(*columns, strict=True)]
-    gains = [float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')]
-    try:
-        (*_, output) = code.new_pid(*gains).acc_sequence(calls)
-        pid = code.new_pid(*gains)
-        pid.acc_sequence(calls[:-1])
-    except UserError:
-        return ''
-    others = [*calls[-1], output - float(trial.got[name][index])]  # P, where that is added
-    return code.line_of('steps', (pid.number, calls[-1:]), [*wrong, output], others)
-
-
-def _rounding(outputs: Floats) -> str:
-    """Return a sentence if the outputs are rounded, else an empty string."""
-    for digits in range(5):
-        if outputs.any() and np.array_equal(outputs, np.round(outputs, digits)):
-            return (
-                f'the outputs are rounded to {digits} digits: return them as they are'
-                if digits
-                else 'the outputs are whole numbers: does int(…) or // cut them? Return them as '
-                'they are'
-            )
-    return ''
-
-
-def _remark(term: str, factor: float) -> str:
-    """Return the remark on a term that is right up to a `factor`, which the gains absorb."""
-    usual: Mapping[tuple[str, float], str] = {
-        ('P', TS): 'P is multiplied by dt: it is kp * e',
-        ('I', 1.0 / TS): 'I has no dt: add up ki * e * dt, with dt = 0.02 s',
-        ('D', TS): f'D has no dt: divide the change of e by dt = {TS:g} s',
-        ('D', TS * TS): f'D is multiplied by dt: divide the change of e by dt = {TS:g} s',
-    }
-    for (name, value), sentence in usual.items():
-        if name == term and abs(factor - value) <= _RELATIVE * value:
-            return sentence
-    return {
-        'P': f'P is multiplied by {factor:g}: it is kp * e',
-        'I': f'I uses dt = {factor * TS:g} s: PID is called every {TS:g} s, ki * (sum of e * dt)',
-        'D': f'D uses dt = {TS / factor:g} s: PID is called every {TS:g} s, '
-        'kd * (e - e_before) / dt',
-    }[term]
-
-
-@np.errstate(all='ignore')
-def ignores_gains(code: HillsCode, seed: int) -> dict[str, tuple[float, str]]:
-    """Return score and message of each term if outputs are the same for all gains, else nothing.
-
-    A term that is there, with a gain of its own, loses a half.
-    """
-    rows = wandering(seed, 'gains', 0.01)
-    try:
-        one, other = (
-            code.new_pid(*gains).acc_sequence(rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7))
-        )
-    except UserError:
-        return {}
-    if one != other or not any(one):
-        return {}
-    error = np.array([[reference - measured for reference, measured, _ in rows]])
-    terms = np.concatenate([error, _total(error) * TS, (error - _before(error)) / TS]).T[1:]
-    outputs = np.array(one[1:])
-    own, *_ = np.linalg.lstsq(terms, outputs)
-    fits = np.abs(terms @ own - outputs).max() <= _RELATIVE * min(np.abs(outputs).max(), NOT_A_CAR)
-    message = (
-        'the gains that PID gets have no effect: it uses numbers of its own. Store kp, ki and kd '
-        'in __init__, and use these'
-    )
-    there = fits & (np.abs(own) > _RELATIVE)
-    return {name: (_HALF * bool(each), message) for name, each in zip('PID', there, strict=True)}
+    *before, call = zip(*columns, strict=True)
+    pid = code.new_pid(*(float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')))
+    pid.acc_sequence(before)
+    return code.line_of('steps', (pid.number, [call]), wrong, call)
 
 
 _GAINS: Gains = (1.0, 2.0, 0.01)

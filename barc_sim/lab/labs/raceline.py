@@ -27,7 +27,6 @@ from barc_sim.lab.judge import (
     Part,
     Table,
     numbers_of,
-    rows_of,
     share,
 )
 from barc_sim.lab.labs.lane import describe, drive_errors, drive_law, hidden_track
@@ -61,7 +60,13 @@ LABELS = {
 }
 TOP, ACROSS, ALONG = 12.0, 3.5, 2.0  #: [m/s], [m/s²] and [m/s²]
 _STEPS = 10  #: of a plan
-_SIZES = {'corner': 1, 'profile': POINTS, 'predict': 6, 'program': _STEPS * (_STEPS + 1)}
+_SIZES = {
+    'corner': 1,
+    'profile': POINTS,
+    'predict': 6,
+    'program': _STEPS * (_STEPS + 1),
+    'line': POINTS,
+}
 _L = L_F + L_R
 _NAMED = 0.4  #: of the points are left for a mistake that is known
 _BENT = 1.1  #: times the bending of the best line: full marks
@@ -189,16 +194,12 @@ MISTAKES = _mistakes()
 class RacelineCode(JudgedCode):
     """A user's `raceline.py`."""
 
-    def called(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
-        """Return the user's name for what a request calls."""
-        return str(arguments[0]) if do == 'functions' else do
-
-    def rows(self, name: str, rows: Sequence[Sequence[Any]], size: int) -> Floats:
+    def numbers(self, name: str, rows: Sequence[Sequence[Any]]) -> Floats:
         """Return what a function returns for each row of arguments."""
+        if (size := _SIZES[name]) > 1:
+            return np.array(self.rows(name, rows, size))
         found = self.call('functions', name, rows)
-        if size == 1:
-            return np.array(numbers_of(name, found, len(rows)))[:, np.newaxis]
-        return np.array(rows_of(name, found, len(rows), size))
+        return np.array(numbers_of(name, found, len(rows)))[:, np.newaxis]
 
 
 def _near(got: Floats, right: Any) -> bool:  # noqa: ANN401 (rows of numbers)
@@ -211,13 +212,13 @@ def _judged(code: RacelineCode, name: str, seed: int) -> tuple[float, str]:
     rows = _rows(name, seed)
     right = np.array([RIGHT_PROGRAMS[name](*row) for row in rows])
     try:
-        got = code.rows(name, rows, _SIZES[name])
+        got = code.numbers(name, rows)
         if _near(got, right):
             return 1.0, f'right in all {len(rows)} cases'
         if name == 'program':
 
             def own(speed: float) -> list[float]:
-                return [float(each) for each in code.rows('predict', [[speed]], 6)[0]]
+                return [float(each) for each in code.numbers('predict', [[speed]])[0]]
 
             if _near(got, [program(*row, model=own) for row in rows]):
                 return 1.0, 'right, with the model of predict'
@@ -284,7 +285,7 @@ class _Line(NamedTuple):
 def _offsets(code: RacelineCode, track: Track) -> tuple[Floats, float]:
     """Return a student's offsets, and their bound."""
     arguments, _ = line_through(track)
-    return code.rows('line', [arguments], POINTS)[0], arguments[-1]
+    return code.numbers('line', [arguments])[0], arguments[-1]
 
 
 def _line_of(track: Track, offsets: Floats, half: float) -> _Line:
@@ -355,7 +356,7 @@ class _Planned(LaneLaw):
         """Return the steering angle [rad]."""
         steer, heading = steady_turn(curvature(0.0))
         row = [e_y, e_psi - heading, max(speed, 1.0)]
-        numbers = self._code.rows('program', [row], _SIZES['program'])[0]
+        numbers = self._code.numbers('program', [row])[0]
         if np.abs(numbers).max() > _NO_COST:
             raise UserError(f'program: H and g must be within {_NO_COST:g}')
         hessian, gradient = numbers[:-_STEPS].reshape(_STEPS, _STEPS), numbers[-_STEPS:]

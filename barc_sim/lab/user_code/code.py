@@ -197,18 +197,17 @@ class UserCode:
             folder.tolerated.append(f'{path.name}: a program of ROS 1, which runs here without it')
         return RelayProgram(folder, path, ros)
 
-    def function(self, *names: str, again: Mapping[str, float] | None = None) -> UserFunction:
+    def function(self, *names: str, fresh: bool = False) -> UserFunction:
         """Return the first of these functions or classes that its file defines.
 
-        With `again`, the file is loaded again, so that no global variable has an old value, and
-        names get these numbers.
+        With `fresh`, the file is loaded again, so that no global variable has an old value.
         """
         part = _CALLED[names[0]].part
         path = self.paths[part]
         folder = self._folders[path.parent]
-        if again is not None:
+        if fresh:
             self._part(part)  # raises what its first loading has raised
-            folder = folder.again(again)
+            folder = folder.again()
         name, value = _defined(folder, path, names)
         called = _CALLED[name]
         if not (isinstance(value, type) if called.method else callable(value)):
@@ -231,7 +230,7 @@ class UserCode:
 
         With `fresh`, its file is loaded again, so that no global variable has an old value.
         """
-        new = self.function(*_MAIN[part], again={}) if fresh else self._part(part)
+        new = self.function(*_MAIN[part], fresh=True) if fresh else self._part(part)
         name = new.called.method
         instance = new(*args, **options)
         method = guarded(getattr, instance, name, default=None)
@@ -327,15 +326,11 @@ class UserCode:
         self,
         name: str,
         rows: Sequence[Sequence[float]],
-        options: Mapping[str, float] = {},
-        again: Mapping[str, float] | None = None,
+        fresh: bool = False,
     ) -> list[list[float]]:
-        """Return the result of a function for each row of its arguments.
-
-        With `again`, its file is loaded again, and its names get these numbers.
-        """
-        function = self.function(name, again=again)
-        return [function(*row, **options) for row in rows]
+        """Return the result of a function for each row; with `fresh`, of its file loaded again."""
+        function = self.function(name, fresh=fresh)
+        return [function(*row) for row in rows]
 
     def make_pid(
         self, number: int, kp: float, ki: float, kd: float, limit: float, fresh: bool

@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec
 from barc_sim.errors import without_addresses
 from barc_sim.lab.handout import FILES
 from barc_sim.lab.user_code.source import (
-    Reassigned,
     Source,
     UserCodeError,
     compiled,
@@ -138,14 +137,13 @@ class Folder:
         output: Callable[[str], object] | None = None,
         *,
         budget: float | None = None,
-        numbers: Mapping[str, float] | None = None,
     ) -> None:
         """Pass the modules' printed text to `output`, or to stdout without it.
 
         `budget` [s] is that of each call; None in the process of a submission: of packages only
-        NumPy is here. Where the files assign to the names in `numbers`, these are assigned.
+        NumPy is here.
         """
-        self.path, self._output, self.budget, self._numbers = path, output, budget, numbers
+        self.path, self._output, self.budget = path, output, budget
         self._guarded: dict[str, frozenset[int]] = {}
         self.trees: dict[str, ast.Module] = {}  #: of the loaded files, by path
         self.tolerated: list[str] = []  #: in them, a phrase each
@@ -159,9 +157,9 @@ class Folder:
         if output:
             self.builtins['print'] = _print_to(output)
 
-    def again(self, numbers: Mapping[str, float] | None = None) -> Folder:
-        """Return the same folder with nothing loaded; its files assign `numbers`, if any."""
-        return Folder(self.path, self._output, budget=self.budget, numbers=numbers)
+    def again(self) -> Folder:
+        """Return the same folder with nothing loaded."""
+        return Folder(self.path, self._output, budget=self.budget)
 
     def load(self, file: Path, name: str = '') -> ModuleType:
         """Import `file`, once, with a `name` other than its own; its exceptions are passed on."""
@@ -194,11 +192,7 @@ class Folder:
         self._guarded[path] = guarded_lines(result.tree)
         for phrase in result.tolerated:
             self._tolerate(f'{source.name}: {phrase}')
-        if not self._numbers:
-            return result.code
-        tree = Reassigned(self._numbers).visit(result.tree)
-        code: CodeType = compile(tree, path, 'exec', dont_inherit=True)
-        return code
+        return result.code
 
     def parse(self, file: Path) -> ast.Module:
         """Return the syntax tree of `file`, which is not run."""

@@ -112,30 +112,6 @@ def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
     return UserCodeError(f'{at}: syntax error: {error.msg}' + (f': {text}' if text else ''))
 
 
-class Reassigned(ast.NodeTransformer):
-    """Changes the numbers that names such as `l_f`, `L_F` or `lf` get, wherever they get them."""
-
-    def __init__(self, numbers: Mapping[str, float]) -> None:
-        """Use these `numbers`, by name in lower case without underscores."""
-        self._numbers = numbers
-
-    def visit_Assign(self, node: ast.Assign | ast.AnnAssign) -> list[ast.stmt]:
-        """Add assignments of the numbers after one to their names."""
-        names = [
-            each.id
-            for each in ast.walk(node)
-            if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
-        ]
-        added = [
-            ast.Assign([ast.Name(name, ast.Store())], ast.Constant(self._numbers[key]))
-            for name in names
-            if (key := name.lower().replace('_', '')) in self._numbers
-        ]
-        return [node, *(ast.fix_missing_locations(ast.copy_location(new, node)) for new in added)]
-
-    visit_AnnAssign = visit_Assign  # noqa: N815 (as ast calls it)
-
-
 def guarded_lines(tree: ast.Module) -> frozenset[int]:
     """Return the lines in the body of a `try`, where a failing import has a replacement."""
     return frozenset(

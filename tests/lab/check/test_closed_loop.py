@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
 from user_files import replaced
 
 from barc_sim.lab.labs.pid import (
-    STEEPEST_DEG,
     Conditions,
     Drive,
     judge_lab_road,
-    judge_random_roads,
-    random_road,
 )
 from barc_sim.lab.user_code.source import ChosenGains
 
@@ -27,10 +23,8 @@ if TYPE_CHECKING:
 
     Lab = Callable[..., LocalCode]
     Gains = tuple[float, float, float]
-    Judge = Callable[[LocalCode, Conditions], Finding]
 
 RUN = (30.0, 200.0, 0.1)
-JUDGES = [judge_lab_road, partial(judge_random_roads, seed=0)]
 STEEP = 5  #: the stretch of the lab's road that rises by 30 degrees
 
 
@@ -68,19 +62,17 @@ def test_the_message_names_the_worst_stretch(lab: Lab, controller: str) -> None:
     assert 'From 100 m on, at 30°: needs 4.9 m/s² more at once' in finding.message
 
 
-@pytest.mark.parametrize('judge', JUDGES)
-def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str, judge: Judge) -> None:
-    finding = judge(lab(controller=controller), conditions((0.0, 0.0, 0.0)))
+def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str) -> None:
+    finding = judge_lab_road(lab(controller=controller), conditions((0.0, 0.0, 0.0)))
     assert finding.score == 0.0
     assert 'the car stands at 0.0 m: the commands do not move it; it got no further for 20 s' in (
         finding.message
     )
 
 
-@pytest.mark.parametrize('judge', JUDGES)
-def test_a_failure_on_the_way_gets_zero(lab: Lab, controller: str, judge: Judge) -> None:
+def test_a_failure_on_the_way_gets_zero(lab: Lab, controller: str) -> None:
     text = controller.replace('dt = 0.02', 'dt = 0.02 if speed_current < 3 else None')
-    finding = judge(lab(controller=text), conditions(RUN))
+    finding = judge_lab_road(lab(controller=text), conditions(RUN))
     assert finding.score == 0.0
     assert 'TypeError' in finding.message
 
@@ -93,16 +85,3 @@ def test_a_car_that_drives_backwards_has_a_hint(lab: Lab, controller: str) -> No
     assert 'the car drives backwards: is the error speed_reference - speed_current?' in (
         finding.message
     )
-
-
-def test_random_roads_depend_on_the_seed_alone() -> None:
-    assert random_road(4, 1) == random_road(4, 1)
-    assert random_road(4, 1) != random_road(4, 2) != random_road(5, 2)
-
-
-@pytest.mark.parametrize('seed', range(20))
-def test_random_roads_begin_flat_and_can_be_climbed(seed: int) -> None:
-    road, end = random_road(seed, 0)
-    assert road.grades_deg[0] == 0.0
-    assert all(abs(grade) <= STEEPEST_DEG for grade in road.grades_deg)
-    assert road.starts[-1] < end < 180.0

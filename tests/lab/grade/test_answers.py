@@ -160,7 +160,7 @@ def test_no_object_in_reach_computes_the_answers(folder: Callable[..., Path]) ->
     with HillsCode(folder(bike_model=WALK, relay=ROS_2)) as code:
         code.relay_commands([], 1.0)
 
-        assert code.bike_fe([ROW]) == [(1.0, 2.0, 3.0, 4.0)]
+        assert code.rows('bikeFE', [ROW], 4) == [(1.0, 2.0, 3.0, 4.0)]
 
 
 def test_the_walk_finds_what_is_there(folder: Callable[..., Path]) -> None:
@@ -169,7 +169,7 @@ def test_the_walk_finds_what_is_there(folder: Callable[..., Path]) -> None:
         HillsCode(folder(bike_model=f'import hidden\n{WALK}', hidden=text)) as code,
         pytest.raises(UserError, match=r'answers: <class .*computes the answers: <function bikeF'),
     ):
-        code.bike_fe([ROW])
+        code.rows('bikeFE', [ROW], 4)
 
 
 def test_a_model_that_is_grabbed_gets_no_points(folder: Callable[..., Path]) -> None:

@@ -124,7 +124,7 @@ def asked(
     path = folder(bike_model=f'import os\n{code}\n{BIKE_FE}', helper='ANSWER = 42')
     folder('neighbour', bike_model=BIKE_FE)
     with HillsCode(path, limits) as confined:
-        return [*confined.bike_fe([ROW])]
+        return [*confined.rows('bikeFE', [ROW], 4)]
 
 
 def test_it_cannot(folder: Callable[..., Path]) -> None:
@@ -137,7 +137,7 @@ def test_it_cannot(folder: Callable[..., Path]) -> None:
     with HillsCode(
         folder(bike_model=f'import os\n{attempts}\n{BIKE_FE}'), Limits(memory=1 << 28)
     ) as code:
-        code.bike_fe([ROW])
+        code.rows('bikeFE', [ROW], 4)
     for name, (_, reason), line in zip(
         REFUSED, REFUSED.values(), code.printed.splitlines(), strict=True
     ):
@@ -163,9 +163,9 @@ def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) 
     began = time.monotonic()
     with HillsCode(path, Limits(total=1.0)) as code, suppress(UserError):
         for _ in range(100):
-            code.bike_fe([ROW])
+            code.rows('bikeFE', [ROW], 4)
     with pytest.raises(UserError, match=r'used up the 1 s that it has'):
-        code.bike_fe([ROW])
+        code.rows('bikeFE', [ROW], 4)
 
     assert time.monotonic() - began < 10.0
 
@@ -205,7 +205,7 @@ def test_it_sees_the_same_order_of_sets_each_time(folder: Callable[..., Path]) -
     answers = set()
     for _ in range(2):
         with HillsCode(path) as confined:
-            answers |= {*confined.bike_fe([ROW])}
+            answers |= {*confined.rows('bikeFE', [ROW], 4)}
 
     assert len(answers) == 1
 
@@ -215,7 +215,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
     before = [*Path('/proc/self/fd').iterdir()]
 
     with HillsCode(path) as confined:
-        confined.bike_fe([ROW])
+        confined.rows('bikeFE', [ROW], 4)
 
     assert len([*Path('/proc/self/fd').iterdir()]) == len(before)
 
@@ -223,7 +223,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
 def test_without_the_sandbox_only_the_limits_hold(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=f'open("/etc/passwd")\n{BIKE_FE}')
     with HillsCode(path, sandbox=False) as confined:
-        assert confined.bike_fe([ROW]) == [(1.0, 2.0, 3.0, 4.0)]
+        assert confined.rows('bikeFE', [ROW], 4) == [(1.0, 2.0, 3.0, 4.0)]
 
 
 def test_a_kernel_without_landlock_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -335,10 +335,7 @@ class PID:
 
 def test_the_model_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
     with HillsCode(folder(bike_model=MODEL)) as code:
-        assert code.bike_fe(STATES) == [tuple(bikeFE(*row)) for row in STATES]
-        assert code.bike_fe(STATES[:1], l_f=1.2, l_r=1.9) == [
-            tuple(bikeFE(*STATES[0], l_f=1.2, l_r=1.9))
-        ]
+        assert code.rows('bikeFE', STATES, 4) == [tuple(bikeFE(*row)) for row in STATES]
 
 
 def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
@@ -368,7 +365,7 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
         HillsCode(folder(bike_model=text), QUICK) as code,
         pytest.raises(UserError, match='not finite'),
     ):
-        code.bike_fe(STATES[:1])
+        code.rows('bikeFE', STATES[:1], 4)
 
 
 def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..., Path]) -> None:
@@ -391,9 +388,9 @@ def test_a_function_that_keeps_ending_its_process_is_not_called_again(
     with HillsCode(folder(bike_model=text, controller=CONTROLLER)) as code:
         for _ in range(5):
             with pytest.raises(UserError, match='ended itself with exit code 3'):
-                code.bike_fe(STATES[:1])
+                code.rows('bikeFE', STATES[:1], 4)
 
-        assert code.printed.count('called') == 2
+        assert code.printed.count('called') == 3
         assert code.new_pid(1.0, 0.0, 0.0).acc_calculate(8.0, 7.0, 0.02) == 1.0
 
 
@@ -401,7 +398,7 @@ def test_the_beginning_of_what_is_printed_is_kept(folder: Callable[..., Path]) -
     text = 'print("first")\nprint("x" * 10_000)\nraise ValueError\n'
     with HillsCode(folder(bike_model=text), Limits(output=100)) as code:
         with pytest.raises(UserError, match='ValueError'):
-            code.bike_fe(STATES[:1])
+            code.rows('bikeFE', STATES[:1], 4)
         code.close()
 
         assert code.printed == f'first\n{"x" * 94}\n[and more]'
@@ -423,7 +420,7 @@ def test_forged_answers_of_any_shape_and_size_are_sentences(
     patch = f"import sys\nsys.modules['barc_sim.lab.user_code.code'].UserCode.{forged}\n"
     text = f'{patch}def relay(x, z): return [x, z]\n'
     with HillsCode(folder(relay=text, bike_model=patch + MODEL)) as code:
-        code.bike_fe(STATES[:1])
+        code.rows('bikeFE', STATES[:1], 4)
         if 'relay' in forged:
             with pytest.raises(UserError, match='relay'):
                 code.relay_commands([], 1.0)

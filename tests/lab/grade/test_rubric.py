@@ -9,7 +9,6 @@ import pytest
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import RUBRICS
-from barc_sim.lab.labs.hills import HILLS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,10 +23,6 @@ def loaded(path: Path, text: str) -> object:
 @pytest.mark.parametrize('name', RUBRICS)
 def test_a_rubric_that_ships_gives_100_points(name: str) -> None:
     assert load(name).max_score == 100.0
-
-
-def test_the_extended_one_gives_points_for_every_criterion() -> None:
-    assert tuple(load('extended').points) == tuple(HILLS.labels)
 
 
 def test_criteria_that_are_left_out_or_worth_nothing_do_not_count(tmp_path: Path) -> None:
