@@ -90,7 +90,6 @@ CONTROLLER: dict[str, Any] = {
     'kd': 0.1,
     'speed_reference': 8.0,
     'acceleration_limit': 8.0,
-    'subtract_error': False,
 }
 
 

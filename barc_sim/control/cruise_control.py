@@ -96,12 +96,6 @@ _PARAMETERS = [
         'until speed_reference is set',
         read_only=True,
     ),
-    Parameter(
-        'subtract_error',
-        default=False,
-        description='whether to control the true speed, z_vhcl minus ez_vhcl, not the measured',
-        read_only=True,
-    ),
 ]
 
 
@@ -208,28 +202,12 @@ class CruiseControl:
         if self.lane:
             self.lane.reset()
         self._start = self._previous = None
-        # Of `subtract_error`: the arguments of `take_state`.
-        self._state: tuple[int, float, float, float, float] | None = None
-        self._error: tuple[int, float] | None = None
         self._answer = Answer(nan, nan, nan, 0)  # the latest
-
-    def take_error(self, stamp: int, error: float) -> Answer | None:
-        """Take the error of a measured speed [m/s], to subtract; return as `take_state` does."""
-        self._error = stamp, error
-        return self.take_state(*self._state) if self._state and self._state[0] == stamp else None
 
     def take_state(
         self, stamp: int, speed: float, x: float = 0.0, y: float = 0.0, psi: float = 0.0
     ) -> Answer | None:
-        """Return the answer to the state stamped `stamp` [ns], with its speed and pose.
-
-        None: it is not due before the state's error has come, or it is refused.
-        """
-        if self.values['subtract_error']:
-            self._state = stamp, speed, x, y, psi
-            if self._error is None or self._error[0] != stamp:
-                return None
-            speed -= self._error[1]
+        """Return the answer to the state stamped `stamp` [ns]; None: it is refused."""
         if not abs(speed) <= _FASTEST:  # NaN, too
             self._refuse(lambda: f'a state whose speed is {speed} m/s')
             return None

@@ -14,7 +14,7 @@ from threading import Lock, Thread, current_thread
 from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
-from barc_sim.errors import Parameter, UserError
+from barc_sim.errors import UserError
 
 try:
     import termios
@@ -30,24 +30,6 @@ if TYPE_CHECKING:
 #: longer than the usual time to the next one.
 PRESS_HOLD = 0.6
 REPEAT_HOLD = 0.15
-PARAMETERS = [
-    Parameter(
-        'press_hold',
-        PRESS_HOLD,
-        'time [s] for which a key counts as held after a press; longer than the delay before the '
-        'key repeats',
-        (0.05, 5.0),
-        read_only=True,
-    ),
-    Parameter(
-        'repeat_hold',
-        REPEAT_HOLD,
-        'time [s] for which a key counts as held after each repeat',
-        (0.05, 5.0),
-        read_only=True,
-    ),
-]
-
 _ARROWS = {'A': 'up', 'B': 'down', 'C': 'right', 'D': 'left'}
 _LETTERS = {
     'w': 'up',
@@ -97,13 +79,12 @@ class KeyDecoder:
 class HeldKeys:
     """The keys that are held, and the driver's input that they make.
 
-    A terminal reports no release: a key counts as held for `press_hold` after it was pressed, and
-    for `repeat_hold` after each repeat. Only the key pressed last repeats.
+    A terminal reports no release: a key counts as held for `PRESS_HOLD` after it was pressed, and
+    for `REPEAT_HOLD` after each repeat. Only the key pressed last repeats.
     """
 
-    def __init__(self, press_hold: float = PRESS_HOLD, repeat_hold: float = REPEAT_HOLD) -> None:
-        """Begin with nothing held; times in seconds."""
-        self._press_hold, self._repeat_hold = press_hold, repeat_hold
+    def __init__(self) -> None:
+        """Begin with nothing held."""
         self._until: dict[str, float] = {}
         self._previous = COAST
 
@@ -111,7 +92,7 @@ class HeldKeys:
         """Handle a `key` at `t` [s]; return whether it is a new press, not a repeat."""
         until = self._until.get(key, -inf)
         pressed = until < t
-        self._until[key] = max(until, t + (self._press_hold if pressed else self._repeat_hold))
+        self._until[key] = max(until, t + (PRESS_HOLD if pressed else REPEAT_HOLD))
         return pressed
 
     def held(self, t: float) -> tuple[str, ...]:

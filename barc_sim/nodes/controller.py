@@ -5,14 +5,14 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, LaneState, PidState, ZDynBkMdl
+from barc_interfaces.msg import ECU, ControllerState, LaneState, PidState, ZDynBkMdl
 from nav_msgs.msg import Path
 from rclpy.node import Node
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
-from barc_sim.control.cruise_control import Answer, CruiseControl
+from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.control.speed import ACCELERATION_LIMIT
 from barc_sim.ros.node_helpers import (
     Outputs,
@@ -89,8 +89,6 @@ class CruiseController(Node):
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
         self.create_subscription(Float64, names.SPEED_REFERENCE, self._on_speed, names.QOS_NEWEST)
-        if self.values['subtract_error']:
-            self.create_subscription(EZDynBkMdl, names.STATE_ERROR, self._on_error, names.QOS)
         self.create_service(Trigger, names.RESET_CONTROLLER, self._on_reset)
 
     def _on_parameters(self, parameters: list[Parameter]) -> None:
@@ -106,15 +104,8 @@ class CruiseController(Node):
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         stamp, pose = to_nanoseconds(state.header.stamp), (state.x, state.y, state.psi)
-        self._publish(state.header, self.control.take_state(stamp, state.v_x, *pose))
-
-    def _on_error(self, error: EZDynBkMdl) -> None:
-        stamp = to_nanoseconds(error.header.stamp)
-        self._publish(error.header, self.control.take_error(stamp, error.v_x))
-
-    def _publish(self, of_state: Header, answer: Answer | None) -> None:
-        if answer:
-            self._ecu.header.stamp = of_state.stamp
+        if answer := self.control.take_state(stamp, state.v_x, *pose):
+            self._ecu.header.stamp = state.header.stamp
             self._ecu.motor, self._ecu.servo = answer.acceleration, answer.steering
             self._ecu_pub.publish(self._ecu)
-            self._outputs.publish(of_state.stamp)
+            self._outputs.publish(state.header.stamp)

@@ -15,8 +15,8 @@ from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
 from barc_sim.control.driver import FULL_BRAKE, RATE
-from barc_sim.control.keyboard import PARAMETERS, HeldKeys, Terminal
-from barc_sim.ros.node_helpers import declare, to_twist
+from barc_sim.control.keyboard import HeldKeys, Terminal
+from barc_sim.ros.node_helpers import to_twist
 
 
 class Keyboard(Node):
@@ -42,16 +42,9 @@ class Keyboard(Node):
     """
 
     def __init__(self, terminal: Terminal | None = None, **options: Any) -> None:  # noqa: ANN401
-        """Read keys from `terminal`, the standard input unless given; it is closed at the end.
-
-        Raises
-        ------
-        UserError
-            if a parameter is out of range.
-        """
+        """Read keys from `terminal`, the standard input unless given; it is closed at the end."""
         super().__init__('keyboard', **options)
-        values = declare(self, PARAMETERS)
-        self._keys = HeldKeys(values['press_hold'], values['repeat_hold'])
+        self._keys = HeldKeys()
         self._pressed: deque[tuple[str, float]] = deque()
         self._terminal = terminal = terminal or Terminal()
         self.finished = Future()

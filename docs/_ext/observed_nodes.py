@@ -26,7 +26,7 @@ _COMMON = {'/parameter_events', '/rosout', 'use_sim_time', 'start_type_descripti
 #: So that all that a node can publish is seen.
 _OVERRIDES = {
     'vehicle_simulator': [Parameter('clock', value=True), Parameter('track', value='L')],
-    'controller': [Parameter('subtract_error', value=True), Parameter('track', value='L')],
+    'controller': [Parameter('track', value='L')],
 }
 
 

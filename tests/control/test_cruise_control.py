@@ -67,7 +67,6 @@ def test_parameters_are_a_pid_that_holds_8_meters_a_second(cruise: CruiseControl
         'acceleration_limit': 8.0,
         'speed_reference': 8.0,
         'reference': '',
-        'subtract_error': False,
     }
     assert [each.between for each in cruise.parameters()][:4] == [*[(-1e6, 1e6)] * 3, (0.01, 1e6)]
 

@@ -101,9 +101,6 @@ _TELEOP = '--view none --realtime-factor 10'
 SCENARIOS = {
     'default': Scenario(_LOCK_STEP),
     'noise': Scenario(_LOCK_STEP, _NOISE),
-    'subtract_error': Scenario(
-        f'{_LOCK_STEP} --distance 60', _NOISE | {'controller:subtract_error': 'true'}
-    ),
     'road_file': Scenario(f'{_LOCK_STEP} --road hills.csv', files={'hills.csv': _ROAD}),
     'flat_in_a_namespace': Scenario(f'{_LOCK_STEP} --road flat --distance 60', remap='__ns:=/lane'),
     'ten_cars': Scenario(f'{_LOCK_STEP} --cars 10 --distance 60', _NOISE),

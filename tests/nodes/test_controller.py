@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, LaneState, PidState, ZDynBkMdl
+from barc_interfaces.msg import ECU, ControllerState, LaneState, PidState, ZDynBkMdl
 from node_bench import NodeBench, overrides
 from rcl_interfaces.srv import SetParameters
 from std_msgs.msg import Float64
@@ -60,15 +60,10 @@ class Bench(NodeBench):
         self.peer.create_subscription(ECU, 'ecu', self.commands.append, names.QOS)
         self.peer.create_subscription(PidState, 'pid_state', self.received.append, names.QOS)
         self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
-        self.errors = self.peer.create_publisher(EZDynBkMdl, 'ez_vhcl', names.QOS)
 
     def send_state(self, stamp: int, v_x: float, **pose: float) -> None:
         """Send a state stamped `stamp` [ns]."""
         self.states.publish(ZDynBkMdl(header=to_header(stamp), v_x=v_x, **pose))
-
-    def send_error(self, stamp: int, v_x: float) -> None:
-        """Send a state's error stamped `stamp` [ns]."""
-        self.errors.publish(EZDynBkMdl(header=to_header(stamp), v_x=v_x))
 
     def answers(self, samples: Sequence[tuple[int, float]]) -> list[float]:
         """Return the accelerations that answer states of these stamps [ns] and speeds [m/s]."""
@@ -123,35 +118,6 @@ def test_what_the_pid_did_is_published(bench: Make) -> None:
     assert received.output == one.commands[1].motor == pytest.approx(0.68)
     assert [state.saturated for state in one.received] == [False, False, True]
     assert one.commands[2].motor == 3.0
-
-
-# The measurement's error
-
-
-@pytest.mark.parametrize('error_first', [True, False])
-def test_true_speed_is_controlled_where_asked_for(bench: Make, *, error_first: bool) -> None:
-    one = bench(subtract_error=True)
-    sends = [partial(one.send_state, v_x=8.5), partial(one.send_error, v_x=0.5)]
-    if error_first:
-        sends.reverse()
-    for k in range(3):
-        for send in sends:
-            send(k * 20 * MS)
-            # Two topics keep no order between them: let the first be taken before the second.
-            one.executor.spin_once(timeout_sec=0.05)
-        one.until(lambda k=k: len(one.commands) == k + 1)
-    one.until(lambda: len(one.received) == 3)
-    assert [state.measurement for state in one.received] == [8.0, 8.0, 8.0]
-
-
-def test_state_and_error_of_different_stamps_are_not_joined(bench: Make) -> None:
-    one = bench(subtract_error=True)
-    one.send_error(0, 0.5)
-    one.send_state(20 * MS, 8.5)
-    one.send_state(40 * MS, 8.6)
-    one.send_error(40 * MS, 0.1)
-    one.until(lambda: bool(one.commands))
-    assert [to_nanoseconds(command.header.stamp) for command in one.commands] == [40 * MS]
 
 
 # Parameters

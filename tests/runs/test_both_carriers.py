@@ -80,17 +80,16 @@ def test_bags_are_equal(tmp_path: Path, controller: str) -> None:
         assert found['local'][name] == topic, name
 
 
-@pytest.mark.parametrize('name', ['user_code', 'subtract_error'])  # others: test_carriers
-def test_run_without_ros_gives_the_golden_figures(
-    golden: dict[str, Any], name: str, tmp_path: Path
+def test_run_of_user_code_without_ros_gives_the_golden_figures(
+    golden: dict[str, Any], tmp_path: Path
 ) -> None:
     def run(scenario: Scenario, folder: Path) -> None:
         assert call(*scenario.arguments(), cwd=folder).returncode == 0
 
-    scenario = SCENARIOS[name]
+    scenario = SCENARIOS['user_code']  # others: test_carriers
     local = scenario._replace(options=f'{scenario.options} --engine local')
     found = figures(local, tmp_path, run)
     before, engine, after = found['metadata'].partition('engine=local, without ROS ')
     assert engine
     found['metadata'] = before + after
-    assert not differences(golden[name], found)
+    assert not differences(golden['user_code'], found)
