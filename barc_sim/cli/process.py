@@ -10,7 +10,6 @@ from __future__ import annotations
 import errno
 import io
 import os
-import re
 import shlex
 import signal
 import socket
@@ -51,11 +50,8 @@ _HOW_ON_LINUX = (
     'start with ./scripts/run on x86-64; or, on Ubuntu 24.04, install ROS 2 Jazzy '
     '(sudo apt install ros-jazzy-ros-base) and source it; else use a container of ros:jazzy'
 )
+_MIN_MEMORY = 1 << 30  #: [B] of addresses; with less, Fast DDS can hang
 _OF_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EBADF)
-_MIN_FILES = 128  #: open files; a run with one car has about 70
-_MIN_MEMORY = 512 << 20  #: [B] of addresses; NumPy ends a process that has less
-_MIN_MEMORY_OF_ROS = 1 << 30  #: [B] of addresses; ROS and its threads take about 900 MB
-_MAX_TIME = 2**31  #: [s] since 1970; a message's stamp holds no more
 
 
 def call(prog: str, main: Callable[[], int | None]) -> int:
@@ -66,7 +62,7 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
     lacks is printed as `?`.
     """
     try:
-        _prepare()
+        _open_streams()
         with _flushed():
             return main() or 0
     except KeyboardInterrupt:
@@ -104,42 +100,17 @@ def check_arguments(words: Sequence[str]) -> None:
             )
 
 
-def check_clock() -> None:
-    """Raise UserError where no message can hold the time of the system's clock."""
-    now = time.time()
-    if not 0 <= now < _MAX_TIME:
-        year = time.gmtime(now).tm_year
-        raise UserError(
-            f'the system clock says the year {year}, and messages hold times from 1970 to 2037: '
-            'set the clock'
-        )
-
-
 def check_limits() -> None:
-    """Raise UserError where the shell's limits leave ROS too few files, or too little memory."""
-    _check_memory('ROS', _MIN_MEMORY_OF_ROS)
+    """Let ROS open as many files as the system allows; UserError: the shell allows it no memory."""
     if not resource:
         return
-    files, maximum = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if files != maximum:  # many cars need more than the usual 1024
-        with suppress(ValueError, OSError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (maximum, maximum))
-            files = maximum
-    if files != resource.RLIM_INFINITY and files < _MIN_FILES:
-        raise UserError(
-            f'this shell allows {files} open files, and ROS needs {_MIN_FILES}: raise the limit '
-            'with ulimit -n'
-        )
-
-
-def _check_memory(what: str, minimum: int) -> None:
-    """Raise UserError where the shell's limit is below `minimum` [B]."""
-    if not resource:
-        return
+    _, maximum = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with suppress(ValueError, OSError):  # many cars need more than the usual 1024
+        resource.setrlimit(resource.RLIMIT_NOFILE, (maximum, maximum))
     memory, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if memory != resource.RLIM_INFINITY and memory < minimum:
+    if memory != resource.RLIM_INFINITY and memory < _MIN_MEMORY:
         raise UserError(
-            f'this shell allows {memory >> 20} MiB of memory, and {what} needs {minimum >> 20}: '
+            f'this shell allows {memory >> 20} MiB of memory, and ROS needs {_MIN_MEMORY >> 20}: '
             'raise the limit with ulimit -v'
         )
 
@@ -170,26 +141,11 @@ def _is_installed(package: str) -> bool:
     return spec is not None and spec.origin is not None
 
 
-def _prepare() -> None:
-    """Check the memory, and replace what a shell can leave out: standard streams, a home folder.
-
-    Without a home folder, libraries would make one, or fail: they get an empty one that is removed
-    at the end.
-    """
-    for name, mode in (('stdin', 'r'), ('stderr', 'w')):
+def _open_streams() -> None:
+    """Replace the standard streams that a shell has closed."""
+    for name, mode in (('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w')):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode, encoding='utf-8'))  # noqa: SIM115
-    if sys.stdout is None:
-        raise UserError('stdout is closed: redirect it, as with > /dev/null')
-    _check_memory('barc_sim', _MIN_MEMORY)
-    home = os.environ.get('HOME')
-    if home and not Path(home).is_dir():
-        import atexit  # noqa: PLC0415 (rare)
-        import shutil  # noqa: PLC0415
-        import tempfile  # noqa: PLC0415
-
-        os.environ['HOME'] = folder = tempfile.mkdtemp(prefix='barc_sim_home_')
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
 
 @contextmanager
@@ -208,7 +164,7 @@ def _sentence(error: Exception, prog: str) -> str | None:
     sentence = next(filter(None, map(_exhausted, _causes(error))), None)
     if isinstance(error, UserError):
         sentence = str(error)
-    elif sentence is None and isinstance(error, ImportError):
+    elif sentence is None and isinstance(error, ModuleNotFoundError):
         sentence = _missing(error, prog)
     elif sentence is None and isinstance(error, OSError):
         sentence = _refused(error)
@@ -253,28 +209,18 @@ def _refused(error: OSError) -> str:
     return f'the output cannot be written: {error.strerror}'
 
 
-def _missing(error: ImportError, prog: str) -> str | None:
-    """Return the sentence for a package that cannot be imported; None if we do not require it."""
-    from importlib import metadata  # noqa: PLC0415 (only for an error)
-
+def _missing(error: ModuleNotFoundError, prog: str) -> str | None:
+    """Return the sentence for a package that is not installed; None for a module of ours."""
     package = (error.name or '').partition('.')[0]
-    absent = isinstance(error, ModuleNotFoundError)
-    if package in ROS_PACKAGES and (absent or not has_ros()):
+    if package in ROS_PACKAGES:
         return str(needs_ros(prog))
-    if not absent:
+    if package in ('', 'barc_sim'):
         return None
-    name = re.compile(
-        re.escape(_DISTRIBUTIONS.get(package, package).replace('_', '-')) + r'\b(?!-)'
+    name = _DISTRIBUTIONS.get(package, package)
+    return (
+        f'the package {package!r} is not installed in this Python: run '
+        f'{shlex.join([sys.executable, "-m", "pip", "install", name])}'
     )
-    with suppress(metadata.PackageNotFoundError):
-        for requirement in metadata.requires('barc_sim') or ():
-            if name.match(requirement) and 'extra ==' not in requirement:
-                install = [sys.executable, '-m', 'pip', 'install', requirement]
-                return (
-                    f'the package {package!r} is not installed in this Python, or is too old: '
-                    f'run {shlex.join(install)}'
-                )
-    return None
 
 
 # Windows has no SIGHUP.

@@ -9,7 +9,7 @@ message that a run without ROS records has its definition in `bags/msg`.
 MIRRORS = {
     'odom': 'the pose and the velocity, as nav_msgs/Odometry',
     'tf': 'the same pose as a transform, where ROS has the package tf2_msgs',
-    'path': 'the path so far, as nav_msgs/Path, once a second, and the track',
+    'path': 'the last 200 m, as nav_msgs/Path, once a second, and the track',
     'markers': 'the car and the road, or the track, for RViz and Foxglove',
     'diagnostics': 'the timing, the command and the bag, once a second',
 }

@@ -9,6 +9,7 @@ heading turns it in the surface: uphill is a negative pitch.
 from __future__ import annotations
 
 import time
+from collections import deque
 from itertools import pairwise
 from math import ceil, cos, hypot, isfinite, radians, sin
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -39,7 +40,7 @@ from barc_sim.vehicle.parameters import NANOSECONDS
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from barc_sim.vehicle.track import Track
 
@@ -59,7 +60,7 @@ PARAMETERS = [
 #: [s] of wall-clock time between two pictures of the car: 25 a second, if states come at 50 Hz.
 _PICTURE_PERIOD = 0.035
 _MAX_POINTS = 2000  #: of a line of a track
-_MAX_POSES, _MIN_SPACING = 200, 0.5  #: of the path; [m] between two poses
+_MAX_POSES, _SPACING = 400, 0.5  #: of the path; [m] between two poses
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 _BLUE, _SKY = (0.0, 0.447, 0.698), (0.337, 0.706, 0.914)
@@ -68,8 +69,6 @@ _LENGTH = 4.4  #: [m] of the car
 _ROAD_WIDTH = 6.0  #: [m]
 _LINE_WIDTH = 0.12  #: [m]
 _MARGIN = 200.0  #: [m] of road before the end of its first stretch, and after the start of its last
-#: Share of the requested real-time factor below which a run is slow.
-_SLOW = 0.9
 #: [s] by which stamps may be behind the wall clock: a usual tolerance of tf2's users.
 _TOLERATED = 0.1
 
@@ -79,12 +78,9 @@ class Facts(NamedTuple):
 
     missed: int | None = None  #: commands that missed their deadline
     slipped: int | None = None  #: periods by which time has fallen behind the wall clock
-    paused: bool | None = None
-    requested_factor: float | None = None  #: simulated seconds per second; 0: as fast as possible
     recorded: int | None = None  #: messages in the bag
     lost: int | None = None  #: messages lost
     failure: str | None = None  #: why the bag could not be written
-    rivals: Sequence[str] = ()  #: the nodes that command, where there are several
     stamp_lag: float | None = None  #: [s] by which stamps in real time are behind the wall clock
 
 
@@ -141,8 +137,7 @@ class MirrorNode(Node):
         self._map, self._base_link = frames(self)
         self._odom = self._base_link.replace('base_link', 'odom')
         self._last: ZDynBkMdl | None = None
-        self._poses: list[PoseStamped] = []
-        self._spacing = _MIN_SPACING
+        self._poses: deque[PoseStamped] = deque(maxlen=_MAX_POSES)
         self.latest = 0  #: [ns] the stamp of the newest state
         self._state: tuple[int, int] | None = None  # stamp and reception [ns] of the newest
         self._last_state: tuple[int, int] | None = None  # those at the last diagnosis
@@ -208,20 +203,17 @@ class MirrorNode(Node):
             pub.publish(car_markers(pose, header))
         if (pub := self._pubs.get('path')) and now >= self._next_path:
             self._next_path = now + self._period
-            pub.publish(Path(header=header, poses=self._poses))
+            pub.publish(Path(header=header, poses=[*self._poses]))
 
     def _extend_path(self, state: ZDynBkMdl, pose: PoseStamped) -> None:
-        """Add a pose unless it is close to the last; of a full path, drop every other pose."""
+        """Add a pose unless it is close to the last; begin anew after a reset."""
         if not (self._last and is_continuous(self._last, state)):
-            self._poses, self._spacing = [], _MIN_SPACING
+            self._poses.clear()
         self._last = state
         if self._poses:
             here, last = pose.pose.position, self._poses[-1].pose.position
-            if hypot(here.x - last.x, here.y - last.y, here.z - last.z) < self._spacing:
+            if hypot(here.x - last.x, here.y - last.y, here.z - last.z) < _SPACING:
                 return
-        if len(self._poses) == _MAX_POSES:
-            del self._poses[1::2]
-            self._spacing *= 2.0
         self._poses.append(pose)
 
     def _diagnose(self) -> None:
@@ -306,7 +298,7 @@ def track_path(track: Track, frame: str) -> Path:
 
 def _line(track: Track, e_y: float = 0.0) -> list[list[float]]:
     """Return x, y and psi of points beside the centre line, half a metre apart."""
-    number = min(ceil(track.length / _MIN_SPACING), _MAX_POINTS)
+    number = min(ceil(track.length / _SPACING), _MAX_POINTS)
     pose: Any = track.place(np.linspace(0.0, track.length, number + 1), e_y)
     return [each.tolist() for each in pose]
 
@@ -357,51 +349,34 @@ def diagnose(
 
     `factor` is simulated seconds per second since then, and `age` [s] that of the latest command.
     """
-    found = [_timing(facts, before, factor)]
-    if age is not None:
-        level, message = _OK, f'{age:.3f} s old'
-        if facts.rivals:
-            level, message = _WARN, f'{" and ".join(facts.rivals)} drive together: end one'
-        found.append(_status('command', level, message, {'age [s]': f'{age:.6f}'}))
-    if facts.recorded is not None:
-        found.append(_recording(facts))
-    return found
-
-
-def _timing(facts: Facts, before: Facts, factor: float | None) -> DiagnosticStatus:
     missed = (facts.missed or 0) - (before.missed or 0)
     slipped = (facts.slipped or 0) - (before.slipped or 0)
-    requested = facts.requested_factor or 0.0
-    level, message = _WARN, 'in time'
-    if facts.paused:
-        level, message = _OK, 'paused'
-    elif missed > 0:
-        message = f'{missed} commands missed their deadline'
+    level, message = _OK, 'in time'
+    if missed > 0:
+        level, message = _WARN, f'{missed} commands missed their deadline'
     elif slipped > 0:
-        message = f'simulated time has fallen behind by {slipped} periods'
-    elif factor is not None and factor < _SLOW * requested:
-        message = f'simulated time runs at {factor:.2f}, not at {requested:g}'
-    elif (facts.stamp_lag or 0.0) > _TOLERATED:
-        message = f'stamps are {facts.stamp_lag:.1f} s behind the wall clock: reset, or use --clock'
-    else:
-        level = _OK
+        level, message = _WARN, f'simulated time has fallen behind by {slipped} periods'
+    elif (lag := facts.stamp_lag or 0.0) > _TOLERATED:
+        message = f'stamps are {lag:.1f} s behind the wall clock: reset, or use --clock'
+        level = _WARN
     values = {
         'missed deadlines': facts.missed,
         'slipped periods': facts.slipped,
         'real-time factor': None if factor is None else f'{factor:.3f}',
         'behind the wall clock [s]': None if facts.stamp_lag is None else f'{facts.stamp_lag:.3f}',
     }
-    return _status('timing', level, message, values)
-
-
-def _recording(facts: Facts) -> DiagnosticStatus:
-    level, message = _OK, 'nothing is lost'
-    if facts.failure:
-        level, message = _ERROR, facts.failure
-    elif facts.lost:
-        level, message = _WARN, f'{facts.lost} messages are lost'
-    values = {'recorded messages': facts.recorded, 'lost messages': facts.lost}
-    return _status('bag', level, message, values)
+    found = [_status('timing', level, message, values)]
+    if age is not None:
+        found.append(_status('command', _OK, f'{age:.3f} s old', {'age [s]': f'{age:.6f}'}))
+    if facts.recorded is not None:
+        level, message = _OK, 'nothing is lost'
+        if facts.failure:
+            level, message = _ERROR, facts.failure
+        elif facts.lost:
+            level, message = _WARN, f'{facts.lost} messages are lost'
+        values = {'recorded messages': facts.recorded, 'lost messages': facts.lost}
+        found.append(_status('bag', level, message, values))
+    return found
 
 
 def _status(

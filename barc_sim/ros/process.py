@@ -19,7 +19,7 @@ from rclpy.task import Future
 
 from barc_sim.bags.bounds import MAX_LONG_TEXT
 from barc_sim.cli.files import read_regular
-from barc_sim.cli.process import StopSignals, check_clock, check_limits
+from barc_sim.cli.process import StopSignals, check_limits
 from barc_sim.errors import UserError
 from barc_sim.ros.executor import QuickExecutor
 
@@ -51,7 +51,6 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     This process may open as many files as the system allows. With `network` it is visible in the
     whole subnet. Segments of dead processes are removed.
     """
-    check_clock()
     check_limits()
     if not any(os.environ.get(name) for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')):
         raise UserError('ROS has no folder for its logs: set HOME, or ROS_LOG_DIR to a folder')

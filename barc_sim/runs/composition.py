@@ -23,7 +23,7 @@ from rclpy.task import Future
 from barc_sim import __version__
 from barc_sim.bags.recording import summary
 from barc_sim.cli.parser import barc_path
-from barc_sim.cli.process import check_clock, report
+from barc_sim.cli.process import report
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.source import UserCodeError
@@ -63,8 +63,7 @@ _ENGINES = {'ros': 'ROS 2 (rclpy)', 'local': 'local, without ROS'}
 def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
     """Initialise rclpy, or what stands in for it; give what makes a run's executor.
 
-    UserError: the arguments after `--ros-args` cannot be used, or no message can hold the
-    clock's time.
+    UserError: the arguments after `--ros-args` cannot be used.
     """
     arguments = ['--ros-args', '--log-level', 'warn'] if options.quiet else []
     arguments += options.ros_args
@@ -75,7 +74,6 @@ def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
         with ros(arguments, network=options.network):
             yield partial(QuickExecutor, num_threads=NUM_THREADS)
         return
-    check_clock()
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
@@ -336,15 +334,9 @@ def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:
     """Return what no topic carries about a simulator and the bag."""
     from barc_sim.nodes.mirror import Facts  # noqa: PLC0415 (only if wanted)
 
-    stepper, factor = simulator.stepper, simulator.values['realtime_factor']
-    facts = Facts(
-        stepper.missed,
-        stepper.slipped,
-        stepper.paused,
-        factor,
-        rivals=simulator.peers.rivals,
-        stamp_lag=stepper.stamp_lag if factor == 1.0 else None,
-    )
+    stepper, in_real_time = simulator.stepper, simulator.values['realtime_factor'] == 1.0
+    lag = stepper.stamp_lag if in_real_time else None
+    facts = Facts(stepper.missed, stepper.slipped, stamp_lag=lag)
     if not recorder:
         return facts
     lost = sum(sum(by_node.values()) for by_node in recorder.lost.values() if by_node)

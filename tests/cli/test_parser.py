@@ -68,11 +68,10 @@ def test_ctrl_c_is_silent_and_exit_code_130(capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.parametrize(
-    ('module', 'requirement'),
-    [('mcap.writer', 'mcap<2,>=1.5'), ('system_calls', 'system-calls'), ('PIL', 'pillow')],
+    ('module', 'name'), [('mcap.writer', 'mcap'), ('PIL', 'pillow'), ('yaml', 'pyyaml')]
 )
 def test_a_package_that_is_missing_is_named_with_the_line_that_installs_it(
-    capsys: pytest.CaptureFixture[str], module: str, requirement: str
+    capsys: pytest.CaptureFixture[str], module: str, name: str
 ) -> None:
     def main() -> None:
         raise ModuleNotFoundError(f'No module named {module!r}', name=module)
@@ -81,7 +80,7 @@ def test_a_package_that_is_missing_is_named_with_the_line_that_installs_it(
     error = capsys.readouterr().err
     assert error.count('\n') == 1
     assert f"the package '{module.partition('.')[0]}' is not installed" in error
-    assert f"-m pip install '{requirement.partition('<')[0]}" in error
+    assert error.endswith(f'-m pip install {name}\n')
 
 
 @pytest.mark.parametrize('main', ["lambda: print('a line')", 'Parser().print_help'])
