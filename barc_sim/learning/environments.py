@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from barc_sim.control.speed import KD, KI, KP, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.learning.tasks import AHEAD, TASKS, Task
+from barc_sim.learning.tasks import TASKS, Task
 from barc_sim.simulation.fast import PIDs
 from barc_sim.vehicle.bike_model import Command, State
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 #: Random numbers of an episode before those of its `ranges`: the start, and the noise's seed.
 _DRAWS = 5
-_AHEAD = np.array(AHEAD)[:, None]
 
 
 def spaces(task: Task) -> tuple[Box, Box]:
@@ -249,12 +248,8 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
             if plants.is_noisy:
                 found = task.track.frenet(x, y, psi, self._near)[:3]
         self._near, e_y, e_psi = found
-        places = self._near + _AHEAD
-        ahead = task.track.curvature(places) if task.track else task.road.at(places).theta_deg
-        ahead = ahead if task.track else np.radians(ahead)
-        error = task.speed - self._speed
-        seen = error, e_y, e_psi, self._speed, self._motor, self._servo
-        return task.observe(seen, ahead)
+        seen = task.speed - speed, e_y, e_psi, speed, self._motor, self._servo
+        return task.observe(seen, task.ahead(self._near))
 
     def _info(self) -> dict[str, Any]:
         plants = self._plants

@@ -231,8 +231,8 @@ class Task:
 
 def _preview(
     starts: Sequence[float], at: Callable[[float], float], is_closed: bool = False
-) -> Callable[[float], tuple[float, ...]]:
-    """Return a function of s [m]: what is at each of `AHEAD` from there.
+) -> Callable[[Any], Any]:
+    """Return a function of s [m]: what is at each of `AHEAD` from there; a row each, of an array.
 
     `at` changes at `starts` alone, [m], of which the last is the length where the way `is_closed`:
     so does this function at the places that lie so far before them, and is a table.
@@ -245,7 +245,15 @@ def _preview(
     table = [tuple(at(middle + d) for d in AHEAD) for middle in middles]
     if is_closed:
         table[0] = table[-1] = tuple(at(0.5 * (ends[-1] + ends[0] + length) + d) for d in AHEAD)
-    return lambda s: table[bisect_right(ends, s % length if is_closed else s)]
+    places, rows = np.array(ends), np.array(table).T
+
+    def ahead(s: Any) -> Any:  # noqa: ANN401 (a number or an array)
+        if isinstance(s, float):
+            return table[bisect_right(ends, s % length if is_closed else s)]
+        s = s - np.floor(s / length) * length if is_closed else s  # as `%` does, in a third
+        return rows.take(places.searchsorted(s, 'right'), 1)
+
+    return ahead
 
 
 class Hills(Task):

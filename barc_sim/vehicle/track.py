@@ -188,7 +188,7 @@ class Track:
         """Return the curvature [1/m] at `s` metres; an array, of an array."""
         if isinstance(s, (float, int)):
             return self.curvatures[self.segment(s)[0]]
-        found: Floats = self._columns[2, self._segments(s)[0]]
+        found: Floats = self._table[self._segments(s)[0], 2]
         return found
 
     def place(self, s: Any, e_y: Any = 0.0, e_psi: Any = 0.0) -> Pose:  # noqa: ANN401 (or arrays)
@@ -196,7 +196,7 @@ class Track:
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
         i, s_in_lap = self._segments(np.asarray(s, np.float64))
-        start, _, curvature, x, y, psi, _, _ = self._columns[:, i]
+        start, _, curvature, x, y, psi, _, _ = self._table.take(i, 0).T
         half = 0.5 * curvature * (s_in_lap - start)
         chord, psi = (s_in_lap - start) * np.sinc(half / pi), psi + half
         x, y, psi = x + chord * np.cos(psi), y + chord * np.sin(psi), psi + half
@@ -247,12 +247,14 @@ class Track:
         return [*zip(self.starts, self.starts[1:], frames, strict=False)]
 
     @cached_property
-    def _columns(self) -> Floats:
+    def _table(self) -> Floats:
+        """A row for each segment: its frame, s at its start, and half its turn."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
         x, y, psi = np.array(self._poses[:-1]).T
-        rows = self.starts[:-1], self.lengths, self.curvatures, x, y, psi, np.cos(psi), np.sin(psi)
-        return np.array(rows)
+        middles = 0.5 * np.multiply(self.curvatures, self.lengths)
+        columns = self.starts[:-1], middles, self.curvatures, x, y, psi, np.cos(psi), np.sin(psi)
+        return np.column_stack(columns)
 
     @cached_property
     def _inner(self) -> Floats:
@@ -271,12 +273,12 @@ class Track:
         """Return s, e_y and heading of the centre line in the frames of segments `i`."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
-        start, length, curvature, x0, y0, psi, cosine, sine = self._columns[:, i]
+        start, middle, curvature, x0, y0, psi, cosine, sine = self._table.take(i, 0).T
         dx, dy = x - x0, y - y0
         a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
         across, along = curvature * a, 1.0 - curvature * b
-        e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + np.hypot(across, along))
-        middle = 0.5 * curvature * length
+        root = np.sqrt(across * across + along * along)
+        e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + root)
         angle = middle + _wrapped(np.arctan2(across, along) - middle)
         ahead = np.divide(angle, curvature, out=a, where=curvature != 0.0)
         return start + ahead, e_y, psi + curvature * ahead
@@ -298,7 +300,7 @@ class Track:
             s[left], e_y[left], heading[left] = self._project_many(i[left], x[left], y[left])
         if self.is_closed:
             s += self.length * np.round((near - s) / self.length)
-        found: Any = s, e_y, _wrapped(psi - heading), self._columns[2, i]
+        found: Any = s, e_y, _wrapped(psi - heading), self._table[i, 2]
         return Frenet(*found)
 
     def _nearest(self, x: Floats, y: Floats) -> Floats:
