@@ -165,7 +165,7 @@ whole numbers | 85.88 | the outputs are whole numbers
     return acc -> return int(acc)
 an own limit | 81.62 | I has no dt
     return acc -> return max(-8, min(8, acc))
-an unused import | 100 | import matplotlib.pyplot as plt: not here
+an unused import | 100 | imports matplotlib.pyplot: it is not here
     import time -> import matplotlib.pyplot as plt
 a ROS clock | 50 | rospy.get_time(), but ROS 1 is not here
     + error -> + error * (rospy.get_time() - self.previous)

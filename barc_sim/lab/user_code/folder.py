@@ -16,6 +16,7 @@ import threading
 import time
 import traceback
 import weakref
+from contextlib import suppress
 from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec
 from inspect import Parameter, Signature, signature
@@ -25,13 +26,13 @@ from threading import get_ident
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
 
-from barc_sim.errors import without_addresses
+from barc_sim.errors import one_line, without_addresses
 from barc_sim.lab.handout import FILES
 from barc_sim.lab.user_code.source import (
     Source,
     UserCodeError,
     compiled,
-    guarded_lines,
+    guarded_imports,
     read,
 )
 
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     import ast
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
-    from types import CodeType, FrameType, ModuleType
+    from types import CodeType, ModuleType
 
     _P = ParamSpec('_P')
 
@@ -144,7 +145,6 @@ class Folder:
         NumPy is here.
         """
         self.path, self._output, self.budget = path, output, budget
-        self._guarded: dict[str, frozenset[int]] = {}
         self.trees: dict[str, ast.Module] = {}  #: of the loaded files, by path
         self.tolerated: list[str] = []  #: in them, a phrase each
         #: Gives the modules that take the place of others.
@@ -189,7 +189,6 @@ class Folder:
         path, source = str(file), self._read(file)
         result = compiled(source)
         self.trees[path] = result.tree
-        self._guarded[path] = guarded_lines(result.tree)
         for phrase in result.tolerated:
             self._tolerate(f'{source.name}: {phrase}')
         return result.code
@@ -235,39 +234,25 @@ class Folder:
         fromlist: Sequence[str],
     ) -> ModuleType:
         """Return a module of Python or of an installed package, or an `Absent`."""
-        top, missing, is_ros = name.partition('.')[0], name, _is_ros(name)
-        path, line = self._importing_line()
-        source, guarded = self.sources.get(path), line in self._guarded.get(path, ())
-        python = source is None or top in sys.stdlib_module_names or top == 'numpy'
+        top, is_ros = name.partition('.')[0], _is_ros(name)
+        python = top in sys.stdlib_module_names or top == 'numpy'
         if python or (self.budget is not None and not is_ros):
-            try:
+            with suppress(ModuleNotFoundError):
                 return __import__(name, globals, locals, fromlist, 0)
-            except ModuleNotFoundError as error:
-                if source is None or guarded:
-                    raise
-                missing = error.name or name
-        assert source  # noqa: S101 (others are here)
-        if not is_ros and (guarded or '*' in (fromlist or ())):
-            raise ModuleNotFoundError(missing, name=missing)
+        path = (globals or {}).get('__file__', '')
+        if not is_ros and (top in guarded_imports(self.trees[path]) or '*' in (fromlist or ())):
+            raise ModuleNotFoundError(name, name=name)
         reason = (
             'ROS 1 is not here and not needed: barc_sim provides the nodes, and calls PID every '
             '0.02 s'
             if is_ros
-            else f'there is no module {missing!r} here ({source.name}, line {line}): NumPy and '
-            "Python's own modules are; install it for your own runs, put it into the folder, or "
-            'do without it'
+            else f"there is no module {name!r} here: NumPy and Python's own modules are; install "
+            'it for your own runs, put it into the folder, or do without it'
         )
-        why = 'ROS is not needed' if is_ros else 'not here'
-        self._tolerate(f'{source.name}, line {line}: {source.line(line)}: {why}')
+        why = 'ROS is not needed' if is_ros else 'it is not here'
+        self._tolerate(f'{self.sources[path].name} imports {name}: {why}')
         absent: Any = Absent(name if fromlist else top, reason)
         return absent  # type: ignore[no-any-return]
-
-    def _importing_line(self) -> tuple[str, int]:
-        """Return the path and line of the innermost statement of this folder."""
-        frame: FrameType | None = sys._getframe(2)  # noqa: SLF001 (who imports)
-        while frame and frame.f_code.co_filename not in self.sources:
-            frame = frame.f_back
-        return (frame.f_code.co_filename, frame.f_lineno) if frame else ('', 0)
 
     def _tolerate(self, phrase: str) -> None:
         if phrase not in self.tolerated:
@@ -370,17 +355,12 @@ def short_repr(value: object) -> str:
     if type(value) is float:  # `isinstance` would ask the value
         return f'{value:.9g}' if value % 1.0 else repr(value)
     kind = type.__getattribute__(type(value), '__name__')
-    return _in_one_line(guarded(repr, value, default=f'<{kind} instance>'))
-
-
-def _in_one_line(text: str) -> str:
-    text = without_addresses(' '.join(text.split()))
-    return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'
+    return one_line(without_addresses(guarded(repr, value, default=f'<{kind} instance>')), _SHOWN)
 
 
 def describe_error(error: BaseException) -> str:
     """Return an exception's type and message in one line."""
-    text = _in_one_line(guarded(str, error, default=''))
+    text = one_line(without_addresses(str(error)), _SHOWN)
     return f'{type(error).__name__}: {text}' if text else type(error).__name__
 
 

@@ -51,11 +51,6 @@ class Source(NamedTuple):
     text: str
     sha256: str  #: of the file's bytes, which are `text` in UTF-8
 
-    def line(self, number: int) -> str:
-        """Return the line `number`, counted from 1, without surrounding blanks."""
-        lines = self.text.splitlines()
-        return lines[number - 1].strip() if 0 < number <= len(lines) else ''
-
 
 def read(path: Path, name: str) -> Source:
     """Read the file at `path`; an error if it can't be read, or is no text in UTF-8."""
@@ -103,7 +98,7 @@ def compiled(source: Source) -> Compiled:
 
 
 def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
-    text = ((error.text or '').strip() or source.line(error.lineno or 0))[:_SHOWN]
+    text = (error.text or '').strip()[:_SHOWN]
     at = f'{source.name}, line {error.lineno or 1}'
     if 'print' in error.msg and (statement := _PRINT.match(text)):
         return UserCodeError(
@@ -112,15 +107,15 @@ def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
     return UserCodeError(f'{at}: syntax error: {error.msg}' + (f': {text}' if text else ''))
 
 
-def guarded_lines(tree: ast.Module) -> frozenset[int]:
-    """Return the lines in the body of a `try`, where a failing import has a replacement."""
-    return frozenset(
-        line
+def guarded_imports(tree: ast.Module) -> set[str]:
+    """Return the modules that a file imports in a `try`, so that it can do without them."""
+    return {
+        name.partition('.')[0]
         for node in ast.walk(tree)
         if isinstance(node, ast.Try) and node.handlers
         for part in node.body
-        for line in range(part.lineno, (part.end_lineno or part.lineno) + 1)
-    )
+        for name in _imports(part)
+    }
 
 
 def ros_of_program(tree: ast.Module) -> str:
