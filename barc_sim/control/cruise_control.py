@@ -239,15 +239,17 @@ class CruiseControl:
     def computed(self) -> dict[str, Any]:
         """Return what the controller computed for its latest answer: the fields of its message.
 
-        That is PidState where `is_pid`, and ControllerState otherwise.
+        That is PidState where `is_pid`, and ControllerState otherwise. Test commands alone hold no
+        speed: their reference is NaN.
         """
         controller, answer = self.controller, self._answer
+        reference = answer.reference if getattr(controller, 'holds_speed', True) else nan
         terms = {name: float(getattr(controller, name)) for name in controller.terms}
         named = terms if self.is_pid else {'names': [*terms], 'values': [*terms.values()]}
         return {
-            'reference': answer.reference,
+            'reference': reference,
             'measurement': answer.speed,
-            'error': answer.reference - answer.speed,
+            'error': reference - answer.speed,
             'output': answer.acceleration,
             'saturated': bool(controller.saturated),
             **named,

@@ -297,31 +297,33 @@ def _marker(log: Log) -> str:
 def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> Figure:
     """Draw the path from above, and heading, speed and steering over time.
 
-    Where the car was put back to the start, the lines are broken.
+    Of a drive straight on, that is speed and command. Where the car was put back to the start, the
+    lines are broken.
     """
     log = use_measurement(log)
     figure = figure or Figure(figsize=DRIVE_SIZE)
     figure.set_layout_engine('constrained')
-    path, heading, speed, steering = figure.subplots(4, 1, height_ratios=[4.0, 1.4, 1.4, 1.4])
     jumps = np.hypot(np.diff(log.distance), np.diff(log.across)) > JUMP
-    draw_path(path, *(_without_jumps(values, jumps) for values in (log.distance, log.across)))
-    degrees = np.degrees(np.unwrap(np.nan_to_num(log.psi - log.e_epsi)))
-    for axes, values, color, label in (
-        (heading, _without_jumps(degrees, jumps), INK, 'Heading [°]'),
-        (speed, _without_jumps(log.speed, jumps), BLUE, 'Speed [m/s]'),
-    ):
-        axes.plot(log.t, values, color=color, lw=1.8)
-        axes.set_ylim(*limits(values[~np.isnan(values)], share=0.1, minimum=1.0))
-        axes.set_ylabel(label)
-        axes.tick_params(labelbottom=False)
-    servo = np.degrees(log.servo)
-    steering.step(log.t, servo, where='post', color=GREEN, lw=1.6)
-    steering.set_ylim(*limits(servo[~np.isnan(servo)], share=0.1, minimum=1.0))
-    steering.set(ylabel='Steering [°]', xlabel='Time [s]; left is positive')
-    for axes in (heading, speed, steering):
+    speed = (_without_jumps(log.speed, jumps), BLUE, 'Speed [m/s]')
+    if np.nan_to_num(log.servo).any():
+        degrees = np.degrees(np.unwrap(np.nan_to_num(log.psi - log.e_epsi)))
+        heading = (_without_jumps(degrees, jumps), INK, 'Heading [°]')
+        drawn = [heading, speed, (np.degrees(log.servo), GREEN, 'Steering [°]')]
+        top, *charts = figure.subplots(4, 1, height_ratios=[4.0, 1.4, 1.4, 1.4])
+        draw_path(top, *(_without_jumps(values, jumps) for values in (log.distance, log.across)))
+    else:
+        drawn = [speed, (log.motor, GREEN, 'Command [m/s²]')]
+        top, _ = charts = [*figure.subplots(2, 1)]
+    for axes, (values, color, label) in zip(charts, drawn, strict=True):
+        look = 'steps-post' if color == GREEN else 'default'  # a command holds
+        axes.plot(log.t, values, color=color, lw=1.8, drawstyle=look)
+        axes.set_ylim(*limits(values, share=0.1, minimum=1.0))
         axes.set_xlim(*limits(log.t, share=0.01, minimum=1.0))
-    path.set_title(title, loc='left', fontsize=14, fontweight='bold')
-    figure.align_ylabels([heading, speed, steering])
+        axes.set_ylabel(label)
+        axes.tick_params(labelbottom=axes is charts[-1])
+    charts[-1].set_xlabel('Time [s]; left is positive' if len(charts) > 2 else 'Time [s]')  # noqa: PLR2004
+    top.set_title(title, loc='left', fontsize=14, fontweight='bold')
+    figure.align_ylabels(charts)
     return figure
 
 

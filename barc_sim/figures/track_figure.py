@@ -45,6 +45,7 @@ TRACK_SIZE = (12.0, 7.6)  #: [inch]
 TRACK_GROUND = '#F1F1EE'
 _SPACING = 0.5  #: [m] between two points of a track that is drawn
 _MOST_LAPS = 8  #: in the table
+_BENT = 0.9  #: share of a lap in arcs from which they are not shaded, as on a racing line
 _OTHER = '#A9B4BD'  #: of the laps beside the best
 _SHOWN_LINE: dict[str, Any] = {'color': BLUE, 'lw': 1.8}
 
@@ -251,10 +252,12 @@ def _finish(charts: list[Axes], curves: list[_Curve], course: Course) -> None:
         'limit', (1.0, limit), (-2.0, -3.0), ('axes fraction', 'data'), 'offset points',
         ha='right', va='top', color=MUTED, fontsize=8,
     )  # fmt: skip
-    bent = (log.curvature != 0.0).tolist()
-    shade: dict[str, Any] = {'where': bent, 'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
-    for axes in charts:
-        axes.fill_between(s, 0.0, 1.0, transform=axes.get_xaxis_transform(), **shade)
+    bent = log.curvature != 0.0
+    has_straights = float(bent.mean()) < _BENT
+    look: dict[str, Any] = {'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
+    for axes in charts if has_straights else ():
+        sides = axes.get_xaxis_transform()
+        axes.fill_between(s, 0.0, 1.0, where=bent.tolist(), transform=sides, **look)
     for axes in (across, heading, steering):
         axes.axhline(0.0, color=GREY, lw=0.8)
     for axes in charts[:3]:
@@ -272,7 +275,7 @@ def _finish(charts: list[Axes], curves: list[_Curve], course: Course) -> None:
     heading.set(ylabel='e_psi [°]', ylim=limits(e_psi, share=0.12, minimum=1.0))
     servo = np.append(servo, [limit, -limit])
     steering.set(ylabel='Steering [°]', ylim=limits(servo, share=0.06, minimum=1.0))
-    steering.set_xlabel('Place in the lap [m]; arcs are shaded')
+    steering.set_xlabel('Place in the lap [m]' + ('; arcs are shaded' if has_straights else ''))
     end = course.length if np.isfinite(course.length) else float(s.max())
     steering.set_xlim(0.0, max(end, 1.0))
 

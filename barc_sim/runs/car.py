@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from math import inf
+from math import inf, nan
 from typing import TYPE_CHECKING
 
 from barc_sim.control.speed import KD, KI, KP, NO_LIMIT, PID, SPEED_REFERENCE
@@ -80,7 +80,7 @@ class Car:
         if place:
             self.display.show(x, partial(track_line, t, place, speed))
         else:
-            error = reference - speed
+            error = nan if self._duration < inf else reference - speed  # of commands alone: none
             self.display.show(x, partial(cruise_line, t, x, speed, error, theta_deg, lap))
 
     def _add_place(self, t: float, place: TrackState) -> None:

@@ -355,6 +355,8 @@ def _description(argv: list[str], nodes: list[Node]) -> dict[str, str]:
         # By class, not by name: `-r __node:=car` gives all nodes one name.
         if isinstance(node, CruiseController):
             own = {name: node.values[name] for name in GAINS if name in node.values} | own
+            if node.lane and node.has_parameter('lane_type'):
+                own.setdefault('lane', node.get_parameter('lane_type').value)
         elif isinstance(node, VehicleSimulator):
             own.setdefault('road', node.values['road'])
             if node.track:

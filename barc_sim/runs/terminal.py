@@ -30,10 +30,8 @@ def cruise_line(
 ) -> str:
     """Return the line of a state: [s], [m], [m/s], [m/s]; the lap is shown from the second on."""
     number = f'lap {lap + 1}  ' if lap else ''
-    return (
-        f'{number}{t:6.2f} s  {distance:6.1f} m  {speed:6.3f} m/s  '
-        f'error {error:+.3f} m/s  grade {grade_deg:+.0f}°'
-    )
+    off = '' if isnan(error) else f'error {error:+.3f} m/s  '
+    return f'{number}{t:6.2f} s  {distance:6.1f} m  {speed:6.3f} m/s  {off}grade {grade_deg:+.0f}°'
 
 
 def track_line(t: float, place: TrackState, speed: float) -> str:

@@ -188,6 +188,16 @@ def test_files_of_a_track_beside_a_controller_do_not_matter_on_a_road(tmp_path: 
     assert (done.returncode, done.stderr) == (0, '')
 
 
+def test_a_drive_with_commands_of_the_users_has_no_reference(tmp_path: Path) -> None:
+    code = "NAME = 'Ann'\n\ndef command(t): return 1.0\n\ndef estimate(t, v, a): return [0.0] * 6\n"
+    lab(tmp_path / 'lab', identify=code)
+    done = barc('acc', '-q', *MAX, '--road', 'flat', '--distance', '5', '--lab', 'lab')
+    assert done.returncode == 0, done.stderr
+    log = bag.read(tmp_path / done.stdout.strip())
+    assert np.isnan(log.reference).all()
+    assert log.motor[0] == 1.0
+
+
 def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
     start: Start, tmp_path: Path
 ) -> None:

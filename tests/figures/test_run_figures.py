@@ -179,6 +179,13 @@ def test_path_heading_speed_and_steering_are_drawn() -> None:
     assert 'Time [s]' in steering.get_xlabel()
 
 
+def test_a_drive_straight_on_has_speed_and_command() -> None:
+    log = without_controller(closed_loop(Plant(road=Road.flat()), distance=30.0))
+    speed, command = drive_figure(log).axes
+    np.testing.assert_array_equal(speed.lines[0].get_xydata(), np.c_[log.t, log.speed])
+    np.testing.assert_array_equal(command.lines[0].get_xydata(), np.c_[log.t, log.motor])
+
+
 def test_reset_to_the_start_breaks_the_lines() -> None:
     log = drive_by_hand(REQUESTS, 8.0)
     x = np.where(log.t < 6.0, log.x, 0.0)

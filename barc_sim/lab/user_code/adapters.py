@@ -66,6 +66,7 @@ class UserCommands(TestSignal):
 
     terms: Mapping[str, str] = {}
     hold = 0.0
+    holds_speed = False
 
     def __init__(self, code: UserCode) -> None:
         """Begin at 0 s."""
