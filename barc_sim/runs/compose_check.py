@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,8 +24,6 @@ _SIMULATOR = '/vehicle_simulator'
 _TOPICS = ('/cmd_vel', '/ecu', '/z_vhcl')
 _FOUND = 'found.json'
 _DEADLINE = 60.0  #: [s] for all of it, on a busy machine
-_MAX_FILE = 64 << 20  #: bytes of what it prints, and of its bag
-_LAST_WORDS = 4096  #: bytes of what it has printed
 #: [s] after which nodes count that nobody spins, and that an executor spins.
 _UNSPUN, _SPUN = 20.0, 0.5
 
@@ -47,13 +44,32 @@ def judge_composition(file: Path) -> Verdict:
         return Verdict(False, str(error))
     if sys.platform == 'win32':
         return Verdict(True, 'not run: a keyboard needs the terminal of Linux or macOS')
-    nodes, publishers, death = _run(file)
-    if not nodes:
-        return Verdict(False, death or 'it has made no node')
-    listed = f'{len(nodes)} nodes, {", ".join(nodes)}'
-    if faults := _faults(nodes, publishers, listed):
-        return Verdict(False, '; '.join(faults))
-    return Verdict(True, f'{listed}; each of {", ".join(_TOPICS)} has one publisher')
+    import pty  # noqa: PLC0415 (of Unix)
+
+    ours, theirs = pty.openpty()  # a keyboard needs a terminal
+    command = [sys.executable, '-m', __name__, str(file.resolve())]
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
+        try:
+            code = subprocess.run(  # noqa: S603 (the user's own file)
+                command,
+                cwd=folder,
+                stdin=theirs,
+                stdout=output,
+                stderr=output,
+                timeout=_DEADLINE,
+                check=False,
+            ).returncode
+        except subprocess.TimeoutExpired:
+            why = f'it was ended after {_DEADLINE:g} s: does one call last for ever?'
+            return Verdict(False, why)
+        finally:
+            os.close(ours)
+            os.close(theirs)
+        if (found := Path(folder, _FOUND)).exists():
+            return _verdict(*json.loads(found.read_text(encoding='utf-8')))
+        output.seek(0)
+        last = output.read().decode(errors='replace').strip().rpartition('\n')[2]
+    return Verdict(False, f'it has ended with exit code {code}: {last[:200]}'.rstrip(': '))
 
 
 def _is_unwritten(file: Path) -> bool:
@@ -65,44 +81,8 @@ def _is_unwritten(file: Path) -> bool:
     )
 
 
-def _run(file: Path) -> tuple[list[str], dict[str, list[str]], str]:
-    """Return the script's nodes and each topic's publishers, or how the script died."""
-    import pty  # noqa: PLC0415 (of Unix)
-
-    ours, theirs = pty.openpty()  # a keyboard needs a terminal
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
-        process = subprocess.Popen(  # noqa: S603 (the user's own file)
-            [sys.executable, '-m', __name__, str(file.resolve())],
-            cwd=folder,
-            env=os.environ | {'PYTHONIOENCODING': 'utf-8'},
-            stdin=theirs,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        try:
-            code = process.wait(_DEADLINE)
-        except subprocess.TimeoutExpired:
-            return [], {}, f'it was ended after {_DEADLINE:g} s: does one call last for ever?'
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)  # and what it has started
-            process.wait()
-            os.close(ours)
-            os.close(theirs)
-        found = Path(folder, _FOUND)
-        if found.exists():
-            return *json.loads(found.read_text(encoding='utf-8')), ''
-        output.seek(max(output.seek(0, os.SEEK_END) - _LAST_WORDS, 0))
-        lines = output.read().decode(errors='replace').strip().splitlines()
-    last = f': {lines[-1][:200]}' if lines and code else ''
-    return [], {}, f'it has ended with exit code {code}{last}'
-
-
 def _run_here(file: str) -> None:
     """Run the script on what stands in for ROS; write its nodes, by full name, to a file."""
-    import resource  # noqa: PLC0415 (of Unix)
-
     from barc_sim.ros.local import install  # noqa: PLC0415 (as the script's own process)
     from barc_sim.ros.local.executor import Executor  # noqa: PLC0415
 
@@ -125,12 +105,13 @@ def _run_here(file: str) -> None:
     Executor._spin = first_spin  # type: ignore[method-assign]  # noqa: SLF001
     signal.signal(signal.SIGALRM, report)
     signal.setitimer(signal.ITIMER_REAL, _UNSPUN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (_MAX_FILE, _MAX_FILE))  # of what it prints, too
     sys.argv, sys.path[0] = [file], str(Path(file).parent)
     runpy.run_path(file, run_name='__main__')
 
 
-def _faults(nodes: list[str], publishers: dict[str, list[str]], listed: str) -> list[str]:
+def _verdict(nodes: list[str], publishers: dict[str, list[str]]) -> Verdict:
+    """Judge the script's nodes, and the publishers of each topic."""
+    listed = f'{len(nodes)} nodes, {", ".join(nodes)}'
     faults = []
     if len(nodes) < _NODES:
         faults.append(
@@ -143,7 +124,8 @@ def _faults(nodes: list[str], publishers: dict[str, list[str]], listed: str) -> 
         if len(names) != 1:
             found = f' ({", ".join(names)})' if names else ''
             faults.append(f'{topic} has {len(names)} publishers{found}; expected one')
-    return faults
+    right = f'{listed}; each of {", ".join(_TOPICS)} has one publisher'
+    return Verdict(not faults, '; '.join(faults) or right)
 
 
 if __name__ == '__main__':

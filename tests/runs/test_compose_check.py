@@ -75,7 +75,6 @@ def test_finished_template_is_right_however_slowly_its_nodes_are_made(
         ),
         ('Terminal())]', 'Terminal)]', 'it has ended with exit code 1: '),
         ('rclpy.init()', 'rclpy.init(', "'(' was never closed"),
-        ('rclpy.init()', 'print("x" * 2**27)\n    1 / 0', 'it has ended with exit code 1: '),
     ],
 )
 def test_mistake_is_a_sentence(
@@ -87,25 +86,13 @@ def test_mistake_is_a_sentence(
     assert sentence in text
 
 
-def test_a_script_that_leaves_a_process_or_computes_for_ever_is_ended(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_script_that_computes_for_ever_is_ended(
+    judged: Callable[[str], Verdict], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = tmp_path / 'compose.py'
-    sleeper = 'import subprocess\nsubprocess.Popen(["sleep", "300"])\n'
-    file.write_text(f'{sleeper}raise SystemExit(4)\n', encoding='utf-8')
-    assert judge_composition(file) == (False, 'it has ended with exit code 4')
+    assert judged('raise SystemExit(4)\n') == (False, 'it has ended with exit code 4')
     monkeypatch.setattr(compose_check, '_DEADLINE', 0.5)
-    file.write_text('import re\nre.match("(a+)+$", "a" * 60 + "b")\n', encoding='utf-8')
-    assert judge_composition(file).sentence.startswith('it was ended after 0.5 s')
-
-
-@pytest.mark.parametrize('text', ['-' * 100_000 + '1', '(' * 1000, '\0'])
-def test_text_that_python_cannot_read_is_a_sentence(
-    judged: Callable[[str], Verdict], text: str
-) -> None:
-    right, sentence = judged(text)
-    assert not right
-    assert 'compose.py' in sentence
+    verdict = judged('import re\nre.match("(a+)+$", "a" * 60 + "b")\n')
+    assert verdict.sentence.startswith('it was ended after 0.5 s')
 
 
 def test_template_is_not_run_and_check_prints_it(tmp_path: Path) -> None:
