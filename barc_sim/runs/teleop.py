@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
 import sys
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from functools import partial
+from threading import Thread
 from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import PEDAL
@@ -19,6 +22,7 @@ from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from collections.abc import Iterator
 
     from barc_sim.cli.process import StopSignals
     from barc_sim.runs.inputs import Inputs
@@ -26,6 +30,8 @@ if TYPE_CHECKING:
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.
 _COMMAND_TIMEOUT = 0.5
+#: [s] for the process of a relay to end by itself.
+_LAST_WORDS = 2.0
 _HELP = 'arrows or WASD {drive}, space brakes, r goes back to the start, q ends'
 _DRIVE = {'pedal': 'drive', 'velocity': 'ask for 1 m/s and 1 rad/s while held'}
 
@@ -40,10 +46,11 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
     with (
         terminal or nullcontext(),
         carrier(options) as new_executor,
+        _relay_program(options, inputs) as program,
         Run(options, inputs, stop) as run,
     ):
         relay: Relay | None = None
-        if not options.no_relay:
+        if not (options.no_relay or program):
             driver = UserDriver(inputs.user_code) if inputs.user_code.relay else None
             relay = run.add(Relay, {'input': options.input}, driver=driver)
         simulator = run.add_simulator(
@@ -64,9 +71,46 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
         if terminal and not options.quiet:
             print(_HELP.format(drive=_DRIVE[options.input or PEDAL]))  # noqa: T201
 
+        if program:
+            Thread(target=_follow, args=(program, run), daemon=True).start()
         with new_executor() as executor:
             run.spin(executor)
+        if program and program.poll() is not None:
+            name = inputs.user_code.relay.path.name
+            raise UserError(f'the relay {name} has ended with exit code {program.returncode}')
     return run.end(lambda: _print_result(run))
+
+
+@contextmanager
+def _relay_program(options: Namespace, inputs: Inputs) -> Iterator[subprocess.Popen[bytes] | None]:
+    """Run a relay that is a program of rclpy, where there is ROS, as a process that ends in time.
+
+    It has the arguments of the run after `--ros-args`, and with them its namespace.
+    """
+    relay = inputs.user_code.relay
+    if options.engine != 'ros' or getattr(relay, 'ros', '') != 'rclpy':
+        yield None
+        return
+    file = relay.path.resolve()
+    command = [sys.executable, '-u', str(file), *options.ros_args]
+    # In a session of its own: a Ctrl-C ends the run, which then ends this process.
+    with subprocess.Popen(  # noqa: S603 (the user's own file)
+        command, cwd=file.parent, stdin=subprocess.DEVNULL, start_new_session=True
+    ) as program:
+        try:
+            yield program
+        finally:
+            program.send_signal(signal.SIGINT)
+            try:
+                program.wait(_LAST_WORDS)
+            except subprocess.TimeoutExpired:
+                program.kill()
+
+
+def _follow(program: subprocess.Popen[bytes], run: Run) -> None:
+    """End the run with the process of its relay."""
+    program.wait()
+    run.finish()
 
 
 def _terminal() -> Terminal | None:

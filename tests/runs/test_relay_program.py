@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from command_line import barc, call, started
 from relays import ROS_2, joystick
 
 from barc_sim.bags import reader as bag
+from barc_sim.bags.names import NodeGraph
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,26 +38,37 @@ def newest(folder: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_a_program_of_ros_drives(tmp_path: Path) -> None:
-    (tmp_path / 'mine.py').write_text(ROS_2, encoding='utf-8')
-    with started('teleop', *UNSEEN, '--relay', 'mine.py', cwd=tmp_path) as run:
+def test_a_program_of_rclpy_is_a_node_of_its_own_that_ends_with_the_run(tmp_path: Path) -> None:
+    (tmp_path / 'mine.py').write_text(f'import os\nprint(os.getpid())\n{ROS_2}', encoding='utf-8')
+    with started('teleop', *UNSEEN, '-q', '--relay', 'mine.py', cwd=tmp_path) as run:
         joystick()
         run.send_signal(signal.SIGTERM)
-        _, err = run.communicate(timeout=DEADLINE)
+        out, err = run.communicate(timeout=DEADLINE)
     assert run.returncode == 0, err
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(out.split()[0]), 0)
     path = newest(tmp_path)
     assert bag.read(path).speed.max() >= 1.0
     assert list(bag.load(path).attachments) == ['student/mine.py']
+    assert ('/relay', '/ecu') in NodeGraph.from_json(bag.info(path)['graph']).publications
 
 
-@pytest.mark.parametrize('engine', ['ros', 'local'])
-def test_a_program_that_fails_ends_the_run_with_a_sentence(tmp_path: Path, engine: str) -> None:
+@pytest.mark.parametrize(
+    ('engine', 'sentence'),
+    [
+        ('ros', 'the relay mine.py has ended with exit code 1'),
+        ('local', 'the relay raised ZeroDivisionError: a fault of mine'),
+    ],
+)
+def test_a_program_that_fails_ends_the_run_with_a_sentence(
+    tmp_path: Path, engine: str, sentence: str
+) -> None:
     (tmp_path / 'mine.py').write_text(DIES, encoding='utf-8')
     done = call('teleop', '--engine', engine, *UNSEEN, '--relay', 'mine.py', cwd=tmp_path)
     assert done.returncode == 1
-    (sentence,) = [line for line in done.stderr.splitlines() if line.startswith('barc teleop: ')]
-    assert sentence.endswith('the relay raised ZeroDivisionError: a fault of mine')
-    assert 'Traceback' not in done.stderr
+    assert done.stderr.splitlines()[-1].endswith(sentence)
+    assert 'a fault of mine' in done.stderr
+    assert bag.info(newest(tmp_path))['failure'].endswith(sentence)
 
 
 def test_without_a_relay_the_run_waits_for_another(tmp_path: Path) -> None:
