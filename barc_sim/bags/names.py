@@ -79,7 +79,6 @@ NODES = {
     'bag_player': 'publishes the messages of a bag on their topics',
     'view': 'serves the live page, and passes its requests to the other nodes',
     'mirror': "repeats the simulator's states in the messages of ROS's own tools",
-    'foxglove': 'serves every topic to the Foxglove app',
 }
 
 

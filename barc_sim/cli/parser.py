@@ -24,8 +24,6 @@ _ROS_ARGS_HELP = (
     '--ros-args -r __ns:=/car2 -p controller:acceleration_limit:=4.0'
 )
 MAX_PORT = 65_535
-#: The Foxglove app's default port.
-FOXGLOVE_PORT = 8765
 _MAX_DIGITS = 18  #: of a whole number on the command line
 
 

@@ -64,7 +64,6 @@ _SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
 NODES = {
     'bag_recorder': ('recorder', 'BagRecorder'),
     'controller': ('controller', 'CruiseController'),
-    'foxglove_server': ('foxglove', 'FoxgloveServer'),
     'keyboard': ('keyboard', 'Keyboard'),
     'mirror': ('mirror', 'MirrorNode'),
     'relay': ('relay', 'Relay'),

@@ -32,7 +32,7 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.peers import node_graph
-from barc_sim.runs.options import opens_page, recording, wanted_mirrors, wants_page
+from barc_sim.runs.options import opens_page, recording, wants_page
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
@@ -211,7 +211,7 @@ class Run:
         recorder.add_metadata({'graph': graph.to_json()})
 
     def _add_mirrors(self) -> None:
-        mirrors = wanted_mirrors(self.options)
+        mirrors = self.options.mirrors
         for simulator in self.simulators if mirrors else ():
             from barc_sim.nodes.mirror import MirrorNode  # noqa: PLC0415 (only if wanted)
 
@@ -224,11 +224,6 @@ class Run:
                 track=simulator.track,
                 facts=partial(_facts, simulator, self.recorder),
             )
-        if self.options.foxglove is not None:
-            from barc_sim.nodes.foxglove import FoxgloveServer  # noqa: PLC0415
-
-            server = self.add(FoxgloveServer, port=self.options.foxglove)
-            self._print(f'foxglove   {server.url}')
 
     def _serve(self, number: int) -> None:
         """Serve the live page of a car."""

@@ -11,7 +11,7 @@ from math import inf
 from pathlib import Path
 
 from barc_sim.bags.recording import Recording
-from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT, number, whole
+from barc_sim.cli.parser import MAX_PORT, number, whole
 from barc_sim.cli.process import has_ros, is_at_desktop, needs_ros
 from barc_sim.lab.handout import FILES
 from barc_sim.nodes import MIRRORS
@@ -24,7 +24,7 @@ _PAGES = {'web': 'web', 'none': 'none', 'offer': 'at a desktop, the link to a pa
 _MAX_SIZE = 2.0**60  #: [B]
 _MAX_DURATION = 1e9  #: [s]
 #: The options of a run that need ROS, and the value with which each does not.
-_ROS_OPTIONS = {'no_controller': False, 'no_relay': False, 'foxglove': None, 'network': False}
+_ROS_OPTIONS = {'no_controller': False, 'no_relay': False, 'network': False}
 
 
 def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view: str) -> None:
@@ -177,30 +177,15 @@ def opens_page(options: argparse.Namespace) -> bool:
 
 
 def add_mirror_options(parser: argparse.ArgumentParser) -> None:
-    """Add `--mirrors` and `--foxglove`."""
+    """Add `--mirrors`."""
     parser.add_argument(
         '--mirrors',
         type=_mirrors,
+        default=(),
         metavar='NAMES',
         help='standard messages for RViz, Foxglove and PlotJuggler: all, none, or some of '
         f'{",".join(MIRRORS)} (none)',
     )
-    parser.add_argument(
-        '--foxglove',
-        type=whole(0, MAX_PORT),
-        nargs='?',
-        const=FOXGLOVE_PORT,
-        metavar='PORT',
-        help='serve every topic live to the Foxglove app on this machine, with all mirrors unless '
-        f'--mirrors names others ({FOXGLOVE_PORT})',
-    )
-
-
-def wanted_mirrors(options: argparse.Namespace) -> frozenset[str]:
-    """Return the mirrors named on the command line; without names, all for Foxglove, else none."""
-    if options.mirrors is None:
-        return frozenset(() if options.foxglove is None else MIRRORS)
-    return frozenset(options.mirrors)
 
 
 def _mirrors(text: str) -> frozenset[str]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import socket
-import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,13 +9,12 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import acc, bag_of, messages
+from command_line import bag_of, messages
 
 from barc_sim.bags import reader as bag
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
 EACH_STATE = {'/odom'}
@@ -53,31 +50,3 @@ def test_those_that_are_named_stand_on_the_simulators_road_in_its_namespace(tmp_
     last = found['/car2/odom'][-1]
     assert last.pose.pose.position.z / last.pose.pose.position.x == pytest.approx(0.36397, abs=1e-5)
     assert last.header.frame_id == 'car2/odom'
-
-
-@pytest.fixture
-def taken() -> Iterator[int]:
-    """Return a port that somebody has."""
-    with socket.create_server(('127.0.0.1', 0)) as server:
-        yield server.getsockname()[1]
-
-
-def test_port_that_foxglove_cannot_have_ends_the_run_before_it_begins(
-    tmp_path: Path, taken: int
-) -> None:
-    pytest.importorskip('foxglove')
-    done = acc(tmp_path, '--foxglove', str(taken))
-    assert (done.returncode, done.stdout) == (2, '')
-    assert f'port {taken} cannot be had for Foxglove' in done.stderr.splitlines()[-1]
-    assert not (tmp_path / 'bags').exists()
-
-
-def test_sdk_that_is_missing_ends_the_run_before_it_begins(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, 'foxglove', None)
-    monkeypatch.delitem(sys.modules, 'barc_sim.nodes.foxglove', raising=False)
-    done = acc(tmp_path, '--foxglove')
-    assert (done.returncode, done.stdout) == (2, '')
-    assert 'the Foxglove SDK is not installed in this Python' in done.stderr.splitlines()[-1]
-    assert not (tmp_path / 'bags').exists()

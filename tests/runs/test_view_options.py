@@ -13,7 +13,6 @@ from barc_sim.runs.options import (
     add_mirror_options,
     add_view_options,
     opens_page,
-    wanted_mirrors,
     wants_page,
 )
 
@@ -79,13 +78,10 @@ def test_a_page_is_offered_at_a_desktop_and_does_not_open_itself(
         (['--mirrors', 'none'], set()),
         (['--mirrors', 'all'], set(MIRRORS)),
         (['--mirrors', 'odom,path'], {'odom', 'path'}),
-        (['--foxglove'], set(MIRRORS)),
-        (['--foxglove', '--mirrors', 'none'], set()),
-        (['--foxglove', '9000', '--mirrors', 'odom'], {'odom'}),
     ],
 )
-def test_mirrors_are_those_named_or_all_for_foxglove(argv: list[str], expected: set[str]) -> None:
-    assert wanted_mirrors(parse(*argv)) == expected
+def test_mirrors_are_those_named(argv: list[str], expected: set[str]) -> None:
+    assert {*parse(*argv).mirrors} == expected
 
 
 @pytest.mark.parametrize(

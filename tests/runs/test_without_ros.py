@@ -74,7 +74,6 @@ for words in json.loads(sys.argv[1]):
 def test_what_cannot_be_is_one_sentence_and_leaves_no_bag(tmp_path: Path) -> None:
     wrong = 'acc -q --ros-args -p '
     lines = {
-        'acc --foxglove': '--foxglove',
         'acc --no-controller': '--no-controller',
         'acc --engine ros': '--engine ros',
         'record': 'barc record',
