@@ -19,7 +19,6 @@ from barc_sim.control.cruise_control import (
     SPEED,
     TYPES,
 )
-from barc_sim.control.driver import INPUTS, PEDAL
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.runs import options as run_options
 from barc_sim.simulation.stepper import DISTANCE, LAPS
@@ -142,19 +141,13 @@ def add_arguments_teleop(parser: Parser) -> None:
     parser.description = 'Simulator, relay, keyboard and recorder, until q or Ctrl-C.'
     parser.set_defaults(mode='teleop')
     parser.add_argument(
-        '--input',
-        choices=tuple(INPUTS),
-        help='what a Twist on cmd_vel means: shares of the limits (pedal), or m/s and rad/s as in '
-        f'REP-103, for Nav2 and teleop_twist_keyboard (velocity) ({PEDAL})',
-    )
-    parser.add_argument(
         '--no-relay',
         action='store_true',
         help="start no relay of barc_sim's, and wait for another that publishes ecu",
     )
     run_options.add_arguments(parser, 'model', 'relay', road='flat', view='web')
     accept_ros_args(parser)
-    parser.shorten_help('--input', *run_options.USUAL)
+    parser.shorten_help(*run_options.USUAL)
 
 
 def _add_track_options(parser: Parser) -> None:

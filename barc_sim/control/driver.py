@@ -12,13 +12,11 @@ reverse, release the key and press it again. The lab's car reverses at once.
 
 from __future__ import annotations
 
-from math import atan2, copysign, inf, isfinite
+from math import copysign, inf, isfinite
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from barc_sim.control.speed import PID
-from barc_sim.errors import Parameter, UserError, parameters_of
-from barc_sim.vehicle.bike_model import L_F, L_R, Command
-from barc_sim.vehicle.parameters import PARAMETERS as CAR
+from barc_sim.errors import Parameter, parameters_of
+from barc_sim.vehicle.bike_model import Command
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -98,16 +96,13 @@ class Driver:
         """Store a `request`, received at `t` [s]; return False if it is not finite, and refused."""
         if not all(map(isfinite, request)):
             return False
-        self._latest = self._within_limits(request)
-        self._received = t
-        return True
-
-    def _within_limits(self, request: DriverInput) -> DriverInput:
-        return DriverInput(
+        self._latest = DriverInput(
             limited(request.forward, 1.0),
             limited(request.turn, 1.0),
             limited(max(request.brake, 0.0), 1.0),
         )
+        self._received = t
+        return True
 
     def command(self, t: float, speed: float) -> Command:
         """Return the command from `t` [s] on, at `speed` [m/s]; the last finite one counts."""
@@ -147,108 +142,11 @@ class Driver:
         return limited((target - speed) / (2.0 * self.dt), limit)
 
 
-class VelocityDriver(Driver):
-    """Turns the latest requested velocity, m/s and rad/s as in REP-103, into a command every `dt`.
-
-    The speed is tracked by a PI controller, within the car's limits::
-
-        a = k_p e + ∫ k_i e dt          e = linear.x - v_x
-
-    The integral is for hills. It moves only where the speed is nearly constant: so it does not
-    grow while the car speeds up or brakes, and the car does not overshoot.
-
-    The steering follows from the bicycle's geometry, whose yaw rate is v_x tan(δ) / L::
-
-        δ = atan(L angular.z / linear.x)
-
-    `linear.x` is the speed in this equation, so that the path has the requested curvature while
-    the car speeds up, too. A car cannot turn on the spot: with a `linear.x` of zero it stops, and
-    its wheels turn as far as they go. A zero Twist stops the car with its wheels straight, and so
-    does silence for longer than `stale_after`.
-    """
-
-    def __init__(self, limits: Limits | None = None, **options: Any) -> None:  # noqa: ANN401
-        """Begin at rest; the options are those of `Driver`."""
-        self.wheelbase = L_F + L_R  #: [m] L, from axle to axle; may be changed at any time
-        self._pi = PID(_KP, _KI, 0.0)
-        super().__init__(limits, **options)
-
-    def reset(self) -> None:
-        """Forget the input, and put the wheel straight."""
-        super().reset()
-        self._pi.reset()
-
-    def configure(self, values: Mapping[str, Any]) -> None:
-        """Set some of the parameters in `PARAMETERS`."""
-        super().configure(values)
-        if {'l_f', 'l_r'} <= values.keys():
-            self.wheelbase = values['l_f'] + values['l_r']
-
-    def _within_limits(self, request: DriverInput) -> DriverInput:
-        return request._replace(
-            forward=limited(request.forward, self.limits.speed),
-            brake=limited(max(request.brake, 0.0), 1.0),
-        )
-
-    def _steer(self, request: DriverInput) -> None:
-        limits = self.limits
-        servo = self._angle(request) if request.turn and not request.brake else 0.0
-        change = limits.steering_rate * self.dt
-        self.servo += limited(limited(servo, limits.steering) - self.servo, change)
-
-    def _angle(self, request: DriverInput) -> float:
-        """Return the steering angle [rad] that turns the car at the requested rate."""
-        direction = copysign(1.0, request.forward)
-        return atan2(self.wheelbase * request.turn * direction, abs(request.forward))
-
-    def _acceleration(self, request: DriverInput, speed: float) -> float:
-        """Return the acceleration [m/s²] towards the requested speed."""
-        limits, pi = self.limits, self._pi
-        if request.brake:
-            pi.reset()
-            return super()._acceleration(request, speed)
-        forward = speed if abs(speed) > STANDSTILL else request.forward - speed
-        pi.output_min, pi.output_max = -limits.deceleration, limits.acceleration
-        if forward < 0.0:
-            pi.output_min, pi.output_max = -limits.acceleration, limits.deceleration
-        steady = pi.previous is not None and abs(speed - pi.previous) < _STEADY * self.dt
-        return pi.acc_calculate(request.forward, speed, self.dt if steady else 0.0)
-
-
-#: What a Twist means, by the value of the parameter `input`.
-INPUTS: dict[str, type[Driver]] = {'pedal': Driver, 'velocity': VelocityDriver}
-PEDAL = 'pedal'
 #: The parameters of the node `relay`.
 PARAMETERS = [
-    Parameter(
-        'input',
-        PEDAL,
-        "what a Twist means: 'pedal', shares of the limits below, from -1 to 1; or 'velocity', the "
-        'speed linear.x [m/s] and the yaw rate angular.z [rad/s], as in REP-103',
-        read_only=True,
-    ),
     *parameters_of(Limits),
     Parameter('stale_after', STALE_AFTER, 'age above which a Twist is ignored [s]', (0.05, 60.0)),
-    # The car's geometry, from which the velocity's steering follows.
-    *(each for each in CAR if each.name in ('l_f', 'l_r')),
 ]
-
-
-def make_driver(values: Mapping[str, Any], driver: Driver | None = None) -> Driver:
-    """Return `driver`, or barc_sim's own for the parameter `input`; set its parameters."""
-    meaning = values['input']
-    if meaning not in INPUTS:
-        raise UserError(
-            f'parameter input of relay is {meaning!r}: expected one of {", ".join(INPUTS)}'
-        )
-    if driver and meaning != PEDAL:
-        raise UserError(
-            f'parameter input of relay is {meaning!r}, which is for the relay of barc_sim: a '
-            "relay of one's own gets each Twist as shares of the limits"
-        )
-    driver = driver or INPUTS[meaning]()
-    driver.configure(values)
-    return driver
 
 
 def limited(value: float, limit: float) -> float:

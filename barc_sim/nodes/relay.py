@@ -13,17 +13,15 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
-from barc_sim.control.driver import PARAMETERS, make_driver
+from barc_sim.control.driver import PARAMETERS, Driver
 from barc_sim.ros.node_helpers import RefusedInput, declare, fill, frames, to_driver_input
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter
 
-    from barc_sim.control.driver import Driver
-
 
 class Relay(Node):
-    """Publishes commands all the time: when nobody drives, the car coasts, or stops by `velocity`.
+    """Publishes commands all the time: when nobody drives, the car coasts.
 
     It runs by the wall clock, as the driver does, at any real-time factor. Its commands have no
     stamp: each holds until the next one. `driver` makes them; `refused` counts invalid Twists.
@@ -55,7 +53,8 @@ class Relay(Node):
             if a parameter is out of range.
         """
         super().__init__('relay', **options)
-        self.driver = make_driver(declare(self, PARAMETERS), driver)
+        self.driver = driver or Driver()
+        self.driver.configure(declare(self, PARAMETERS))
         self._speed = 0.0
         self.add_post_set_parameters_callback(self._on_parameters)
         self.refused = RefusedInput(self)

@@ -103,8 +103,7 @@ def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | No
         (given('reference'), ('speed_profile',), (), f'and --reference both give the speed: {one}'),
         (given('policy'), driven, driven, f'and --policy both drive: {one}'),
         (given('no_controller'), _OF_CONTROLLER, (), f'and --no-controller: {one}'),
-        (given('no_relay'), ('relay', 'input'), (), f'and --no-relay: {one}'),
-        (code.relay, ('input',), (), f'{ours} --lab or --relay gives another: {one}'),
+        (given('no_relay'), ('relay',), (), f'and --no-relay: {one}'),
     ):
         if applies:
             _refuse(options, code, names, parts, why)

@@ -10,7 +10,6 @@ from functools import partial
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from barc_sim.control.driver import PEDAL
 from barc_sim.control.keyboard import Terminal
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
@@ -32,8 +31,7 @@ if TYPE_CHECKING:
 _COMMAND_TIMEOUT = 0.5
 #: [s] for the process of a relay to end by itself.
 _LAST_WORDS = 2.0
-_HELP = 'arrows or WASD {drive}, space brakes, r goes back to the start, q ends'
-_DRIVE = {'pedal': 'drive', 'velocity': 'ask for 1 m/s and 1 rad/s while held'}
+_HELP = 'arrows or WASD drive, space brakes, r goes back to the start, q ends'
 
 
 def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
@@ -52,7 +50,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
         relay: Relay | None = None
         if not (options.no_relay or program):
             driver = UserDriver(inputs.user_code) if inputs.user_code.relay else None
-            relay = run.add(Relay, {'input': options.input}, driver=driver)
+            relay = run.add(Relay, driver=driver)
         simulator = run.add_simulator(
             {'road': road.name, 'command_timeout': _COMMAND_TIMEOUT},
             road=road,
@@ -69,7 +67,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
             simulator.finished.add_done_callback(lambda _: terminal.close())
         run.show(line)
         if terminal and not options.quiet:
-            print(_HELP.format(drive=_DRIVE[options.input or PEDAL]))  # noqa: T201
+            print(_HELP)  # noqa: T201
 
         if program:
             Thread(target=_follow, args=(program, run), daemon=True).start()

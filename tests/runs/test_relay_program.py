@@ -86,11 +86,6 @@ def test_without_a_relay_the_run_waits_for_another(tmp_path: Path) -> None:
     ('options', 'sentence'),
     [
         (('--no-relay', '--relay', 'mine.py'), '--relay and --no-relay: give one of the two'),
-        (('--no-relay', '--input', 'velocity'), '--input and --no-relay: give one of the two'),
-        (
-            ('--relay', 'mine.py', '--input', 'velocity'),
-            "--input names one of barc_sim's",
-        ),
         (('--no-relay', '--engine', 'local'), '--no-relay needs ROS 2'),
     ],
 )
