@@ -7,6 +7,7 @@ from array import array
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
+from struct import Struct
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -166,10 +167,9 @@ class _Reading:
         decoder, samples = found
         try:
             stamp, values, terms = decoder.decode(message.data)
+            samples.add(stamp, message.published, values, terms)
         except Exception:  # noqa: BLE001 (damage may raise anything)
             self.undecodable += 1
-        else:
-            samples.add(stamp, message.published, values, terms)
 
     def _begin(self, topic: Topic) -> None:
         namespace, _, name = topic.name.rpartition('/')
@@ -187,7 +187,7 @@ class _Reading:
             return
         # A PID's state and another controller's fill the same columns.
         name = PID_STATE if name == CONTROLLER_STATE else name
-        made = Samples(self._bag.path, len(TOPICS[name]))
+        made = Samples(len(TOPICS[name]))
         self._samples[topic.name] = (
             decoder,
             self._bag.samples[namespace or '/'].setdefault(name, made),
@@ -232,69 +232,64 @@ class _Decoder:
 class Samples:
     """The messages of a topic, in order of their arrival in the bag."""
 
-    def __init__(self, bag: Path, width: int) -> None:
-        self._bag = bag
-        self._width = width  # the number of fields
-        self._stamps = array('q')  # [ns]
-        self._published = array('Q')  # [ns]
-        self._values = array('d')
+    def __init__(self, width: int) -> None:
+        """Begin without any; each has `width` fields."""
+        self._pack = Struct(f'<qQ{width}d').pack
+        self._packed = bytearray()
+        self._type = np.dtype([('stamp', '<i8'), ('published', '<u8'), ('values', '<f8', width)])
         #: By name of a term that the messages name: the messages that have it, and its values.
         self._terms: dict[str, tuple[array[int], array[float]]] = {}
 
     def add(
         self, stamp: int, published: int, values: Iterable[float], terms: Mapping[str, float]
     ) -> None:
-        """Add a message with its stamp and the time of its publication [ns]."""
+        """Add a message with its stamp and the time of its publication [ns].
+
+        An exception if a value is no number, or if there are too many terms.
+        """
+        place, packed = len(self), self._pack(stamp, published, *values)
+        if len(self._terms) + len(terms.keys() - self._terms) > bounds.MAX_TERMS:
+            raise ValueError('terms')
+        self._packed += packed
         for name, value in terms.items():
             places, of_term = self._terms.setdefault(name, (array('q'), array('d')))
-            places.append(len(self._stamps))
+            places.append(place)
             of_term.append(value)
-        if len(self._terms) > bounds.MAX_TERMS:
-            most = bounds.MAX_TERMS
-            bounds.refuse(self._bag, f'a controller with more than {most} terms', f'{most}')
-        self._stamps.append(stamp)
-        self._published.append(published)
-        self._values.extend(values)
 
     def __len__(self) -> int:
         """Return the number of messages."""
-        return len(self._stamps)
+        return len(self._packed) // self._type.itemsize
 
     @property
-    def stamps(self) -> NDArray[np.int64]:
-        """That of each message [ns], shape `(n,)`."""
-        return np.array(self._stamps, np.int64)
-
-    @property
-    def published(self) -> NDArray[np.uint64]:
-        """The time of publication of each message [ns], shape `(n,)`."""
-        return np.array(self._published, np.uint64)
+    def rows(self) -> NDArray[np.void]:
+        """Of each message `stamp` and `published` [ns] and its `values`, shape `(n,)`."""
+        return np.frombuffer(self._packed, self._type)
 
     def first(self) -> NDArray[np.intp]:
         """Return the places of the messages that were published first, one of each stamp."""
-        places = np.arange(len(self._stamps))
-        order = np.lexsort((-places, self.published, self.stamps))
-        _, at = np.unique(self.stamps[order], return_index=True)
+        rows = self.rows
+        order = np.lexsort((-np.arange(len(rows)), rows['published'], rows['stamp']))
+        _, at = np.unique(rows['stamp'][order], return_index=True)
         return order[at]
 
     def at(self, stamps: NDArray[np.int64]) -> NDArray[np.intp]:
         """Return the place of the first message of each stamp; -1 where there is none."""
         first = self.first()
-        known = self.stamps[first]
+        known = self.rows['stamp'][first]
         at = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
         return np.where(known[at] == stamps, first[at], -1) if len(known) else at
 
     def values(self, places: NDArray[np.intp]) -> Floats:
         """Return the fields of the messages at `places`, shape `(fields, n)`; NaN at -1."""
-        rows = np.array(self._values, np.float64).reshape(-1, self._width)
-        found: Floats = np.vstack([rows, np.full(self._width, np.nan)])[places].T
+        values = self.rows['values']
+        found: Floats = np.vstack([values, np.full(values.shape[1], np.nan)])[places].T
         return found
 
     def terms(self, places: NDArray[np.intp]) -> dict[str, Floats]:
         """Return the terms that the messages at `places` name, NaN where one names none."""
         found = {}
         for name, (having, values) in self._terms.items():
-            column = np.full(len(self._stamps) + 1, np.nan)
+            column = np.full(len(self) + 1, np.nan)
             column[np.array(having)] = values
             if np.isin(places, having).any():
                 found[name] = column[places]
@@ -311,11 +306,11 @@ def join(samples: Mapping[str, Samples]) -> Log:
     """
     of_states = samples[STATE]
     states = of_states.first()
-    stamps = of_states.stamps[states]
+    stamps, published = (of_states.rows[each][states] for each in ('stamp', 'published'))
     places = {topic: each.at(stamps) for topic, each in samples.items()}
     missed = np.ones(len(stamps), np.bool_)
     if commands := samples.get(COMMAND):
-        missed = _missed(commands, places[COMMAND], of_states.published[states])
+        missed = _missed(commands.rows, places[COMMAND], published)
     columns: dict[str, Any] = {'t': (stamps - stamps[0]) / 1e9}
     for topic, fields in TOPICS.items():
         rows = (
@@ -348,18 +343,20 @@ def _check_log(path: Path, log: Log) -> None:
         bounds.refuse(path, f'a grade of {steepest:.6g} degrees', f'less than {STEEPEST_DEG:g}')
 
 
-def _missed(commands: Samples, answers: NDArray[np.intp], published: NDArray[np.uint64]) -> Flags:
+def _missed(
+    commands: NDArray[np.void], answers: NDArray[np.intp], published: NDArray[np.uint64]
+) -> Flags:
     """Return whether each state's command was missed, shape `(n,)`.
 
     Where a command without a stamp held at the deadline, `answers`, the places of the commands that
     answer the states, leads to it if none does.
     """
-    order = np.argsort(commands.published, kind='stable')
-    by_deadline = np.searchsorted(commands.published[order], published[1:], 'left')
+    order = np.argsort(commands['published'], kind='stable')
+    by_deadline = np.searchsorted(commands['published'][order], published[1:], 'left')
     by_deadline = np.append(by_deadline, len(order))
     latest = order[by_deadline - 1]
-    held = (by_deadline > 0) & (commands.stamps[latest] == 0)
-    late = np.append(commands.published[answers[:-1]] >= published[1:], False)
+    held = (by_deadline > 0) & (commands['stamp'][latest] == 0)
+    late = np.append(commands['published'][answers[:-1]] >= published[1:], False)
     missed: Flags = ~held & ((answers < 0) | late)
     answers[held & (answers < 0)] = latest[held & (answers < 0)]
     return missed
