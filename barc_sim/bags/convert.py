@@ -164,7 +164,7 @@ def recover(path: Path, output: Path) -> Contents:
         There is no bag, nothing in it can be read, or the output exists or cannot be written.
     """
     contents = Contents(path, run=True)
-    make_directory(output)
+    make_directory(output, output.parent)
     try:
         with closing(BagWriter(output, metadata=contents.metadata)) as writer:
             writer.attach(contents.attachments)

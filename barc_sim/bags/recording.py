@@ -209,51 +209,28 @@ def check_space(folder: Path, reserve: int) -> None:
         )
 
 
-def make_directory(path: Path) -> Path:
-    """Make and return the directory `path` of a bag.
+def make_directory(path: Path | None, root: Path) -> Path:
+    """Make and return the directory `path` of a bag, or a new `<date>_<time>` in the folder `root`.
 
     Raises
     ------
     UserError
-        It exists, or cannot be made.
+        It cannot be made.
     """
-    check_root(path.parent)
-    try:
-        path.mkdir(parents=True)
-    except FileExistsError:
-        raise UserError(f'{str(path)!r} exists: name a new folder for the bag') from None
-    except OSError as error:
-        raise UserError(
-            f'the bag {str(path)!r} cannot be made ({error.strerror}): name another folder'
-        ) from error
-    return path
-
-
-def new_directory(root: Path) -> Path:
-    """Make and return `<root>/<YYYY-MM-DD>_<HH-MM-SS>`, with a number at the end if that exists.
-
-    Raises
-    ------
-    UserError
-        The directory cannot be made.
-    """
-    check_root(root)
-    name = time.strftime('%Y-%m-%d_%H-%M-%S')
-    failure: OSError | None = None
-    for number in range(1, _TRIES):
-        directory = root / (name if number == 1 else f'{name}_{number}')
+    check_root(path.parent if path else root)
+    date = time.strftime('%Y-%m-%d_%H-%M-%S')
+    dated = (root / (date if k == 1 else f'{date}_{k}') for k in range(1, _TRIES))
+    for directory in [path] if path else dated:
         try:
-            root.mkdir(parents=True, exist_ok=True)
-            directory.mkdir()
-        except OSError as error:
+            directory.mkdir(parents=True)
+        except OSError as error:  # noqa: PERF203
             failure = error
-            # Taken; or a run that ended at once has removed the root, which it had made, too.
-            if not isinstance(error, (FileExistsError, FileNotFoundError)):
+            if not isinstance(error, FileExistsError):
                 break
         else:
             return directory
     raise UserError(
-        f'no bag can be made in {str(root)!r} ({failure and failure.strerror}): name another folder'
+        f'the bag {str(directory)!r} cannot be made ({failure.strerror}): name another folder'
     ) from failure
 
 

@@ -18,7 +18,6 @@ from barc_sim.bags.recording import (
     check_space,
     losses_as_metadata,
     make_directory,
-    new_directory,
 )
 from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import WriterThread
@@ -123,7 +122,7 @@ class BagRecorder(Node):
         settings = self._recording
         check_space(path or root, settings.reserve)
         self._writer = BagWriter(
-            make_directory(path) if path else new_directory(root),
+            make_directory(path, root),
             metadata=self._metadata,
             max_size=settings.max_bag_size,
             max_duration=settings.max_bag_duration,

@@ -195,4 +195,4 @@ def test_command_prints_what_was_recovered(killed: Path) -> None:
         '     1000 messages in 0.000 s',
         f'{killed}_recovered',
     ]
-    assert refused('recover', str(killed)).endswith('name a new folder for the bag')
+    assert refused('recover', str(killed)).endswith('(File exists): name another folder')

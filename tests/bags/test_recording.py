@@ -14,14 +14,14 @@ from barc_sim.bags.recording import (
     check_root,
     check_space,
     losses_as_metadata,
-    new_directory,
+    make_directory,
     summary,
 )
 from barc_sim.errors import UserError
 
 
 def test_directory_is_named_after_date_and_time_in_a_folder_made_for_it(tmp_path: Path) -> None:
-    directory = new_directory(tmp_path / 'my' / 'bags')
+    directory = make_directory(None, tmp_path / 'my' / 'bags')
     assert directory.is_dir()
     assert directory.parent == tmp_path / 'my' / 'bags'
     assert re.fullmatch(r'\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d', directory.name)
@@ -31,7 +31,7 @@ def test_runs_in_one_second_get_directories_of_their_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('time.strftime', lambda _: '2026-01-01_00-00-00')
-    names = [new_directory(tmp_path).name for _ in range(3)]
+    names = [make_directory(None, tmp_path).name for _ in range(3)]
     assert names == ['2026-01-01_00-00-00', '2026-01-01_00-00-00_2', '2026-01-01_00-00-00_3']
 
 
@@ -51,30 +51,14 @@ def test_what_the_system_refuses_is_one_sentence(
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr(Path, 'mkdir', refuse)
-    with pytest.raises(UserError, match=r'bags\' \(No space left on device\): name another folder'):
-        new_directory(tmp_path / 'bags')
+    with pytest.raises(UserError, match=r'cannot be made \(No space left on device\)'):
+        make_directory(None, tmp_path / 'bags')
 
 
 def test_a_link_to_nothing_is_no_folder_for_bags(tmp_path: Path) -> None:
     (tmp_path / 'bags').symlink_to(tmp_path / 'gone')
     with pytest.raises(UserError, match=r'\(File exists\): name another folder'):
-        new_directory(tmp_path / 'bags')
-
-
-def test_a_root_that_another_run_removes_is_made_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mkdir, removed = Path.mkdir, []
-
-    def removing(path: Path, **options: bool) -> None:
-        if path.parent.name == 'bags' and not removed:
-            removed.append(path)
-            path.parent.rmdir()
-        mkdir(path, **options)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(Path, 'mkdir', removing)
-    assert new_directory(tmp_path / 'bags').is_dir()
-    assert removed
+        make_directory(None, tmp_path / 'bags')
 
 
 def test_too_little_space_is_one_sentence(tmp_path: Path) -> None:

@@ -60,7 +60,8 @@ def test_ctrl_c_ends_it_with_its_counts_and_a_whole_bag(talker: Node, tmp_path: 
 @pytest.mark.usefixtures('ros_domain')
 def test_a_folder_that_is_in_the_way_is_one_sentence(tmp_path: Path) -> None:
     line = refused('record', '--output', str(tmp_path))
-    assert line == f"barc record: error: '{tmp_path}' exists: name a new folder for the bag"
+    bag = f"the bag '{tmp_path}' cannot be made (File exists): name another folder"
+    assert line == f'barc record: error: {bag}'
 
 
 @pytest.fixture
