@@ -20,18 +20,14 @@ if TYPE_CHECKING:
 
 MAX_RECORD = 32 << 20  #: bytes, and those of a chunk unpacked
 MAX_METADATA = 2 << 20  #: bytes of a record of metadata
-MAX_ATTACHED = 8 << 20  #: bytes of all attached files
+MAX_KEPT = 16 << 20  #: bytes of a file's topics, metadata and attached files
 MAX_SCHEMA = 16 << 10  #: bytes of a definition that is parsed
 MAX_SCHEMAS = 32  #: definitions that are parsed
 MAX_ARRAY = 1000  #: numbers in an array of fixed length
 MAX_MESSAGE = 64 << 10  #: bytes of a message that is decoded
 MAX_TERMS = 64  #: of a controller
-MAX_TOPICS = 5000  #: and definitions
-MAX_DEFINITIONS = 8 << 20  #: bytes of all definitions
 MAX_QOS = 50_000  #: characters of what a topic's publishers offer
-MAX_TEXT = 10_000  #: characters of an entry of the run's metadata
-MAX_LONG_TEXT = 200_000  #: characters of `LONG`
-LONG = ('parameters', 'graph')
+MAX_TEXT = 200_000  #: characters of an entry of the run's metadata, or of a YAML file
 MAX_NODES = 300  #: and topics, of a graph
 MAX_LINKS = 3000
 MAX_NAME = 300  #: characters
@@ -115,7 +111,7 @@ def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)
 
 
 def _check_length(text: str) -> None:
-    if len(text) > MAX_LONG_TEXT:
+    if len(text) > MAX_TEXT:
         raise ValueError(f'{len(text)} characters')
 
 
@@ -124,26 +120,3 @@ def refuse(path: Path, found: str, most: str) -> NoReturn:
     raise UserError(
         f'{str(path)!r} has {found}, where a run has at most {most}: name the bag of a run'
     )
-
-
-def check_entries(path: Path, entries: dict[str, str]) -> None:
-    """Refuse metadata that is more than that of a run."""
-    for name, text in entries.items():
-        most = MAX_LONG_TEXT if name in LONG else MAX_TEXT
-        if len(text) > most or len(name) > MAX_TEXT:
-            refuse(path, f'{len(text)} characters of metadata {name[:40]!r}', f'{most}')
-    if len(entries) > MAX_TEXT or sum(map(len, entries.values())) > MAX_METADATA:
-        refuse(path, f'{len(entries)} entries of metadata', f'{MAX_METADATA} characters')
-
-
-def check_topics(path: Path, topics: int, definitions: int = 0) -> None:
-    """Refuse more topics, or bytes of definitions, than in a recording."""
-    if topics > MAX_TOPICS or definitions > MAX_DEFINITIONS:
-        found = f'{topics} topics with {definitions} bytes of definitions'
-        refuse(path, found, f'{MAX_TOPICS} and {MAX_DEFINITIONS}')
-
-
-def check_attached(path: Path, size: int) -> None:
-    """Refuse more bytes of attached files than those of a run."""
-    if size > MAX_ATTACHED:
-        refuse(path, f'{size} bytes of attached files', f'{MAX_ATTACHED}')

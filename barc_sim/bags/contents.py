@@ -87,32 +87,18 @@ def files(path: Path) -> list[Path]:
 
 
 class McapFile:
-    """A file of a bag: what its records describe, and its messages, without damaged chunks.
+    """A file of a bag: it tells the bag what its records describe, and yields its messages."""
 
-    Attributes
-    ----------
-    topics
-        By name; those that only a chunk describes, once `messages` has come to it.
-    metadata, attachments
-        The run's own, and the attached files by their names.
-    span
-        Of the messages, by the file's summary; None without one.
-    damage
-        Without that of chunks until `messages` has read them.
-    """
-
-    def __init__(self, path: Path, budget: Budget) -> None:
+    def __init__(self, path: Path, bag: Contents, budget: Budget) -> None:
         """Read all but the messages; UserError: it is no MCAP file, or exceeds a bound."""
         self.path = path
-        self.topics: dict[str, Topic] = {}
-        self.metadata: dict[str, str] = {}
-        self.attachments: dict[str, bytes] = {}
-        self.span: Span | None = None
-        self.damage = Damage()
+        self.has_summary = False
+        self.damage = Damage()  #: without that of chunks until `messages` has read them
+        self._bag = bag
         self._budget = budget
         self._schemas: dict[int, Schema] = {}
-        self._definitions = self._attached = 0  # bytes
         self._channels: dict[int, Topic] = {}
+        self._kept = 0  # bytes
         self._whole = 0  # the end of the last whole record
         with self._records(messages=False) as records:
             for opcode, body in records:
@@ -160,10 +146,8 @@ class McapFile:
             header = stream.read(_HEADER.size)
             opcode, length = _HEADER.unpack(header)
             at += _HEADER.size + length
-            if not opcode or at > size or (length > MAX_RECORD and opcode != Opcode.ATTACHMENT):
+            if not opcode or at > size or length > MAX_RECORD:
                 raise ValueError('record')
-            if length > MAX_RECORD:
-                bounds.check_attached(self.path, length)
             self._budget.charge(length)
             if not messages and opcode in _OF_MESSAGES:
                 stream.seek(length, os.SEEK_CUR)
@@ -185,30 +169,39 @@ class McapFile:
         ):
             return  # metadata would take several times its size
         record: Any = _DESCRIBING[opcode].read(ReadDataStream(BytesIO(body)))
-        if isinstance(record, Schema):
-            if self._schemas.get(record.id) != record:
-                self._definitions += len(record.data)
+        bag = self._bag
+        if isinstance(record, Schema) and self._schemas.get(record.id) != record:
+            self._keep(len(record.data))
             self._schemas[record.id] = record
-            bounds.check_topics(self.path, len(self._schemas), self._definitions)
         elif isinstance(record, Channel) and (schema := self._schemas.get(record.schema_id)):
-            self._channels[record.id] = self.topics[record.topic] = Topic(
+            topic = self._channels[record.id] = Topic(
                 name=record.topic,
                 type=schema.name,
                 definition=schema.data.decode(errors='replace'),
                 type_hash=record.metadata.get('topic_type_hash', ''),
                 offered_qos=_offered_qos(record.metadata.get('offered_qos_profiles', '')),
             )
-            bounds.check_topics(self.path, len(self.topics))
+            if topic.name not in bag.topics:
+                self._keep(len(topic.name))
+            bag.topics[topic.name] = topic
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
-            self.metadata.update(record.metadata)
-            bounds.check_entries(self.path, self.metadata)
+            self._keep(len(body))
+            bag.metadata |= _checked(self.path, record.metadata)
         elif isinstance(record, Attachment):
-            self.attachments[record.name] = record.data
-            self._attached += len(record.data) + len(record.name)
-            bounds.check_attached(self.path, self._attached)
+            self._keep(len(body))
+            bag.attachments[record.name] = record.data
         elif isinstance(record, Statistics):
-            span = Span(record.message_start_time, record.message_end_time, record.message_count)
-            self.span = span if span.count else Span()
+            self.has_summary = True
+            if record.message_count:
+                start, end = record.message_start_time, record.message_end_time
+                bag.span += Span(start, end, record.message_count)
+
+    def _keep(self, size: int) -> None:
+        """Charge what stays in memory [B], and about as much as Python adds."""
+        self._kept += size + 1000
+        if self._kept > bounds.MAX_KEPT:
+            found = f'{self._kept} bytes of topics, metadata and attached files'
+            bounds.refuse(self.path, found, f'{bounds.MAX_KEPT}')
 
     def _in_chunk(self, chunk: Chunk) -> Iterator[Message]:
         """Yield the messages of a chunk, up to its damage."""
@@ -248,6 +241,14 @@ class McapFile:
         if len(data) != size or chunk.uncompressed_crc not in {0, zlib.crc32(data)}:
             raise ValueError('size or checksum')
         return data
+
+
+def _checked(path: Path, metadata: dict[str, str]) -> dict[str, str]:
+    for name, text in metadata.items():
+        if len(text) > bounds.MAX_TEXT:
+            found = f'{len(text)} characters of metadata {name[:40]!r}'
+            bounds.refuse(path, found, f'{bounds.MAX_TEXT}')
+    return metadata
 
 
 def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -299,8 +300,6 @@ class Contents:
         Of all messages, or of those that were read.
     metadata, attachments
         The run's own, and the attached files by their names.
-    damages
-        By the damaged files' names.
     """
 
     def __init__(self, path: Path, *, run: bool = False) -> None:
@@ -319,8 +318,8 @@ class Contents:
         self.span = Span()
         self.metadata: dict[str, str] = {}
         self.attachments: dict[str, bytes] = {}
-        self.damages: dict[str, Damage] = {}
         self.files: list[McapFile] = []
+        self._unreadable: dict[str, Damage] = {}
         # What rosbags reads: a whole directory if it can be, as its files may be compressed.
         self._others = [] if run else _others(path)
         of_others = (each.iterdir() if each.is_dir() else [each] for each in self._others)
@@ -330,20 +329,14 @@ class Contents:
             self._charge_unpacked(source)
         for source in self._others:
             self._describe_other(source)
-        for file in [] if self._others else self.sources:
-            self.files.append(McapFile(file, self._budget))
-            self._describe(self.files[-1])
-            self.span += self.files[-1].span or Span()
+        if not self._others:
+            self.files = [McapFile(file, self, self._budget) for file in self.sources]
 
-    def _describe(self, file: McapFile) -> None:
-        self.topics |= file.topics
-        self.metadata |= file.metadata
-        self.attachments |= file.attachments
-        if file.damage:
-            self.damages[file.path.name] = file.damage
-        bounds.check_topics(self.path, len(self.topics))
-        bounds.check_entries(self.path, self.metadata)
-        bounds.check_attached(self.path, sum(map(len, self.attachments.values())))
+    @property
+    def damages(self) -> dict[str, Damage]:
+        """By the damaged files' names."""
+        found = {file.path.name: file.damage for file in self.files if file.damage}
+        return found | self._unreadable
 
     def _charge_unpacked(self, source: Path) -> None:
         """Charge what a file unpacks to that rosbags unpacks whole, on the disk."""
@@ -364,7 +357,7 @@ class Contents:
 
     def complete(self) -> None:
         """Find topics and span in the messages where a file has no summary of them."""
-        if any(file.span is None for file in self.files):
+        if not all(file.has_summary for file in self.files):
             deque(self.messages(), maxlen=0)
 
     def messages(self) -> Iterator[Message]:
@@ -375,7 +368,6 @@ class Contents:
             yield from self._counted(self._of_other(source))
         for file in self.files:
             yield from self._counted(file.messages())
-            self._describe(file)
 
     def _counted(self, messages: Iterable[Message]) -> Iterator[Message]:
         for message in messages:
@@ -403,7 +395,7 @@ class Contents:
                     topic = self.topics[connection.topic]
                     yield Message(topic, bytes(data), time, time, number)
         except Exception:  # noqa: BLE001 (damage may raise anything)
-            self.damages[source.name] = Damage(unfinished=True)
+            self._unreadable[source.name] = Damage(unfinished=True)
 
     def _unpacked(self, data: bytes) -> bytes:
         """Return a message without the compression that rosbag2 can give it."""

@@ -38,8 +38,6 @@ def run_info(options: Namespace) -> None:
 
 def _described(found: dict[str, Any]) -> Iterator[str]:
     """Yield the lines of a description, much as `ros2 bag info` has them."""
-    from barc_sim.bags.bounds import LONG  # noqa: PLC0415
-
     start = datetime.fromtimestamp(found['start'], timezone.utc).astimezone()
     yield f'Files:     {", ".join(found["files"])}'
     yield f'Bag size:  {sum(found["files"].values()) / 1024:.1f} KiB'
@@ -52,7 +50,7 @@ def _described(found: dict[str, Any]) -> Iterator[str]:
         chunks = damage['unreadable_chunks']
         yield f'{name} is damaged: {chunks} chunks and {damage["unread"]} bytes cannot be read'
     for name, text in (*found['losses'].items(), *found['metadata'].items()):
-        if name not in LONG:
+        if name not in ('parameters', 'graph'):  # long
             yield f'{name}: {" ".join(text.split())}'
 
 

@@ -75,10 +75,10 @@ def _add_more(parser: Parser) -> None:
 
 
 def _qos(text: str) -> dict[str, dict[str, object]]:
-    from barc_sim.bags.bounds import MAX_LONG_TEXT, from_yaml  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.bags.bounds import MAX_TEXT, from_yaml  # noqa: PLC0415 (slow: not for --help)
 
     try:
-        found = from_yaml(read_regular(Path(text), MAX_LONG_TEXT).decode())
+        found = from_yaml(read_regular(Path(text), MAX_TEXT).decode())
     except (OSError, ValueError) as error:
         raise ArgumentTypeError(f'{text!r} cannot be read ({error}): name a YAML file') from None
     if not isinstance(found, dict) or not all(isinstance(each, dict) for each in found.values()):

@@ -17,7 +17,7 @@ from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from barc_sim.bags.bounds import MAX_LONG_TEXT
+from barc_sim.bags.bounds import MAX_TEXT
 from barc_sim.cli.files import read_regular
 from barc_sim.cli.process import StopSignals, check_limits
 from barc_sim.errors import UserError
@@ -85,7 +85,7 @@ def _check_files(args: list[str]) -> None:
     for option, file in pairwise(args):
         if option == '--params-file':  # rcl would wait at a pipe, and take hours for a large one
             with suppress(OSError):  # rcl names it
-                read_regular(Path(file), MAX_LONG_TEXT)
+                read_regular(Path(file), MAX_TEXT)
 
 
 def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:

@@ -222,9 +222,12 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     'chunks that fail': (failing_chunks, 'unpacks to more than a recording of its size can hold'),
     'empty records': (empty_records, 'is empty: it has no states'),
-    'many topics': (packed(channel_with_message, 1_000_000), 'where a run has at most 5000'),
+    'many topics': (
+        packed(channel_with_message, 1_000_000),
+        'bytes of topics, metadata and',
+    ),
     'many definitions': (packed(long_definition, 300_000), ''),
-    'a large attachment': (large_attachment, 'bytes of attached files, where a run has at most'),
+    'a large attachment': (large_attachment, 'was unfinished'),
     'long code': (long_code, ''),
     'an upright road': (upright, 'has a grade of'),
 }

@@ -82,10 +82,10 @@ def _value(text: str) -> Any:
 
 
 def _of_file(file: Path) -> Iterator[_Rule]:
-    from barc_sim.bags.bounds import MAX_LONG_TEXT, from_yaml
+    from barc_sim.bags.bounds import MAX_TEXT, from_yaml
 
     try:
-        text = read_regular(file, MAX_LONG_TEXT).decode()
+        text = read_regular(file, MAX_TEXT).decode()
         for path, value in _flat(from_yaml(text), ''):
             node, _, name = path.partition('/ros__parameters/')
             yield _Rule(node, name.replace('/', '.'), value)
