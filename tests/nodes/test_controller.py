@@ -15,18 +15,15 @@ from node_bench import NodeBench, overrides
 from rcl_interfaces.srv import SetParameters
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
-from user_files import load
 
 from barc_sim.bags import names
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR, speed_controller
-from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros.node_helpers import to_header, to_nanoseconds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Sequence
 
     from rclpy.context import Context
 
@@ -152,23 +149,6 @@ def test_reset_is_a_fresh_start(bench: Make) -> None:
     assert one.answers([(stamp + 60 * MS, v_x) for stamp, v_x in samples]) == first
 
 
-@pytest.mark.parametrize(
-    ('name', 'value'),
-    [
-        ('kp', float('nan')),
-        ('speed_reference', 101.0),
-    ],
-)
-def test_value_out_of_range_is_refused_with_the_reason_and_changes_nothing(
-    bench: Make, name: str, value: float
-) -> None:
-    one = bench()
-    (result,) = one.set(**{name: value})
-    assert not result.successful
-    assert name in result.reason
-    assert one.answers([(0, 7.9), (20 * MS, 7.92)]) == expected([(0.0, 7.9), (0.02, 7.92)])
-
-
 def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(bench: Make) -> None:
     one = bench(controller_type='lqr', speed_weight=100.0, acceleration_limit=3.0)
     received: list[ControllerState] = []
@@ -212,39 +192,3 @@ def test_on_a_track_both_commands_answer_and_gains_can_be_changed(bench: Make) -
     assert one.controller.refused.count == 1
     k1, _ = LaneLQR(q_e_y=0.2, q_e_psi=0.0).feedback()
     assert one.commands[1].servo == pytest.approx(-0.5 * k1)
-
-
-def test_a_laws_own_terms_are_published_by_name(bench: Make) -> None:
-    class Weighing(LaneLQR):
-        terms: Mapping[str, str] = {**LaneLQR.terms, 'weight': 'that of e_y'}
-        weight = 0.5
-
-    one = bench(track='oval', lane=Weighing())
-    received: list[LaneState] = []
-    one.peer.create_subscription(LaneState, names.LANE_STATE, received.append, names.QOS)
-    one.until(lambda: one.controller.count_subscribers(names.LANE_STATE) == 1)
-    one.send_state(0, 7.9, x=10.0, y=0.5)
-    one.until(lambda: len(received) == 1)
-    assert (received[0].names, received[0].values.tolist()) == (['weight'], [0.5])
-    assert received[0].of_e_y < 0.0
-
-
-def test_another_controller_answers_with_the_nodes_gains_and_limit(
-    bench: Make, tmp_path: Path
-) -> None:
-    (tmp_path / 'controller.py').write_text(
-        'class PID:\n'
-        '    def __init__(self, kp, ki, kd):\n        self.kp = kp\n        self.calls = 0\n'
-        '    def acc_calculate(self, speed_reference, speed_current, dt):\n'
-        '        self.calls += 1\n'
-        '        self.integral = dt\n'
-        '        return self.kp * (speed_reference - speed_current) + 0.25 * self.calls\n'
-    )
-    one = bench(controller=UserController(load(tmp_path / 'controller.py')), kp=2.0)
-    assert one.answers([(20 * MS, 8.0), (40 * MS, 7.0), (60 * MS, 0.0)]) == [0.25, 2.5, 8.0]
-    one.until(lambda: len(one.received) == 3)
-    assert [received.integral for received in one.received] == [0.02, 0.02, 0.02]
-    assert all(math.isnan(received.derivative) for received in one.received)
-    assert [received.saturated for received in one.received] == [False, False, True]
-    one.set(kp=3.0)
-    assert one.answers([(80 * MS, 7.0)]) == [4.0]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import pty
-import subprocess
-import sys
 import termios
 import time
 from itertools import groupby
@@ -17,8 +15,6 @@ pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import Twist
 from node_bench import NodeBench
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
@@ -117,44 +113,3 @@ def test_its_end_is_the_brake(bench: Bench) -> None:
     bench.keyboard.destroy_node()
     bench.until(lambda: FULL_BRAKE in bench.received)
     assert termios.tcgetattr(bench.fd) == bench.before
-
-
-def test_closing_its_terminal_brakes_where_it_runs_alone(
-    ros: Context, spin_until: Callable[..., None]
-) -> None:
-    heard: list[DriverInput] = []
-    peer = Node('peer', context=ros)
-    peer.create_subscription(
-        Twist, 'cmd_vel', lambda t: heard.append(to_driver_input(t)), names.QOS
-    )
-    executor = SingleThreadedExecutor(context=ros)
-    executor.add_node(peer)
-    user, fd = pty.openpty()
-    take = 'import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n'
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            '-c',
-            f'{take}from barc_sim.__main__ import main; sys.exit(main(["node", "keyboard"]))',
-        ],
-        stdin=fd,
-        start_new_session=True,
-    )
-    os.close(fd)
-    try:
-        # It is known to this node by then, though this node may not be known to it yet.
-        spin_until(executor, lambda: peer.count_publishers('cmd_vel') == 1)
-
-        def drives() -> bool:
-            os.write(user, b'w')
-            return UP in heard
-
-        spin_until(executor, drives)
-        os.close(user)
-        spin_until(executor, lambda: heard[-1] == FULL_BRAKE)
-        assert process.wait(20.0) == 0
-    finally:
-        process.kill()
-        process.wait()
-        executor.shutdown()
-        peer.destroy_node()

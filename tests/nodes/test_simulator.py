@@ -23,7 +23,6 @@ from barc_sim.ros.node_helpers import to_nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from rclpy.context import Context
     from rclpy.publisher import Publisher
@@ -193,21 +192,6 @@ def test_parameter_cannot_be_changed_in_a_run(world: World) -> None:
         assert simulator.get_parameter(name).value != value
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'reason'),
-    [
-        ('mass', -1.0, 'mass of vehicle_simulator: -1 is not a number from 1 to 1e'),
-        ('integrator', 'heun', "integrator 'heun' must be 'euler' or 'rk4'"),
-    ],
-)
-def test_bad_parameter_is_refused_and_leaves_the_topic_free(
-    world: World, name: str, value: object, reason: str
-) -> None:
-    with pytest.raises(UserError, match=reason):
-        world.simulator(**{name: value})
-    world.simulator()
-
-
 def test_noise_and_actuators_can_be_changed_while_the_car_drives(world: World) -> None:
     seen: list[Any] = []
     simulator = world.simulator(
@@ -288,31 +272,6 @@ def test_reset_says_that_the_car_is_not_back_yet(world: World) -> None:
     assert simulator.stepper.states == 1
 
 
-def test_reset_of_a_relay_is_not_listed_where_there_is_no_relay(world: World) -> None:
-    simulator = world.simulator(realtime_factor=LOCK_STEP)
-    world.driver(partial(command, 1.0))
-    world.until(lambda: bool(world.states))
-    services = dict(simulator.get_service_names_and_types())
-    assert '/relay/reset' not in services
-    assert '/vehicle_simulator/reset' in services
-
-
-def test_road_file_that_is_gone_does_not_matter_at_a_reset(world: World, tmp_path: Path) -> None:
-    road = tmp_path / 'hills.csv'
-    road.write_text('start_m,grade_deg\n0,5\n3,-5\n')
-    world.driver(partial(command, 8.0))
-    environments = world.received(Environment, 'environment')
-    world.simulator(realtime_factor=LOCK_STEP, road=str(road))
-    world.until(lambda: bool(world.states) and world.states[-1].x > 3.5)
-    road.unlink()
-    before = len(world.states)
-    reset(world)
-    world.until(lambda: any(state.x == 0.0 for state in world.states[before:]))
-    environments.clear()
-    world.until(lambda: world.states[-1].x > 3.5)
-    assert {round(each.theta) for each in environments} == {5, -5}
-
-
 def test_nodes_that_drive_together_are_named(world: World, capfd: Capture) -> None:
     simulator = world.simulator(check_period=OFTEN)
     for name in ('ours', 'theirs'):
@@ -327,13 +286,6 @@ def test_nodes_that_drive_together_are_named(world: World, capfd: Capture) -> No
     world.nodes.remove(node)
     node.destroy_node()
     world.until(lambda: not simulator.peers.rivals)
-
-
-def test_messages_have_frames_for_rviz_and_tf2(world: World) -> None:
-    heard = [world.received(ZDynBkMdl, 'z_vhcl'), world.received(EZDynBkMdl, 'ez_vhcl')]
-    world.simulator(wait_for_controller=False)
-    world.until(lambda: all(heard))
-    assert [each[0].header.frame_id for each in heard] == ['map', 'base_link']
 
 
 def test_reset_continues_without_the_controllers_answer(world: World, capfd: Capture) -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -45,11 +43,6 @@ node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, 10)
 rclpy.spin(node)
 """
 FOR_EVER = '-1'
-UNSHARE = ['unshare', '--pid', '--fork', '--mount-proc', '--kill-child']
-UNSHARE += ['--map-root-user'] * (os.getuid() != 0)
-CAN_UNSHARE = (
-    shutil.which('unshare') and not subprocess.run([*UNSHARE, 'true'], check=False).returncode
-)
 ALONE = ('--no-controller', '--realtime-factor', 'max')
 RUN = ('-m', 'barc_sim.run', 'acc', '-q', *ALONE)
 
@@ -77,19 +70,6 @@ def test_a_controller_in_a_process_of_its_own_drives_one_run_like_the_other(
             expected.x.tolist(),
             expected.motor.tolist(),
         )
-
-
-@pytest.mark.skipif(not CAN_UNSHARE, reason='no PID namespace of its own is allowed here')
-@pytest.mark.usefixtures('ros_domain')
-def test_a_controller_in_a_pid_namespace_of_its_own_is_found(tmp_path: Path) -> None:
-    number = 'echo 61000 > /proc/sys/kernel/ns_last_pid; exec "$0" -m barc_sim node controller'
-    apart = [*UNSHARE, 'sh', '-c', number, sys.executable]
-    with subprocess.Popen(apart, start_new_session=True) as controller:
-        try:
-            path = bag_of(tmp_path, *ALONE, '--distance', '1')
-        finally:
-            os.killpg(controller.pid, signal.SIGKILL)
-    assert len(bag.read(path)) > 1
 
 
 # In place of our controller

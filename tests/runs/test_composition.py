@@ -13,7 +13,6 @@ import yaml
 pytest.importorskip('rclpy')
 
 from command_line import acc, bag_of, messages
-from rclpy.node import Node
 from rosbags.highlevel import AnyReader
 
 import barc_sim
@@ -21,13 +20,14 @@ from barc_sim.bags import reader as bag
 from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.runs.composition import Run
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     import subprocess
     from collections.abc import Callable, Sequence
     from pathlib import Path
+
+    from barc_interfaces.msg import ZDynBkMdl
 
     from barc_sim.simulation.log import Log
 
@@ -137,13 +137,13 @@ def test_bag_holds_what_a_publisher_sends_that_comes_and_goes(
 def test_our_own_fault_is_shown_and_the_bag_is_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    publish = CruiseController._publish  # noqa: SLF001
+    on_state = CruiseController._on_state  # noqa: SLF001
 
-    def broken(self: CruiseController, header: Any, answer: Any) -> None:  # noqa: ANN401
-        assert answer.speed < 0.5, 'a fault of ours'
-        publish(self, header, answer)
+    def broken(self: CruiseController, state: ZDynBkMdl) -> None:
+        assert state.v_x < 0.5, 'a fault of ours'
+        on_state(self, state)
 
-    monkeypatch.setattr(CruiseController, '_publish', broken)
+    monkeypatch.setattr(CruiseController, '_on_state', broken)
     with pytest.raises(AssertionError, match='a fault of ours'):
         acc(tmp_path, '--realtime-factor', 'max')
     (path,) = (tmp_path / 'bags').iterdir()
@@ -189,21 +189,3 @@ def test_error_after_the_first_state_leaves_the_bag_whole(
     path = tmp_path / done.stdout.strip()
     assert bag.info(path)['failure'] == 'no more'
     assert len(messages(path)['/z_vhcl']) == 4
-
-
-class Gps(Node):
-    """A node whose parameters have the names of other nodes'."""
-
-    def __init__(self, **options: Any) -> None:  # noqa: ANN401
-        super().__init__('gps', **options)
-        self.declare_parameters('', [('road', 'of its own'), ('kp', 1.0)])
-
-
-def test_parameters_of_nodes_of_the_same_name_are_not_taken_for_the_controllers_or_the_roads(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    show = Run.show
-    monkeypatch.setattr(Run, 'show', lambda run, display: (run.add(Gps), show(run, display)))
-    options = ['--realtime-factor', 'max', '--distance', '1', '--kp', '29']
-    info = bag.info(bag_of(tmp_path, *options, '--ros-args', '-r', '__node:=car'))
-    assert (info['road'], info['kp']) == ('lab', '29.0')

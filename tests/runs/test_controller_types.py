@@ -10,32 +10,10 @@ pytest.importorskip('rclpy')
 
 from command_line import barc
 
-from barc_sim.bags import reader
-
 if TYPE_CHECKING:
     from pathlib import Path
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
-OPTIONS = ('acc', '--quiet', '--realtime-factor', 'max', '--distance', '30')
-
-
-@pytest.fixture(scope='module')
-def bag(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:  # noqa: ARG001
-    """Return the bag of a run with an LQR."""
-    folder = tmp_path_factory.mktemp('run')
-    gain = ('--gain', 'speed_weight=100', '--gain', 'observer_gain=1')
-    done = barc(*OPTIONS, '--controller-type', 'lqr', *gain, '--bag-dir', str(folder))
-    assert (done.returncode, done.stderr) == (0, '')
-    return reader.newest(folder)
-
-
-@pytest.mark.parametrize('command', ['plot', 'report'])
-def test_commands_take_the_bag(bag: Path, command: str) -> None:
-    done = barc(command, str(bag))
-    assert (done.returncode, done.stderr) == (0, '')
-    if command == 'report':
-        text = (bag / 'report.html').read_text()
-        assert 'The terms feedback, compensation over the position' in text
 
 
 @pytest.mark.parametrize(

@@ -87,14 +87,8 @@ def test_mirrors_are_those_named(argv: list[str], expected: set[str]) -> None:
 @pytest.mark.parametrize(
     ('argument', 'reason'),
     [
-        *(
-            (f'--view-port={port}', f'{port} is not a whole number from 0 to 65535')
-            for port in ('-1', '65536', '80.0', '')
-        ),
-        *(
-            (f'--mirrors={names}', f"{names!r} is neither 'all', 'none' nor some of odom,tf,path")
-            for names in ('', 'odom,', 'Odom', 'odom path', 'all,odom')
-        ),
+        ('--view-port=65536', '65536 is not a whole number from 0 to 65535'),
+        ('--mirrors=odom,', "'odom,' is neither 'all', 'none' nor some of odom,tf,path"),
     ],
 )
 def test_wrong_value_is_named(

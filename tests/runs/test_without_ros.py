@@ -112,27 +112,6 @@ def test_a_folder_named_barc_interfaces_is_not_taken_for_its_messages(tmp_path: 
     assert (done.stdout, done.stderr) == ('False\n', '')
 
 
-RECORD = """
-from pathlib import Path
-from barc_sim.ros.local import install
-install()
-import rclpy
-from nav_msgs.msg import Odometry
-from std_msgs.msg import String
-from barc_sim.bags import reader
-from barc_sim.nodes.recorder import BagRecorder
-rclpy.init()
-recorder, node = BagRecorder(path=Path('bag')), rclpy.create_node('writer')
-publishers = [node.create_publisher(kind, kind.__name__.lower(), 1) for kind in (String, Odometry)]
-recorder.discover()
-publishers[0].publish(String(data='the road is wet'))
-publishers[1].publish(Odometry(child_frame_id='car'))
-recorder.destroy_node()
-counts = reader.load(Path('bag')).counts
-print({name: counts[name] for name in ('string', 'odometry')})
-"""
-
-
 @pytest.fixture
 def begin(
     start: Callable[..., subprocess.Popen[str]],
