@@ -112,30 +112,10 @@ everything with dt | 100 | with kp 30, ki 60, kd 0.2
     + error -> + error * 0.02
     (error - self.previous) -> (error - self.previous) / 0.02
     PID(kp=10, ki=0.5, kd=0.4) -> PID(30, 60, 0.2)
-trapezoids | 100 | I has no dt
-    + error -> + (error + self.previous) / 2.0
-added after the answer | 100 | I has no dt
-    self.int_error = self.int_error + error -> pass
-    return acc -> self.int_error += error; return acc
 trapezoids with dt, added after the answer | 98.81 | right in all 240 outputs
     self.int_error = self.int_error + error -> pass
     self.previous = 0 -> self.previous = self.last = 0
     return acc -> self.int_error += 0.01 * (error + self.last); self.last = error; return acc
-a product in place of a sum | 91.07 | I is always 0: is ki used, and is each error added
-    self.int_error + error -> self.int_error * error
-a list of errors | 100 | I has no dt
-    self.int_error = 0 -> self.int_error = []
-    self.int_error = self.int_error + error -> self.int_error.append(error)
-    self.ki * self.int_error -> self.ki * sum(self.int_error)
-a window of 20 errors | 92 | I is wrong. The largest error: call
-    self.int_error = 0 -> self.int_error = []
-    self.int_error + error -> (self.int_error + [error])[-20:]
-    self.ki * self.int_error -> self.ki * sum(self.int_error)
-P only | 84 | I is always 0: is ki used, and is each error added to the sum?
-    error + I + D -> error
-    PID(kp=10, ki=0.5, kd=0.4) -> PID(kp=20, ki=0, kd=0)
-a derivative that forgets | 95.2 | D is kd * e: is the sum differentiated, or the error
-    self.previous = error -> pass
 brackets without a product | 50 | is a * missing before a bracket
     = self.kp * error -> = self.kp(error)
 other names of the gains | 100 | with kp 10, ki 0.5, kd 0.4
@@ -163,8 +143,6 @@ NumPy scalars | 100 | D has no dt
     self.int_error = 0 -> self.int_error = np.zeros(1)
 whole numbers | 85.88 | the outputs are whole numbers
     return acc -> return int(acc)
-an own limit | 81.62 | I has no dt
-    return acc -> return max(-8, min(8, acc))
 an unused import | 100 | imports matplotlib.pyplot: it is not here
     import time -> import matplotlib.pyplot as plt
 a ROS clock | 50 | rospy.get_time(), but ROS 1 is not here
@@ -175,17 +153,6 @@ print of Python 2 | 50 | this is the print of Python 2: write print('acc', acc)
     return acc -> print 'acc', acc⏎return acc
 a shadowed sin | 50 | has a variable the name of a function?
     g = 9.8 -> g = 9.8; sin = 1
-friction by sign | 100 | right in all
-    a0*v**2 - Ff -> (a0*v**2 + Ff)*sign(v)
-the lab's template | 50 | is not written yet (TODO)
-    l_f = 1.5 -> l_f = TODO
-gravity on the flat | 82 | v_next is wrong
-    -m*g*sin(theta) - a0*v**2 - Ff -> m*g + a0*v**2 + Ff
-gravity without m | 89.2 | m and sin(theta) are missing in gravity: the force is -m * g
-    -m*g*sin(theta) - a0*v**2 - Ff -> -g - a0*v**2 - Ff
-Ff as the whole force | 82 | v_next is wrong
-    -m*g*sin(theta) - a0*v**2 - Ff -> Ff
-    v_next = v + ts*(a + F_ext/m) -> v_next = a + F_ext/m
 """)
 WORKS['names of files'] = WORKS['no limit of the sum']._replace(
     sentence='Bike_Model.py is taken as bike_model.py',

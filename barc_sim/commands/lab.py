@@ -81,7 +81,7 @@ def run_new(options: Namespace) -> None:
 def add_arguments_report(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Write plots, metrics, gains, code, graph, versions and hashes of a run as one HTML file '
+        'Write plots, metrics, gains, code, graph and versions of a run as one HTML file '
         'that can be read without a network.'
     )
     add_bag_arguments(parser)

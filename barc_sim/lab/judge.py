@@ -178,7 +178,7 @@ class JudgedCode:
 
 def share(value: float, full: float, zero: float) -> float:
     """Return the share of the points: 1 up to `full`, 0 from `zero` on, linear in between."""
-    return min(max((zero - value) / (zero - full), 0.0), 1.0)
+    return min(max(0.0, (zero - value) / (zero - full)), 1.0)  # of NaN 0
 
 
 def rows_of(function: str, found: Any, rows: int, columns: int) -> list[Any]:  # noqa: ANN401
@@ -261,12 +261,8 @@ class Thresholds:
 
     def score(self, rms: float, maximum: float) -> float:
         """Return the score for the errors of a drive, from 0 to 1."""
-        shares = (
-            (self.zero_rms - rms) / (self.zero_rms - self.full_rms),
-            (self.zero_max - maximum) / (self.zero_max - self.full_max),
-        )
-        # NaN is no error that is small.
-        return sum(min(1.0, share) if share > 0.0 else 0.0 for share in shares) / len(shares)
+        of_rms = share(rms, self.full_rms, self.zero_rms)
+        return 0.5 * (of_rms + share(maximum, self.full_max, self.zero_max))
 
 
 @dataclass(frozen=True)

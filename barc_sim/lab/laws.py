@@ -47,8 +47,6 @@ _FUNCTIONS = {**vars(np), 'atan': np.arctan}  #: of the formulas
 _SAMPLE = 100  #: inputs with which mistakes are tried first
 #: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
 _TOLERANCE = 1e-9
-#: After so many failures the code is not called again: each call can use its whole time budget.
-_MAX_FAILURES = 4
 
 
 class Mistake(NamedTuple):
@@ -123,25 +121,17 @@ class Law:
         agree
             Whether two arrays are the same results.
         """
-        few = {name: _few(case) for name, case in cases.items()}
 
         def explains(mistake: Mistake, name: str) -> bool:
-            inputs, got = few[name]
+            inputs, got = cases[name]
             made = self.compute(inputs, mistake.formulas)[name]
             return agree(got, np.broadcast_to(made, got.shape))
 
         found: dict[str, Mistake] = {}
-        made = [(each, [name for name in few if explains(each, name)]) for each in self.mistakes]
+        made = [(each, [name for name in cases if explains(each, name)]) for each in self.mistakes]
         for mistake, names in sorted(made, key=lambda each: -len(each[1])):
             found |= {n: mistake for n in wrong if n in names and n not in found}
         return found
-
-
-def _few(case: Case) -> Case:
-    """Return some of many inputs and results."""
-    inputs, got = case
-    step = len(got) // _SAMPLE
-    return ({k: each[::step] for k, each in inputs.items()}, got[::step]) if step > 1 else case
 
 
 class Trial(NamedTuple):
@@ -170,18 +160,13 @@ def run(
 ) -> list[Trial]:
     """Call a user's function `count` times in each situation; a row has its `results`."""
     trials: list[Trial] = []
-    failures: list[str] = []
     for situation in situations:
         inputs = situation.inputs(seed, count)
         found, failure = np.full((len(results), count), np.nan), ''
-        if len(failures) >= _MAX_FAILURES:
-            failure = failures[-1]
-        else:
-            try:
-                found = np.array(call(inputs)).T
-            except UserError as error:
-                failure = str(error)
-                failures.append(failure)
+        try:
+            found = np.array(call(inputs)).T
+        except UserError as error:
+            failure = str(error)
         got = dict(zip(results, found, strict=True))
         trials.append(Trial(situation.name, situation.tests, inputs, got, failure))
     return trials
@@ -265,7 +250,7 @@ class Judge:
                 text = f'{failed[0].failure} ({failed[0].name})'
                 causes[name] = Mistake('', text, {}, text)
             else:
-                cases[name] = joined(own, name)
+                cases[name] = _joined(own, name)
         named = self.law.explain(cases, [name for name in wrong if name in cases], self.agree)
         return {
             name: causes.get(name) or named.get(name) or self._largest_error(trials, name)
@@ -319,12 +304,14 @@ def _loss(got: Floats, right: Floats) -> float:
     return min(error, 1.0) if error >= 0.0 else 1.0
 
 
-def joined(trials: Sequence[Trial], name: str) -> Case:
-    """Return what the code got and what it returned in several trials, one after the other."""
+def _joined(trials: Sequence[Trial], name: str) -> Case:
+    """Return what the code got and returned in several trials, of many calls some."""
+    step = max(sum(len(trial.got[name]) for trial in trials) // _SAMPLE, 1)
     inputs = {
-        key: np.concatenate([trial.inputs[key] for trial in trials]) for key in trials[0].inputs
+        key: np.concatenate([trial.inputs[key] for trial in trials])[::step]
+        for key in trials[0].inputs
     }
-    return inputs, np.concatenate([trial.got[name] for trial in trials])
+    return inputs, np.concatenate([trial.got[name] for trial in trials])[::step]
 
 
 def read(file: Path, **values: object) -> Law:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import warnings
 from contextlib import contextmanager
@@ -17,9 +16,7 @@ from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
 
 from barc_sim.bags import reader
-from barc_sim.bags.contents import files
 from barc_sim.bags.names import NodeGraph, purposes
-from barc_sim.cli.files import open_regular
 from barc_sim.figures.graph_figure import graph_figure
 from barc_sim.figures.run_figures import (
     drive_figure,
@@ -77,7 +74,6 @@ class Facts:
     laps: Laps
     graph: NodeGraph | None
     sources: Mapping[str, str]  #: user code, by file name
-    hashes: Mapping[str, str]  #: SHA-256 of the sources and of the bag's files, by name
 
     @property
     def holds_speed(self) -> bool:
@@ -103,9 +99,6 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     sources = attached(bag.attachments)
     if FILES['identify'] in sources:  # its commands hold no speed
         log = replace(log, reference=np.full(len(log), np.nan))
-    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in sources.items()}
-    for file in files(path):
-        hashes[file.name] = _sha256(file)
     directory = path if path.is_dir() else path.parent
     return Facts(
         name=directory.resolve().name,
@@ -114,7 +107,6 @@ def read(path: Path, namespace: str | None = None) -> Facts:
         laps=laps_of(log)[0],
         graph=_read_graph(info.get('graph')),
         sources={name: data.decode(errors='replace') for name, data in sources.items()},
-        hashes=hashes,
     )
 
 
@@ -136,14 +128,6 @@ def _read_graph(text: str | None) -> NodeGraph | None:
         return NodeGraph.from_json(text)
     except ValueError:
         return None
-
-
-def _sha256(file: Path) -> str:
-    digest = hashlib.sha256()
-    with open_regular(file, follow=False) as stream:
-        while piece := stream.read(1 << 20):
-            digest.update(piece)
-    return digest.hexdigest()
 
 
 class _Figure(NamedTuple):

@@ -28,68 +28,28 @@ PROGRAMS = read_programs("""
 right | 100 |  | right in all 2,750 cases
 g of 9.81 | 98 | g = 9.81 | g is 9.81: the lab has 9.8
     g = 9.8 -> g = 9.81
-g is 10 | 98 | g = 10 | g is 10: the lab has 9.8
-    g = 9.8 -> g = 10
 gravity's sign | 93 | F_ext = | gravity speeds the car up uphill
     -m * g -> m * g
 no gravity | 91 | F_ext = | gravity is missing: F_ext includes -m * g * sin(theta)
     -m * g * sin(theta) - (a0 -> -(a0
-cos of theta | 92 | F_ext = | cos is used in place of sin in gravity
-    sin(theta) -> cos(theta)
 theta once more | 92 | theta = | theta arrives in radians
     F_ext = -> theta = theta * 3.141592653589793 / 180⏎    F_ext =
 a power of sin | 94 | v_next = | v_next is wrong in: uphill, downhill
     sin(theta) -> sin(theta)**3
-no resistance | 95 | F_ext = | air drag and rolling friction are missing
-    - (a0 * v**2 + Ff) * sign(v) -> + 0
-linear drag | 97 | F_ext = | drag grows with v; it must grow with v**2
-    v**2 -> v
-abs for sign | 95 | F_ext = | abs(v) is used in place of sign(v)
-    * sign(v) -> * abs(v)
-resistance pushes | 95 | F_ext = | drag and friction speed the car up
-    - (a0 -> + (a0
-friction times the weight | 97 | F_ext = | Ff is already a force
-    + Ff -> + Ff * m * g
 no bracket in v | 92 | v_next = | F_ext / m is not multiplied by ts: are the brackets missing
     (a + F_ext / m) -> a + F_ext / m
-F without m | 92 | v_next = | F_ext is not divided by m
-    F_ext / m -> F_ext
-all over m | 91 | v_next = | a is divided by m
-    a + F_ext / m -> (a + F_ext) / m
-F alone over m, ts on both sides | 90 | v_next = | v_next is wrong in
-    ts * (a + F_ext / m) -> ts * a + ts * ts * F_ext
-no command | 94 | v_next = | the command a is missing
-    a + F_ext -> F_ext
-half of ts | 92 | v_next = | half of ts is used in v_next
-    v + ts -> v + 0.5 * ts
-sin of psi | 93 | psi_next = | psi is used in place of beta in v / l_r * sin(beta)
-    sin(beta) -> sin(psi)
 beta's sign | 95 | beta = | is the sign of beta right?
     beta = atan -> beta = -atan
 no ratio | 94 | beta = | beta is as large as d_f
     atan(l_r / (l_f + l_r) * tan(d_f)) -> d_f
-no tan | 96 | beta = | tan is missing in beta
-    * tan(d_f) -> * d_f
-no brackets in beta | 94 | beta = | the brackets around l_f + l_r are missing
-    (l_f + l_r) -> l_f + l_r
 a beta of its own | 95 | x_next = | x_next is wrong in
     l_r / (l_f + l_r) -> 0.7
-another beta of its own | 95 | x_next = | x_next is wrong in
-    atan(l_r / (l_f + l_r) * tan(d_f)) -> d_f / 2 + d_f**3
 beta in degrees | 92 | beta = | beta is in degrees
     * tan(d_f)) -> * tan(d_f)) * 57.29577951308232
-no beta in x and y | 95 | x_next = | beta is missing in x and y
-    psi + beta -> psi
-brackets of the course | 93 | x_next = | the brackets around psi + beta are missing
-    (psi + beta) -> (psi) + beta
 sin and cos swapped | 93 | x_next = | sin and cos are swapped
     cos(psi + beta) -> sinus
     sin(psi + beta) -> cos(psi + beta)
     sinus -> sin(psi + beta)
-y mirrored | 96 | y_next = | y moves backwards: is its sign right?
-    y + ts -> y - ts
-rear axle | 96 | psi_next = | psi is that of the rear axle
-    sin(beta) -> tan(beta)
 v first | 96 | x_next = | the new v is used for x, y or psi
     x_next = -> v = v + ts * (a + F_ext / m)⏎    x_next =
     v_next = v + ts * (a + F_ext / m) -> v_next = v
@@ -103,28 +63,14 @@ no ts | 93 | x_next = | ts is missing in x_next
     ts * (a -> (a
 0.01 for ts | 94 | ts = 0.01 | ts is always 0.01: use the argument
     beta = -> ts = 0.01⏎    beta =
-0.01 written out | 94 | x_next = | ts is always 0.01: use the argument
-    ts * v -> 0.01 * v
-    ts * (a -> 0.01 * (a
-no old state | 88 | x_next = | the old x is missing
-    x + ts -> ts
-    y + ts -> ts
-    psi + ts -> ts
-    = v + ts -> = ts
 order of the result | 88 | return [ | v_next is returned in place of psi_next
     psi_next, v_next] -> v_next, psi_next]
-psi stays | 88 | return [ | psi does not change
-    psi_next, v_next] -> psi, v_next]
 an assertion uphill | 94 | assert theta | AssertionError
     beta = -> assert theta < 0.2⏎    beta =
 the template's model | 50 | raise | bikeFE is not written yet (TODO)
     beta = -> raise NotImplementedError⏎    beta =
-nothing moves | 50 | return [ | does not change
-    [x_next, y_next, psi_next, v_next] -> [x, y, psi, v]
 reversed error | 92 | e = | the error has the wrong sign: it is speed_reference - speed_current
     speed_reference - speed_current -> speed_current - speed_reference
-8 - v | 96 | e = | the reference is always 8 m/s: use speed_reference
-    speed_reference - speed_current -> 8 - speed_current
 abs of the error | 92 | e = | the error has no sign: use no abs
     speed_reference - speed_current -> abs(speed_reference - speed_current)
 an own error with a factor | 96 |  | right in all 240 outputs
@@ -132,8 +78,6 @@ an own error with a factor | 96 |  | right in all 240 outputs
 P only | 84 | return output | I is always 0
     P + I + D -> P
     kp=30, ki=60, kd=0.1 -> kp=30, ki=0, kd=0
-no I | 90 | return output | I is always 0
-    P + I + D -> P + D
 I without a sum | 94 | I = | I has no memory
     self.total += e * dt -> self.total = e * dt
 I with the wrong sign | 95 | output = | I has the wrong sign
@@ -170,14 +114,10 @@ no return | 50 | def acc | is its return missing?
     return output -> pass
 a limit of 2 | 72 |  | at its limit of 2 m/s²
     return output -> return max(-2.0, min(2.0, output))
-a limit of 20 | 100 |  | right in all 240 outputs
-    return output -> return max(-20.0, min(20.0, output))
 it swings | 75 |  | the speed swings
     kp=30, ki=60, kd=0.1 -> kp=0.3, ki=60, kd=0
 a weak kp | 82 |  | m/s too fast at its end
     kp=30, ki=60, kd=0.1 -> kp=2, ki=0.2, kd=0
-a weak ki | 92 |  | m/s
-    kp=30, ki=60, kd=0.1 -> kp=6, ki=1, kd=0
 all gains are 0 | 74 |  | the commands do not move it
     kp=30, ki=60, kd=0.1 -> kp=0, ki=0, kd=0
 both files | 86 | F_ext = | gravity is missing

@@ -9,7 +9,7 @@ constant factor, such as a missing dt, is right and remarked upon: the gains abs
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cache, partial
 from itertools import count, pairwise
 from math import inf, isfinite
@@ -22,13 +22,12 @@ import numpy as np
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.lab.judge import Finding, JudgedCode, Table, Thresholds, judges, numbers_of, rows_of
+from barc_sim.lab.judge import Evidence, Finding, JudgedCode, Table, judges, numbers_of, rows_of
 from barc_sim.lab.laws import Judge, Trial, read
 from barc_sim.lab.user_code.folder import MAX_COMMANDS, NOT_WRITTEN, Command, TimedTwist
 from barc_sim.lab.user_code.source import ChosenGains
 from barc_sim.simulation.closed_loop import DISTANCE, Progress, closed_loop
-from barc_sim.simulation.metrics import SegmentErrors, summary
-from barc_sim.vehicle.bike_model import GRAVITY
+from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.judge import Judged, Settings
+    from barc_sim.lab.judge import Judged, Settings, Thresholds
     from barc_sim.lab.laws import Floats, Index
     from barc_sim.simulation.log import Log
 
@@ -107,51 +106,90 @@ NOT_A_CAR = 1e6  #: [m/s²]
 _MAX_SPEED = 40.0  #: [m/s] A figure ends there.
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """How a controller drives."""
-
-    gains: ChosenGains | None  #: None: it chooses none
-    thresholds: Thresholds = field(default_factory=Thresholds)
-    mended: str = ''  #: letters of terms that barc_sim's replace, as in `PI`
-
-    def __str__(self) -> str:
-        """Return them as text."""
-        return f'with {self.gains}'
-
-
 @judges('loop.lab_road')
-def judge_lab_road(code: HillsCode, conditions: Conditions) -> Judged:
+def judge_lab_road(
+    code: HillsCode, gains: ChosenGains | None, by: Thresholds, mended: Sequence[str] = ()
+) -> Judged:
     """Return the finding for the lab's road, with what the speed does on each stretch of it.
 
-    What follows from a wrong term is not taken off again: with one, barc_sim's PID drives, too,
-    with the gains that were chosen, and the better drive counts.
+    What follows from a wrong term is not taken off again: where some are `mended`, barc_sim's PID
+    drives, too, with the gains that were chosen, and the better drive counts.
     """
-    if conditions.gains is None:
+    if gains is None:
         code.new_pid(0.0, 0.0, 0.0).acc_calculate(0.0, 0.0, TS)  # its own error, if there is one
         raise UserError(
             'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with the tuned '
             'ones as its last line'
         )
-    *gains, _ = conditions.gains
-    drives = []
+    kp_ki_kd, drives = gains[:3], []
     try:
-        drives.append(_driven(_Driving(code, *gains), replace(conditions, mended='')))
+        drives.append(_driven(_Driving(code, *kp_ki_kd), by, f'with {gains}'))
     except UserError as error:
         if NOT_WRITTEN in str(error):
             raise
-        if not conditions.mended:
-            raise UserError(f'{error} ({conditions})') from error
-    if conditions.mended:
-        drives.append(_driven(PID(*gains), conditions))
-    drive = max(drives, key=lambda each: each.score)
-    return drive.score, f'{drive.describe()}, {conditions}{drive.worst_stretch()}', drive
+        if not mended:
+            raise UserError(f'{error} (with {gains})') from error
+    if mended:
+        how = f'with {gains}, and with {" and ".join(mended)} put right'
+        drives.append(_driven(PID(*kp_ki_kd), by, how))
+    return max(drives, key=lambda each: each[0])
 
 
-def _driven(controller: PID, conditions: Conditions) -> Drive:
+def _driven(controller: PID, by: Thresholds, how: str) -> tuple[float, str, Evidence]:
+    """Return score, message and evidence of a drive."""
     progress = Progress(DISTANCE)
     log = closed_loop(Plant(), controller, distance=DISTANCE, progress=progress)
-    return Drive(log, progress.failure, conditions)
+    result, limit = summary(log), _own_limit(log)
+    rms, maximum = result.rms_error_after_run_up, result.max_error_after_run_up
+    score = 0.0 if progress.failure else by.score(round(rms, 6), round(maximum, 6))
+    text = (
+        f'RMS error {rms:.3f} m/s after the first 10 m, at most {maximum:.3f} m/s '
+        f'({by.full_rms:g} and {by.full_max:g} m/s are full marks)'
+    )
+    if progress.failure:
+        at_most = f'; its output is {limit:g} m/s² at most' if isfinite(limit) else ''
+        text = f'{progress.failure}{at_most}'
+    changes = (np.flatnonzero(np.diff(log.theta_deg)) + 1).tolist()
+    parts = [slice(*each) for each in pairwise([0, *changes, len(log)])]
+    remarks = [_stretch_remark(log, part, limit) for part in parts]
+    text = f'{text}, {how}'
+    if score < 1.0:
+        stretches = [*zip(result.stretches, remarks, strict=True)]
+        worst, remark = max(stretches[1:] or stretches, key=lambda each: each[0].rms_error)
+        text += f'. From {worst.start:.0f} m on, at {worst.theta_deg:g}°: {remark}'
+    rows = [
+        (
+            f'{each.start:.0f} m',
+            f'{each.theta_deg:g}°',
+            f'{each.rms_error:.3f} m/s',
+            f'{each.max_error:.3f} m/s',
+            remark,
+        )
+        for each, remark in zip(result.stretches, remarks, strict=True)
+    ]
+    header = ('from', 'grade', 'RMS', 'at most', 'the speed')
+    table = Table("the lab's road, stretch by stretch", header, rows)
+    return score, text, Evidence(table, partial(_figure, log))
+
+
+def _own_limit(log: Log) -> float:
+    """Return the limit [m/s²] at which the output stays for long; infinite if there is none."""
+    size = np.abs(log.motor)
+    at_limit = np.concatenate([[0], size == size.max(), [0]])
+    times = np.diff(np.flatnonzero(np.diff(at_limit)))[::2]
+    return float(size.max()) if times.max(initial=0) > _OWN_LIMIT and size.max() else inf
+
+
+def _figure(log: Log, title: str = '') -> Figure:
+    """Draw the run beside that with barc_sim's controller."""
+    from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
+
+    figure = cast('Figure', plot(log, _usual(), labels=['your PID', "barc_sim's PID"]))
+    speed = figure.axes[0]
+    low, high = speed.get_ylim()
+    speed.set_ylim(max(low, -_MAX_SPEED), min(high, _MAX_SPEED))
+    speed.set_title(title, loc='left', pad=26.0)
+    return figure
 
 
 @cache
@@ -186,93 +224,6 @@ class _Driving(PID):
         return output
 
 
-@dataclass(frozen=True)
-class Drive:
-    """A drive over one road with the user's controller."""
-
-    log: Log
-    failure: str  #: what the car does that never arrives
-    conditions: Conditions
-
-    @property
-    def errors(self) -> tuple[float, float]:
-        """The RMS and the maximum error [m/s] after the run-up."""
-        result = summary(self.log)
-        return round(result.rms_error_after_run_up, 6), round(result.max_error_after_run_up, 6)
-
-    @property
-    def limit(self) -> float:
-        """The limit [m/s²] of the output, at which it stays for long; infinite if there is none."""
-        size = np.abs(self.log.motor)
-        at_limit = np.concatenate([[0], size == size.max(), [0]])
-        times = np.diff(np.flatnonzero(np.diff(at_limit)))[::2]
-        return float(size.max()) if times.max(initial=0) > _OWN_LIMIT and size.max() else inf
-
-    @property
-    def score(self) -> float:
-        """The score, from 0 to 1."""
-        if self.failure:
-            return 0.0
-        return self.conditions.thresholds.score(*self.errors)
-
-    def describe(self) -> str:
-        """Return a sentence on the errors."""
-        if self.failure:
-            limit = f'; its output is {self.limit:g} m/s² at most' if isfinite(self.limit) else ''
-            return f'{self.failure}{limit}'
-        (rms, maximum), by = self.errors, self.conditions.thresholds
-        mended = self.conditions.mended
-        return (
-            (f'with {" and ".join(mended)} put right: ' if mended else '')
-            + f'RMS error {rms:.3f} m/s after the first 10 m, at most {maximum:.3f} m/s '
-            f'({by.full_rms:g} and {by.full_max:g} m/s are full marks)'
-        )
-
-    @property
-    def stretches(self) -> list[tuple[SegmentErrors, str]]:
-        """The errors on each stretch of one grade, and what the speed does there."""
-        changes = np.flatnonzero(np.diff(self.log.theta_deg)) + 1
-        parts = [slice(*each) for each in pairwise([0, *changes.tolist(), len(self.log)])]
-        remarks = (_stretch_remark(self.log, part, self.limit) for part in parts)
-        return [*zip(summary(self.log).stretches, remarks, strict=True)]
-
-    @property
-    def table(self) -> Table:
-        """The stretches, as text."""
-        header = ('from', 'grade', 'RMS', 'at most', 'the speed')
-        rows = [
-            (
-                f'{errors.start:.0f} m',
-                f'{errors.theta_deg:g}°',
-                f'{errors.rms_error:.3f} m/s',
-                f'{errors.max_error:.3f} m/s',
-                remark,
-            )
-            for errors, remark in self.stretches
-        ]
-        return Table("the lab's road, stretch by stretch", header, rows)
-
-    def worst_stretch(self) -> str:
-        """Return a sentence on the stretch with the largest RMS error; empty at full marks."""
-        if self.score == 1.0:
-            return ''
-        first, *later = self.stretches
-        worst, remark = max(later or [first], key=lambda stretch: stretch[0].rms_error)
-        return f'. From {worst.start:.0f} m on, at {worst.theta_deg:g}°: {remark}'
-
-    def figure(self, title: str = '') -> Figure:
-        """Draw the run beside that with barc_sim's controller."""
-        from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
-
-        runs = {'your PID': self.log, "barc_sim's PID": _usual()}
-        figure = cast('Figure', plot(*runs.values(), labels=[*runs]))
-        speed = figure.axes[0]
-        low, high = speed.get_ylim()
-        speed.set_ylim(max(low, -_MAX_SPEED), min(high, _MAX_SPEED))
-        speed.set_title(title, loc='left', pad=26.0)
-        return figure
-
-
 _BACKWARDS = 'the car drives backwards: is the error speed_reference - speed_current?'
 _HELD = 0.05  #: [m/s] An error up to this is negligible.
 _OWN_LIMIT = 25  #: calls: code that returns its largest output for longer has a limit of its own
@@ -282,11 +233,7 @@ _SWINGS, _SWING = 4, 0.3  #: how many count, and the share of the maximum error 
 def _stretch_remark(log: Log, part: slice, limit: float) -> str:
     """Return what the speed does on a stretch: what was measured, and no advice."""
     error, remarks = log.speed_error[part], []
-    if part.start:
-        slopes = np.sin(np.radians(log.theta_deg[[part.start - 1, part.start]]))
-        change = GRAVITY * float(np.diff(slopes)[0])
-        remarks.append(f'needs {abs(change):.1f} m/s² {"more" if change > 0.0 else "less"} at once')
-    elif log.speed[part].min() < -_HELD:
+    if not part.start and log.speed[part].min() < -_HELD:
         remarks.append(_BACKWARDS)
     large = error[np.abs(error) > max(_SWING * float(np.abs(error).max()), _HELD)]
     if (swings := np.count_nonzero(np.diff(np.sign(large)))) >= _SWINGS:
@@ -343,8 +290,8 @@ def judge_pid(code: HillsCode, settings: Settings, criteria: Collection[str]) ->
         if gains is None and findings[0].message == _IGNORED:
             gains = ChosenGains(KP, KI, KD, 'which have no effect')
         there = zip('PID', (each.score for each in findings), strict=False)
-        mended = ''.join(name for name, score in there if 0.0 < score < 1.0)
-        yield judge_lab_road(code, Conditions(gains, settings.thresholds, mended))
+        mended = [name for name, score in there if 0.0 < score < 1.0]
+        yield judge_lab_road(code, gains, settings.thresholds, mended)
 
 
 def judge_controller(
@@ -356,8 +303,8 @@ def judge_controller(
     if 'pid.windup' in criteria:
         windup, integral = judge_windup(code), findings[1]
         # What follows from a mistake in the integral is not taken off again.
-        score = windup.score if integral.passed else max(windup.score, integral.score)
-        findings.append(replace(windup, score=score))
+        score = max(windup.score, integral.score) if integral.score < 1.0 else windup.score
+        findings.append(replace(windup, score=score if integral.score else 0.0))
     for finding in findings:
         # Randomness comes first in the message: it changes every other result.
         random = not finding.passed and reset.message.startswith(_RANDOM)
@@ -551,10 +498,7 @@ _RANDOM = 'the same speeds give different outputs'
 
 @judges('pid.reset')
 def judge_reset(code: HillsCode, seed: int) -> Judged:
-    """Return whether each `PID` starts fresh: a second one, one of two, and one after `reset()`.
-
-    The score is the share of these checks that pass; without a `reset()` the last one is left out.
-    """
+    """Return whether each `PID` starts fresh: a second one, and one after a `reset()`."""
     own, other = (wandering(seed, f'pid.reset {k}', _AMPLITUDE) for k in range(2))
     new = partial(code.new_pid, fresh=False)
     if _differ(*(new(1.0, 0.0, 0.0).acc_sequence(own) for _ in range(2))):
@@ -567,23 +511,14 @@ def judge_reset(code: HillsCode, seed: int) -> Judged:
     first = new(*_GAINS).acc_sequence(own)
     if not _differ(first, used.acc_sequence(own)):
         return 0.0, 'PID keeps no errors between calls: I and D need them'
-    faults, checks = [], 2
-    if shared := _differ(first, new(*_GAINS).acc_sequence(own)):
-        faults.append(
+    if _differ(first, new(*_GAINS).acc_sequence(own)):
+        return 0.0, (
             'one run changes the next: is the sum or the last error in a global or class variable, '
             'or does PID use the clock? Set both to 0 in __init__, as self.…'
         )
-    one, another = new(*_GAINS), new(*_GAINS)
-    in_turn = [
-        (one.acc_calculate(*a), another.acc_calculate(*b)) for a, b in zip(own, other, strict=True)
-    ]
-    if _differ(first, [mine for mine, _ in in_turn]):
-        faults.append('two PIDs at the same time share their values: store them in self')
-    if used.reset():
-        checks += 1
-        if not shared and _differ(first, used.acc_sequence(own)):
-            faults.append('reset() does not clear the sum or the last error')
-    return 1.0 - len(faults) / checks, '; '.join(faults) or 'each run starts fresh'
+    if used.reset() and _differ(first, used.acc_sequence(own)):
+        return _HALF, 'reset() does not clear the sum or the last error'
+    return 1.0, 'each run starts fresh'
 
 
 def _differ(one: list[float], other: list[float]) -> bool:
@@ -591,9 +526,7 @@ def _differ(one: list[float], other: list[float]) -> bool:
 
 
 _WINDING: Gains = (1.0, 2.0, 0.0)
-_PUSHED, _PULLED = 3.0, -0.5  #: [m/s] errors: into the limit, and out of it
-_PUSHES, _PULLS = 300, 600  #: calls
-_GROWN = 0.5  #: [m/s²] The minimum growth that shows an integral.
+_PUSHES, _PULLS = 300, 600  #: calls with an error into the limit, and out of it
 _ALLOWED = 25  #: calls until the output leaves the limit
 
 
@@ -601,38 +534,18 @@ _ALLOWED = 25  #: calls until the output leaves the limit
 def judge_windup(code: HillsCode) -> Judged:
     """Return whether the output leaves its limit when the error changes its sign.
 
-    The car's motor gives ±8 m/s² at most, also if the class has no such limit. Half a second or
-    less is full marks; beyond that the score falls with the time.
+    The car's motor gives 8 m/s² at most, also if the class has no such limit. Half a second or less
+    is full marks; beyond that the score falls with the time.
     """
-    calls = [_recovery(code, sign) for sign in (1.0, -1.0)]
-    scores = [min(1.0, _ALLOWED / max(n, 1)) if n < _PULLS else 0.0 for n in calls]
-    if min(scores) == 1.0:
+    pid = code.new_pid(*_WINDING, limit=ACCELERATION_LIMIT)
+    pushed = pid.acc_sequence([(8.0, 5.0, TS)] * _PUSHES)
+    pulled = pid.acc_sequence([(8.0, 8.5, TS)] * _PULLS)
+    limit = min(max(pushed), ACCELERATION_LIMIT) - _TOLERANCE
+    calls = next((k for k, output in enumerate(pulled) if output < limit), _PULLS)
+    if calls <= _ALLOWED:
         return 1.0, 'the output leaves its limit when the error changes its sign'
-    longest = max(calls)
-    time = f'{longest * TS:.1f} s' if longest < _PULLS else f'more than {_PULLS * TS:g} s'
-    return float(np.mean(scores)), (
+    return _ALLOWED / calls, (
         f'the integral winds up: after {_PUSHES * TS:g} s with the output at its limit of '
         f'{ACCELERATION_LIMIT:g} m/s² the error changed its sign, and the output stayed there for '
-        f'{time}. Do not add to the integral while the output is at its limit'
+        f'{calls * TS:.1f} s. Do not add to the integral while the output is at its limit'
     )
-
-
-def _recovery(code: HillsCode, sign: float) -> int:
-    """Return the number of calls until the output leaves its limit."""
-    pid = code.new_pid(*_WINDING, limit=ACCELERATION_LIMIT)
-    pushed, pulled = (
-        sign * np.array(pid.acc_sequence([(8.0, 8.0 - sign * error, TS)] * count))
-        for error, count in ((_PUSHED, _PUSHES), (_PULLED, _PULLS))
-    )
-    if (maximum := pushed.max()) <= _WINDING[0] * _PUSHED + _GROWN:
-        raise UserError(
-            f'with an error of {_PUSHED:g} m/s for {_PUSHES * TS:g} s the output is at most '
-            f'{maximum + 0.0:.3g} m/s²: is each error added to the sum, and is no limit too small?'
-        )
-    largest = float(np.abs([*pushed, *pulled]).max())
-    if not largest < NOT_A_CAR:
-        raise UserError(
-            f'the output reaches {largest:.3g} m/s² while the error is {_PUSHED:g} m/s at most'
-        )
-    inside = np.flatnonzero(pulled < min(float(maximum), ACCELERATION_LIMIT) - _TOLERANCE)
-    return int(inside[0]) if inside.size else _PULLS

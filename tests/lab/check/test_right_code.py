@@ -107,9 +107,8 @@ def test_a_right_model_gets_full_marks(lab: Lab, model: str, name: str) -> None:
     assert messages(HILLS.judge(lab(text))[:5]) == {}
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_no_seed_makes_right_code_wrong(lab: Lab, model: str, controller: str, seed: int) -> None:
-    assert messages(HILLS.judge(lab(model, controller), Settings(seed=seed))) == {}
+def test_no_seed_makes_right_code_wrong(lab: Lab, model: str, controller: str) -> None:
+    assert messages(HILLS.judge(lab(model, controller), Settings(seed=1))) == {}
 
 
 @pytest.mark.parametrize('name', [*CONTROLLERS, 'on measurement'])

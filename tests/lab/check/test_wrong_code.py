@@ -148,7 +148,7 @@ def test_what_is_kept_across_runs_is_named(lab: Lab, controller: str, names: lis
         findings = of_pid(lab(controller=text))
         assert failed(findings) == {'pid.reset'}
         assert words in findings['pid.reset'].message
-    assert findings['pid.reset'].score == pytest.approx(2 / 3)
+    assert findings['pid.reset'].score == 0.5
 
 
 #: A PID that answers by the number of the call, and the error.

@@ -9,17 +9,15 @@ import re
 
 import pytest
 from markupsafe import escape
+from matplotlib.figure import Figure
 
 from barc_sim.lab.grade import classroom
 from barc_sim.lab.grade import grade as report
 from barc_sim.lab.grade.grade import Grade, Item
 from barc_sim.lab.grade.rubric import Rubric
-from barc_sim.lab.judge import Settings
-from barc_sim.lab.labs.pid import Conditions, Drive
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.lab.judge import Evidence, Settings, Table
 
 HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
-LOG = closed_loop(distance=20.0)
 RUBRIC = Rubric(
     {'model.x': 3.0, 'loop.lab_road': 7.0, 'relay.rate': 5.0},
     Settings(seed=1),
@@ -29,7 +27,7 @@ RUBRIC = Rubric(
 
 
 def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Grade:
-    runs = Drive(LOG, '', Conditions(None))
+    runs = Evidence(Table('', (), ()), lambda _: Figure())
     return Grade(
         name=text,
         title='The lab',
