@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.errors import UserError
-from barc_sim.vehicle.parameters import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -27,6 +26,8 @@ if TYPE_CHECKING:
 
 _NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
 PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
+#: [ns]; not the vehicle's, which a submission's process does not import.
+_SECOND = 1_000_000_000
 _FIELD_TYPE = re.compile(r'(?:^|\n)\s*([a-zA-Z0-9_/]+)(?:\[[^\]]*\])?\s+')
 # Definitions, with their comments, as `<package>/<name>.msg`: what a run without ROS records.
 _SHIPPED = Path(__file__).with_name('msg')
@@ -184,7 +185,7 @@ MessageFields = tuple[Topic, bytes, int, int, int]
 def leading_time(data: bytes) -> int:
     """Return the time [ns] at the start of a serialized message: a header's stamp, or a clock."""
     sec, nanosec = _TIMES[data[1] & 1].unpack(data[_STAMP])
-    return int(sec) * NANOSECONDS + int(nanosec)
+    return int(sec) * _SECOND + int(nanosec)
 
 
 def split_time(stamp: int) -> tuple[int, int]:
@@ -192,8 +193,8 @@ def split_time(stamp: int) -> tuple[int, int]:
 
     Nanoseconds beyond a second stay where the seconds are at their end, as a stranger may send it.
     """
-    sec, nanosec = divmod(stamp, NANOSECONDS)
-    return (sec, nanosec) if sec <= _LAST else (_LAST, stamp - _LAST * NANOSECONDS)
+    sec, nanosec = divmod(stamp, _SECOND)
+    return (sec, nanosec) if sec <= _LAST else (_LAST, stamp - _LAST * _SECOND)
 
 
 @cache

@@ -12,19 +12,14 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-import re
 import signal
 import sys
-from contextlib import suppress
-from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec
-from importlib.util import spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from types import FrameType, ModuleType
+    from collections.abc import Callable
+    from types import FrameType
 
 
 MAX_TEXT = 4000  #: characters of an error; what is longer is cut
@@ -32,33 +27,6 @@ NO_PIPES = 97  #: exit code of a process whose pipes have been closed
 _SET_PDEATHSIG, _SET_DUMPABLE, _SET_SECCOMP, _SET_NO_NEW_PRIVS = 1, 4, 22, 38
 _MODE_FILTER, _RESTRICT_SELF = 2, 446
 _INSTRUCTION = 8  # bytes of a seccomp program
-_MAX_RELAY = 1 << 20  # bytes of a relay's file
-
-
-class _Installed(MetaPathFinder):
-    """Finds NumPy and rosbags, and no other package installed beside them.
-
-    A submission may import NumPy alone; rosbags makes the messages of a relay's program.
-    """
-
-    def __init__(self, folders: dict[str, str]) -> None:
-        self._folders = folders
-
-    def find_spec(
-        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        """Find the package; its own path then leads to its modules."""
-        del path, target
-        if name not in self._folders:
-            return None
-        folder = self._folders[name]
-        if name == 'rosbags':  # a namespace, without an __init__.py
-            spec = ModuleSpec(name, None, is_package=True)
-            spec.submodule_search_locations = [folder]
-            return spec
-        return spec_from_file_location(
-            name, f'{folder}/__init__.py', submodule_search_locations=[folder]
-        )
 
 
 def _handler(seconds: float) -> Callable[..., Any]:
@@ -67,17 +35,15 @@ def _handler(seconds: float) -> Callable[..., Any]:
     Each may use so many `seconds` of processor time: then it raises OutOfTime, which names the
     line. Code that catches this, or does not return to Python, is ended by the grader.
     """
-    from barc_sim.cli.files import read_regular  # noqa: PLC0415
     from barc_sim.lab.handout import files_in  # noqa: PLC0415
     from barc_sim.lab.user_code.code import UserCode  # noqa: PLC0415
     from barc_sim.lab.user_code.folder import OutOfTime  # noqa: PLC0415
 
     files = files_in(Path())
-    with suppress(OSError, ValueError):  # the code names it, where a relay cannot be read
-        if 'relay' in files and re.search(b'rclpy|rospy', read_regular(files['relay'], _MAX_RELAY)):
-            from barc_sim.lab.user_code import relay_program  # noqa: PLC0415
+    if 'relay' in files:
+        from barc_sim.lab.user_code import relay_program  # noqa: PLC0415
 
-            relay_program.prepare()
+        relay_program.prepare()
     code = UserCode(files, budget=None)
     has_alarms = hasattr(signal, 'setitimer')  # not on Windows: the grader ends the process
 
@@ -103,9 +69,9 @@ def _handler(seconds: float) -> Callable[..., Any]:
     return handle
 
 
-def _forget_packages(packages: str) -> None:
+def _forget_packages(path: list[str]) -> None:
     """Make it impossible to import more of barc_sim, or of what is installed beside it."""
-    sys.path.remove(packages)
+    sys.path[:] = path
     for name, module in sys.modules.items():
         if name.partition('.')[0] == 'barc_sim' and hasattr(module, '__path__'):
             module.__path__ = []
@@ -193,10 +159,12 @@ def _main() -> None:
     os.close(nothing)
     os.dup2(2, 1)
     try:
-        sys.path.append(start['packages'])
-        sys.meta_path.insert(0, _Installed(start['installed']))
+        path = [*sys.path]
+        sys.path += start['packages']
+        import numpy  # noqa: F401, ICN001, PLC0415 (a submission may import it, and no other)
+
         handler = _handler(start['call'])
-        _forget_packages(start['packages'])
+        _forget_packages(path)
         if sys.platform == 'linux':
             _limit(start['memory'], start['parent'])
         if start['ruleset'] is not None:

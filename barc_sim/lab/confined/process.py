@@ -221,8 +221,14 @@ def _start(folder: Path, limits: Limits, *, sandbox: bool) -> subprocess.Popen[b
         'ruleset': ruleset,
         'program': program.hex(),
         'parent': os.getpid(),
-        'packages': str(_PACKAGES),
-        'installed': {name: str(package_folder(name)) for name in ('numpy', 'rosbags')},
+        'packages': [
+            str(each)
+            for each in (
+                _PACKAGES,
+                package_folder('numpy').parent,
+                package_folder('rosbags').parent,
+            )
+        ],
         'memory': limits.memory,
         'call': limits.call,
     }

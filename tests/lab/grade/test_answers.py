@@ -143,7 +143,7 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
 GRABS = (
     "import sys; bikeFE = sys.modules['barc_sim.vehicle.bike_model'].bikeFE",
     "import sys; bikeFE = sys.modules['barc_sim'].Vehicle; bikeFE(1)",
-    'from barc_sim.vehicle.bike_model import bikeFE',
+    'from barc_sim.vehicle.bike_model import bikeFE; 1.0 + bikeFE',
     "import importlib\nbikeFE = importlib.import_module('barc_sim.vehicle.bike_model').bikeFE",
     (
         'import importlib, sys\nfor m in [*sys.modules.values()]:\n'
