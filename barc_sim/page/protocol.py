@@ -187,6 +187,7 @@ class RunFacts(NamedTuple):
     track: Track | None = None
     status: Callable[[], Status] = Status
     finish: Callable[[], None] | None = None  #: ends the run
+    options: Mapping[str, str] = {}  #: more that were given, for the command to copy
 
     @property
     def gains(self) -> dict[str, Gain]:
@@ -229,7 +230,7 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
         'sliders': {
             name: {
                 'label': _label(name, gain),
-                'short': _SHORT.get(name, name.removeprefix(LANE).replace('_', ' ')),
+                'short': _short(name),
                 'unit': '' if gain.unit == '-' else gain.unit,
                 'max': gain.slider,
                 'node': node_of(name),
@@ -242,7 +243,7 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
             (name for name, kind in TYPES.items() if type(law) is kind), DEFAULT_TYPE
         ),
         'tuning': run.values,
-        'run': shown,
+        'run': {**shown, **run.options},
         'can_finish': run.finish is not None,
         **(track_facts(_course(run.track)) if run.track else {}),
     }
@@ -279,6 +280,12 @@ def _presets(law: object) -> dict[str, dict[str, float]]:
     own = getattr(law, 'presets', {})
     usual = {'acceleration_limit': ACCELERATION_LIMIT, **dict.fromkeys(CAR, 0.0)}
     return {name: usual | gains for name, gains in {**own, **(_OF_CAR if own else {})}.items()}
+
+
+def _short(name: str) -> str:
+    """Return a slider's short name; a gain of a lane's law is a symbol, as in `q_e_y`."""
+    symbol = name.removeprefix(LANE)
+    return _SHORT.get(name, symbol if symbol != name else name.replace('_', ' '))
 
 
 def _label(name: str, gain: Gain) -> str:

@@ -56,6 +56,8 @@ if TYPE_CHECKING:
 _SWITCH_INTERVAL = 1e-4
 #: [s] for mirrors and pages to read the last states.
 _READING_TIMEOUT = 2.0
+#: Options of a run that the page's command has, too.
+_COPIED = ('lab', 'model', 'controller', 'lane', 'policy', 'dynamics')
 _ENGINES = {'ros': 'ROS 2 (rclpy)', 'local': 'local, without ROS'}
 
 
@@ -248,6 +250,7 @@ class Run:
                 simulator.track,
                 lambda: Status(stepper.missed, stepper.paused),
                 self.finish,
+                {name: str(value) for name in _COPIED if (value := getattr(options, name, None))},
             ),
         )
         self._views.append(view)

@@ -200,3 +200,8 @@ def test_on_a_track_the_sliders_are_those_of_the_steering(
     assert [*found['sliders']] == [*(f'lane.{gain}' for gain in gains), 'speed_reference']
     assert found['tuning'].keys() == found['sliders'].keys()
     assert (found['mode'], found['run']['lane']) == ('track', name)
+    assert found['sliders'][f'lane.{gains[0]}']['short'] == gains[0]
+
+
+def test_the_command_to_copy_has_the_users_code() -> None:
+    assert facts('acc', RunFacts(options={'lab': 'mine'}))['run'] == {'lab': 'mine'}

@@ -17,14 +17,14 @@ function inCar({ x, y, psi }, middle, point) {
 }
 
 /** Return whether the car touches a cone. */
-export function touches(state, middle, cone) {
+function touches(state, middle, cone) {
   const [along, across] = inCar(state, middle, cone);
   const [u, v] = [Math.max(Math.abs(along) - CAR.length / 2, 0), Math.max(Math.abs(across) - CAR.width / 2, 0)];
   return Math.hypot(u, v) < CONE;
 }
 
 /** Return whether the whole car is in the box. */
-export function isInBox({ x, y, psi }, middle) {
+function isInBox({ x, y, psi }, middle) {
   const [cos, sin] = [Math.cos(psi), Math.sin(psi)];
   const alongX = (Math.abs(cos) * CAR.length + Math.abs(sin) * CAR.width) / 2;
   const alongY = (Math.abs(sin) * CAR.length + Math.abs(cos) * CAR.width) / 2;

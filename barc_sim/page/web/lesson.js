@@ -39,12 +39,16 @@ export class Lesson {
       return make('span', { className: `term line-${colour}` }, `${label} `, this.term[name]);
     };
     this.limited = make('span', { className: 'limited', hidden: true });
+    this.terms = terms;
+    this.parts = terms.map((name, i) => make(
+      'span', {}, i ? '+\u2002' : '=\u2002', part(name, name.replace(/^steer_/, ''), colours[name]),
+    ));
     this.equation.replaceChildren(
       ...(mode === 'track'
         ? [part('servo', 'steering', colours.servo), make('small', {}, 'rad')]
         : [part('motor', 'command', colours.motor), make('small', {}, 'm/s²')]),
       this.limited,
-      ...terms.map((name, i) => make('span', {}, i ? '+\u2002' : '=\u2002', part(name, name.replace(/^steer_/, ''), colours[name]))),
+      ...this.parts,
     );
   }
 
@@ -53,6 +57,8 @@ export class Lesson {
       if (name in this.force) show(this.force[name], reading(force, Math.abs(force) < 10 ? 2 : 0));
     }
     for (const [name, output] of Object.entries(this.term)) show(output, reading(state[name], 3));
+    const unknown = this.terms.some((name) => !Number.isFinite(state[name])); // of another's law
+    for (const each of this.parts) each.hidden = unknown;
     const limits = [
       ...(isAtLimit(state, tuning.motor_limit) ? ['motor at its limit'] : []),
       ...(state.saturated === 1 && mode === 'acc' ? ['controller at its limit'] : []),

@@ -6,6 +6,7 @@ import {
 
 const MAP = 160; // [px] the width of the small map, at most
 const BEGUN = 1; // [s] after which the present lap is in the table
+const MOST = 0.9; // share of a lap in arcs from which they are not shaded
 const STRAIGHT = 1e-9; // [1/m]
 
 export class Track {
@@ -13,15 +14,17 @@ export class Track {
   constructor(facts) {
     Object.assign(this, facts);
     this.half = facts.width / 2;
-    this.arcs = []; // {from, to, grade, label}: shaded as slopes are
+    const arcs = []; // {from, to, grade, label}: shaded as slopes are
     facts.curvature.forEach((curvature, i) => {
-      const last = this.arcs[this.arcs.length - 1];
+      const last = arcs[arcs.length - 1];
       const to = facts.s[i + 1] ?? this.length;
       if (Math.abs(curvature) < STRAIGHT) return;
       if (last?.to === facts.s[i] && Math.abs(last.curvature - curvature) < STRAIGHT) last.to = to;
-      else this.arcs.push({ from: facts.s[i], to, curvature, grade: 20 });
+      else arcs.push({ from: facts.s[i], to, curvature, grade: 20 });
     });
-    this.slopes = this.arcs.map((arc) => ({ ...arc, label: `R ${reading(1 / Math.abs(arc.curvature), 0)} m` }));
+    const bent = arcs.reduce((sum, { from, to }) => sum + to - from, 0);
+    // A racing line is nearly all arcs.
+    this.slopes = bent > MOST * this.length ? [] : arcs.map((arc) => ({ ...arc, label: `R ${reading(1 / Math.abs(arc.curvature), 0)} m` }));
   }
 
   /** A track is known from the start. */
