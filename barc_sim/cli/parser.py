@@ -24,7 +24,6 @@ _ROS_ARGS_HELP = (
     '--ros-args -r __ns:=/car2 -p controller:acceleration_limit:=4.0'
 )
 MAX_PORT = 65_535
-_MAX_DIGITS = 18  #: of a whole number on the command line
 
 
 class Parser(argparse.ArgumentParser):
@@ -115,11 +114,9 @@ def whole(low: float, high: float = inf) -> Callable[[str], int]:
 def _between(text: str, low: float, high: float) -> float | str:
     """Return the number in `text`, in the limits."""
     value: float | str = text
-    if text.removeprefix('-').isdecimal() and len(text) <= _MAX_DIGITS:
-        value = int(text)
-    else:
+    for kind in (float, int):
         with suppress(ValueError):
-            value = float(text)
+            value = kind(text)
     if why := not_between(value, low, high):
         raise argparse.ArgumentTypeError(why)
     return value

@@ -161,38 +161,21 @@ def _flushed() -> Iterator[None]:
 
 def _sentence(error: Exception, prog: str) -> str | None:
     """Return an error's sentence; '' for a closed pipe, None for a fault of ours."""
-    sentence = next(filter(None, map(_exhausted, _causes(error))), None)
+    sentence = None
     if isinstance(error, UserError):
         sentence = str(error)
-    elif sentence is None and isinstance(error, ModuleNotFoundError):
+    elif isinstance(error, MemoryError):
+        sentence = 'there is not enough memory: end other programs, or raise the limit (ulimit -v)'
+    elif isinstance(error, ModuleNotFoundError):
         sentence = _missing(error, prog)
-    elif sentence is None and isinstance(error, OSError):
+    elif isinstance(error, OSError):
         sentence = _refused(error)
-    elif sentence is None and str(error).startswith('Key backend: '):  # Matplotlib's, if imported
+    elif str(error).startswith('Key backend: '):  # Matplotlib's, if imported
         name = os.environ.get('MPLBACKEND')
         sentence = f'MPLBACKEND is {name!r}, which Matplotlib does not have: unset it'
-    elif sentence is None and type(error).__name__ == 'RCLError':  # importing it would import ROS
+    elif type(error).__name__ == 'RCLError':  # importing it would import ROS
         sentence = f'ROS failed: {str(error).partition(", at ")[0]}'
     return sentence
-
-
-def _exhausted(error: BaseException) -> str | None:
-    """Return the sentence where an error means that the machine has no more of something."""
-    number = error.errno if isinstance(error, OSError) else None
-    if isinstance(error, MemoryError) or number == errno.ENOMEM:
-        return 'there is not enough memory: end other programs, or raise the limit (ulimit -v)'
-    if number in (errno.EMFILE, errno.ENFILE):
-        return 'too many files are open: raise the limit (ulimit -n)'
-    if isinstance(error, RuntimeError) and 'start new thread' in str(error):
-        return 'no more threads can be started: raise the limit (ulimit -u)'
-    return None
-
-
-def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    """Yield an error and those that it arose from."""
-    while error:
-        yield error
-        error = error.__cause__ or error.__context__
 
 
 def _refused(error: OSError) -> str:

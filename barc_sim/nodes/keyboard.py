@@ -23,22 +23,6 @@ class Keyboard(Node):
     """Publishes while a key is held, zero once after its release, and then nothing.
 
     At its end it publishes the brake. `finished` is done when the user presses `q` or Ctrl-C.
-
-    Examples
-    --------
-    >>> import os, pty, rclpy
-    >>> rclpy.init()
-    >>> user, terminal = pty.openpty()
-    >>> keyboard, twist = Keyboard(Terminal(terminal)), Future()
-    >>> _ = keyboard.create_subscription(Twist, 'cmd_vel', twist.set_result, 1)
-    >>> _ = os.write(user, b'w')
-    >>> rclpy.spin_until_future_complete(keyboard, twist, timeout_sec=5.0)
-    >>> twist.result().linear.x
-    1.0
-    >>> keyboard.destroy_node()
-    >>> rclpy.shutdown()
-    >>> os.close(user), os.close(terminal)
-    (None, None)
     """
 
     def __init__(self, terminal: Terminal | None = None, **options: Any) -> None:  # noqa: ANN401

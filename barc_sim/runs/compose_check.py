@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code import source
@@ -24,8 +24,7 @@ _SIMULATOR = '/vehicle_simulator'
 _TOPICS = ('/cmd_vel', '/ecu', '/z_vhcl')
 _FOUND = 'found.json'
 _DEADLINE = 60.0  #: [s] for all of it, on a busy machine
-#: [s] after which nodes count that nobody spins, and that an executor spins.
-_UNSPUN, _SPUN = 20.0, 0.5
+_PERIOD = 1.0  #: [s] in which no node is added, once all are made
 
 
 class Verdict(NamedTuple):
@@ -84,11 +83,15 @@ def _is_unwritten(file: Path) -> bool:
 def _run_here(file: str) -> None:
     """Run the script on what stands in for ROS; write its nodes, by full name, to a file."""
     from barc_sim.ros.local import install  # noqa: PLC0415 (as the script's own process)
-    from barc_sim.ros.local.executor import Executor  # noqa: PLC0415
 
-    world, spin = install(), Executor._spin  # noqa: SLF001
+    world, before = install(), 0
 
-    def report(*_: object) -> None:
+    def poll(*_: object) -> None:
+        nonlocal before
+        if before == (before := len(world.nodes)) > 0:
+            report()
+
+    def report() -> None:
         publishers: dict[str, list[str]] = {topic: [] for topic in _TOPICS}
         for node in world.nodes:
             for publisher in node.publishers:
@@ -97,14 +100,8 @@ def _run_here(file: str) -> None:
         Path(_FOUND).write_text(json.dumps((names, publishers)), encoding='utf-8')
         os._exit(0)
 
-    def first_spin(self: Executor, *args: Any, **options: Any) -> None:  # noqa: ANN401
-        Executor._spin = spin  # type: ignore[method-assign]  # noqa: SLF001
-        signal.setitimer(signal.ITIMER_REAL, _SPUN)
-        spin(self, *args, **options)
-
-    Executor._spin = first_spin  # type: ignore[method-assign]  # noqa: SLF001
-    signal.signal(signal.SIGALRM, report)
-    signal.setitimer(signal.ITIMER_REAL, _UNSPUN)
+    signal.signal(signal.SIGALRM, poll)
+    signal.setitimer(signal.ITIMER_REAL, _PERIOD, _PERIOD)
     sys.argv, sys.path[0] = [file], str(Path(file).parent)
     runpy.run_path(file, run_name='__main__')
 

@@ -188,8 +188,6 @@ class Run:
         """Add what shows the run, describe it in the bag, and prepare to spin: call it last."""
         options = self.options
         self._display = display
-        if display:
-            self.inputs.output.show = display.print_line
         self._print(f'engine     {_ENGINES[options.engine]}')
         if self.recorder and any(each.clock_pub for each in self.simulators):
             self.recorder.stamp_with_clock()
@@ -276,7 +274,6 @@ class Run:
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
     ) -> bool:
         """End the nodes, the recorder last."""
-        self.inputs.output.close()
         if self._display:
             self._display.close()
         has_begun = any(each.stepper.states for each in self.simulators)

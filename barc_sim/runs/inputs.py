@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,7 +14,6 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserCommands, UserController, UserLane, line_through
 from barc_sim.lab.user_code.code import UserCode, find_files
 from barc_sim.runs.options import choose_engine
-from barc_sim.runs.terminal import UserOutput
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track
 
@@ -35,7 +35,6 @@ class Inputs(NamedTuple):
     road: Road | None  #: of `--road`; None: that of the simulator's parameter
     track: Track | None  #: of `--track`; None: that of the nodes' parameters
     user_code: UserCode
-    output: UserOutput  #: takes what user code prints
     policy: Policy | None = None  #: drives in place of a controller
 
     def laws(self) -> tuple[Any, Any]:
@@ -65,13 +64,13 @@ def read_inputs(options: Namespace) -> Inputs:
     track = getattr(options, 'track', None) and Track.named(options.track)
     if not options.no_bag:
         check_root(options.bag_dir)
-    output = UserOutput(quiet=options.quiet)
+    output = (lambda _: None) if options.quiet else partial(print, end='')
     user_code = UserCode(_files(options), output=output).load()
     _refuse_contradictions(options, user_code, track)
     if user_code.raceline and track:
         arguments, through = line_through(track)
         track = through(user_code.raceline(*arguments))
-    inputs = Inputs(road, track, user_code, output)
+    inputs = Inputs(road, track, user_code)
     if options.mode == 'acc':
         _check_laws(options, inputs)
     if getattr(options, 'policy', None):

@@ -1,4 +1,4 @@
-"""What a run shows in the terminal: a live line, what user code prints, a table at the end."""
+"""What a run shows in the terminal: a live line, and a table at the end."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 from barc_sim.control.driver import COAST, DriverInput
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from rich.console import Console
     from rich.progress import Progress
-    from rich.table import Table
 
     from barc_sim.simulation.metrics import Summary, TrackLaps
     from barc_sim.vehicle.plant import TrackState
@@ -73,7 +72,7 @@ class Display:
 
     The caller's thread draws the line, right after a step, when the next is furthest away: a thread
     of its own would hold the interpreter's lock when a step is due. If the terminal is gone,
-    nothing is drawn: its signal ends the run.
+    nothing is drawn: its signal ends the run. What user code prints comes above the line.
     """
 
     def __init__(self, distance: float | None = None) -> None:
@@ -104,14 +103,6 @@ class Display:
             tasks = self._progress.task_ids or [self._progress.add_task('', total=self._total)]
             self._progress.update(tasks[0], completed=distance, description=line(), refresh=True)
 
-    def print_line(self, line: str) -> None:
-        """Print a line of user code's output, above the one that is drawn."""
-        if not self._progress:
-            print(line)  # noqa: T201
-            return
-        with suppress(OSError):
-            self._progress.console.print(line, markup=False, soft_wrap=True)
-
     def close(self) -> None:
         """Draw the last state, and go to the next line."""
         if self._progress:
@@ -129,33 +120,11 @@ def _progress(distance: float | None) -> Progress:
     return Progress(*bar, text, console=_console(), auto_refresh=False)
 
 
-class UserOutput:
-    """Takes text piece by piece, as user code prints it, and shows whole lines."""
-
-    def __init__(self, *, quiet: bool = False) -> None:
-        """Print lines, or nothing if `quiet`; `show` can be replaced."""
-        self.show: Callable[[str], None] = print
-        self._quiet, self._rest = quiet, ''
-
-    def __call__(self, text: str) -> None:
-        """Take `text`."""
-        if not self._quiet:
-            *lines, self._rest = (self._rest + text).split('\n')
-            for line in lines:
-                self.show(line)
-
-    def close(self) -> None:
-        """Show the rest of a line."""
-        if self._rest:
-            self('\n')
-
-
 def print_summary(summary: Summary, slipped: int) -> None:
     """Print the table of a run's speed errors, and its other figures.
 
     `slipped` is the number of periods by which simulated time fell behind the wall clock.
     """
-    console, table = _console(), _table('Speed error', '', 'grade', 'RMS, m/s', 'maximum, m/s')
     rows = [
         ('whole run', '', summary.rms_error, summary.max_error),
         ('after 10 m', '', summary.rms_error_after_run_up, summary.max_error_after_run_up),
@@ -163,13 +132,12 @@ def print_summary(summary: Summary, slipped: int) -> None:
     for part in summary.stretches:
         where = f'{part.start:5.1f} to {part.end:5.1f} m'
         rows.append((where, f'{part.theta_deg:+.0f}°', part.rms_error, part.max_error))
-    for where, grade, rms, maximum in rows:
-        table.add_row(where, grade, _figure('.4f', rms), _figure('.4f', maximum))
-    console.print(table)
-    console.print(
+    _print_table(
+        ('Speed error', '', 'grade', 'RMS, m/s', 'maximum, m/s'),
+        ((*row[:2], *(_figure('.4f', value) for value in row[2:])) for row in rows),
         f'overshoot {_figure(".1%", summary.overshoot)}, '
         f'settling time (2 %) {_figure(".2f", summary.settling_time)} s, '
-        f'missed deadlines {summary.missed_deadlines}, clock slips {slipped}'
+        f'missed deadlines {summary.missed_deadlines}, clock slips {slipped}',
     )
 
 
@@ -178,10 +146,8 @@ def print_summaries(kind: str, summaries: Mapping[str, Summary], slipped: int) -
 
     A lap that a reset has cut short has its line, too.
     """
-    headings = ('RMS, m/s', 'maximum, m/s', 'overshoot', 'settling, s', 'missed')
-    console, table = _console(), _table('Speed error after 10 m', kind, *headings)
-    for name, summary in summaries.items():
-        table.add_row(
+    rows = [
+        (
             name,
             _figure('.4f', summary.rms_error_after_run_up),
             _figure('.4f', summary.max_error_after_run_up),
@@ -189,9 +155,12 @@ def print_summaries(kind: str, summaries: Mapping[str, Summary], slipped: int) -
             _figure('.2f', summary.settling_time),
             str(summary.missed_deadlines),
         )
-    console.print(table)
+        for name, summary in summaries.items()
+    ]
     missed = sum(summary.missed_deadlines for summary in summaries.values())
-    console.print(f'missed deadlines {missed}, clock slips {slipped}')
+    figures = ('RMS, m/s', 'maximum, m/s', 'overshoot', 'settling, s', 'missed')
+    end = f'missed deadlines {missed}, clock slips {slipped}'
+    _print_table(('Speed error after 10 m', kind, *figures), rows, end)
 
 
 def print_track_laps(cars: Mapping[str, TrackLaps], missed: int, slipped: int) -> None:
@@ -199,35 +168,35 @@ def print_track_laps(cars: Mapping[str, TrackLaps], missed: int, slipped: int) -
 
     The last lap is shown where it is not finished.
     """
-    headings = ('time, s', 'RMS e_y, m', 'maximum, m', 'saturated')
-    console, table = _console(), _table('Laps', 'lap', *headings)
+    rows, ends = [], []
     for name, laps in cars.items():
-        rows = [(f'{number}', lap) for number, lap in enumerate(laps.finished, 1)]
-        if not rows or laps.current.time > _SHOWN:
-            rows.append(('not finished', laps.current))
-        for number, lap in rows:
-            table.add_row(
-                f'{name} {number}'.strip(),
-                f'{lap.time:.2f}',
-                f'{lap.rms:.3f}',
-                f'{lap.maximum:.3f}',
-                f'{lap.at_limit:.0%}',
-            )
-    console.print(table)
-    for name, laps in cars.items():
+        shown = [(f'{number}', lap) for number, lap in enumerate(laps.finished, 1)]
+        if not shown or laps.current.time > _SHOWN:
+            shown.append(('not finished', laps.current))
+        for number, lap in shown:
+            figures = f'{lap.time:.2f}', f'{lap.rms:.3f}', f'{lap.maximum:.3f}'
+            rows.append((f'{name} {number}'.strip(), *figures, f'{lap.at_limit:.0%}'))
         if laps.best:
-            console.print(f'{name} best lap {laps.best.time:.2f} s'.strip())
-    console.print(f'missed deadlines {missed}, clock slips {slipped}')
+            ends.append(f'{name} best lap {laps.best.time:.2f} s'.strip())
+    ends.append(f'missed deadlines {missed}, clock slips {slipped}')
+    headings = ('Laps', 'lap', 'time, s', 'RMS e_y, m', 'maximum, m', 'saturated')
+    _print_table(headings, rows, *ends)
 
 
-def _table(title: str, first: str, *headings: str) -> Table:
+def _print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *ends: str) -> None:
+    """Print a table, whose title is the first of the `headings`, and lines below it."""
     from rich.table import Table  # noqa: PLC0415
 
+    title, first, *others = headings
     table = Table(title=title, title_justify='left', box=None, pad_edge=False)
     table.add_column(first, no_wrap=True)
-    for heading in headings:
+    for heading in others:
         table.add_column(heading, justify='right')
-    return table
+    for row in rows:
+        table.add_row(*row)
+    console = _console()
+    for each in (table, *ends):
+        console.print(each)
 
 
 def _figure(form: str, value: float) -> str:

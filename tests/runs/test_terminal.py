@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import sys
 import time
 from contextlib import closing, redirect_stdout, suppress
 from functools import partial
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
-from barc_sim.runs.terminal import Display, UserOutput, cruise_line, drive_line, print_summary
+from barc_sim.runs.terminal import Display, cruise_line, drive_line, print_summary
 from barc_sim.simulation.metrics import SegmentErrors, Summary
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ def test_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
         shown = Display()
         shown.show(*DRIVE)
         text = terminal.shown()
-        shown.print_line('user code prints [this]')
+        sys.stdout.write('user code prints [this]\n')
         printed = terminal.shown()
         shown.close()
     assert DRIVE_LINE.strip() in text
@@ -118,7 +119,6 @@ def test_terminal_that_is_gone_does_not_end_the_run(terminal: Terminal) -> None:
         shown = Display()
         shown.show(*DRIVE)
         os.dup2(os.open(os.devnull, os.O_RDONLY), terminal.stdout.fileno())  # writing fails
-        shown.print_line('lost')
         shown.close()
 
 
@@ -159,17 +159,3 @@ def test_table_has_a_row_per_stretch_and_the_other_figures(capsys: Capture) -> N
     assert ' '.join(rows[-1]) == (
         'overshoot 0.3%, settling time (2 %) 1.00 s, missed deadlines 3, clock slips 2'
     )
-
-
-# What user code prints
-
-
-def test_pieces_become_whole_lines(capsys: Capture) -> None:
-    output = UserOutput()
-    lines: list[str] = []
-    for piece in ('a', 'b\nc', '\n\nd'):
-        output(piece)
-    assert capsys.readouterr().out == 'ab\nc\n\n'
-    output.show = lines.append
-    output.close()
-    assert lines == ['d']
