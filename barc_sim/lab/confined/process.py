@@ -222,12 +222,8 @@ def _start(folder: Path, limits: Limits, *, sandbox: bool) -> subprocess.Popen[b
         'program': program.hex(),
         'parent': os.getpid(),
         'packages': [
-            str(each)
-            for each in (
-                _PACKAGES,
-                package_folder('numpy').parent,
-                package_folder('rosbags').parent,
-            )
+            str(_PACKAGES),
+            *(str(package_folder(name).parent) for name in ('numpy', 'rosbags')),
         ],
         'memory': limits.memory,
         'call': limits.call,

@@ -382,7 +382,7 @@ class Called(NamedTuple):
     numbers: int = 0  #: that it returns; 0: any object
     returns: str = 'an object'  #: the same in words
     method: str = ''  #: of a class: what is called of its objects
-    timed: bool = False  #: it may require the time step as one more argument, of any name
+    timed: bool = False  #: it may require the time step `dt`, too
 
 
 class UserFunction:
@@ -402,22 +402,16 @@ class UserFunction:
         kinds = [each.kind for each in found.parameters.values()]
         self._takes_all = Parameter.VAR_KEYWORD in kinds
         self._positions = {name: position for position, name in enumerate(self.parameters)}
-        self._dt = 'dt'  # its name of the time step
         takes = self.parameters if called.takes is None else called.takes.split()
-        if not _binds(found, len(takes)):
-            further = self.parameters[len(takes) :] if called.timed else ()
-            steps = [name for name in further if _binds(found, len(takes), **{name: 0.0})]
-            if not steps:
-                raise UserCodeError(
-                    f'{self.place()}: {self._name()} takes ({", ".join(self.parameters)}); '
-                    f'expected ({", ".join(takes)})'
-                )
-            self._dt = steps[0]
+        is_timed = called.timed and _binds(found, len(takes), dt=0.0)
+        if not (is_timed or _binds(found, len(takes))):
+            raise UserCodeError(
+                f'{self.place()}: {self._name()} takes ({", ".join(self.parameters)}); '
+                f'expected ({", ".join(takes)})'
+            )
 
     def __call__(self, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (a user's)
         """Return what the function returns: a float, a list of floats, or an object."""
-        if self._dt != 'dt':
-            options[self._dt] = options.pop('dt')
         if not self._takes_all:
             positions, first = self._positions, len(args)
             options = {n: v for n, v in options.items() if positions.get(n, -1) >= first}
