@@ -439,7 +439,7 @@ class Stepper:
             motor = max(-self._braking, min(-10.0 * plant.state.v, self._braking))
             plant.advance((self._commands.latest or Command())._replace(motor=motor))
         else:
-            plant.advance(self._commands.latest)
+            plant.advance(self._commands.latest or Command())
         self._commands.next_step()
         self.stamp += self._period_ns
         self._publish()

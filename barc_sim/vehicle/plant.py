@@ -323,7 +323,7 @@ class Observation(NamedTuple):
 
 
 class Plant:
-    """Holds the state and the last command; `vehicle` may be replaced between steps."""
+    """The car where it drives; `vehicle` may be replaced between steps."""
 
     def __init__(
         self,
@@ -355,7 +355,6 @@ class Plant:
         self.vehicle = vehicle or Vehicle()
         self.ts = ts
         self.state = State()
-        self._held = Command()
         self.sensor = Sensor(noise, seed)
         self.force, self.disturbance = force, disturbance
         self._steps = 0
@@ -408,16 +407,22 @@ class Plant:
         """Return the true state, with the velocities in the vehicle's frame."""
         return self._bicycle.motion(self.state, self.actuators.now.servo, self.vehicle)
 
-    def advance(self, command: Command | None = None) -> None:
-        """Go one step with `command`; without one, the last holds."""
-        if command is not None:
-            self._held = command
-        self._step(self.actuators.advance(self._held))
+    def advance(self, command: Command) -> None:
+        """Go one step with `command`."""
+        held = self.actuators.advance(command)
+        if self.force or self.disturbance:
+            force = self.force
+            if self.disturbance:
+                force += self.disturbance(self._steps * self.ts, self.distance)
+            held = held._replace(motor=held.motor + force / self.vehicle.mass)
+        self.state = self._bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)
+        self._steps += 1
+        if self.on_track:
+            self._locate(self.on_track.s)
 
     def place(self, state: State, near: float | None = None) -> None:
-        """Put the car there, on a track `near` that s [m], with no command held or on its way."""
+        """Put the car there, on a track `near` that s [m], with no command on its way."""
         self.state = state
-        self._held = Command()
         self.actuators.stop()
         self._bicycle.reset()
         if self.track:
@@ -457,14 +462,3 @@ class Plant:
             lap = before.lap
         width = track.width
         self.on_track = TrackState(s, e_y, e_psi, curvature, width, lap, t - self._lap_began)
-
-    def _step(self, held: Command) -> None:
-        if self.force or self.disturbance:
-            force = self.force
-            if self.disturbance:
-                force += self.disturbance(self._steps * self.ts, self.distance)
-            held = held._replace(motor=held.motor + force / self.vehicle.mass)
-        self.state = self._bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)
-        self._steps += 1
-        if self.on_track:
-            self._locate(self.on_track.s)

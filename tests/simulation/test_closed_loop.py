@@ -63,33 +63,6 @@ def test_closed_loop_is_the_lab_templates_loop(lab_run: Log) -> None:
     assert np.array_equal(lab_run.motor, np.array(commands))
 
 
-# What the log holds
-
-
-def test_log_has_road_forces_and_terms_of_each_state(lab_run: Log) -> None:
-    road = Road.lab()
-    s = lab_run.x.tolist()
-    assert lab_run.theta_deg.tolist() == [road.grade_deg(x) for x in s]
-    assert lab_run.elevation.tolist() == [road.elevation(x) for x in s]
-    assert lab_run.gravity == pytest.approx(-19600.0 * np.sin(np.radians(lab_run.theta_deg)))
-    assert lab_run.drag == pytest.approx(-0.01308 * lab_run.v_x**2)
-    assert lab_run.friction == pytest.approx(-0.01711 * (lab_run.v_x > 0.0))
-    assert lab_run.proportional == pytest.approx(30.0 * (8.0 - lab_run.v_x))
-    assert lab_run.derivative[1:] == pytest.approx(-0.1 * np.diff(lab_run.v_x) / 0.02)
-    steps = 200.0 * 0.02 * (8.0 - lab_run.v_x)
-    integrated = ~lab_run.saturated[1:]
-    assert np.diff(lab_run.integral)[integrated] == pytest.approx(steps[1:][integrated], abs=1e-9)
-    total = lab_run.proportional + lab_run.integral + lab_run.derivative
-    free = ~lab_run.saturated
-    assert lab_run.motor[free] == pytest.approx(total[free])
-    for still in (lab_run.y, lab_run.psi, lab_run.v_y, lab_run.psi_dot, lab_run.servo):
-        assert not still.any()
-    for error in (lab_run.e_s, lab_run.e_ey, lab_run.e_epsi, lab_run.e_v_x, lab_run.e_v_y):
-        assert not error.any()
-    assert not lab_run.e_psi_dot.any()
-    assert not lab_run.missed.any()
-
-
 # Where it ends
 
 
@@ -131,9 +104,6 @@ def test_interval_is_that_of_stamps_in_whole_nanoseconds() -> None:
     log = closed_loop(Plant(ts=1.0 / 30.0), Spy(1.0, 0.0, 0.0), max_duration=0.1)
     assert seen == [FIRST_DT] + [33_333_333 / 1e9] * 3
     assert log.t[3] == 99_999_999 / 1e9
-
-
-# Driving by hand
 
 
 def test_a_step_counts_in_whole_nanoseconds_as_the_nodes_rate_does() -> None:
@@ -324,15 +294,10 @@ def test_a_car_may_stand_where_its_reference_became_zero() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    'reference',
-    [
-        lambda t: 0.0 if 5.0 < t < 235.0 else 8.0,
-        lambda t: 0.5 if t < 250.0 else 8.0,
-    ],
-    ids=['stood on request', 'slow on request'],
-)
-def test_a_car_has_the_time_that_its_references_allow(reference: Callable[[float], float]) -> None:
+def test_a_car_has_the_time_that_its_references_allow() -> None:
+    def reference(t: float) -> float:
+        return 0.5 if t < 250.0 else 8.0
+
     xs, x = [], 0.0
     for k in range(15_000):
         xs.append(x)
@@ -355,7 +320,7 @@ class General(PID):
 roads = st.lists(st.tuples(st.floats(0.5, 20.0), st.floats(-60.0, 60.0)), min_size=1, max_size=5)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     stretches=roads,
     state=st.builds(

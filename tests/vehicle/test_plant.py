@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from math import cos, exp, inf, pi, radians, sin
-from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -39,7 +37,7 @@ if TYPE_CHECKING:
 
 
 TS = 0.02
-properties = settings(deadline=None, derandomize=True)
+properties = settings(deadline=None, derandomize=True, max_examples=50)
 values = st.floats(-10.0, 10.0)
 times = st.floats(1e-3, 10.0)
 rates = st.floats(0.01, 100.0) | st.just(inf)
@@ -90,13 +88,6 @@ def test_delay_between_two_steps_acts_within_one(steps: float) -> None:
     assert all(step == (0.0, 0.0) for step in before)
     assert within == (pytest.approx(4.0 * (1.0 - steps % 1.0)), 4.0)
     assert after == (4.0, 4.0)
-
-
-@properties
-@given(delay=st.floats(0.0, 0.3), command=values)
-def test_mean_over_a_delay_is_the_integral_of_what_acts(delay: float, command: float) -> None:
-    means = [mean for mean, _ in drive(Actuator(delay=delay), [command] * 20)]
-    assert sum(means) * TS == pytest.approx(command * (20 * TS - delay), abs=1e-6)
 
 
 # Lag
@@ -171,14 +162,6 @@ def test_replaced_delay_counts_from_the_next_command(before: int, after: int) ->
     assert acted == [max(k - after, 10.0 - before) for k in range(11, 21)]
 
 
-def test_replaced_limit_cuts_what_is_on_its_way() -> None:
-    actuators = Actuators(Actuator(delay=2 * TS), Actuator(), TS)
-    for _ in range(5):
-        actuators.advance(Command(6.0))
-    actuators.replace(Actuator(delay=2 * TS, limit=4.0), Actuator())
-    assert actuators.advance(Command(6.0)).motor == 4.0
-
-
 TRUE = Motion(x=30.0, y=-2.0, psi=0.7, v_x=8.0, v_y=0.3, psi_dot=-0.2)
 NOISY = NoiseLevels(s=0.1, ey=0.2, epsi=0.03, v_x=0.4, v_y=0.05, psi_dot=0.06)
 
@@ -204,7 +187,7 @@ def test_sensor_without_deviation_measures_the_truth(sensor: Sensor) -> None:
         assert repr(sensor.measure(TRUE)) == repr((TRUE, MeasurementError()))
 
 
-@settings(deadline=None, derandomize=True)
+@properties
 @given(psi=st.floats(-pi, pi), seed=st.integers())
 def test_error_is_measured_minus_true_in_the_true_vehicles_frame(psi: float, seed: int) -> None:
     true = TRUE._replace(psi=psi)
@@ -233,16 +216,6 @@ def test_turning_one_deviation_off_leaves_the_other_errors_as_they_were(off: str
     all_on = errors(Sensor(NOISY, 3), 10)
     one_off = errors(Sensor(NOISY._replace(**{off: 0.0}), 3), 10)
     assert one_off == [error._replace(**{off: 0.0}) for error in all_on]
-
-
-def test_errors_have_zero_mean_and_the_given_deviations_and_are_white() -> None:
-    n = 20_000
-    series = list(zip(*errors(Sensor(NOISY, 2), n), strict=True))
-    for values, sigma in zip(series, NOISY, strict=True):
-        assert abs(fmean(values)) < 5.0 * sigma / n**0.5
-        assert stdev(values) == pytest.approx(sigma, rel=5.0 / (2 * n) ** 0.5)
-        lagged = fmean(a * b for a, b in pairwise(values)) / sigma**2
-        assert abs(lagged) < 5.0 / n**0.5
 
 
 HILL = Road((0.0, 20.0), (5.0, -7.0))
@@ -279,26 +252,14 @@ def test_step_is_taken_on_the_grade_where_it_begins(x: float, grade_deg: float) 
     assert plant.state == step(begin, Command(2.0, 0.1), radians(grade_deg), VEHICLE, 0.05)
 
 
-def test_last_command_holds_until_the_next() -> None:
-    held, repeated = plant_at(STATE), plant_at(STATE)
-    held.advance(Command(2.0, 0.1))
-    held.advance()
-    repeated.advance(Command(2.0, 0.1))
-    repeated.advance(Command(2.0, 0.1))
-    assert held.state == repeated.state
-    held.advance(Command(0.0, 0.0))
-    repeated.advance(Command(0.0, 0.0))
-    assert held.state == repeated.state
-
-
 def test_another_model_is_stepped_in_the_place_of_the_labs() -> None:
     def backwards(x: float, *arguments: float, **_: float) -> list[float]:
         return [x - 1.0, *arguments[:3]]
 
     plant = Plant(model=backwards)
 
-    plant.advance()
-    plant.advance()
+    plant.advance(Command())
+    plant.advance(Command())
 
     assert plant.state == State(-2.0, 0.0, 0.0, 0.0)
 
