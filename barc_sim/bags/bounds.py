@@ -34,8 +34,6 @@ MAX_NAME = 300  #: characters
 MAX_GAP = 86_400.0  #: [s] between the stamps of two states
 MAX_DURATION = 172_800.0  #: [s]
 MAX_DISTANCE = 1e9  #: [m] from the start, either way
-_MAX_DEPTH = 20  # of nested YAML
-_MAX_DIGITS = 20
 
 
 class Budget:
@@ -74,31 +72,18 @@ def from_json(text: str) -> Any:  # noqa: ANN401 (any JSON)
     """Return the value of a bag's JSON; ValueError: it is none, too long or too deep."""
     _check_length(text)
     try:
-        return json.loads(text, parse_int=_whole)
+        return json.loads(text)
     except RecursionError:
         raise ValueError('too many brackets within brackets') from None
 
 
-def _whole(digits: str) -> int:
-    if len(digits) > _MAX_DIGITS:
-        raise ValueError(f'a number of {len(digits)} digits')
-    return int(digits)
-
-
 class _Loader(yaml.SafeLoader):
-    """Loads YAML as ROS writes it: without aliases, and nested a little."""
-
-    depth = 0
+    """Loads YAML as ROS writes it: without aliases."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError('an alias')
-        self.depth += 1
-        if self.depth > _MAX_DEPTH:
-            raise yaml.YAMLError('too many values within values')
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
+        return super().compose_node(parent, index)
 
 
 def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)

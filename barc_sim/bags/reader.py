@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from array import array
 from collections import Counter, defaultdict
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from struct import Struct
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from barc_sim.bags.messages import Message, Topic
+    from barc_sim.bags.messages import Topic
 
 _logger = logging.getLogger(__name__)
 #: Of each topic that a log is made of, the log's column for each field that is read.
@@ -133,65 +134,47 @@ def load(path: Path | str, *, messages: bool = True) -> Bag:
     bag = Bag(contents.path, contents.metadata, contents.attachments)
     if not messages:
         return bag
-    reading = _Reading(bag)
+    decoders: dict[tuple[str, str], _Decoder | None] = {}  # by topic and definition
+    sinks: dict[str, tuple[Topic, _Decoder | None, Samples | None]] = {}  # by topic
+    undecodable = 0
     for message in contents.messages():
-        reading.add(message)
+        topic = message.topic
+        if (sink := sinks.get(topic.name)) is None or sink[0] is not topic:
+            sink = sinks[topic.name] = (topic, *_sink(bag, topic, decoders))
+        _, decoder, samples = sink
+        if samples is None:
+            continue
+        try:
+            stamp, values, terms = decoder.decode(message.data)  # type: ignore[union-attr]
+            samples.add(stamp, message.published, values, terms)
+        except Exception:  # noqa: BLE001 (damage may raise anything)
+            undecodable += 1
     for file in contents.files:
         if file.damage:
             _logger.warning('%s is unfinished or damaged: read what is whole', file.path)
-    if reading.undecodable:
-        count = reading.undecodable
-        _logger.warning('%s has %d messages that cannot be decoded: left out', path, count)
-    for topic, count in contents.counts.items():
-        bag.counts[topic.rpartition('/')[2]] += count
+    if undecodable:
+        _logger.warning('%s has %d messages that cannot be decoded: left out', path, undecodable)
+    for name, count in contents.counts.items():
+        bag.counts[name.rpartition('/')[2]] += count
     return bag
 
 
-class _Reading:
-    """Puts messages into a bag's samples."""
-
-    def __init__(self, bag: Bag) -> None:
-        self.undecodable = 0  # messages
-        self._bag = bag
-        self._decoders: dict[tuple[str, str], _Decoder | None] = {}  # by topic and definition
-        self._topics: dict[str, Topic] = {}  # by name
-        self._samples: dict[str, tuple[_Decoder, Samples]] = {}
-
-    def add(self, message: Message) -> None:
-        topic = message.topic
-        if self._topics.get(topic.name) is not topic:
-            self._topics[topic.name] = topic
-            self._begin(topic)
-        if not (found := self._samples.get(topic.name)):
-            return
-        decoder, samples = found
-        try:
-            stamp, values, terms = decoder.decode(message.data)
-            samples.add(stamp, message.published, values, terms)
-        except Exception:  # noqa: BLE001 (damage may raise anything)
-            self.undecodable += 1
-
-    def _begin(self, topic: Topic) -> None:
-        namespace, _, name = topic.name.rpartition('/')
-        self._samples.pop(topic.name, None)
-        if topic.type != MESSAGE_TYPES.get(name):
-            return
-        key = name, topic.definition
-        if key not in self._decoders and len(self._decoders) < bounds.MAX_SCHEMAS:
-            try:
-                self._decoders[key] = _Decoder(name, topic)
-            except Exception:  # noqa: BLE001 (damage may raise anything)
-                self._decoders[key] = None
-        if not (decoder := self._decoders.get(key)):
-            self.undecodable += 1
-            return
-        # A PID's state and another controller's fill the same columns.
-        name = PID_STATE if name == CONTROLLER_STATE else name
-        made = Samples(len(TOPICS[name]))
-        self._samples[topic.name] = (
-            decoder,
-            self._bag.samples[namespace or '/'].setdefault(name, made),
-        )
+def _sink(
+    bag: Bag, topic: Topic, decoders: dict[tuple[str, str], _Decoder | None]
+) -> tuple[_Decoder | None, Samples | None]:
+    """Return what decodes a topic's messages, if they can be, and where they go, if anywhere."""
+    namespace, _, name = topic.name.rpartition('/')
+    if topic.type != MESSAGE_TYPES.get(name):
+        return None, None
+    key = name, topic.definition
+    if key not in decoders and len(decoders) < bounds.MAX_SCHEMAS:
+        decoders[key] = None
+        with suppress(Exception):  # damage may raise anything
+            decoders[key] = _Decoder(name, topic)
+    # A PID's state and another controller's fill the same columns.
+    name = PID_STATE if name == CONTROLLER_STATE else name
+    samples = bag.samples[namespace or '/']
+    return decoders.get(key), samples.setdefault(name, Samples(len(TOPICS[name])))
 
 
 class _Decoder:

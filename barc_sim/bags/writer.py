@@ -217,8 +217,7 @@ class BagFile:
         self._channels: dict[str, int] = {}  # by topic
         self._schemas: dict[tuple[str, str], int] = {}
         self._chunk = ChunkBuilder(compression)
-        self._summary: defaultdict[int, bytearray] = defaultdict(bytearray)  # records by opcode
-        self._listed: Counter[int] = Counter()  # records in the summary, by opcode
+        self._summary: defaultdict[int, list[bytes]] = defaultdict(list)  # records by opcode
         self._checksum = 0
         self._put(MAGIC)
         self._put(to_bytes(Header(profile='ros2', library='barc_sim')))
@@ -251,8 +250,7 @@ class BagFile:
     def _list(self, record: McapRecord) -> None:
         """Add a record to the summary."""
         data = to_bytes(record)
-        self._summary[data[0]] += data
-        self._listed[data[0]] += 1
+        self._summary[data[0]].append(data)
 
     def add(self, messages: Iterable[MessageFields]) -> None:
         """Append messages.
@@ -329,7 +327,7 @@ class BagFile:
         self.finished = True
 
     def _statistics(self) -> Statistics:
-        listed = self._listed
+        listed = Counter({opcode: len(records) for opcode, records in self._summary.items()})
         return Statistics(
             attachment_count=listed[Opcode.ATTACHMENT_INDEX],
             channel_count=listed[Opcode.CHANNEL],
@@ -348,8 +346,9 @@ class BagFile:
         """Write the summary, its records of one kind together, and how to find each kind."""
         start, summary, offsets = self.appender.position, b'', b''
         for opcode, records in sorted(self._summary.items()):
-            offsets += to_bytes(SummaryOffset(opcode, start + len(summary), len(records)))
-            summary += records
+            group = b''.join(records)
+            offsets += to_bytes(SummaryOffset(opcode, start + len(summary), len(group)))
+            summary += group
         footer = Footer(start, start + len(summary), summary_crc=0)
         before_checksum = to_bytes(footer)[:-4]
         footer.summary_crc = zlib.crc32(summary + offsets + before_checksum)

@@ -55,7 +55,7 @@ class WriterThread:
         reserve: int,
         on_failure: Callable[[str], None],
     ) -> None:
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self.paused = False
         self.snapshot: float | None = None  #: [s] to keep until `write_snapshot`; None: write all
         self._snapshot_due = False
@@ -182,14 +182,11 @@ class WriterThread:
     def do(self, action: Callable[[BagWriter], None]) -> None:
         """Do something with the bag's writer between two polls; nothing once the bag is closed."""
         with self._lock:
-            self._try(action)
-
-    def _try(self, action: Callable[[BagWriter], None]) -> None:
-        try:
-            if not self._writer.closed:
-                action(self._writer)
-        except OSError as error:
-            self._fail(error)
+            try:
+                if not self._writer.closed:
+                    action(self._writer)
+            except OSError as error:
+                self._fail(error)
 
     def close(self, final_metadata: Callable[[], Mapping[str, str]] = dict) -> None:
         """Write the waiting messages and finish the bag; a second call does nothing.
@@ -211,8 +208,8 @@ class WriterThread:
             self._chunk_due = 0.0
             self._run_once()
             if not self._stuck:
-                self._try(lambda writer: writer.add_metadata(final_metadata()))
-            self._try(lambda writer: writer.close())
+                self.do(lambda writer: writer.add_metadata(final_metadata()))
+            self.do(lambda writer: writer.close())
             self._count_unwritten()
 
     def _count_unwritten(self) -> None:
