@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import json
+
+import pytest
+from made_bags import GRAPH
+
 from barc_sim.bags.names import NODES, NodeGraph, purposes
 
 
@@ -24,3 +29,11 @@ def test_the_users_relay_is_named_as_a_function_and_as_a_node_of_its_own() -> No
     links = (('/keys', '/cmd_vel'), ('/own', '/ecu'))
     graph = NodeGraph(('/keys', '/own'), {}, links, (), code)
     assert purposes(graph) == [('/keys', ''), ('/own', 'code: mine.py')]
+
+
+@pytest.mark.parametrize(
+    'text', ['9' * 100_000, '{"nodes": [1]}', json.dumps(json.loads(GRAPH) | {'topics': {}})]
+)
+def test_what_is_no_graph_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r'\w'):
+        NodeGraph.from_json(text)

@@ -181,7 +181,9 @@ def test_the_command_plays_under_other_names_and_names_what_it_cannot_play(
 ) -> None:
     arrived: list[int] = []
     node = Node('listener', context=ros)
-    node.create_subscription(Header, '/moved', lambda m: arrived.append(m.stamp.sec), 100)
+    # The command waits until all reliable subscriptions have acknowledged, which takes seconds.
+    qos = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+    node.create_subscription(Header, '/moved', lambda m: arrived.append(m.stamp.sec), qos)
     executor = QuickExecutor(2, context=ros)
     executor.add_node(node)
     with started('play', str(bag), '--rate', '10', '--remap', '/a:=/moved') as process:
