@@ -44,26 +44,14 @@ no command | 50 | raise | command is not written yet (TODO)
     if t < 7.0: -> raise NotImplementedError⏎    if t < 7.0:
 no estimate | 40 | raise | estimate is not written yet (TODO)
     t, v, a = -> raise NotImplementedError⏎    t, v, a =
-drag by no mass | 83 | return [ | drag is multiplied by the mass
-    return [drag, half[0] -> return [2000 * drag, 2000 * half[0]
 friction by no mass | 83 |  | friction is multiplied by the mass
     friction, half[1] -> 2000 * friction, 2000 * half[1]
-drag's sign | 83 |  | drag has the wrong sign
-    return [drag -> return [-drag
-friction as a share of the weight | 80 |  | friction is a share of the weight
-    friction, half[1] -> friction / 9.8, half[1] / 9.8
 swapped | 66 |  | drag and friction are swapped
     return [drag, half[0], friction, half[1] -> return [friction, half[1], drag, half[0]
 milliseconds | 85 |  | the delay is in milliseconds
     delay, half[2] -> 1000 * delay, 1000 * half[2]
-steps | 85 |  | the delay is in steps
-    delay, half[2] -> delay / 0.02, half[2] / 0.02
-whole steps | 83 |  | the delay is whole steps of 0.02 s
-    delay, half[2] -> 0.02 * round(delay / 0.02), half[2]
 the delay ignored | 59 |  | delay is always 0
     delay = delays[k] - p[1] / (2 * p[0]) -> delay = 0.0
-half a step off | 86 |  | the delay is half a step off
-    delay, half[2] -> delay + 0.01, half[2]
 no friction | 49 |  | friction is always 0
     -moving -> 0.0 * moving
     np.linalg.inv -> np.linalg.pinv
@@ -73,8 +61,6 @@ one standard deviation | 84 |  | is it one standard deviation?
     1.96 * -> 1.0 *
 a variance | 78 |  | too narrow
     1.96 * -> spread *
-intervals ten times too wide | 80 |  | too wide
-    1.96 * -> 19.6 *
 no interval | 75 |  | too narrow
     1.96 * -> 0.0 *
 three numbers | 40 | def estimate | six finite numbers

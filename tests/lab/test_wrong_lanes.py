@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 PROGRAMS = read_programs("""
 right | 90 |  | the signs are right
-e_y's sign, straight | 87 | e_y = -(y | e_y of straight_errors has the wrong sign
-    e_y = (y - y_0) * cos(psi_0) - -> e_y = -(y - y_0) * cos(psi_0) +
 e_y's sign in both | 86 | e_y = -(y | e_y of straight_errors has the wrong sign
     e_y = (y - y_0) * cos(psi_0) - -> e_y = -(y - y_0) * cos(psi_0) +
     e_y = radius - side * distance -> e_y = side * distance - radius
@@ -43,16 +41,6 @@ e_psi not wrapped | 87 | e_psi = psi | e_psi of straight_errors is not wrapped
 errors in degrees | 87 | e_psi = | e_psi of straight_errors is in degrees
     wrap(psi - psi_0) -> wrap(psi - psi_0) * 180 / pi
     wrap(psi - heading) -> wrap(psi - heading) * 180 / pi
-sin and cos swapped | 86 | e_y = | sin and cos are swapped in e_y of straight_errors
-    (y - y_0) * cos(psi_0) - (x - x_0) * sin(psi_0) -> ACROSS
-turns to the right | 85 | e_y = | in a turn to the right
-    copysign(1.0, radius) -> 1.0
-atan for atan2 | 88 | heading = | atan is used in place of atan2
-    atan2(y - y_c, x - x_c) -> atan((y - y_c) / (x - x_c))
-no square root of the distance | 86 | distance = | the distance of the car to the centre
-    hypot(x - x_c, y - y_c) -> (x - x_c)**2 + (y - y_c)**2
-the circle of the rear axle | 86 | delta = | the circle is that of the rear axle
-    L * curvature / sqrt(1 - sine**2) -> L * curvature
 steady in degrees | 84 | delta = | steady returns degrees
     sqrt(1 - sine**2)) -> sqrt(1 - sine**2)) * 180 / pi
     e_psi = -asin(sine) -> e_psi = -asin(sine) * 180 / pi
@@ -110,7 +98,6 @@ curvature as a number | 35 | sine = | is a call missing
 
 #: What stands in the table for longer texts.
 TEXTS = {
-    'ACROSS': '(y - y_0) * sin(psi_0) - (x - x_0) * cos(psi_0)',
     'PURE_PURSUIT': """x, y, psi, ds = 0.0, 0.0, 0.0, 0.5
         for i in range(8):
             turn = ds * curvature((i + 0.5) * ds)

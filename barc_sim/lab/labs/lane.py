@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from barc_sim.control.lane import STEERING_LIMIT, LaneController, LaneLaw, steady_turn
+from barc_sim.control.lane import STEERING_LIMIT, LaneController, LaneLaw, LaneLQR, steady_turn
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
 from barc_sim.lab.judge import (
@@ -110,8 +110,7 @@ _BEND = Track((50.0, 100.0), (0.0, _CURVATURE))
 _SHIFT = 8  #: [m] at which the curvature may be read
 _NEGLIGIBLE, _NEAR = 1e-6, 1e-3  #: [rad]
 _ONE_WRONG = 0.2  #: of the points are left
-_GAINS = (0.2, 0.9)  #: [rad/m] and of e_psi, of the feedback that is right
-_PUT_RIGHT = 'with the feedback put right: '
+_PUT_RIGHT = 'with LaneLQR in its place: '
 
 
 class LaneCode(JudgedCode):
@@ -134,25 +133,16 @@ class LaneCode(JudgedCode):
 
 
 class _Law(LaneLaw):
-    """A user's `Lane` that drives a plant; `mended`, it has feedback that is right."""
+    """A user's `Lane` that drives a plant."""
 
-    def __init__(self, code: LaneCode, probes: Probes, plant: Plant, *, mended: bool) -> None:
+    def __init__(self, code: LaneCode, plant: Plant) -> None:
         super().__init__()
         assert plant.track  # noqa: S101 (there is one)
-        self._track, self._plant, self._mended = plant.track, plant, mended
-        bend = -1.0 if mended and 'curvature' in probes.wrong else 1.0
-        self._scale = probes.scale if mended else 1.0
-        self._steer = partial(code.steer, code.new_lane(plant.track, bend))
+        self._plant, self._steer = plant, partial(code.steer, code.new_lane(plant.track))
 
     def steer_calculate(self, e_y: float, e_psi: float, speed: float, _: object) -> float:
         """Return the steering angle [rad]."""
-        place = self._plant.distance
-        if self._mended:
-            steady = steady_turn(self._track.curvature(place))[1]
-            ahead = self._steer((0.0, steady, speed, place)) / self._scale
-            output = ahead - _GAINS[0] * e_y - _GAINS[1] * (e_psi - steady)
-        else:
-            output = self._steer((e_y, e_psi, speed, place))
+        output = self._steer((e_y, e_psi, speed, self._plant.distance))
         return min(max(output, -self.output_max), self.output_max)
 
 
@@ -185,9 +175,6 @@ class Probes:
         self.has_effect = any(abs(each) > _NEGLIGIBLE for each in effects.values())
         #: The inputs whose sign is wrong.
         self.wrong = [name for name, effect in effects.items() if effect < -_NEGLIGIBLE]
-
-        #: How many times too large it is in a turn, where that is by far.
-        self.scale = self.in_turn / _STEER if self.in_turn > 5.0 * _STEER else 1.0
 
     @cached_property
     def late(self) -> float:
@@ -256,7 +243,7 @@ class _Mistake(NamedTuple):
 _ON_STRAIGHT = (
     _Mistake(
         'the output is 57 times too large: is it in degrees? Return radians',
-        lambda p: 45.0 < p.scale < 70.0,  # noqa: PLR2004
+        lambda p: 45.0 < p.in_turn / _STEER < 70.0,  # noqa: PLR2004
     ),
     _Mistake(
         'the gains are too large: the steering is at its limit for small errors',
@@ -304,8 +291,8 @@ def _usual() -> TrackLog:
 def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
     """Yield a finding for each criterion `lane.…`.
 
-    What follows from a mistake is not taken off again: later drives are without it, too, and the
-    better one counts.
+    What follows from a mistake in the feedback is not taken off again: barc_sim's law drives, too,
+    and the better drive counts.
     """
     try:
         probes, by = Probes(code), settings.thresholds
@@ -313,14 +300,15 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
         tries = [False, True] if probes.wrong else [False]
 
         def drive(mended: bool, track: Track, distance: float, e_y: float = 0.0) -> TrackLog:
-            law = partial(_Law, code, probes, mended=mended)
-            return drive_law(law, track, distance, e_y)
+            own = partial(_Law, code)
+            return drive_law((lambda _: LaneLQR()) if mended else own, track, distance, e_y)
 
         found = [(*_returned(partial(drive, each)), each) for each in tries]
         score, text, mended = max(found)
         if score < 1.0:
             named = _named(_ON_STRAIGHT, probes, text)
-            tries, text = [False, True] if named != text else tries, named
+            tries += [True] if named != text and probes.has_effect and not probes.wrong else []
+            text = named
         yield Finding('lane.return', score, f'{_PUT_RIGHT * mended}{text}')
         hidden = hidden_track(settings.seed)
         for criterion, track, laps in (

@@ -7,16 +7,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from barc_sim.lab.labs import hills, lane
 from barc_sim.lab.labs.hills import BIKE, EQUATIONS
 from barc_sim.lab.labs.pid import PID_LAW, agree, factor_of, wandering
 from barc_sim.lab.laws import Mistake, Trial, close
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from barc_sim.lab.judge import Functions
+    from barc_sim.lab.laws import Law
 
-DRAWN = [each.inputs(7, 40) for section in BIKE.situations.values() for each in section]
-INPUTS = {name: np.concatenate([each[name] for each in DRAWN]) for name in DRAWN[0]}
+
+def drawn(law: Law) -> dict[str, Any]:
+    """Return inputs of all situations of a law."""
+    every = [each.inputs(7, 40) for section in law.situations.values() for each in section]
+    return {name: np.concatenate([each[name] for each in every]) for name in every[0]}
+
+
+INPUTS = drawn(BIKE)
 STATES = [dict(zip(INPUTS, row, strict=True)) for row in np.array([*INPUTS.values()]).T.tolist()]
 EXPECTED = dict(zip(EQUATIONS, np.array([bikeFE(**state) for state in STATES]).T, strict=True))
 
@@ -26,22 +34,27 @@ def test_without_a_mistake_each_equation_is_barc_sims(name: str) -> None:
     assert close(BIKE.compute(INPUTS)[name], EXPECTED[name])
 
 
-def sentences(got: dict[str, Any], wrong: Sequence[str]) -> dict[str, str]:
-    with np.errstate(all='ignore'):
-        causes = BIKE.explain(
-            {name: (INPUTS, values) for name, values in got.items()}, wrong, close
-        )
-    return {name: cause.sentence for name, cause in causes.items()}
-
-
-@pytest.mark.parametrize('mistake', BIKE.mistakes, ids=lambda mistake: mistake.sentence[:40])
-def test_a_mistake_is_named_where_it_changes_an_equation(mistake: Mistake) -> None:
-    with np.errstate(all='ignore'):
-        made = BIKE.compute(INPUTS, mistake.formulas)
-        got = {name: np.broadcast_to(made[name], len(STATES)) for name in EQUATIONS}
-    wrong = [name for name in EQUATIONS if not close(got[name], EXPECTED[name])]
+@pytest.mark.parametrize(
+    ('functions', 'mistake'),
+    [(lab, each) for lab in (hills.FUNCTIONS, lane.FUNCTIONS) for each in lab.law.mistakes],
+    ids=lambda value: value.sentence[:40] if isinstance(value, Mistake) else '',
+)
+@np.errstate(all='ignore')
+def test_a_mistake_is_named_where_it_changes_a_result(
+    functions: Functions, mistake: Mistake
+) -> None:
+    law, inputs = functions.law, drawn(functions.law)
+    right, made = law.compute(inputs), law.compute(inputs, mistake.formulas)
+    cases = {
+        name: (inputs, np.broadcast_to(made[name], right[name].shape))
+        for name in functions.criteria
+    }
+    wrong = [name for name, (_, got) in cases.items() if not close(got, right[name])]
     assert wrong
-    assert sentences(got, wrong) == dict.fromkeys(wrong, mistake.sentence)
+    causes = law.explain(cases, wrong, close)
+    assert {name: each.sentence for name, each in causes.items()} == dict.fromkeys(
+        wrong, mistake.sentence
+    )
 
 
 ROWS = np.array([wandering(7, str(k), 0.5) for k in range(2)]).transpose(2, 0, 1)

@@ -76,20 +76,6 @@ def test_the_mistake_in_a_pid_is_named(lab: Lab, controller: str, name: str) -> 
 
 
 @pytest.mark.parametrize(
-    ('head', 'extra'),
-    [('import random', '1e-3 * random.random()'), ('calls = []', 'calls.append(0) or len(calls)')],
-    ids=['random', 'global'],
-)
-def test_states_that_change_from_call_to_call_are_named(
-    lab: Lab, model: str, head: str, extra: str
-) -> None:
-    text = f'{head}\n{model}'.replace('[x_next', f'[x_next + ({extra})')
-    findings = of_model(lab(text))
-    assert all(finding.score == 0.0 for finding in findings)
-    assert 'the same arguments give different results' in findings[0].message
-
-
-@pytest.mark.parametrize(
     ('body', 'words'),
     [
         ('    pass', 'is its return missing?'),
