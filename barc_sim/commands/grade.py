@@ -98,7 +98,7 @@ def run(options: Namespace) -> int:
         files |= {'canvas.csv': classroom.canvas(found, points)} if students else {}
     for name, text in files.items():
         _write(out, out / name, text.encode())
-    lines = classroom.summary(classroom.counted(found), points)
+    lines = classroom.summary([*grades.values()], points)
     print('\n'.join([*lines, str(out if alone else out / 'class.html')]))  # noqa: T201
     for name, failure in failures.items():
         print(f'barc grade: {name} could not be graded: {failure}', file=sys.stderr)  # noqa: T201

@@ -129,7 +129,6 @@ class Entry(NamedTuple):
     folder: str = ''
     grade: Grade | None = None
     student: Student | None = None
-    newer: str = ''  #: the folder of a later submission of the same student, which counts
     looks: tuple[str, ...] = ()  #: why a person looks at it, beside no points
 
     @property
@@ -154,7 +153,6 @@ class Entry(NamedTuple):
         flags = {
             'look': self.looks or (grade and not (grade.score or grade.open)),
             'open': grade and grade.open,
-            'older': self.newer,
             'missing': not self.folder,
         }
         return [name for name, is_set in flags.items() if is_set]
@@ -165,25 +163,18 @@ def entries(
 ) -> list[Entry]:
     """Return the class, by section and name; `grades` and `failures` are by folder."""
     owners = {name: owner(name, students) for name in {**grades, **failures}}
-    newest: dict[Student | str, str] = {}
-    for name in sorted(owners, key=lambda name: (name in grades and grades[name].handed_in, name)):
-        newest[owners[name] or name] = name
-    found = [Entry(student=student) for student in students if student not in newest]
+    counts = Counter(owners.values())
+    found = [Entry(student=student) for student in students if not counts[student]]
     for name, student in owners.items():
-        grade, newer = grades.get(name), newest[student or name]
+        grade = grades.get(name)
         looks = [f'not graded: {failures[name]}'] if name in failures else []
         if grade:
             eye = ', '.join(LABELS[criterion] for criterion in grade.open)
             looks += [*grade.notes, *([f'judge by eye: {eye}'] if eye else [])]
         looks += ['not in the roster'] if students and not student else []
-        again = newer if newer != name else ''
-        found.append(Entry(name, grade, student, again, tuple(looks)))
+        looks += ['handed in more than once'] if student and counts[student] > 1 else []
+        found.append(Entry(name, grade, student, tuple(looks)))
     return sorted(found, key=lambda each: (each.section, each.name.casefold(), each.folder))
-
-
-def counted(found: Iterable[Entry]) -> list[Grade]:
-    """Return the grades that count: those of the latest submissions."""
-    return [each.grade for each in found if each.grade and not each.newer]
 
 
 def as_csv(found: Sequence[Entry], rubric: Rubric) -> str:
@@ -197,9 +188,8 @@ def as_csv(found: Sequence[Entry], rubric: Rubric) -> str:
         if grade := each.grade:
             row |= {'score': grade.score, 'max_score': grade.max_score, **grade.points}
             row |= {'open': sum(grade.open.values()) or '', 'comment': grade.comment}
-        newer = f'handed in again as {each.newer}' if each.newer else ''
         looks = (look for look in each.looks if look not in each.remark)
-        rows.append({**row, 'remark': '; '.join(filter(None, (newer, *looks, each.remark)))})
+        rows.append({**row, 'remark': '; '.join(filter(None, (*looks, each.remark)))})
     own = ['name', *student, 'score', 'max_score', *rubric.points]
     return _lines([*own, 'open', 'comment', 'remark'], rows)
 
@@ -259,7 +249,7 @@ def canvas(found: Sequence[Entry], rubric: Rubric) -> str:
     worth = {task.title: task.worth for task in tasks}
     rows: list[dict[str, object]] = [{'Student': '    Points Possible', **worth}]
     for each in found:
-        if each.student and not each.newer:
+        if each.student:
             student = each.student
             own = {
                 'Student': student.name,
@@ -304,7 +294,7 @@ def summary(grades: Sequence[Grade], rubric: Rubric) -> list[str]:
 
 def page(found: Sequence[Entry], rubric: Rubric) -> str:
     """Return the class as one HTML page, with links to the reports beside it."""
-    grades = counted(found)
+    grades = [each.grade for each in found if each.grade]
     tasks = _rows(_tasks(rubric, 'Score'), grades)
     criteria = [_Task(LABELS[name], (name,), worth) for name, worth in rubric.points.items()]
     bins = Counter(

@@ -71,7 +71,6 @@ class Grade(NamedTuple):
     gains: str = ''  #: that drove the roads, and where they come from
     tolerated: tuple[str, ...] = ()  #: a phrase each
     comment: str = ''  #: of a person
-    handed_in: float = 0.0  #: [s] since the epoch
     files: Mapping[str, bytes] = {}  #: by name
 
     @property
@@ -144,7 +143,6 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         hashes={name: hashlib.sha256(submission.files[name]).hexdigest() for name in files},
         gains=escaped(str(found.gains or '')),
         tolerated=tuple(map(escaped, found.tolerated)),
-        handed_in=submission.handed_in,
     )
 
 

@@ -12,7 +12,6 @@ import stat
 import zipfile
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -54,7 +53,6 @@ class Submission:
     name: str  #: its folder's or archive's
     files: dict[str, bytes] = field(default_factory=dict)  #: by path in the folder
     notes: tuple[str, ...] = ()  #: on files that were left out
-    handed_in: float = 0.0  #: [s] since the epoch: the time of its archive, or newest file
 
     def write(self, folder: Path) -> None:
         """Write the files into `folder`, which exists."""
@@ -109,12 +107,7 @@ def read(path: Path) -> Submission:
         notes.append(f'it cannot be read: {_reason(error)}')
     if len(notes) > _MAX_NOTES:
         notes[_MAX_NOTES:] = [f'and {len(notes) - _MAX_NOTES} more']
-    return Submission(escaped(path.name), files, tuple(notes), _handed_in(path))
-
-
-def _handed_in(path: Path) -> float:
-    files = islice(path.iterdir(), MAX_FILES) if path.is_dir() and not path.is_symlink() else ()
-    return max((each.lstat().st_mtime for each in files), default=path.lstat().st_mtime)
+    return Submission(escaped(path.name), files, tuple(notes))
 
 
 def _unreadable(path: Path) -> str:
