@@ -586,29 +586,43 @@ def spin_until_broken(executor: QuickExecutor) -> list[str]:
     return [frame.name for frame in traceback.extract_tb(raised.value.__traceback__)]
 
 
-@pytest.mark.parametrize('callback', [break_down, break_down_awaiting])
-def test_an_exception_of_a_timer_ends_the_spin(
-    node: Node,
-    executor: QuickExecutor,
-    callback: Callable[..., object],
-) -> None:
-    timer = node.create_timer(0.001, callback)
-    assert spin_until_broken(executor)[-1] == callback.__name__
-    timer.cancel()
-
-
-def test_an_exception_after_waiting_for_a_future_ends_the_spin(
-    node: Node, executor: QuickExecutor
-) -> None:
+def after_waiting_for_a_future(node: Node, executor: QuickExecutor) -> None:
     future = executor.create_task(lambda: None)
 
     async def wait_and_break_down() -> None:
         await future
         break_down()
 
-    guard = node.create_guard_condition(wait_and_break_down)
+    node.create_guard_condition(wait_and_break_down).trigger()
+
+
+def in_a_task_beside_busy_callbacks(node: Node, executor: QuickExecutor) -> None:
+    guard = node.create_guard_condition(lambda: guard.trigger())  # noqa: PLW0108
     guard.trigger()
-    assert spin_until_broken(executor)[-2:] == ['wait_and_break_down', 'break_down']
+    executor.create_task(break_down)
+
+
+def while_nothing_else_is_ready(node: Node, _: QuickExecutor) -> None:
+    waits = threading.Event()
+    node.create_timer(1e-3, lambda: (waits.wait(0.05), break_down()))
+
+
+@pytest.mark.parametrize(
+    'begin',
+    [
+        lambda node, _: node.create_timer(0.001, break_down),
+        lambda node, _: node.create_timer(0.001, break_down_awaiting),
+        after_waiting_for_a_future,
+        in_a_task_beside_busy_callbacks,
+        while_nothing_else_is_ready,
+    ],
+    ids=['a timer', 'a coroutine', 'a future', 'a task', 'alone'],
+)
+def test_an_exception_ends_the_spin(
+    node: Node, executor: QuickExecutor, begin: Callable[[Node, QuickExecutor], None]
+) -> None:
+    begin(node, executor)
+    assert spin_until_broken(executor)[-1].startswith('break_down')
 
 
 @pytest.mark.parametrize('error', [SystemExit, KeyboardInterrupt])
@@ -621,23 +635,6 @@ def test_an_exception_that_is_to_end_the_process_ends_the_spin(
     executor.create_task(end)
     with pytest.raises(error):
         executor.spin()
-
-
-def test_an_exception_of_a_task_beside_busy_callbacks_ends_the_spin(
-    node: Node, executor: QuickExecutor
-) -> None:
-    guard = node.create_guard_condition(lambda: guard.trigger())  # noqa: PLW0108
-    guard.trigger()
-    executor.create_task(break_down)
-    assert spin_until_broken(executor)[-1] == 'break_down'
-
-
-def test_an_exception_that_comes_while_nothing_else_is_ready_ends_it(
-    node: Node, executor: QuickExecutor
-) -> None:
-    waits = threading.Event()
-    node.create_timer(1e-3, lambda: (waits.wait(0.05), break_down()))
-    assert spin_until_broken(executor)[-1] == 'break_down'
 
 
 @GROUPS

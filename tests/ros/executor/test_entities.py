@@ -555,9 +555,7 @@ def test_a_clock_before_1970_is_warned_of_and_dropped(
     make_node: Callable[..., Node], until: Until, capfd: pytest.CaptureFixture[str]
 ) -> None:
     node = make_node(parameter_overrides=[Parameter('use_sim_time', value=True)])
-    publisher = node.create_publisher(
-        Clock, '/clock', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-    )
+    publisher = node.create_publisher(Clock, '/clock', 10)
 
     publisher.publish(Clock(clock=Time(sec=-1)))
     until(lambda: 'dropped' in capfd.readouterr().err)
