@@ -132,7 +132,7 @@ class GraphObserver:
     def find(self, name: str, what: str, present: Callable[[], Iterable[str]]) -> str:
         """Wait until `name` is `present`, the name of a topic or a node; return it in full."""
         full = str(self.node.resolve_topic_name(name))
-        others = self._wait_for_first(self.nodes)
+        others = self._wait_for_first(lambda: full in present() or self.nodes())
         if others and self.wait_for(lambda: full in present()):
             return full
         hint = f' in {self._domain}: is a run on?'
