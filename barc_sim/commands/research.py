@@ -6,7 +6,6 @@ import argparse
 import shlex
 import sys
 import time
-from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,29 +21,24 @@ from barc_sim.vehicle.parameters import ROWS
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     import numpy as np
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.tuning.batch import Course
-    from barc_sim.tuning.search import Goal
+    from barc_sim.tuning.search import Sweep
 
     Floats = NDArray[np.float64]
 
-#: Population, generations and points along a side of the map: for the PID, whose loops run as one
-#: batch, and for user code, whose loops run one by one.
-_BATCHED = (256, 80, 101)
-_USER_CODE = (24, 40, 25)
-#: By gain: the first guess, and the end of the searched range, which begins at zero.
+#: By gain: the start, and the end of the searched range, which begins at zero.
 GAINS = {'kp': (KP, 100.0), 'ki': (KI, 4000.0), 'kd': (KD, 2.0)}
+#: The scores that --cost names.
+COSTS = {'rms': 'rms_error', 'max': 'max_error', 'overshoot': 'overshoot', 'effort': 'effort'}
 _ROAD = 'lab'
 _PERIOD = 0.02  #: [s] of a step
 _MAX_GAIN = 1e6
-#: Of the scores, in their order, and of the cost.
-_FORMS = ('.4f', '.4f', '.2%', '.3f', '.5g')
 
 
 def add_arguments_tune(parser: Parser) -> None:
@@ -52,7 +46,7 @@ def add_arguments_tune(parser: Parser) -> None:
     parser.description = 'Search the gains that hold the speed best.'
     parser.add_argument(
         '--cost',
-        choices=('rms', 'max', 'overshoot', 'effort'),
+        choices=COSTS,
         default='rms',
         help='what to minimise: rms or max, the speed error after the first 10 m [m/s]; '
         'overshoot, a share of the speed; or effort, the RMS command [m/s²] (rms)',
@@ -72,7 +66,6 @@ def add_arguments_tune(parser: Parser) -> None:
         ('distance', number(*DISTANCE.between), DISTANCE.default, 'M', ''),
         ('noise', noise, 0.0, 'M/S', "standard deviation of the measured speed's noise "),
         ('delay', whole(0, 500), 0, 'STEPS', 'of 20 ms, from a command to its effect '),
-        *((name, gain, start, 'GAIN', 'to begin with ') for name, (start, _) in GAINS.items()),
         ('seed', whole(*ROWS['seed'].between), 0, 'N', 'of search and noise, as --seed of a run '),
     ):
         text = f'{meaning}({default:g})'
@@ -89,102 +82,64 @@ def add_arguments_tune(parser: Parser) -> None:
     parser.add_argument(
         '--controller', type=Path, metavar='FILE', help='tune the class PID of this file'
     )
-    parser.add_argument(
-        '--save', metavar='FILE', help='draw a map of the cost, and the runs: .png, .pdf or .svg'
-    )
 
 
 def run_tune(options: Namespace) -> None:
     """Search, and print the gains with the lines to run them."""
     import numpy as np  # noqa: PLC0415 (slow: not for --help)
 
-    from barc_sim.tuning import search  # noqa: PLC0415
-
-    began = time.monotonic()
-    path = _figure(options)
-    low, high = _ranges(options)
-    if path:
-        search.free_axes(low, high)
-    start = np.array([getattr(options, gain) for gain in GAINS])
-    goal = _goal(options)
-    goal(start[np.newaxis])  # a mistake in the controller is reported from here
-    population, generations, points = _USER_CODE if options.controller else _BATCHED
-    try:
-        best = search.search(
-            goal,
-            low,
-            high,
-            start,
-            seed=options.seed,
-            population=population,
-            generations=generations,
-            on_generation=_show_progress,
-        )
-    finally:  # also before an error's sentence
-        _show('')
-    if not np.isfinite(best.cost):
-        raise UserError(
-            f'no gains in these ranges drive {options.distance:g} m within '
-            f'{goal.courses[0].max_duration:.0f} s on every road: widen the ranges, or choose '
-            'roads that the car can climb'
-        )
-    plane = search.surface(goal, low, high, start, best.gains, points) if path else None
-    took = time.monotonic() - began
-    for course in goal.courses:
-        _print_scores(goal, course, {'start': start, 'found': best.gains})
-    print(f'{best.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201
-    for command in _commands(options, best.gains.tolist()):
-        print(command)  # noqa: T201
-    if path and plane:
-        from barc_sim.figures.tuning_figures import Point, tuning_figure  # noqa: PLC0415
-
-        settings = (
-            f'road {", ".join(course.road.name for course in goal.courses)} · {options.speed:g} '
-            f'm/s · noise {options.noise:g} m/s · delay {options.delay} steps'
-        )
-        both = (Point(each, goal.log(goal.courses[0], each)) for each in (start, best.gains))
-        figure = tuning_figure(
-            plane,
-            *both,
-            cost=goal.cost.label,
-            title=f'Gains for the minimum {goal.cost}',
-            settings=settings,
-        )
-        _save(path, figure)
-
-
-def _goal(options: Namespace) -> Goal:
-    """Return the goal of a search with `options`."""
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
-    from barc_sim.tuning.batch import Course  # noqa: PLC0415
-    from barc_sim.tuning.search import Cost, Goal  # noqa: PLC0415
-    from barc_sim.vehicle.road import Road  # noqa: PLC0415 (--help need not wait for NumPy)
+    from barc_sim.tuning.search import search, sweep  # noqa: PLC0415
 
-    courses = tuple(
-        Course(
-            road=Road.named(name),
+    began, roads = time.monotonic(), options.road or [_ROAD]
+    ranges = [getattr(options, f'{gain}_range') for gain in GAINS]
+    for gain, (first, last) in zip(GAINS, ranges, strict=True):
+        if first > last:
+            raise UserError(f'--{gain}-range {first:g} {last:g} must have the lower number first')
+    low, high = zip(*ranges, strict=True)
+    controller = controller_of(options.controller) if options.controller else None
+
+    def scores(gains: Floats, road: str) -> Sweep:
+        return sweep(
+            *gains.T,
+            controller=controller,
+            road=road,
             speed_reference=options.speed,
             distance=options.distance,
             noise=options.noise,
             seed=options.seed,
             delay=options.delay * _PERIOD,
         )
-        for name in options.road or [_ROAD]
-    )
-    new = partial(controller_of, options.controller) if options.controller else None
-    return Goal(courses, Cost(options.cost, options.effort), new)
 
+    def cost(found: Sweep) -> Floats:
+        value: Floats = found[COSTS[options.cost]]
+        return value + options.effort * found.effort if options.effort else value
 
-def _ranges(options: Namespace) -> tuple[Floats, Floats]:
-    """Return the minimum and maximum gains, shape `(3,)` each."""
-    import numpy as np  # noqa: PLC0415
-
-    for gain in GAINS:
-        low, high = getattr(options, f'{gain}_range')
-        if low > high:
-            raise UserError(f'--{gain}-range {low:g} {high:g} must have the lower number first')
-    low, high = np.array([getattr(options, f'{gain}_range') for gain in GAINS]).T
-    return low, high
+    start = np.array([first for first, _ in GAINS.values()])
+    try:
+        best = search(
+            lambda gains: np.mean([cost(scores(gains, road)) for road in roads], axis=0),
+            np.array(low),
+            np.array(high),
+            start,
+            seed=options.seed,
+            on_generation=_show_progress,
+        )
+    finally:  # also before an error's sentence
+        _show('')
+    if not np.isfinite(best.cost):
+        raise UserError(
+            f'no gains in these ranges drive {options.distance:g} m in thrice the time that it '
+            'should take on every road: widen the ranges, or choose roads that the car can climb'
+        )
+    name = options.cost + (f' + {options.effort:g} effort' if options.effort else '')
+    for road in roads:
+        both = scores(np.array([start, best.gains]), road)
+        _print_scores(road, both, f'cost: {name}', cost(both))
+    took = time.monotonic() - began
+    print(f'{best.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201
+    for command in _commands(options, best.gains.tolist()):
+        print(command)  # noqa: T201
 
 
 def _commands(options: Namespace, gains: Sequence[float]) -> Iterator[str]:
@@ -227,20 +182,16 @@ def _show(text: str) -> None:
         print(f'\r\033[K{text}', end='', file=sys.stderr, flush=True)  # noqa: T201
 
 
-def _print_scores(goal: Goal, course: Course, gains: dict[str, Floats]) -> None:
-    """Print a table of the scores and costs over `course` of gains, shape `(3,)`, by name."""
-    import numpy as np  # noqa: PLC0415
+def _print_scores(road: str, found: Sweep, label: str, costs: Floats) -> None:
+    """Print a table of the scores and costs of two runs."""
+    from barc_sim.tuning.search import SCORES  # noqa: PLC0415
 
-    from barc_sim.tuning.search import LABELS  # noqa: PLC0415
-
-    pairs = np.array([*gains.values()])
-    scores = goal.scores(course, pairs)
-    rows = {f'road {course.road.name}': [*gains]}
-    rows |= {gain: [*map(_typed, each)] for gain, each in zip(GAINS, pairs.T, strict=True)}
-    for label, form, values in zip(
-        (*LABELS, f'cost: {goal.cost}'), _FORMS, (*scores, goal.cost.of(scores)), strict=True
-    ):
-        rows[label] = [f'{value:{form}}' if isfinite(value) else '-' for value in values]
+    rows: dict[str, Iterable[str]] = {f'road {road}': ('start', 'found')}
+    rows |= {gain: map(_typed, found[gain]) for gain in GAINS}
+    forms = '.4f', '.4f', '.2%', '.3f'
+    values = [(SCORES[name], found[name], form) for name, form in zip(SCORES, forms, strict=True)]
+    for text, pair, form in (*values, (label, costs, '.5g')):
+        rows[text] = [f'{each:{form}}' if isfinite(each) else '-' for each in pair]
     width = max(map(len, rows))
     for name, (first, second) in rows.items():
         print(f'{name:{width}}  {first:>9}  {second:>9}')  # noqa: T201
@@ -316,7 +267,7 @@ def run_identify(options: Namespace) -> None:
     for remark in found.remarks:
         print(f'- {remark}')  # noqa: T201
     if path:
-        from barc_sim.figures.tuning_figures import identification_figure  # noqa: PLC0415
+        from barc_sim.figures.identification_figure import identification_figure  # noqa: PLC0415
 
         title = ', '.join(bag.resolve().name for bag in bags)
         _save(path, identification_figure(found, title=title))

@@ -1,7 +1,4 @@
-"""The search for gains over thousands of closed loops, and a car's parameters from its logs.
-
-Their figures are in `figures`.
-"""
+"""The search for gains over many closed loops, and a car's parameters from its logs."""
 
 from barc_sim.control import cruise_control
 from barc_sim.simulation import stepper

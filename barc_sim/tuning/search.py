@@ -1,4 +1,4 @@
-"""The search for gains: what it minimises, the scores of closed loops, and how it goes on.
+"""The search for gains, and the scores of closed loops with many of them.
 
 The search is differential evolution, all of a generation at once: Storn and Price, "Differential
 evolution: a simple and efficient heuristic for global optimization over continuous spaces", Journal
@@ -9,28 +9,32 @@ and unstable gains.
 
 from __future__ import annotations
 
-from copy import deepcopy
-from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.control.speed import PID, as_controller, gain_parameters, speed_controller
+from barc_sim import tuning
+from barc_sim.control.speed import (
+    ACCELERATION_LIMIT,
+    PID,
+    SPEED_REFERENCE,
+    as_controller,
+    gain_parameters,
+)
 from barc_sim.errors import UserError
+from barc_sim.simulation.closed_loop import DISTANCE, LIMITS, check_arguments, simulate
 from barc_sim.simulation.log import import_pandas
 from barc_sim.simulation.metrics import summary
-from barc_sim.tuning.batch import Course, run_batch
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Mapping
 
     import pandas as pd
     from numpy.typing import ArrayLike, NDArray
 
     from barc_sim.control.speed import Controller
     from barc_sim.simulation.log import Log
-    from barc_sim.tuning.batch import Sums
 
     Floats = NDArray[np.float64]
 
@@ -40,124 +44,15 @@ _WEIGHTS = (0.5, 1.0)  # of a difference, drawn anew in each generation
 _CROSSOVER = 0.7  # how probable it is that a gain changes
 #: It has converged where the costs in the population are as close together as this.
 _TOLERANCE = 1e-4
-#: A map reaches this many times as far as the farther of its points, ...
-_MARGIN = 2.5
-#: ... and over this share of a range at least.
-_MIN_SHARE = 0.05
-
-
-class Scores(NamedTuple):
-    """How well loops did, shape `(n,)` each; infinite for those that never arrived."""
-
-    rms: Floats  #: [m/s] RMS speed error after the run-up
-    max: Floats  #: [m/s] maximum absolute one
-    overshoot: Floats  #: share of the reference by which the first stretch's speed passes it
-    effort: Floats  #: [m/s²] RMS of the command, over the whole run
-
-
-_GAINS = ('kp', 'ki', 'kd')
-#: The names of the scores in a `Sweep`, in their order.
-_SCORES = ('rms_error', 'max_error', 'overshoot', 'effort')
-#: Their labels, in their order.
-LABELS = (
-    'RMS speed error [m/s]',
-    'Maximum speed error [m/s]',
-    'Overshoot',
-    'RMS command [m/s²]',
-)
-
-
-def scores(course: Course, sums: Sums) -> Scores:
-    """Return the scores of loops over `course` with these sums."""
-    arrived = sums.steps >= 0
-
-    def where_arrived(values: Floats) -> Floats:
-        return np.where(arrived, values, np.inf)
-
-    with np.errstate(divide='ignore', invalid='ignore'):
-        return Scores(
-            rms=where_arrived(np.sqrt(sums.squares / sums.count)),
-            max=where_arrived(sums.maximum),
-            overshoot=where_arrived(np.maximum(sums.peak / course.speed_reference - 1.0, 0.0)),
-            effort=where_arrived(np.sqrt(sums.effort / (sums.steps + 1))),
-        )
-
-
-class Cost(NamedTuple):
-    """A score, and a weight of the effort beside it."""
-
-    score: str = 'rms'  #: one of `Scores`
-    effort: float = 0.0  #: weight
-
-    def of(self, scored: Scores) -> Floats:
-        """Return what each loop costs, shape `(n,)`."""
-        cost: Floats = getattr(scored, self.score)
-        # A weight of zero times an infinite score would be NaN.
-        return cost + self.effort * scored.effort if self.effort else cost
-
-    @property
-    def label(self) -> str:
-        """The label of an axis with this cost."""
-        return f'Cost: {self}' if self.effort else LABELS[Scores._fields.index(self.score)]
-
-    def __str__(self) -> str:
-        """Return the sum in a line."""
-        return f'{self.score} + {self.effort:g} effort' if self.effort else self.score
-
-
-@dataclass(frozen=True)
-class Goal:
-    """The mean cost over courses; a call with gains returns what each costs."""
-
-    courses: tuple[Course, ...]
-    cost: Cost
-    #: Makes a controller with the gains kp, ki and kd; without it, the PID drives.
-    new_controller: Callable[[], Controller] | None = None
-
-    def scores(self, course: Course, gains: Floats) -> Scores:
-        """Return the scores over `course` for `gains`, shape `(n, 3)`: kp, ki, kd."""
-        if not self.new_controller:
-            return scores(course, run_batch(course, gains))
-        return scores_of_runs(course, self.new_controller(), _GAINS, gains)
-
-    def __call__(self, gains: Floats) -> Floats:
-        """Return what each of `gains`, shape `(n, 3)`, costs, shape `(n,)`."""
-        costs = [self.cost.of(self.scores(course, gains)) for course in self.courses]
-        return np.asarray(np.mean(costs, axis=0))
-
-    def log(self, course: Course, gains: Floats) -> Log:
-        """Return the run over `course` with `gains`, shape `(3,)`."""
-        new = self.new_controller or speed_controller
-        return course.drive(with_gains(new(), _GAINS, gains))
-
-
-def with_gains(controller: Controller, names: Iterable[str], gains: Floats) -> Controller:
-    """Return `controller` with these gains."""
-    for name, gain in zip(names, gains.tolist(), strict=True):
-        setattr(controller, name, gain)
-    return controller
-
-
-def scores_of_runs(
-    course: Course,
-    controller: Controller,
-    names: Iterable[str],
-    gains: Floats,
-    **options: Any,  # noqa: ANN401 (of `simulate`)
-) -> Scores:
-    """Return the scores of runs one by one, of `controller` with each row of `gains`."""
-    rows = []
-    for row in gains:
-        log = course.drive(with_gains(controller, names, row), **options)
-        rows.append(_scored(log) if log.distance[-1] >= course.distance else (np.inf,) * 4)
-    return Scores(*np.array(rows).reshape(-1, len(Scores._fields)).T)
-
-
-def _scored(log: Log) -> tuple[float, float, float, float]:
-    """Return the scores of a run that has arrived."""
-    found = summary(log)
-    effort = float(np.sqrt(np.mean(np.square(log.motor))))
-    return found.rms_error_after_run_up, found.max_error_after_run_up, found.overshoot, effort
+#: A loop fails to arrive where it takes longer than this many times the expected duration.
+_MAX_DURATION_FACTOR = 3.0
+#: The names of the scores in a `Sweep`, and their labels.
+SCORES = {
+    'rms_error': 'RMS speed error [m/s]',
+    'max_error': 'Maximum speed error [m/s]',
+    'overshoot': 'Overshoot',
+    'effort': 'RMS command [m/s²]',
+}
 
 
 class Found(NamedTuple):
@@ -175,8 +70,8 @@ def search(
     start: Floats,
     *,
     seed: int = 0,
-    population: int = 256,
-    generations: int = 80,
+    population: int = 24,
+    generations: int = 40,
     on_generation: Callable[[int, float], object] = lambda *_: None,
 ) -> Found:
     """Return the gains of minimum `cost` between `low` and `high`, shape `(d,)`.
@@ -235,48 +130,6 @@ def _converged(costs: Floats) -> bool:
     return bool(np.isfinite(maximum)) and bool(maximum - minimum <= _TOLERANCE * abs(minimum))
 
 
-class Surface(NamedTuple):
-    """The cost over a grid of two gains; the third is that of the found point."""
-
-    axes: tuple[int, int]  #: which gains: 0, 1 or 2 for kp, ki or kd
-    right: Floats  #: those of the first, shape `(m,)`
-    up: Floats  #: those of the second, shape `(n,)`
-    cost: Floats  #: shape `(n, m)`; infinite where the car never arrives
-
-
-def free_axes(low: Floats, high: Floats) -> tuple[int, int]:
-    """Return the first two gains whose ranges are wider than a point."""
-    free = np.flatnonzero(low < high)
-    if len(free) < 2:  # noqa: PLR2004 (a map's)
-        raise UserError(
-            'the figure of --save is a map over two gains: give two of --kp-range, --ki-range and '
-            '--kd-range a width'
-        )
-    return int(free[0]), int(free[1])
-
-
-def surface(
-    cost: Callable[[Floats], Floats],
-    low: Floats,
-    high: Floats,
-    start: Floats,
-    found: Floats,
-    size: int,
-) -> Surface:
-    """Return the cost of `size` x `size` gains, in the plane of `found`.
-
-    No more of the ranges from `low` to `high` is taken than shows both points well.
-    """
-    axes = free_axes(low, high)
-    far = np.maximum(_MARGIN * np.maximum(start, found), low + _MIN_SHARE * (high - low))
-    high = np.minimum(high, far)
-    right, up = (np.linspace(low[axis], high[axis], size) for axis in axes)
-    gains = np.tile(found, (size * size, 1))
-    for axis, grid in zip(axes, np.meshgrid(right, up), strict=True):
-        gains[:, axis] = grid.ravel()
-    return Surface(axes, right, up, cost(gains).reshape(size, size))
-
-
 class Sweep(np.recarray):
     """The scores of many loops, by the names of gains and scores; as many as there are gains."""
 
@@ -298,8 +151,7 @@ def sweep(
 ) -> Sweep:
     """Drive one closed loop for each of the gains, and return the scores of all.
 
-    Each is the run that `simulate` makes with the same arguments. Loops of the PID whose delay is
-    a multiple of the step are driven all at once: 10,000 take some seconds.
+    Each is the run that `simulate` makes with the same arguments: 1,000 of the PID take a second.
 
     Parameters
     ----------
@@ -330,27 +182,46 @@ def sweep(
     >>> print(f'{best.kp:.1f} {best.rms_error:.3f}')
     60.0 0.037
     """
-    drives = PID() if controller is None else deepcopy(as_controller(controller))
+    drives = PID() if controller is None else as_controller(controller)
     given = {'kp': kp, 'ki': ki, 'kd': kd} | {
         name: options.pop(name) for name in drives.gains if name in options
     }
     axes = _axes(drives, {name: gain for name, gain in given.items() if gain is not None})
+    check_arguments(**{name: options[name] for name in options.keys() & LIMITS.keys()})
     options['road'] = Road.of(options.get('road', 'lab'))
-    of_course = {
-        each.name: options.pop(each.name) for each in fields(Course) if each.name in options
-    }
-    course = Course(**of_course)
-    rows = np.column_stack([axis.ravel() for axis in axes.values()])
-    if controller is None and not options and course.is_batchable:
-        found = scores(course, run_batch(course, rows))
-    else:
-        found = scores_of_runs(course, drives, axes, rows, **options)
-    columns = axes | dict(zip(_SCORES, found, strict=True))
+    speed = options.get('speed_reference', SPEED_REFERENCE)
+    distance = options.get('distance', DISTANCE)
+    tuning.SPEED.check(speed)
+    tuning.DISTANCE.check(distance)
+    expected = distance / speed + speed / options.get('acceleration_limit', ACCELERATION_LIMIT)
+    options = {'max_duration': _MAX_DURATION_FACTOR * expected, **options}
+    held = {name: getattr(drives, name) for name in axes}
     shape = next(iter(axes.values())).shape
-    record = np.recarray(shape, dtype=[(name, np.float64) for name in columns]).view(Sweep)
-    for name, column in columns.items():
-        record[name] = column.reshape(shape)
-    return record
+    found = np.recarray(shape, dtype=[(name, np.float64) for name in (*axes, *SCORES)]).view(Sweep)
+    for i in np.ndindex(shape):
+        gains = {name: float(axis[i]) for name, axis in axes.items()}
+        if controller is None:
+            log = simulate(**options | gains)
+        else:
+            _set_gains(drives, gains)
+            log = simulate(controller=drives, **options)
+        found[i] = *gains.values(), *_scores(log, distance)
+    _set_gains(drives, held)
+    return found
+
+
+def _set_gains(controller: Controller, gains: Mapping[str, float]) -> None:
+    for name, gain in gains.items():
+        setattr(controller, name, gain)
+
+
+def _scores(log: Log, distance: float) -> tuple[float, ...]:
+    """Return the scores of a run, which are infinite where it has not arrived."""
+    if log.distance[-1] < distance:
+        return (np.inf,) * len(SCORES)
+    found = summary(log)
+    effort = float(np.sqrt(np.mean(np.square(log.motor))))
+    return found.rms_error_after_run_up, found.max_error_after_run_up, found.overshoot, effort
 
 
 def _axes(controller: Controller, given: Mapping[str, ArrayLike]) -> dict[str, Floats]:

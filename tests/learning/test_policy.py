@@ -80,7 +80,7 @@ def assert_as_environment(log: Log, task: str, **options: Any) -> None:  # noqa:
 
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize(
-    ('task', 'engine'), [*((task, 'local') for task in TASKS), ('Lane', 'ros'), ('Race', 'ros')]
+    ('task', 'engine'), [*((task, 'local') for task in TASKS), ('Race', 'ros')]
 )
 def test_a_policy_drives_the_nodes_as_its_environment(
     tmp_path: Path, task: str, engine: str

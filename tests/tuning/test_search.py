@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,19 +13,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import controller_of
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.metrics import summary
-from barc_sim.tuning import batch
-from barc_sim.tuning.batch import Course
-from barc_sim.tuning.search import (
-    Cost,
-    Goal,
-    Scores,
-    free_axes,
-    rounded,
-    scores,
-    search,
-    surface,
-    sweep,
-)
+from barc_sim.tuning.search import SCORES, rounded, search, sweep
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -101,73 +88,18 @@ def test_gains_have_four_significant_digits() -> None:
 
 
 def test_the_labs_road_is_held_to_8_5_mm_s_and_no_better_than_can_be() -> None:
-    goal = Goal((Course(),), Cost())
     start, high = np.array([*GAINS.values()]).T
-    found = search(goal, np.zeros(3), high, start, seed=1)
+    found = search(lambda gains: sweep(*gains.T).rms_error, np.zeros(3), high, start, seed=1)
     assert 0.0066 <= found.cost <= 0.0085
-
-
-def test_a_goal_over_several_courses_is_their_mean() -> None:
-    courses = (Course(), Course(noise=0.1), Course(delay=0.04))
-    gains = np.array([[20.0, 100.0, 0.1], [10.0, 20.0, 0.0]])
-    cost = Cost('max', 0.1)
-    alone = [Goal((course,), cost)(gains) for course in courses]
-    assert Goal(courses, cost)(gains) == pytest.approx(np.mean(alone, axis=0))
-
-
-def encoded(gains: Floats) -> Floats:
-    """Return a cost that tells which gains it is of."""
-    return np.asarray(gains @ [1.0, 1e3, 1e6])
-
-
-def test_a_point_of_the_map_has_the_cost_of_its_gains() -> None:
-    low, high = np.zeros(3), np.array([10.0, 100.0, 1.0])
-    start, found = np.array([9.0, 90.0, 0.2]), np.array([5.0, 50.0, 0.5])
-    plane = surface(encoded, low, high, start, found, 11)
-    assert plane.axes == (0, 1)
-    assert plane.right.tolist() == pytest.approx(np.linspace(0.0, 10.0, 11))
-    assert plane.up.tolist() == pytest.approx(np.linspace(0.0, 100.0, 11))
-    for row, ki in enumerate(plane.up):
-        for column, kp in enumerate(plane.right):
-            assert plane.cost[row, column] == pytest.approx(kp + 1e3 * ki + 0.5e6)
-
-
-def test_a_map_reaches_no_farther_than_shows_its_points_well() -> None:
-    low, high = np.zeros(3), np.array([100.0, 1000.0, 2.0])
-    plane = surface(encoded, low, high, np.array([10.0, 1.0, 0.0]), np.array([4.0, 2.0, 0.0]), 3)
-    assert plane.right[-1] == 25.0
-    assert plane.up[-1] == 50.0
-
-
-@pytest.mark.parametrize(
-    ('fixed', 'axes'), [((), (0, 1)), ((0,), (1, 2)), ((1,), (0, 2)), ((2,), (0, 1))]
-)
-def test_the_map_is_over_gains_that_are_free(fixed: tuple[int, ...], axes: tuple[int, int]) -> None:
-    low, high = np.zeros(3), np.ones(3)
-    high[list(fixed)] = 0.0
-    assert free_axes(low, high) == axes
 
 
 ROWS = np.array([[30.0, 200.0, 0.1], [10.0, 20.0, 0.0], [0.01, 0.0, 0.0]])
 
 
-def test_a_car_that_never_arrives_costs_infinitely_much() -> None:
-    course = Course()
-    ours = scores(course, batch.run_batch(course, ROWS))
-    for score in ours:
-        assert np.isinf(score).tolist() == [False, False, True]
-    assert np.isinf(Cost('rms', 2.0).of(ours)).tolist() == [False, False, True]
-
-
-SCORES = Scores(*(np.array([value, 10.0 * value]) for value in (1.0, 2.0, 3.0, 4.0)))
-
-
-def test_a_cost_is_a_score_and_a_share_of_the_effort() -> None:
-    for score, expected in zip(Scores._fields, SCORES, strict=True):
-        assert Cost(score).of(SCORES).tolist() == expected.tolist()
-    assert Cost('max', 0.5).of(SCORES) == pytest.approx([4.0, 40.0])
-    assert Cost('rms').label == 'RMS speed error [m/s]'
-    assert Cost('max', 0.5).label == 'Cost: max + 0.5 effort'
+def test_the_scores_of_a_car_that_never_arrives_are_infinite() -> None:
+    found = sweep(*ROWS.T)
+    for score in SCORES:
+        assert np.isinf(found[score]).tolist() == [False, False, True]
 
 
 #: The PID of the run, once more, which prints at every step.
@@ -191,18 +123,14 @@ def controller(tmp_path: Path) -> Path:
     return path
 
 
-def goal_of(path: Path, course: Course | None = None) -> Goal:
-    return Goal((course or Course(),), Cost(), partial(controller_of, path))
-
-
-@pytest.mark.parametrize('course', [Course(), Course(noise=0.1, seed=3, delay=0.04)])
-def test_the_runs_own_pid_in_a_file_scores_as_it_does_in_batches(
-    controller: Path, course: Course, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize('options', [{}, {'noise': 0.1, 'seed': 3, 'delay': 0.04}])
+def test_the_runs_own_pid_in_a_file_scores_as_it_does(
+    controller: Path, options: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    ours = goal_of(controller, course).scores(course, ROWS)
-    theirs = Goal((course,), Cost()).scores(course, ROWS)
-    np.testing.assert_allclose(np.array(ours), np.array(theirs), rtol=1e-11)
-    assert np.isinf(ours.rms).tolist() == [False, False, True]
+    ours = sweep(*ROWS.T, controller=controller_of(controller), **options)
+    theirs = sweep(*ROWS.T, **options)
+    for score in SCORES:
+        np.testing.assert_allclose(ours[score], theirs[score], rtol=1e-11)
     assert capsys.readouterr().out == ''
 
 
@@ -211,7 +139,7 @@ def test_the_runs_own_pid_in_a_file_scores_as_it_does_in_batches(
     [
         {},
         {'noise': 0.05, 'seed': 2, 'delay': 0.04, 'ts': 1 / 333},
-        {'delay': 0.03, 'integrator': 'rk4'},
+        {'delay': 0.03, 'integrator': 'rk4', 'acceleration_limit': 3.0},
     ],
 )
 def test_a_sweep_scores_the_runs_of_simulate(options: dict[str, Any]) -> None:

@@ -201,7 +201,7 @@ class Drive:
 
     def figure(self, title: str = '') -> Figure:
         """Draw the speed, what the estimated car predicts, and the residuals."""
-        from barc_sim.figures.tuning_figures import (  # noqa: PLC0415 (slow)
+        from barc_sim.figures.identification_figure import (  # noqa: PLC0415 (slow)
             identification_figure,
         )
         from barc_sim.tuning.identification import Identified  # noqa: PLC0415

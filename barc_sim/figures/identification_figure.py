@@ -1,0 +1,40 @@
+"""The figure of `barc identify`: each signal, its prediction, and the error."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from barc_sim.figures.style import BLUE, INK, VERMILLION
+
+if TYPE_CHECKING:
+    from barc_sim.tuning.identification import Identified
+
+SIGNALS = {'v_x': 'Speed [m/s]', 'psi_dot': 'Yaw rate [rad/s]', 'v_y': 'Lateral speed [m/s]'}
+
+
+def identification_figure(found: Identified, *, title: str = '') -> Figure:
+    """Draw each signal, its prediction, and the error below; logs follow one another."""
+    n = len(found.signals)
+    figure = Figure(figsize=(9.0, 1.2 + 3.2 * n), layout='constrained')
+    figure.suptitle(title)
+    panels = figure.subplots(2 * n, 1, sharex=True, height_ratios=[3.0, 1.2] * n, squeeze=False)
+    for (name, (t, measured, predicted)), (above, below) in zip(
+        found.signals.items(), panels[:, 0].reshape(n, 2), strict=True
+    ):
+        # One log follows the other, without a line from the end of the first to the next.
+        steps = np.diff(t, prepend=t[0])
+        begins = steps < 0.0
+        time = np.cumsum(np.where(begins, np.median(steps), steps))
+        line = np.where(begins, np.nan, predicted)
+        above.plot(time, measured, '.', ms=2.0, color=INK, alpha=0.5, label='measured')
+        above.plot(time, line, lw=1.2, color=BLUE, label='predicted from the first state')
+        above.set_ylabel(SIGNALS[name])
+        below.plot(time, predicted - measured, lw=0.6, color=VERMILLION)
+        below.axhline(0.0, lw=0.8, color=INK)
+        below.set_ylabel('Error')
+    panels[0, 0].legend(loc='lower right')
+    panels[-1, 0].set_xlabel('Time [s]')
+    return figure
