@@ -2,9 +2,9 @@
 
 `_drive` has `pid_step` and `next_speed` written out, as a call costs as much as a law; `pid_log`
 makes a log of it. `PIDs` and `next_speeds` are the same laws in place, on arrays that stay in a
-core's cache. Tests compare these with plant and controller to the last bit. `Plants` is `Plant`
-once more, to rounding, as NumPy's functions differ from Python's in the last bit. Rare events (a
-limit reached, a car that stands or rolls back) are detected with one reduction and handled apart.
+core's cache. `Plants` is `Plant` once more. Tests compare logs to the last bit, and `Plants` to
+rounding, as NumPy's functions differ from Python's in the last bit. Rare events (a limit reached, a
+car that stands or rolls back) are detected with one reduction and handled apart.
 """
 
 from __future__ import annotations
