@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import arctan, cos, float64, sin, tan
 
 from barc_sim.control.speed import KD, KP
-from barc_sim.simulation.closed_loop import simulate
-from barc_sim.tuning import batch
-from barc_sim.tuning.batch import Course
+from barc_sim.simulation.closed_loop import DISTANCE, simulate
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-_COURSE = Course()
-_LOOPS = 2 * batch.BLOCK
 
 
 class LabPid:
@@ -70,7 +62,7 @@ def lab_loop() -> int:
     pid, road = LabPid(KP, 20.0, KD), Road.lab()
     x = y = psi = v = float64(0.0)
     steps = 0
-    while x < _COURSE.distance:
+    while x < DISTANCE:
         theta = np.radians(road.grade_deg(x))
         x, y, psi, v = lab_bike_fe(x, y, psi, v, pid.acc_calculate(8.0, v), float64(0.0), theta)
         steps += 1
@@ -87,16 +79,6 @@ def noise_loop() -> int:
     return len(simulate(noise=0.1)) - 1
 
 
-def numpy_loops(number: int) -> int:
-    """Drive a batch on one core, the `number`-th."""
-    return int(batch.run_batch(_COURSE, _gains(number)).steps.sum())
-
-
-def _gains(number: int) -> np.ndarray:
-    random = np.random.default_rng(number)
-    return np.array([5.0, 10.0, 0.0]) + random.random((_LOOPS, 3)) * [50.0, 1000.0, 0.5]
-
-
 def _rate(drive: Callable[[], int], seconds: float) -> float:
     drive()  # to warm up
     steps, began = 0, time.perf_counter()
@@ -107,18 +89,8 @@ def _rate(drive: Callable[[], int], seconds: float) -> float:
 
 def main(task: dict[str, object]) -> dict[str, float]:
     """Measure; return the figure."""
-    subject, seconds = str(task['subject']), float(str(task['seconds']))
-    if subject == 'numpy':
-        cores = len(os.sched_getaffinity(0))
-        with ProcessPoolExecutor(cores, get_context('spawn')) as pool:
-            rate = _rate(lambda: sum(pool.map(numpy_loops, range(4 * cores))), seconds)
-    else:
-        drives = {
-            'lab': lab_loop,
-            'simulate': simulate_loop,
-            'noise': noise_loop,
-        }
-        rate = _rate(drives[subject], seconds)
+    drives = {'lab': lab_loop, 'simulate': simulate_loop, 'noise': noise_loop}
+    rate = _rate(drives[str(task['subject'])], float(str(task['seconds'])))
     return {'steps/s': rate}
 
 

@@ -1,7 +1,7 @@
 """Closed loops without ROS: steps of vehicle and PID per second, over the lab's road.
 
-The lab's own loop, with NumPy's functions for single numbers, beside `simulate` with its log (and
-with noise), and batches of thousands with NumPy on all cores.
+The lab's own loop, with NumPy's functions for single numbers, beside `simulate` with its log, and
+with noise.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ _SUBJECTS = {
     'simulate': 'simulate, with its log',
     'lab': "the lab's loop, NumPy scalars",
     'noise': 'simulate with noise',
-    'numpy': 'batches with NumPy',
 }
 QUICK = ('--repeat', '1', '--seconds', '1')
 
