@@ -27,7 +27,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.bags import names
 from barc_sim.errors import Parameter
-from barc_sim.nodes import MIRRORS
 from barc_sim.ros.node_helpers import (
     declare,
     declare_track,
@@ -53,10 +52,7 @@ except ImportError:  # there is no wheel of it
     TFMessage = None
 
 _OK, _WARN, _ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-PARAMETERS = [
-    *(Parameter(name, True, f'publish {what}', read_only=True) for name, what in MIRRORS.items()),
-    Parameter('road', 'lab', "the simulator's road", read_only=True),
-]
+PARAMETERS = [Parameter('road', 'lab', "the simulator's road", read_only=True)]
 #: [s] of wall-clock time between two pictures of the car: 25 a second, if states come at 50 Hz.
 _PICTURE_PERIOD = 0.035
 _MAX_POINTS = 2000  #: of a line of a track
@@ -90,8 +86,7 @@ class MirrorNode(Node):
     They show the measured state on the road of the parameter `road`, the simulator's: `x` is the
     distance along its surface in `z_vhcl`, and the one on the map here. On a track, whose hills are
     not shown, both are on the map. Frames are called `odom`, which is where `map` is, and
-    `base_link`; in the namespace `/car2`, `car2/odom` and `car2/base_link`. A mirror whose
-    parameter is false has no publisher.
+    `base_link`; in the namespace `/car2`, `car2/odom` and `car2/base_link`.
 
     Examples
     --------
@@ -146,31 +141,22 @@ class MirrorNode(Node):
         self._period = period
         self._next_picture = self._next_path = 0.0
 
-        self._pubs = {
-            name: self.create_publisher(kind, topic, names.QOS)
-            for name, kind, topic in (
-                ('odom', Odometry, names.ODOM),
-                ('tf', TFMessage, names.TF),
-                ('path', Path, names.PATH),
-                ('markers', MarkerArray, names.MARKERS),
-                ('diagnostics', DiagnosticArray, names.DIAGNOSTICS),
-            )
-            if values[name] and kind
-        }
-        if 'markers' in self._pubs:
-            self._road_pub = self.create_publisher(MarkerArray, names.ROAD_MARKERS, _LATCHED)
-            shown = (
-                track_markers(track, self._odom) if track else road_markers(self._road, self._odom)
-            )
-            self._road_pub.publish(shown)
-        if track and 'path' in self._pubs:
+        self._odom_pub = self.create_publisher(Odometry, names.ODOM, names.QOS)
+        self._tf_pub = TFMessage and self.create_publisher(TFMessage, names.TF, names.QOS)
+        self._path_pub = self.create_publisher(Path, names.PATH, names.QOS)
+        self._car_pub = self.create_publisher(MarkerArray, names.MARKERS, names.QOS)
+        self._diagnostics_pub = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, names.QOS)
+        self._road_pub = self.create_publisher(MarkerArray, names.ROAD_MARKERS, _LATCHED)
+        if track:
+            self._road_pub.publish(track_markers(track, self._odom))
             self._track_pub = self.create_publisher(Path, names.TRACK_PATH, _LATCHED)
             self._track_pub.publish(track_path(track, self._odom))
+        else:
+            self._road_pub.publish(road_markers(self._road, self._odom))
         self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS_ALL)
-        if 'diagnostics' in self._pubs:
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self.create_timer(period, self._diagnose, clock=steady)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(period, self._diagnose, clock=steady)
 
     def _on_command(self, _: ECU) -> None:
         self._command_received = time.time_ns()
@@ -183,27 +169,26 @@ class MirrorNode(Node):
         pose = to_pose(state, self._road)
         self._state = self.latest, time.time_ns()
         self._extend_path(state, PoseStamped(header=header, pose=pose))
-        if pub := self._pubs.get('odom'):
-            odometry = Odometry(header=header, child_frame_id=self._base_link)
-            odometry.pose.pose, twist = pose, odometry.twist.twist
-            twist.linear.x, twist.linear.y = state.v_x, state.v_y
-            twist.angular.z = state.psi_dot
-            pub.publish(odometry)
-        if pub := self._pubs.get('tf'):
+        odometry = Odometry(header=header, child_frame_id=self._base_link)
+        odometry.pose.pose, twist = pose, odometry.twist.twist
+        twist.linear.x, twist.linear.y = state.v_x, state.v_y
+        twist.angular.z = state.psi_dot
+        self._odom_pub.publish(odometry)
+        if self._tf_pub:
             transform = TransformStamped(header=header, child_frame_id=self._base_link)
             there = pose.position
             transform.transform.translation = Vector3(x=there.x, y=there.y, z=there.z)
             transform.transform.rotation = pose.orientation
             origin = Header(stamp=state.header.stamp, frame_id=self._map)
             to_map = TransformStamped(header=origin, child_frame_id=self._odom)
-            pub.publish(TFMessage(transforms=[to_map, transform]))
+            self._tf_pub.publish(TFMessage(transforms=[to_map, transform]))
         now = time.monotonic()
-        if (pub := self._pubs.get('markers')) and now >= self._next_picture:
+        if now >= self._next_picture:
             self._next_picture = now + _PICTURE_PERIOD
-            pub.publish(car_markers(pose, header))
-        if (pub := self._pubs.get('path')) and now >= self._next_path:
+            self._car_pub.publish(car_markers(pose, header))
+        if now >= self._next_path:
             self._next_path = now + self._period
-            pub.publish(Path(header=header, poses=[*self._poses]))
+            self._path_pub.publish(Path(header=header, poses=[*self._poses]))
 
     def _extend_path(self, state: ZDynBkMdl, pose: PoseStamped) -> None:
         """Add a pose unless it is close to the last; begin anew after a reset."""
@@ -226,7 +211,7 @@ class MirrorNode(Node):
         for status in statuses:
             status.name = f'{self.get_fully_qualified_name()}: {status.name}'
         header = Header(stamp=self.get_clock().now().to_msg())
-        self._pubs['diagnostics'].publish(DiagnosticArray(header=header, status=statuses))
+        self._diagnostics_pub.publish(DiagnosticArray(header=header, status=statuses))
 
 
 def to_pose(state: ZDynBkMdl, road: Road) -> Pose:

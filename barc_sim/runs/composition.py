@@ -27,7 +27,6 @@ from barc_sim.cli.process import report
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.source import UserCodeError
-from barc_sim.nodes import MIRRORS
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
@@ -191,7 +190,8 @@ class Run:
         self._print(f'engine     {_ENGINES[options.engine]}')
         if self.recorder and any(each.clock_pub for each in self.simulators):
             self.recorder.stamp_with_clock()
-        self._add_mirrors()
+        if options.mirrors:
+            self._add_mirrors()
         if wants_page(options):
             for number in range(len(self.simulators)):
                 self._serve(number)
@@ -211,13 +211,12 @@ class Run:
         recorder.add_metadata({'graph': graph.to_json()})
 
     def _add_mirrors(self) -> None:
-        mirrors = self.options.mirrors
-        for simulator in self.simulators if mirrors else ():
-            from barc_sim.nodes.mirror import MirrorNode  # noqa: PLC0415 (only if wanted)
+        from barc_sim.nodes.mirror import MirrorNode  # noqa: PLC0415 (only if wanted)
 
+        for simulator in self.simulators:
             self.add(
                 MirrorNode,
-                {'road': simulator.values['road']} | {name: name in mirrors for name in MIRRORS},
+                {'road': simulator.values['road']},
                 namespace=simulator.get_namespace(),
                 reads=simulator,
                 road=simulator.road,

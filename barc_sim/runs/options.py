@@ -14,7 +14,6 @@ from barc_sim.bags.recording import Recording
 from barc_sim.cli.parser import MAX_PORT, number, whole
 from barc_sim.cli.process import has_ros, is_at_desktop, needs_ros
 from barc_sim.lab.handout import FILES
-from barc_sim.nodes import MIRRORS
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
 
@@ -90,7 +89,12 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         'that use_sim_time',
     )
     add_engine_option(parser)
-    add_mirror_options(parser)
+    parser.add_argument(
+        '--mirrors',
+        action='store_true',
+        help='publish standard messages for RViz, Foxglove and PlotJuggler, too: odometry, tf, '
+        'path, markers, diagnostics',
+    )
     add_recording_options(parser)
 
 
@@ -174,27 +178,6 @@ def wants_page(options: argparse.Namespace) -> bool:
 def opens_page(options: argparse.Namespace) -> bool:
     """Return whether the live page opens itself, not only where a person opens its link."""
     return 'web' in (options.view, options.view == 'auto' and options.view_auto)
-
-
-def add_mirror_options(parser: argparse.ArgumentParser) -> None:
-    """Add `--mirrors`."""
-    parser.add_argument(
-        '--mirrors',
-        type=_mirrors,
-        default=(),
-        metavar='NAMES',
-        help='standard messages for RViz, Foxglove and PlotJuggler: all, none, or some of '
-        f'{",".join(MIRRORS)} (none)',
-    )
-
-
-def _mirrors(text: str) -> frozenset[str]:
-    names = frozenset({'all': MIRRORS, 'none': ()}.get(text, text.split(',')))
-    if not names <= set(MIRRORS):
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is neither 'all', 'none' nor some of {','.join(MIRRORS)}"
-        )
-    return names
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:

@@ -42,7 +42,7 @@ def _drive(case: str, executor: str, distance: float) -> _Run:
         if case == 'lock-step':
             options += ['--realtime-factor', 'max']
         if 'mirrored' in case:
-            options += ['--mirrors', 'all']
+            options += ['--mirrors']
         run = _Run(*options)
         spinning: Any = _EXECUTORS[executor]()
         if 'blocked' in case:

@@ -82,11 +82,6 @@ class Bench(NodeBench):
         self.until(lambda: len(messages) > before)
         return messages[-1]
 
-    def mirrored(self) -> set[str]:
-        """Return the names of the topics that the mirror publishes."""
-        own = {'rosout', 'parameter_events'}
-        return {end.topic_name.lstrip('/') for end in self.mirror.publishers} - own
-
 
 @pytest.fixture
 def bench(benches: Make) -> Make:
@@ -168,7 +163,7 @@ def test_path_begins_anew_after_a_reset_and_has_the_newest_poses(
     bench: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('barc_sim.nodes.mirror._MAX_POSES', 20)
-    world = bench(period=0.0, diagnostics=False, road='flat')
+    world = bench(period=0.0, road='flat')
     for k in range(25):
         path = world.answer('path', x=1.0 * k, v_x=60.0)
     assert [pose.pose.position.x for pose in path.poses] == [1.0 * k for k in range(5, 25)]
@@ -198,21 +193,6 @@ def test_diagnostics_combine_facts_and_topics(bench: Make) -> None:
     (age,) = statuses['/car2/mirror: command'].values
     assert 0.0 <= float(age.value) < 60.0
     assert statuses['/car2/mirror: bag'].level == b'\x00'
-
-
-@pytest.mark.parametrize(
-    ('off', 'topics'),
-    [
-        ('odom', {'odom'}),
-        ('path', {'path'}),
-        ('markers', {'markers', 'road_markers'}),
-        ('diagnostics', {'diagnostics'}),
-    ],
-)
-def test_mirror_that_is_off_has_no_publisher(bench: Make, off: str, topics: set[str]) -> None:
-    every = bench().mirrored()
-    assert topics <= every
-    assert bench(**{off: False}).mirrored() == every - topics
 
 
 # Diagnoses

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures('ros_domain')
 
 @pytest.mark.parametrize('engine', ['ros', 'local'])
 def test_every_state_is_mirrored_and_the_run_is_the_same(engine: str, tmp_path: Path) -> None:
-    options = ('--realtime-factor', 'max', '--distance', '10', '--mirrors', 'all')
+    options = ('--realtime-factor', 'max', '--distance', '10', '--mirrors')
     path = bag_of(tmp_path, *options, '--engine', engine)
     found = messages(path)
     assert set(found) > EACH_STATE | (NOW_AND_THEN - {'/diagnostics'})
@@ -40,13 +40,11 @@ def test_every_state_is_mirrored_and_the_run_is_the_same(engine: str, tmp_path: 
     assert bag.info(path)['lost_messages'] == '0'
 
 
-def test_those_that_are_named_stand_on_the_simulators_road_in_its_namespace(tmp_path: Path) -> None:
+def test_they_stand_on_the_simulators_road_in_its_namespace(tmp_path: Path) -> None:
     (tmp_path / 'hill.csv').write_text('start_m,grade_deg\n0,20\n')
-    options = ('--realtime-factor', 'max', '--distance', '20', '--mirrors', 'odom,path')
+    options = ('--realtime-factor', 'max', '--distance', '20', '--mirrors')
     path = bag_of(tmp_path, *options, '--road', 'hill.csv', '--ros-args', '-r', '__ns:=/car2')
     found = messages(path)
-    every = {f'/car2{topic}' for topic in EACH_STATE | NOW_AND_THEN}
-    assert set(found) & every == {'/car2/odom', '/car2/path'}
     last = found['/car2/odom'][-1]
     assert last.pose.pose.position.z / last.pose.pose.position.x == pytest.approx(0.36397, abs=1e-5)
     assert last.header.frame_id == 'car2/odom'

@@ -1,4 +1,4 @@
-"""The options of the live page and of the mirrors."""
+"""The options of the live page."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.cli.parser import Parser
-from barc_sim.nodes import MIRRORS
 from barc_sim.runs.options import (
-    add_mirror_options,
     add_view_options,
     opens_page,
     wants_page,
@@ -23,7 +21,6 @@ if TYPE_CHECKING:
 def parse(*argv: str, auto: str = 'web') -> Namespace:
     parser = Parser(prog='prog')
     add_view_options(parser, auto=auto)
-    add_mirror_options(parser)
     return parser.parse_args(argv)
 
 
@@ -72,23 +69,9 @@ def test_a_page_is_offered_at_a_desktop_and_does_not_open_itself(
 
 
 @pytest.mark.parametrize(
-    ('argv', 'expected'),
-    [
-        ([], set()),
-        (['--mirrors', 'none'], set()),
-        (['--mirrors', 'all'], set(MIRRORS)),
-        (['--mirrors', 'odom,path'], {'odom', 'path'}),
-    ],
-)
-def test_mirrors_are_those_named(argv: list[str], expected: set[str]) -> None:
-    assert {*parse(*argv).mirrors} == expected
-
-
-@pytest.mark.parametrize(
     ('argument', 'reason'),
     [
         ('--view-port=65536', '65536 is not a whole number from 0 to 65535'),
-        ('--mirrors=odom,', "'odom,' is neither 'all', 'none' nor some of odom,tf,path"),
     ],
 )
 def test_wrong_value_is_named(
