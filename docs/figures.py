@@ -399,10 +399,11 @@ def eight_by_hand(ts: float = 0.02) -> Log:
 
 def animate() -> None:
     """Save the hills from the side, and a drive by hand from above."""
-    figure = Figure(figsize=SIZE, dpi=640 / SIZE[0])
+    size = (0.86 * SIZE[0], 0.86 * SIZE[1])  # so that the words are large in a small picture
+    figure = Figure(figsize=size, dpi=640 / size[0])
     _save(IMAGES / 'course.webp', SideView(simulate(), figure, title='barc acc'), 12)
     # Smaller, as all of it moves.
-    figure = Figure(figsize=SIZE, dpi=480 / SIZE[0])
+    figure = Figure(figsize=size, dpi=480 / size[0])
     _save(IMAGES / 'drive.webp', TopView(eight_by_hand(), figure, title='barc teleop'), 8)
 
 
@@ -418,7 +419,7 @@ def _save(path: Path, view: RunView, fps: int, seconds: float = 15.0) -> None:
         append_images=stills[1:],
         duration=1000 // fps,
         loop=0,
-        quality=60,
+        quality=50,
         method=4,
         minimize_size=True,
     )

@@ -70,7 +70,7 @@ AXLES = (-1.5, 1.5)
 BEYOND = 60.0  #: [m] of the road that are drawn before and after a run
 POST = 10.0  #: [m] between two labels of the position
 LABELS = 12  #: more than are visible
-_READING = 0.115  #: the width of a reading, as a share
+_READING, _READINGS = 0.135, 0.81  #: the widths of a reading, and of all, at most, as shares
 EDGE = {'color': INK, 'lw': 1.4}
 GLASS, LAMP, RIM, WELL = '#DCEBF4', '#F0E442', '#D5D5D5', '#3A3A3A'
 
@@ -189,7 +189,8 @@ class RunView(ABC):
         axes.set_axis_off()
         axes.text(0.0, 0.5, title, fontsize=13, fontweight='bold', va='center')
         names = [*self._show(0.0)]
-        places = dict(zip(names, 1.0 - _READING * np.arange(len(names))[::-1], strict=True))
+        apart = min(_READING, _READINGS / len(names))
+        places = dict(zip(names, 1.0 - apart * np.arange(len(names))[::-1], strict=True))
         for name, x in places.items():
             axes.text(x, 0.68, name, color=MUTED, fontsize=9, ha='right', va='bottom')
         return {

@@ -73,6 +73,7 @@ _SHORT = {
     'motor_delay': 'delay',
     'motor_limit': 'motor limit',
 }
+_LONGEST_SYMBOL = 8  #: characters: a longer name breaks at its spaces
 _PI = {'kp': 4.0, 'ki': 8.0, 'kd': 0.0}
 #: Presets beside the controller's own, for a PID: they change the car, too.
 _OF_CAR = {
@@ -283,9 +284,10 @@ def _presets(law: object) -> dict[str, dict[str, float]]:
 
 
 def _short(name: str) -> str:
-    """Return a slider's short name; a gain of a lane's law is a symbol, as in `q_e_y`."""
-    symbol = name.removeprefix(LANE)
-    return _SHORT.get(name, symbol if symbol != name else name.replace('_', ' '))
+    """Return a slider's short name; a short one of a lane's gain is a symbol, as is `q_e_y`."""
+    gain = name.removeprefix(LANE)
+    is_symbol = gain != name and len(gain) <= _LONGEST_SYMBOL
+    return _SHORT.get(name, gain if is_symbol else gain.replace('_', ' '))
 
 
 def _label(name: str, gain: Gain) -> str:
