@@ -319,25 +319,21 @@ class LQR:
         'feedback': 'K times the error',
         'compensation': 'the estimated disturbance, negative',
     }
+    speed_weight: float
+    effort_weight: float
+    observer_gain: float
 
     def __init__(
         self,
-        speed_weight: float = gains['speed_weight'].default,
-        effort_weight: float = gains['effort_weight'].default,
-        observer_gain: float = gains['observer_gain'].default,
         *,
         dt: float = 0.02,
         output_min: float = -inf,
         output_max: float = inf,
+        **gains: float,
     ) -> None:
-        """Start at rest; `dt` [s] is the interval that K is made for."""
-        self.speed_weight = speed_weight
-        self.effort_weight = effort_weight
-        self.observer_gain = observer_gain
-        self.dt = dt
-        self.output_min = output_min
-        self.output_max = output_max
-        check_gains(self)
+        """Start at rest with these gains; `dt` [s] is the interval that K is made for."""
+        take_gains(self, gains)
+        self.dt, self.output_min, self.output_max = dt, output_min, output_max
         self.reset()
 
     def reset(self) -> None:

@@ -20,7 +20,6 @@ from barc_sim.vehicle.parameters import (
     ON_TRACK,
     PARAMETERS,
     REALTIME_FACTORS,
-    disturbance_of,
     plant,
     retune,
 )
@@ -274,7 +273,7 @@ class Stepper:
         self._max_command = Command(values['refuse_motor_above'], values['refuse_servo_above'])
         self._timeout, self._braking = values['command_timeout'], values['timeout_braking']
         self._in_real_time = factor == 1.0
-        self._new_plant = partial(plant, values, model, road, disturbance_of(values), track)
+        self._new_plant = partial(plant, values, model, road, track)
         self._plant = self._new_plant()
         self._outputs = outputs
         self._clock, self._wall_clock = clock, wall_clock

@@ -13,14 +13,13 @@ from barc_sim.errors import Parameter, parameters_of
 from barc_sim.vehicle.bicycles import DYNAMICS, LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
-from barc_sim.vehicle.road import Road, signal
+from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import TRACKS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.vehicle.bike_model import Model
-    from barc_sim.vehicle.road import Signal
     from barc_sim.vehicle.track import Track
 
 
@@ -81,11 +80,6 @@ PARAMETERS = [
     *_NOISE,
     *_ACTUATORS,
     _FORCE,
-    Parameter(
-        'disturbance_file',
-        '',
-        'a CSV file with the columns time_s,force_n or distance_m,force_n: a further force',
-    ),
     Parameter('integrator', 'euler', "'euler' (forward) or 'rk4' (Runge-Kutta)"),
     Parameter(
         'dynamics',
@@ -102,17 +96,10 @@ NANOSECONDS = 1_000_000_000
 FORCE_COLUMN = 'force_n'  #: of a file with a disturbance
 
 
-def disturbance_of(values: Mapping[str, Any]) -> Signal | None:
-    """Return the disturbance [N] in the file that `values` name, if they name one."""
-    name = values['disturbance_file']
-    return signal(name, ROWS['disturbance'], FORCE_COLUMN) if name else None
-
-
 def plant(
     values: Mapping[str, Any],
     model: Model = bikeFE,
     road: Road | None = None,
-    disturbance: Signal | None = None,
     track: Track | None = None,
 ) -> Plant:
     """Return the plant at the start, stepped by `model`, on `road` or the one that `values` name.
@@ -126,7 +113,6 @@ def plant(
         noise=_noise(values),
         seed=values['seed'],
         force=values['disturbance'],
-        disturbance=disturbance,
         model=model,
         motor=_actuator(values, 'motor'),
         servo=_actuator(values, 'servo'),

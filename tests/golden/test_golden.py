@@ -59,9 +59,8 @@ def test_loop_without_ros_gives_the_golden_figures(golden: dict[str, Any], name:
 @pytest.mark.usefixtures('ros_domain')
 def test_a_run_is_that_of_simulate(tmp_path: Path) -> None:
     (tmp_path / 'speed.csv').write_text('time_s,speed_mps\n0,4\n3,8\n6,8\n6,5\n')
-    (tmp_path / 'gust.csv').write_text('distance_m,force_n\n0,0\n9,-3000\n20,900\n20,0\n')
     parameters = {
-        'vehicle_simulator:disturbance_file': 'gust.csv',
+        'vehicle_simulator:disturbance': -900.0,
         'vehicle_simulator:rate': 333.0,
         'vehicle_simulator:noise_v_x': 0.05,
     }
@@ -71,7 +70,7 @@ def test_a_run_is_that_of_simulate(tmp_path: Path) -> None:
     (bag,) = (tmp_path / 'bags').iterdir()
     assert read_bag(bag) == simulate(
         reference=tmp_path / 'speed.csv',
-        disturbance=tmp_path / 'gust.csv',
+        disturbance=-900.0,
         noise=0.05,
         distance=30.0,
         ts=1 / 333,

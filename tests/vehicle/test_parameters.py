@@ -36,7 +36,6 @@ def test_defaults_are_the_labs_and_the_documented_ones() -> None:
         'seed': 0,
         'integrator': 'euler',
         'dynamics': 'kinematic',
-        'disturbance_file': '',
         'yaw_inertia': 4000.0,
         'front_stiffness': 120e3,
         'rear_stiffness': 160e3,
