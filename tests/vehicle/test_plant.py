@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle, LateralParameters
+from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import (
     Command,
     Motion,
@@ -115,18 +115,6 @@ def test_response_does_not_depend_on_how_time_is_cut(
     assert mean_1 * first + mean_2 * second == pytest.approx(mean * (first + second), abs=1e-8)
 
 
-@properties
-@given(value=values, target=values, lag=lags, rate=rates, t=times)
-def test_response_stays_between_where_it_is_and_where_it_goes(
-    value: float, target: float, lag: float, rate: float, t: float
-) -> None:
-    after, mean = Actuator(lag=lag, rate=rate).respond(value, target, t)
-    low, high = sorted((value, target))
-    assert low - 1e-9 <= after <= high + 1e-9
-    assert low - 1e-9 <= mean <= high + 1e-9
-    assert abs(after - value) <= rate * t + 1e-9
-
-
 # Limits
 
 
@@ -134,13 +122,6 @@ def test_rate_limit_is_a_ramp_to_the_command_and_ends_on_it() -> None:
     ends = [value for _, value in drive(Actuator(rate=10.0), [1.0] * 7)]
     assert ends == [*(pytest.approx(0.2 * k) for k in range(1, 5)), *[1.0] * 3]
     assert drive(Actuator(rate=10.0), [1.0])[0][0] == pytest.approx(0.1)
-
-
-def test_lag_takes_over_from_the_ramp_where_it_is_slower() -> None:
-    lag, rate = 0.1, 10.0
-    # From 3 to 1 short of the target at 10/s, in 0.2 s; then the exponential.
-    after, _ = Actuator(lag=lag, rate=rate).respond(0.0, 3.0, 0.5)
-    assert after == pytest.approx(3.0 - rate * lag * exp(-0.3 / lag), rel=1e-12)
 
 
 def test_command_beyond_the_limit_is_cut_either_way() -> None:
@@ -267,25 +248,6 @@ def test_another_model_is_stepped_in_the_place_of_the_labs() -> None:
 # Actuators
 
 
-@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
-def test_step_holds_the_mean_of_what_the_actuators_do(integrator: str) -> None:
-    plant = Plant(
-        road=HILL, vehicle=VEHICLE, ts=0.05, motor=SLOW, servo=SLOW, integrator=integrator
-    )
-    motor, servo, bicycle = (
-        ActuatorState(SLOW, 0.05),
-        ActuatorState(SLOW, 0.05),
-        KinematicBicycle(integrator),
-    )
-    state = plant.state = STATE
-    for k in range(30):
-        command = Command(4.0 - k / 5.0, 0.01 * k)
-        held = Command(motor.advance(command.motor), servo.advance(command.servo))
-        state = bicycle.step(state, held, lambda x: radians(HILL.grade_deg(x)), VEHICLE, 0.05)
-        plant.advance(command)
-        assert plant.state == state
-
-
 def test_velocities_are_observed_under_the_steering_that_acts_not_under_the_command() -> None:
     plant = Plant(servo=Actuator(delay=0.02, rate=1.0))
     plant.state = State(v=6.0)
@@ -312,21 +274,6 @@ def test_placed_car_has_no_command_on_its_way() -> None:
 
 
 # Integrator and dynamics
-
-
-def test_dynamic_car_has_its_own_velocities() -> None:
-    plant = Plant(road=Road.flat(), dynamics='dynamic', noise=NoiseLevels(v_y=0.1))
-    plant.state = state = State(v=20.0)
-    bicycle = DynamicBicycle()
-    for _ in range(20):
-        plant.advance(Command(0.0, 0.05))
-        state = bicycle.step(state, Command(0.0, 0.05), lambda _: 0.0, Vehicle(), 0.02)
-    seen = plant.observe()
-    assert seen.true == bicycle.motion(state, 0.05, Vehicle())
-    assert seen.true.psi_dot != pytest.approx(motion(state, 0.05, Vehicle()).psi_dot, rel=0.05)
-    assert seen.measured == seen.true._replace(v_y=seen.true.v_y + seen.error.v_y)
-    assert seen.error.v_y != 0.0
-    assert seen.surroundings == surroundings(state.v, plant.road.at(state.x), Vehicle())
 
 
 def own_model(*arguments: float, **keywords: float) -> list[float]:
