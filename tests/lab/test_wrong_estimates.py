@@ -16,7 +16,7 @@ from user_files import LocalCode, read_programs, replaced
 
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import files_in
-from barc_sim.lab.labs.identify import IDENTIFY, NOISE, Drive, car_of, measured
+from barc_sim.lab.labs.identify import IDENTIFY, NOISE, car_of, measured, shown
 from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
@@ -116,6 +116,6 @@ def test_the_bound_is_that_of_a_right_estimate() -> None:
 
 @pytest.mark.parametrize('found', [[1e300] * 6, [-1.0] * 6, [0.0] * 6])
 def test_any_estimate_can_be_drawn(found: list[float]) -> None:
-    drive = Drive(car_of(''), [2.0] * 100 + [0.0] * 2900, found)
+    drive = shown(car_of(''), [2.0] * 100 + [0.0] * 2900, found)
     assert len(drive.figure('any').axes) == 2
     assert len(drive.table.rows) == 3

@@ -84,8 +84,6 @@ I with the wrong sign | 95 | output = | I has the wrong sign
     P + I + D -> P - I + D
 a clamped sum | 100 |  | right in all 240 outputs
     self.total += e * dt -> self.total = max(-0.1, min(0.1, self.total + e * dt))
-a tightly clamped sum | 92 | self.total = | I stops growing
-    self.total += e * dt -> self.total = max(-0.01, min(0.01, self.total + e * dt))
 the sum differentiated | 95 | D = | D is kd * e: is the sum differentiated
     change = 0.0 if -> change = e * dt if True else 0.0 if
 D without memory | 95 | D = | D is kd * e

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from dataclasses import replace
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,7 +12,17 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
-from barc_sim.lab.judge import Finding, Functions, JudgedCode, Lab, Part, Table, numbers_of, share
+from barc_sim.lab.judge import (
+    Evidence,
+    Finding,
+    Functions,
+    JudgedCode,
+    Lab,
+    Part,
+    Table,
+    numbers_of,
+    share,
+)
 from barc_sim.lab.laws import read
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.lab.user_code.folder import BY_EYE
@@ -174,44 +184,27 @@ class IdentifyCode(JudgedCode):
         return commands
 
 
-@dataclass(frozen=True)
-class Drive:
-    """A drive of the student's car with the student's commands, and the estimate from it."""
+def shown(car: Car, commands: Sequence[float], found: Sequence[float]) -> Evidence:
+    """Return a drive of the student's car: three parameters, each with its interval."""
+    rows, possible = [], car.intervals(commands)
+    for k, (name, unit) in enumerate(_UNITS.items()):
+        true, value, interval = car[k], *found[2 * k : 2 * k + 2]
+        inside = 'holds the truth' if abs(value - true) <= interval else 'does not hold it'
+        own = f'{value:.4g} ± {interval:.2g}'
+        rows.append((name, f'{true:.4g} {unit}', own, f'± {possible[k]:.2g}', inside))
+    header = ('', 'true', 'your estimate', 'best possible', 'your interval')
+    table = Table('your car, with your commands', header, rows)
+    return Evidence(table, partial(_figure, car, commands, found))
 
-    car: Car
-    commands: Sequence[float]
-    found: Sequence[float]  #: three parameters, each with its interval
 
-    @property
-    def table(self) -> Table:
-        """The parameters, as text."""
-        rows, possible = [], self.car.intervals(self.commands)
-        for k, (name, unit) in enumerate(_UNITS.items()):
-            true, value, interval = self.car[k], *self.found[2 * k : 2 * k + 2]
-            inside = 'holds the truth' if abs(value - true) <= interval else 'does not hold it'
-            cells = (
-                f'{true:.4g} {unit}',
-                f'{value:.4g} ± {interval:.2g}',
-                f'± {possible[k]:.2g}',
-                inside,
-            )
-            rows.append((name, *cells))
-        header = ('', 'true', 'your estimate', 'best possible', 'your interval')
-        return Table('your car, with your commands', header, rows)
+def _figure(car: Car, commands: Sequence[float], found: Sequence[float], title: str = '') -> Figure:
+    """Draw the speed, what the estimated car predicts, and the residuals."""
+    from barc_sim.figures.identification_figure import identification_figure  # noqa: PLC0415 (slow)
+    from barc_sim.tuning.identification import Identified  # noqa: PLC0415
 
-    def figure(self, title: str = '') -> Figure:
-        """Draw the speed, what the estimated car predicts, and the residuals."""
-        from barc_sim.figures.identification_figure import (  # noqa: PLC0415 (slow)
-            identification_figure,
-        )
-        from barc_sim.tuning.identification import Identified  # noqa: PLC0415
-
-        speeds = np.array(measured(self.car, self.commands))
-        predicted = Car(*(min(max(each, 0.0), 0.4) for each in self.found[::2])).drive(
-            self.commands
-        )
-        signals = {'v_x': (np.array(_times()), speeds, predicted)}
-        return identification_figure(Identified({}, signals, {}, ()), title=title)
+    predicted = Car(*(min(max(each, 0.0), 0.4) for each in found[::2])).drive(commands)
+    signals = {'v_x': (np.array(_times()), np.array(measured(car, commands)), predicted)}
+    return identification_figure(Identified({}, signals, {}, ()), title=title)
 
 
 def _judge(code: IdentifyCode, settings: Settings, _: Collection[str]) -> Iterator[Finding]:
@@ -303,7 +296,7 @@ def _residuals(code: IdentifyCode, car: Car, commands: Sequence[float], fault: s
         try:
             row = [_times(), measured(car, commands), [*commands]]
             (found,) = code.call('functions', 'estimate', [row])
-            drive = Drive(car, commands, numbers_of('estimate', found, len(_RESULTS)))
+            drive = shown(car, commands, numbers_of('estimate', found, len(_RESULTS)))
         except UserError as error:
             text = f'{text} ({error})'
     return Finding('estimate.residuals', 0.0, text, drive, open=True)

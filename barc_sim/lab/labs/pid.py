@@ -261,20 +261,11 @@ def _before(values: Floats) -> Floats:
     return np.concatenate([values[:, :1], values[:, :-1]], axis=1)
 
 
-def _bounded_total(values: Floats, low: Floats, high: Floats) -> Floats:
-    """Return the sums up to each call, each kept within its bounds."""
-    sums, total = np.zeros_like(values), np.zeros(len(values))
-    for k, column in enumerate(values.T):
-        sums[:, k] = total = np.clip(total + column, low.ravel(), high.ravel())
-    return sums
-
-
 PID_LAW = replace(
     read(Path(__file__).with_name('pid.txt')),
     functions={
         'total': partial(np.cumsum, axis=-1),
         'before': _before,
-        'bounded_total': _bounded_total,
     },
 )
 
@@ -339,7 +330,6 @@ class Term(NamedTuple):
                 failure = str(error)
         inputs = {'reference': reference, 'measured': measured, 'dt': dt}
         inputs |= dict(zip(('kp', 'ki', 'kd'), np.array(gains).T[..., np.newaxis], strict=True))
-        inputs |= {'low': outputs.min(1, keepdims=True), 'high': outputs.max(1, keepdims=True)}
         return Trial(self.criterion, self.name, inputs, {self.name: outputs}, failure)
 
 

@@ -60,7 +60,6 @@ def test_a_mistake_is_named_where_it_changes_a_result(
 ROWS = np.array([wandering(7, str(k), 0.5) for k in range(2)]).transpose(2, 0, 1)
 CALLS = dict(zip(('reference', 'measured', 'dt'), ROWS, strict=True))
 CALLS |= {name: np.array([[0.5], [3.0]]) for name in ('kp', 'ki', 'kd')}
-CALLS |= {'low': np.full((2, 1), -0.03), 'high': np.full((2, 1), 0.04)}
 
 
 @pytest.mark.parametrize('mistake', PID_LAW.mistakes, ids=lambda mistake: mistake.sentence[:60])
