@@ -225,7 +225,7 @@ class Judge:
         """
         own = {name: [trial for trial in trials if name in trial.got] for name in names}
         losses = {name: loss for name in own if (loss := self.loss(own[name], name))}
-        causes = self.causes(trials, [*losses])
+        causes = self.causes(trials, [*losses]) if losses else {}
         times = Counter(cause.kind for cause in causes.values())
         verdicts = dict.fromkeys(own, Verdict(1.0))
         placed: dict[str, str] = {}  # one mistake has one line
@@ -272,22 +272,22 @@ class Judge:
         line = self.line(trial, name, index, wrong)
         return f'{line}: {cause.sentence}' if line else cause.sentence
 
+    def _errors(self, trial: Trial, name: str) -> Floats:
+        return np.abs(trial.got[name] - self.law.compute(trial.inputs)[name])
+
     def _largest(self, trial: Trial, name: str) -> Index:
         """Return the index of the largest error."""
-        error = np.abs(trial.got[name] - self.law.compute(trial.inputs)[name])
-        return tuple(map(int, np.unravel_index(error.argmax(), error.shape)))
+        errors = self._errors(trial, name)
+        return tuple(map(int, np.unravel_index(errors.argmax(), errors.shape)))
 
     def _largest_error(self, trials: Sequence[Trial], name: str) -> Mistake:
         """Return a mistake that names where a result is wrong, and its largest error."""
         own = [trial for trial in trials if name in trial.got]
         bad = [trial for trial in own if not self.is_right(trial, name)]
         where = f' in: {", ".join(trial.name for trial in bad)}' if len(bad) < len(own) else ''
-        errors = []
-        for trial in bad:
-            index = self._largest(trial, name)
-            got, right = trial.got[name][index], self.law.compute(trial.inputs)[name][index]
-            errors.append((abs(float(got - right)), trial, index, float(got), float(right)))
-        _, trial, index, got, right = max(errors, key=lambda each: each[0])
+        trial = max(bad, key=lambda each: self._errors(each, name).max())
+        index = self._largest(trial, name)
+        got, right = trial.got[name][index], self.law.compute(trial.inputs)[name][index]
         text = (
             f'{name} is wrong{where}. The largest error: {self.call(trial, index)} gave '
             f'{got:.9g}, expected {right:.9g}'
