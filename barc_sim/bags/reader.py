@@ -108,10 +108,6 @@ class Bag:
             if wanted in (None, car)
         }
         cars = [car for car in samples if STATE in samples[car]]
-        if not cars and not self.counts:
-            raise UserError(
-                f'{name!r} is empty: it has no states, nor any other message; name another'
-            )
         if not cars:
             whose = 'of a car' if wanted is None else f'of the car {wanted}'
             raise UserError(

@@ -35,15 +35,7 @@ UNNUMBERED = 2**64 - 1
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """The settings of a recording.
-
-    Examples
-    --------
-    >>> import re
-    >>> recording = Recording(topics=re.compile('/car1/.*'))
-    >>> recording.wants('/car1/ecu'), recording.wants('/car2/ecu')
-    (True, False)
-    """
+    """The settings of a recording."""
 
     topics: re.Pattern[str] | None = None  #: record only topics whose name contains it
     exclude: re.Pattern[str] | None = None  #: record no topic whose name contains it

@@ -378,18 +378,6 @@ class BagWriter:
     ------
     UserError
         The file exists or cannot be made.
-
-    Examples
-    --------
-    >>> from barc_sim.bags import messages, reader
-    >>> directory = Path('by_hand')
-    >>> directory.mkdir()
-    >>> writer = BagWriter(directory, metadata={'command': 'by hand'})
-    >>> topic = messages.topic('/ecu', 'barc_interfaces/msg/ECU')
-    >>> writer.write([messages.Message(topic, bytes(36), received=0, published=0, number=1)])
-    >>> writer.close()
-    >>> dict(reader.load(directory).counts)
-    {'ecu': 1}
     """
 
     def __init__(

@@ -79,13 +79,12 @@ def _qos(text: str) -> dict[str, dict[str, object]]:
 
     try:
         found = from_yaml(read_regular(Path(text), MAX_TEXT).decode())
-    except (OSError, ValueError) as error:
-        raise ArgumentTypeError(f'{text!r} cannot be read ({error}): name a YAML file') from None
-    if not isinstance(found, dict) or not all(isinstance(each, dict) for each in found.values()):
+        return {topic: dict(qos) for topic, qos in found.items()}
+    except (AttributeError, OSError, TypeError, ValueError) as error:
         raise ArgumentTypeError(
-            f'{text!r} has no quality of service by topic: write it as in /scan: {{depth: 10}}'
-        )
-    return found
+            f'{text!r} has no quality of service by topic ({error}): write it as in '
+            '/scan: {depth: 10}'
+        ) from None
 
 
 def run(options: Namespace) -> int:

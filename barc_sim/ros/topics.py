@@ -117,12 +117,6 @@ def profile(values: Mapping[str, Any]) -> QoSProfile:
     return made
 
 
-def matches(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:
-    """Return whether a subscription that requests this QoS gets the publisher's messages."""
-    compatibility, _ = qos_check_compatible(publisher.qos_profile, requested)
-    return bool(compatibility != QoSCompatibility.ERROR)
-
-
 def describe(name: str, ends: Sequence[TopicEndpointInfo]) -> Topic:
     """Return a bag's record of the topic, from its publishers; from subscriptions without any."""
     type_name, text = ends[0].topic_type, ''
@@ -184,7 +178,8 @@ class RecordedTopic:
         if exactly:
             strength = (offered.reliability, offered.durability)
             return strength in [(each.reliability, each.durability) for each in requested]
-        return any(matches(publisher, each) for each in requested)
+        found = (qos_check_compatible(offered, each)[0] for each in requested)
+        return any(each != QoSCompatibility.ERROR for each in found)
 
     @property
     def latched(self) -> bool:

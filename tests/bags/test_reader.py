@@ -186,7 +186,7 @@ def test_what_is_no_bag_is_named(
 
 def test_a_bag_without_states_is_named(tmp_path: Path) -> None:
     start(tmp_path / 'run').close()
-    with pytest.raises(UserError, match="run' is empty: it has no states"):
+    with pytest.raises(UserError, match="run' has no states of a car"):
         bag.read(tmp_path / 'run')
 
 
