@@ -83,8 +83,8 @@ class Estimate(NamedTuple):
     meaning: str
 
     def __str__(self) -> str:
-        """Return value and interval with its two leading digits."""
-        if not 0.0 < self.interval < np.inf:
+        """Return value and interval with its two leading digits; six of the value at most."""
+        if not max(1e-6 * abs(self.value), 1e-9) < self.interval < np.inf:
             return f'{self.value:.6g} ± {self.interval:.2g} {self.unit}'
         digits = max(1 - int(np.floor(np.log10(self.interval))), 0)
         value = round(self.value, digits) + 0.0  # never -0
@@ -263,6 +263,8 @@ def _fit(
     high = np.full(len(low), np.inf)
     rows = 3 if 'yaw_inertia' in start else 1
     weights = 1.0 / _size(before.errors) if before else np.ones((rows, 1))
+    owner = np.concatenate([np.full(len(s.commands) - s.first, i) for i, s in enumerate(stretches)])
+    owns = [np.tile(owner == i, rows) for i, s in enumerate(stretches) if s.in_motion]
 
     def errors(p: Floats) -> Floats:
         every = p.tolist()
@@ -280,8 +282,12 @@ def _fit(
 
     def slopes(p: Floats) -> Floats:
         at, shifts = weighted(p), np.where(p + steps > high, -steps, steps)
-        moved = [weighted(p + row) for row in np.diag(shifts)]
-        return (np.stack(moved, 1) - at[:, None]) / shifts
+        # A first speed moves the errors of its own stretch alone: all are moved at once.
+        m = len(names)
+        together = [np.where(np.arange(len(p)) < m, 0.0, shifts)] if n else []
+        moved = [weighted(p + row) - at for row in (*np.diag(shifts)[:m], *together)]
+        moved = [*moved[:m], *(np.where(own, moved[-1], 0.0) for own in owns)]
+        return np.stack(moved, 1) / shifts
 
     def change(p: Floats) -> float:
         """Return how much the errors change: unknown resistance has little part in it."""

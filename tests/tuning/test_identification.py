@@ -61,6 +61,7 @@ def test_a_log_without_noise_gives_the_delay_exactly() -> None:
     found = identify(simulate(controller=PRBS(), road='flat', distance=30.0, delay=0.053))
     assert found['motor_delay'].value == pytest.approx(0.053, abs=1e-5)
     assert np.isnan(found.whiteness['v_x'])
+    assert str(found['motor_delay']).startswith('0.053 ± ')
 
 
 def test_the_labs_own_resistance_cannot_be_told() -> None:
