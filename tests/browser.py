@@ -151,9 +151,9 @@ class Browser:
             stderr=subprocess.DEVNULL,
             env=environment,
         )
-        told = self._profile / 'DevToolsActivePort'
-        wait_until(lambda: told.exists() and told.read_text().count('\n') == 1)
-        self.port, self._path = told.read_text().split('\n')
+        address = self._profile / 'DevToolsActivePort'
+        wait_until(lambda: address.exists() and address.read_text().count('\n') == 1)
+        self.port, self._path = address.read_text().split('\n')
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -192,7 +192,7 @@ class Tab:
     @property
     def problems(self) -> list[str]:
         """Errors and warnings on the console, and exceptions, so far."""
-        self.run('0')  # what was said before has arrived then
+        self.run('0')  # earlier messages of the console have arrived then
         found = []
         for event in self._events:
             method, params = event['method'], event['params']

@@ -53,7 +53,6 @@ SIZE, DRIVE_SIZE = (9.6, 8.4), (9.6, 9.6)  #: [inch]
 _POSITION = 'Position along the road [m]'
 JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.
 _SHOWN = 120  # characters of a setting
-_MOST_LAPS = 5  #: in a caption
 
 
 class NotebookFigure(Figure):
@@ -200,18 +199,13 @@ def terms_figure(log: Log) -> Figure | None:
 
 
 def _caption(log: Log) -> str:
-    """Return a line on the speed error, of each lap; empty without a reference."""
-    laps = [(lap.number, lap.summary) for lap in laps_of(log)[0]]
-    beyond = f'after the first {metrics.RUN_UP:g} m'
-    if len(laps) > 1:
-        errors = {number: each.rms_error_after_run_up for number, each in laps}
-        held = [f'lap {k + 1} {rms:.3f} m/s' for k, rms in errors.items() if not np.isnan(rms)]
-        if len(held) > _MOST_LAPS:
-            held[1 : 2 - _MOST_LAPS] = ['…']
-        return f'RMS speed error {beyond}: {", ".join(held)}' if held else ''
-    ((_, whole),) = laps
+    """Return a line on the speed error; empty without a reference."""
+    whole = metrics.summary(log)
     parts = {
-        beyond: (whole.rms_error_after_run_up, whole.max_error_after_run_up),
+        f'after the first {metrics.RUN_UP:g} m': (
+            whole.rms_error_after_run_up,
+            whole.max_error_after_run_up,
+        ),
         'over all': (whole.rms_error, whole.max_error),
     }
     held = [

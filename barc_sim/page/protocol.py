@@ -180,7 +180,7 @@ def _number(value: object, limit: float) -> float:
 
 
 class RunFacts(NamedTuple):
-    """What the page knows of a run beside its topics: of its nodes, and so always as it is now."""
+    """What the page shows of a run beside its topics: the present values of its nodes."""
 
     simulator: Mapping[str, Any] = {}  #: parameters of `vehicle_simulator`
     control: CruiseControl | None = None  #: what the node `controller` computes with

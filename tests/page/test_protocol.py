@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.control.cruise_control import CruiseControl
@@ -102,6 +102,7 @@ _JSON = st.recursive(
 )
 
 
+@settings(max_examples=50)
 @given(_JSON.map(json.dumps) | st.text() | st.binary())
 def test_whatever_arrives_is_a_request_within_limits_or_refused(message: str | bytes) -> None:
     try:
@@ -158,9 +159,9 @@ def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_mo
     assert {name for values in presets.values() for name in values} <= found['sliders'].keys()
     assert [name for name, values in presets.items() if values['motor_limit']] == ['Windup']
     windup = presets['Windup']
-    knows = {**windup, 'acceleration_limit': windup['motor_limit']}
+    limited = {**windup, 'acceleration_limit': windup['motor_limit']}
     overshoots = []
-    for values in (windup, knows):
+    for values in (windup, limited):
         limit = values['acceleration_limit']
         controller = speed_controller(values['kp'], values['ki'], values['kd'], limit)
         log = closed_loop(Plant(motor=Actuator(limit=values['motor_limit'])), controller)
