@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import re
 import shlex
 import shutil
 import sys
 from contextlib import suppress
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from barc_sim.cli.process import USAGE_ERROR, error_line
 from barc_sim.errors import not_between
@@ -29,13 +28,7 @@ MAX_PORT = 65_535
 class Parser(argparse.ArgumentParser):
     """An ArgumentParser whose errors are one line; `--help` shows the rest."""
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401
-        """Take what ArgumentParser takes; `-1e-3` is a number, as it is from Python 3.14 on."""
-        super().__init__(*arguments, **options)
-        self._usual: frozenset[str] = frozenset()
-        self._negative_number_matcher = re.compile(
-            r'-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$', re.IGNORECASE
-        )
+    _usual: frozenset[str] = frozenset()
 
     def shorten_help(self, *usual: str) -> None:
         """Let `--help` show the `usual` options alone, and `--help-all` show every option."""

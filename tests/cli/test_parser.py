@@ -45,13 +45,6 @@ def test_bad_option_is_one_line_on_stderr_and_exit_code_2(
     assert capsys.readouterr() == ('', f'drive: error: {message} (see --help)\n')
 
 
-@pytest.mark.parametrize('text', ['-3', '-.5', '-1.', '-1e-3', '-2.5E6'])
-def test_negative_numbers_are_values_of_options(text: str) -> None:
-    parser = Parser(prog='drive')
-    parser.add_argument('--kp', type=float)
-    assert parser.parse_args(['--kp', text]).kp == float(text)
-
-
 # The exit code
 
 

@@ -183,15 +183,6 @@ def test_new_controller_receives_the_state_that_waits_for_its_answer(world: Worl
 # Parameters, and the place of its own
 
 
-def test_parameter_cannot_be_changed_in_a_run(world: World) -> None:
-    simulator = world.simulator()
-    for name, value in (('mass', 1.0), ('road', 'flat'), ('distance', 1.0), ('seed', 1)):
-        (result,) = simulator.set_parameters([Parameter(name, value=value)])
-        assert not result.successful
-        assert 'read-only' in result.reason
-        assert simulator.get_parameter(name).value != value
-
-
 def test_noise_and_actuators_can_be_changed_while_the_car_drives(world: World) -> None:
     seen: list[Any] = []
     simulator = world.simulator(
@@ -259,17 +250,6 @@ def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None
     assert len(calls) == 1
     assert world.states[calls[0]].x == 0.0
     assert world.states[calls[0] - 1].x > 0.0
-
-
-def test_reset_says_that_the_car_is_not_back_yet(world: World) -> None:
-    simulator = world.simulator(realtime_factor=LOCK_STEP, check_period=60.0)
-    world.driver()
-    world.until(lambda: simulator.stepper.states == 1)
-    client = world.nodes[-1].create_client(Trigger, 'vehicle_simulator/reset')
-    answer = client.call_async(Trigger.Request())
-    world.until(answer.done)
-    assert answer.result().message == 'the car goes back when state 0 is answered, or after 1 s'
-    assert simulator.stepper.states == 1
 
 
 def test_nodes_that_drive_together_are_named(world: World, capfd: Capture) -> None:

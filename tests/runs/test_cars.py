@@ -14,7 +14,6 @@ from command_line import bag_of, printed
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader as bag
-from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import COLUMNS
 from barc_sim.vehicle.plant import NoiseLevels, Plant
@@ -48,11 +47,6 @@ def test_each_car_has_topics_of_its_own_and_one_keeps_the_clock(path: Path) -> N
         assert {f'/car{number}/{name}' for name in OWN_TOPICS} <= counts.keys()
     assert '/z_vhcl' not in counts
     assert counts['/clock'] == counts['/car1/z_vhcl']
-
-
-def test_a_car_of_the_bag_must_be_named(path: Path) -> None:
-    with pytest.raises(UserError, match=r'/car1, /car2, /car3: name one'):
-        bag.read(path)
 
 
 @pytest.mark.usefixtures('ros_domain')

@@ -33,6 +33,7 @@ pytestmark = pytest.mark.usefixtures('ros_domain')
             ('--no-controller', '--controller-type', 'lqr'),
             '--controller-type and --no-controller: give one',
         ),
+        (('--laps', '3', '--distance', '0'), 'laps 3 with distance 0, at which no lap ends'),
         (('--ros-args', '-p', 'controller_type:=mpc'), "'mpc': expected pid or lqr"),
     ],
 )

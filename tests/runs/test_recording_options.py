@@ -41,22 +41,3 @@ def test_topics_are_chosen_by_regular_expressions(
 def test_without_options_everything_is_recorded_into_one_file() -> None:
     assert parse() == Recording() == recording(Namespace(speed=8.0))
     assert (Recording().max_bag_size, Recording().max_bag_duration) == (inf, inf)
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'reason'),
-    [
-        (('--topics', '('), "'(' is not a regular expression"),
-        (('--max-bag-size', '0'), '0 is not a number from 1 to'),
-        (('--max-bag-duration', 'nan'), 'nan is not a number from 0.001 to 1e+09'),
-        (('--max-bag-duration', 'inf'), 'inf is not a number from 0.001 to 1e+09'),
-        (('--min-free-space', '-1'), '-1 is not a number from 0 to'),
-        (('--min-free-space', 'much'), "'much' is not a number from 0 to"),
-    ],
-)
-def test_what_cannot_be_used_is_named(
-    arguments: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        parse(*arguments)
-    assert reason in capsys.readouterr().err

@@ -66,18 +66,3 @@ def test_a_page_is_offered_at_a_desktop_and_does_not_open_itself(
     vars(options).update({'quiet': False, 'realtime_factor': None} | given)
     assert wants_page(options) is expected
     assert not opens_page(options)
-
-
-@pytest.mark.parametrize(
-    ('argument', 'reason'),
-    [
-        ('--view-port=65536', '65536 is not a whole number from 0 to 65535'),
-    ],
-)
-def test_wrong_value_is_named(
-    argument: str, reason: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as exit_:
-        parse(argument)
-    assert exit_.value.code == 2
-    assert reason in capsys.readouterr().err

@@ -97,21 +97,6 @@ def test_what_cannot_be_is_one_sentence_and_leaves_no_bag(tmp_path: Path) -> Non
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_named_barc_interfaces_is_not_taken_for_its_messages(tmp_path: Path) -> None:
-    (tmp_path / 'barc_interfaces' / 'msg').mkdir(parents=True)
-    script = tmp_path / 'rclpy.py'
-    script.touch()
-    done = subprocess.run(
-        [sys.executable, '-S', '-c', 'from barc_sim.cli.process import has_ros; print(has_ros())'],
-        cwd=tmp_path,
-        env=os.environ | {'PYTHONPATH': os.pathsep.join(map(str, (tmp_path, ROOT)))},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.stdout, done.stderr) == ('False\n', '')
-
-
 @pytest.fixture
 def begin(
     start: Callable[..., subprocess.Popen[str]],
