@@ -266,7 +266,7 @@ def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of
     if has_dds():
         from barc_sim.ros.topics import TopicSubscriptions  # noqa: PLC0415
 
-        return TopicSubscriptions(node, recording.wants, recording.depth, recording.qos)
+        return TopicSubscriptions(node, recording)
     from barc_sim.ros.local.node import LocalSubscriptions  # noqa: PLC0415
 
-    return LocalSubscriptions(node, recording.wants, recording.depth)
+    return LocalSubscriptions(node, recording)

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
     from barc_sim.bags.messages import MessageFields
+    from barc_sim.bags.recording import Recording
 
 
 _DEPTH = 1000  #: of a queue, where the bag has none: DDS does not send it to other processes
@@ -205,44 +206,21 @@ _LATCHED_TIMEOUT = 1.0
 
 
 class TopicSubscriptions:
-    """Subscribes to the topics that pass a filter, and takes the messages of all publishers.
+    """Subscribes to the topics of a recording, and takes the messages of all publishers.
 
     A publisher that offers less than the first ones did gets a subscription of its own, which
     requests less; the subscription of the others stays as it is. A topic that others subscribe to
     is subscribed to before it has a publisher, with their QoS: a publisher may send one message and
-    end before it is discovered.
-
-    Parameters
-    ----------
-    node
-        The owner of the subscriptions.
-    wants
-        The filter: returns whether to subscribe to a topic, given its full name.
-    depth
-        Queue length of each subscription.
-    overrides
-        By topic, the QoS to request, in rosbag2's terms.
-
-    Raises
-    ------
-    UserError
-        An override is no QoS.
+    end before it is discovered. UserError: the recording requests what is no QoS.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        wants: Callable[[str], bool],
-        depth: int = 10_000,
-        overrides: Mapping[str, Mapping[str, Any]] | None = None,
-    ) -> None:
+    def __init__(self, node: Node, recording: Recording) -> None:
         self._node = node
+        self._wants, self._depth = recording.wants, recording.depth
         self._overrides = {
-            node.resolve_topic_name(name): profile({'depth': depth} | dict(values))
-            for name, values in (overrides or {}).items()
+            node.resolve_topic_name(name): profile({'depth': self._depth} | dict(values))
+            for name, values in recording.qos.items()
         }
-        self._wants = wants
-        self._depth = depth
         self._taker = Taker()
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`

@@ -116,10 +116,6 @@ def test_a_definition_is_printed_as_ros2_does(name: str) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, TEXT, '')
 
 
-def test_fields_of_the_same_package_are_expanded() -> None:
-    assert '\tfloat64 x' in [*lines('geometry_msgs/msg/Twist')]
-
-
 def test_without_ros_those_of_a_run_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(messages, '_files', lambda _: dict(shipped()))
     assert '\n'.join([*lines(find('ECU')), '']) == TEXT

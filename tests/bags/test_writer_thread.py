@@ -62,14 +62,20 @@ def reserve(request: pytest.FixtureRequest) -> int:
 
 
 @pytest.fixture
-def thread(
+def idle(
     tmp_path: Path, source: Source, failures: list[str], reserve: int
 ) -> Iterator[WriterThread]:
+    """Return a thread that is not started."""
     (tmp_path / 'run').mkdir()
     thread = WriterThread(BagWriter(tmp_path / 'run'), source.take, reserve, failures.append)
-    thread.start()
     yield thread
     thread.close()
+
+
+@pytest.fixture
+def thread(idle: WriterThread) -> WriterThread:
+    idle.start()
+    return idle
 
 
 def recorded(tmp_path: Path) -> list[int]:
@@ -187,44 +193,39 @@ def clock(received: int, sec: int, nanosec: int = 0) -> Message:
     return Message(topic, data, received, received, 1)
 
 
+def times_of(tmp_path: Path) -> list[int]:
+    return [each.received for each in Contents(tmp_path / 'run').messages()]
+
+
 def test_messages_have_the_time_of_the_latest_clock_before_them(
-    tmp_path: Path, source: Source
+    idle: WriterThread, tmp_path: Path, source: Source
 ) -> None:
-    (tmp_path / 'run').mkdir()
-    thread = WriterThread(BagWriter(tmp_path / 'run'), source.take, 0, lambda _: None)
-    thread.use_sim_time = True
+    idle.use_sim_time = True
     messages = [message(1), clock(2, 7), message(3), clock(4, 8, 5), message(9)]
     for waiting in (messages[:3], messages[3:]):
         source.extend(waiting)
-        thread.write_now()
-    thread.close()
-    times = [each.received for each in Contents(tmp_path / 'run').messages()]
-    assert times == [1, 7 * SECOND, 7 * SECOND, 8 * SECOND + 5, 8 * SECOND + 5]
+        idle.write_now()
+    idle.close()
+    assert times_of(tmp_path) == [1, 7 * SECOND, 7 * SECOND, 8 * SECOND + 5, 8 * SECOND + 5]
 
 
-def test_time_goes_on_during_a_pause(tmp_path: Path, source: Source) -> None:
-    (tmp_path / 'run').mkdir()
-    thread = WriterThread(BagWriter(tmp_path / 'run'), source.take, 0, lambda _: None)
-    thread.use_sim_time = thread.paused = True
+def test_time_goes_on_during_a_pause(idle: WriterThread, tmp_path: Path, source: Source) -> None:
+    idle.use_sim_time = idle.paused = True
     source.append(clock(1, 7))
-    thread.write_now()
-    thread.paused = False
+    idle.write_now()
+    idle.paused = False
     source.append(message(2))
-    thread.close()
-    found = Contents(tmp_path / 'run').messages()
-    assert [each.received for each in found] == [7 * SECOND]
+    idle.close()
+    assert times_of(tmp_path) == [7 * SECOND]
 
 
 def test_message_received_since_a_poll_began_waits_for_the_clock_of_the_next(
-    tmp_path: Path, source: Source, failures: list[str]
+    idle: WriterThread, tmp_path: Path, source: Source
 ) -> None:
-    (tmp_path / 'run').mkdir()
-    thread = WriterThread(BagWriter(tmp_path / 'run'), source.take, 0, failures.append)
-    thread.use_sim_time = True
+    idle.use_sim_time = True
     received = time.time_ns() + SECOND // 2
-    source.append(Message(TOPIC, bytes(12), received, received, 1))
-    thread.write_now()
+    source.append(message(received))
+    idle.write_now()
     source.append(clock(received - 1, 7))
-    thread.close()
-    found = Contents(tmp_path / 'run').messages()
-    assert [each.received for each in found] == [7 * SECOND, 7 * SECOND]
+    idle.close()
+    assert times_of(tmp_path) == [7 * SECOND, 7 * SECOND]

@@ -93,14 +93,6 @@ def fill(talker: Node, directory: Path) -> str:
     return str(err)
 
 
-@pytest.mark.usefixtures('ros_domain')
-def test_a_read_only_disk_is_one_sentence(small_disk: Path) -> None:
-    remount = ['mount', '-o', 'remount,ro', str(small_disk)]
-    subprocess.run(remount, check=True)
-    line = refused('record', '--output', str(small_disk / 'mine'), '--min-free-space', '0')
-    assert line.endswith('name another folder')
-
-
 def test_a_full_disk_ends_it_and_what_was_written_stays_readable(
     talker: Node, small_disk: Path
 ) -> None:

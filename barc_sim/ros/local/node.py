@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from barc_sim.bags.messages import MessageFields
+    from barc_sim.bags.recording import Recording
 
 HistoryPolicy = IntEnum('HistoryPolicy', 'SYSTEM_DEFAULT KEEP_LAST KEEP_ALL UNKNOWN', start=0)
 ReliabilityPolicy = IntEnum(
@@ -472,8 +473,8 @@ class LocalSubscriptions:
 
     expects_latched = False
 
-    def __init__(self, node: Node, wants: Callable[[str], bool], depth: int) -> None:
-        self._node, self._wants, self._depth = node, wants, depth
+    def __init__(self, node: Node, recording: Recording) -> None:
+        self._node, self._wants, self._depth = node, recording.wants, recording.depth
         self._subscriptions: dict[str, Subscription] = {}
         self._messages: deque[MessageFields] = deque()
         self.unknown: Mapping[str, str] = {}
