@@ -51,7 +51,7 @@ TRACK_PATH = 'track_path'  #: the centre line of the track, once, latched
 
 # ROS's own tools expect these outside of every namespace.
 TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs
-#: timing, age of the command, and losses of the bag, once a second
+#: timing, and losses of the bag, once a second
 DIAGNOSTICS = '/diagnostics'
 
 # Services. Not `~/reset`: a remapped node keeps these names, so that its clients find them.

@@ -15,7 +15,7 @@ from math import ceil, cos, hypot, isfinite, radians, sin
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from barc_interfaces.msg import ECU, ZDynBkMdl
+from barc_interfaces.msg import ZDynBkMdl
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry, Path
@@ -104,7 +104,7 @@ class MirrorNode(Node):
     """
 
     #: The topics that it subscribes to.
-    inputs: ClassVar = {names.STATE: ZDynBkMdl, names.ECU: ECU}
+    inputs: ClassVar = {names.STATE: ZDynBkMdl}
 
     def __init__(
         self,
@@ -136,7 +136,6 @@ class MirrorNode(Node):
         self.latest = 0  #: [ns] the stamp of the newest state
         self._state: tuple[int, int] | None = None  # stamp and reception [ns] of the newest
         self._last_state: tuple[int, int] | None = None  # those at the last diagnosis
-        self._command_received: int | None = None  # [ns]
         self._facts, self._last_facts = facts, Facts()
         self._period = period
         self._next_picture = self._next_path = 0.0
@@ -153,13 +152,9 @@ class MirrorNode(Node):
             self._track_pub.publish(track_path(track, self._odom))
         else:
             self._road_pub.publish(road_markers(self._road, self._odom))
-        self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS_ALL)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(period, self._diagnose, clock=steady)
-
-    def _on_command(self, _: ECU) -> None:
-        self._command_received = time.time_ns()
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         self.latest = to_nanoseconds(state.header.stamp)
@@ -202,11 +197,9 @@ class MirrorNode(Node):
         self._poses.append(pose)
 
     def _diagnose(self) -> None:
-        facts, age = self._facts(), None
-        if self._command_received is not None:
-            age = (time.time_ns() - self._command_received) / NANOSECONDS
+        facts = self._facts()
         factor = _ratio(self._last_state, self._state)
-        statuses = diagnose(facts, self._last_facts, factor, age)
+        statuses = diagnose(facts, self._last_facts, factor)
         self._last_facts, self._last_state = facts, self._state
         for status in statuses:
             status.name = f'{self.get_fully_qualified_name()}: {status.name}'
@@ -327,12 +320,10 @@ def _ratio(before: tuple[int, int] | None, now: tuple[int, int] | None) -> float
     return simulated / real if real else 0.0
 
 
-def diagnose(
-    facts: Facts, before: Facts, factor: float | None = None, age: float | None = None
-) -> list[DiagnosticStatus]:
+def diagnose(facts: Facts, before: Facts, factor: float | None = None) -> list[DiagnosticStatus]:
     """Return the diagnoses; `before` has the facts of the last call.
 
-    `factor` is simulated seconds per second since then, and `age` [s] that of the latest command.
+    `factor` is simulated seconds per second since then.
     """
     missed = (facts.missed or 0) - (before.missed or 0)
     slipped = (facts.slipped or 0) - (before.slipped or 0)
@@ -351,8 +342,6 @@ def diagnose(
         'behind the wall clock [s]': None if facts.stamp_lag is None else f'{facts.stamp_lag:.3f}',
     }
     found = [_status('timing', level, message, values)]
-    if age is not None:
-        found.append(_status('command', _OK, f'{age:.3f} s old', {'age [s]': f'{age:.6f}'}))
     if facts.recorded is not None:
         level, message = _OK, 'nothing is lost'
         if facts.failure:

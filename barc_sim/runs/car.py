@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from math import inf, nan
 from typing import TYPE_CHECKING
 
@@ -48,7 +46,6 @@ class Car:
         self.name, self.controller, self.simulator = name, controller, simulator
         self.display: Display | None = None
         self._laps, self.track_laps = Laps(), TrackLaps()
-        self._missed = [0]  # deadlines, before each lap
         self._progress, self._off = Progress(inf), ''
         self._duration = COMMANDS if run.inputs.user_code.identify else inf
         self._speed = SPEED_REFERENCE if options.speed is None else options.speed
@@ -69,8 +66,6 @@ class Car:
             reference = self.controller.reference(t, measured)
         theta_deg = seen.surroundings.theta
         lap = self._laps.add(t, x, y, speed, reference, theta_deg)
-        if lap == len(self._missed):
-            self._missed.append(self.simulator.stepper.missed)
         if self._progress.add(t, x, speed, reference) or t >= self._duration:
             self.simulator.stepper.end()
         if place:
@@ -102,15 +97,12 @@ class Car:
 
     def summaries(self) -> dict[str, Summary]:
         """Return the summary of each lap's speed errors, by the name of the car, or of the lap."""
-        laps = [*self._laps]
-        counts = [*self._missed, self.simulator.stepper.missed]
-        missed = [after - before for before, after in pairwise(counts)]
-        named = {}
-        for lap, count in zip(laps, missed[-len(laps) :], strict=True):
+        laps, named = [*self._laps], {}
+        for lap in laps:
             name = f'{lap.number + 1:3d}  {lap.start_distance:5.1f} to {lap.end_distance:5.1f} m'
             if self.name:
                 name = self.name if len(laps) == 1 else f'{self.name} {name}'
-            named[name] = replace(lap.summary, missed_deadlines=count)
+            named[name] = lap.summary
         return named
 
 
@@ -124,15 +116,14 @@ def print_result(run: Run, cars: list[Car]) -> None:
     if user_code.identify:
         return  # its commands hold no speed
     summaries = {name: lap for car in cars for name, lap in car.summaries().items()}
+    missed = sum(car.simulator.stepper.missed for car in cars)
+    late = f'missed deadlines {missed}, clock slips {run.slipped}'
     if cars[0].simulator.track:
-        missed = sum(car.simulator.stepper.missed for car in cars)
-        print_track_laps({car.name: car.track_laps for car in cars}, missed, run.slipped)
-    elif len(cars) > 1:
-        print_summaries('car', summaries, run.slipped)
+        print_track_laps({car.name: car.track_laps for car in cars}, late)
     elif len(summaries) > 1:
-        print_summaries('lap', summaries, run.slipped)
+        print_summaries('car' if len(cars) > 1 else 'lap', summaries, late)
     else:
-        print_summary(next(iter(summaries.values())), run.slipped)
+        print_summary(next(iter(summaries.values())), late)
 
 
 def _driven_with(options: Namespace, user_code: UserCode, controller: CruiseController) -> str:

@@ -120,11 +120,8 @@ def _progress(distance: float | None) -> Progress:
     return Progress(*bar, text, console=_console(), auto_refresh=False)
 
 
-def print_summary(summary: Summary, slipped: int) -> None:
-    """Print the table of a run's speed errors, and its other figures.
-
-    `slipped` is the number of periods by which simulated time fell behind the wall clock.
-    """
+def print_summary(summary: Summary, late: str) -> None:
+    """Print the table of a run's speed errors, and its other figures; `late` names delays."""
     rows = [
         ('whole run', '', summary.rms_error, summary.max_error),
         ('after 10 m', '', summary.rms_error_after_run_up, summary.max_error_after_run_up),
@@ -136,13 +133,12 @@ def print_summary(summary: Summary, slipped: int) -> None:
         ('Speed error', '', 'grade', 'RMS, m/s', 'maximum, m/s'),
         ((*row[:2], *(_figure('.4f', value) for value in row[2:])) for row in rows),
         f'overshoot {_figure(".1%", summary.overshoot)}, '
-        f'settling time (2 %) {_figure(".2f", summary.settling_time)} s, '
-        f'missed deadlines {summary.missed_deadlines}, clock slips {slipped}',
+        f'settling time (2 %) {_figure(".2f", summary.settling_time)} s, {late}',
     )
 
 
-def print_summaries(kind: str, summaries: Mapping[str, Summary], slipped: int) -> None:
-    """Print a line for each car or lap, the `kind`, by its name; `slipped` is all cars' together.
+def print_summaries(kind: str, summaries: Mapping[str, Summary], late: str) -> None:
+    """Print a line for each car or lap, the `kind`, by its name; `late` names delays of all.
 
     A lap that a reset has cut short has its line, too.
     """
@@ -153,20 +149,17 @@ def print_summaries(kind: str, summaries: Mapping[str, Summary], slipped: int) -
             _figure('.4f', summary.max_error_after_run_up),
             _figure('.1%', summary.overshoot),
             _figure('.2f', summary.settling_time),
-            str(summary.missed_deadlines),
         )
         for name, summary in summaries.items()
     ]
-    missed = sum(summary.missed_deadlines for summary in summaries.values())
-    figures = ('RMS, m/s', 'maximum, m/s', 'overshoot', 'settling, s', 'missed')
-    end = f'missed deadlines {missed}, clock slips {slipped}'
-    _print_table(('Speed error after 10 m', kind, *figures), rows, end)
+    figures = ('RMS, m/s', 'maximum, m/s', 'overshoot', 'settling, s')
+    _print_table(('Speed error after 10 m', kind, *figures), rows, late)
 
 
-def print_track_laps(cars: Mapping[str, TrackLaps], missed: int, slipped: int) -> None:
+def print_track_laps(cars: Mapping[str, TrackLaps], late: str) -> None:
     """Print a line for each lap of a track, by the names of the cars, and the best one.
 
-    The last lap is shown where it is not finished.
+    The last lap is shown where it is not finished; `late` names delays of all.
     """
     rows, ends = [], []
     for name, laps in cars.items():
@@ -178,9 +171,8 @@ def print_track_laps(cars: Mapping[str, TrackLaps], missed: int, slipped: int) -
             rows.append((f'{name} {number}'.strip(), *figures, f'{lap.at_limit:.0%}'))
         if laps.best:
             ends.append(f'{name} best lap {laps.best.time:.2f} s'.strip())
-    ends.append(f'missed deadlines {missed}, clock slips {slipped}')
     headings = ('Laps', 'lap', 'time, s', 'RMS e_y, m', 'maximum, m', 'saturated')
-    _print_table(headings, rows, *ends)
+    _print_table(headings, rows, *ends, late)
 
 
 def _print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *ends: str) -> None:

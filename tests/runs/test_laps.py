@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import Log
 
-ROW = re.compile(r' +(\d+)  +0\.0 to +(\d+\.\d) m +0\.\d+ +0\.\d+ +0\.3% +1\.00 +0')
+ROW = re.compile(r' +(\d+)  +0\.0 to +(\d+\.\d) m +0\.\d+ +0\.\d+ +0\.3% +1\.00')
 
 
 def drive(folder: Path, *options: str) -> tuple[str, Path]:

@@ -150,7 +150,7 @@ def test_table_has_a_row_per_stretch_and_the_other_figures(capsys: Capture) -> N
                 SegmentErrors(20.1, 39.9, -10.0, 0.01, 0.04),
             ),
         ),
-        slipped=2,
+        'missed deadlines 3, clock slips 2',
     )
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ['whole', 'run', '0.9768', '8.0000'] in rows
