@@ -11,6 +11,9 @@ from convergence import (
     studies,
 )
 
+#: The integrators' own tests are quick.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope='module')
 def found() -> list[Study]:

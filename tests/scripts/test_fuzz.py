@@ -70,6 +70,7 @@ def death(_: Path) -> None:
     os._exit(9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('use', 'outcome'),
     [

@@ -32,6 +32,7 @@ def test_exported_targets_name_no_path_of_the_build_environment() -> None:
     assert 'numpy' not in text
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which('cmake'), reason='CMake is not installed')
 def test_a_project_can_link_to_targets_that_name_folders_of_another_machine(tmp_path: Path) -> None:
     (tmp_path / 'here').mkdir()
