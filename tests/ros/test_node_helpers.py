@@ -14,7 +14,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int64
 
-from barc_sim.control.keyboard import PARAMETERS as KEYBOARD
 from barc_sim.errors import Parameter, UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
@@ -137,10 +136,6 @@ def test_parameter_of_a_node_has_a_description(
         if isinstance(node, BagRecorder):
             node.close()
         node.destroy_node()
-
-
-def test_parameters_of_the_keyboard_have_descriptions() -> None:
-    assert all(parameter.description for parameter in KEYBOARD)
 
 
 HOLDER = """
