@@ -10,9 +10,9 @@ import time
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial, wraps
+from functools import partial
 from math import isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -197,9 +197,6 @@ def numbers_of(function: str, found: Any, size: int) -> list[float]:  # noqa: AN
     return [*found]
 
 
-_P = ParamSpec('_P')
-
-
 @dataclass(frozen=True)
 class Finding:
     """How far a criterion is met, and what to check if it is not."""
@@ -221,25 +218,16 @@ class Finding:
 Judged = tuple[float, str] | tuple[float, str, Any]
 
 
-def judges(criterion: str) -> Callable[[Callable[_P, Judged]], Callable[_P, Finding]]:
-    """Make a function that returns score and message return the finding on `criterion`.
+@np.errstate(all='ignore')
+def judged(criterion: str, judge: Callable[..., Judged], *args: Any) -> Finding:  # noqa: ANN401
+    """Return the finding on a criterion: what `judge` returns, or nothing for an error of the code.
 
-    An error of user code becomes a finding without points. NumPy warns of no number: user code can
-    return those of any size.
+    NumPy warns of no number: user code can return those of any size.
     """
-
-    def decorate(judge: Callable[_P, Judged]) -> Callable[_P, Finding]:
-        @wraps(judge)
-        def judged(*args: _P.args, **kwargs: _P.kwargs) -> Finding:
-            try:
-                with np.errstate(all='ignore'):
-                    return Finding(criterion, *judge(*args, **kwargs))
-            except UserError as error:
-                return Finding(criterion, 0.0, str(error))
-
-        return judged
-
-    return decorate
+    try:
+        return Finding(criterion, *judge(*args))
+    except UserError as error:
+        return Finding(criterion, 0.0, str(error))
 
 
 #: For `check`: its user waits, and has written the code.

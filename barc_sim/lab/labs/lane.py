@@ -322,7 +322,8 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
                 text = f'{describe(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
                 if score < 1.0 and track is not hidden:
                     text = _named(_IN_TURNS, probes, text)
-                shown = Evidence(_table(log), partial(_figure, log))
+                own, _ = drives[0]
+                shown = Evidence(_table(own), partial(_figure, own))
                 text = f'{_PUT_RIGHT * mended}{text}'
                 yield Finding(criterion, score, text, None if track is hidden else shown)
     except UserError as error:

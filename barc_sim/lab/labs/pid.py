@@ -22,7 +22,7 @@ import numpy as np
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.lab.judge import Evidence, Finding, JudgedCode, Table, judges, numbers_of, rows_of
+from barc_sim.lab.judge import Evidence, Finding, JudgedCode, Table, judged, numbers_of, rows_of
 from barc_sim.lab.laws import Judge, Trial, read
 from barc_sim.lab.user_code.folder import MAX_COMMANDS, NOT_WRITTEN, Command, TimedTwist
 from barc_sim.lab.user_code.source import ChosenGains
@@ -106,7 +106,6 @@ NOT_A_CAR = 1e6  #: [m/s²]
 _MAX_SPEED = 40.0  #: [m/s] A figure ends there.
 
 
-@judges('loop.lab_road')
 def judge_lab_road(
     code: HillsCode, gains: ChosenGains | None, by: Thresholds, mended: Sequence[str] = ()
 ) -> Judged:
@@ -121,21 +120,19 @@ def judge_lab_road(
             'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with the tuned '
             'ones as its last line'
         )
-    kp_ki_kd, drives = gains[:3], []
-    try:
-        drives.append(_driven(_Driving(code, *kp_ki_kd), by, f'with {gains}'))
-    except UserError as error:
-        if NOT_WRITTEN in str(error):
-            raise
-        if not mended:
-            raise UserError(f'{error} (with {gains})') from error
-    if mended:
-        how = f'with {gains}, and with {" and ".join(mended)} put right'
-        drives.append(_driven(PID(*kp_ki_kd), by, how))
-    return max(drives, key=lambda each: each[0])
+    if not mended:
+        return _driven(_Driving(code, gains), by, gains)
+    score, text, _ = _driven(PID(*gains[:3]), by, gains)
+    shown = None
+    with suppress(UserError):
+        own = _driven(_Driving(code, gains), by, gains)
+        if own[0] >= score:
+            return own
+        shown = own[2]  # what the user's own code does
+    return score, f'with {" and ".join(mended)} put right: {text}', shown
 
 
-def _driven(controller: PID, by: Thresholds, how: str) -> tuple[float, str, Evidence]:
+def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float, str, Evidence]:
     """Return score, message and evidence of a drive."""
     progress = Progress(DISTANCE)
     log = closed_loop(Plant(), controller, distance=DISTANCE, progress=progress)
@@ -152,7 +149,7 @@ def _driven(controller: PID, by: Thresholds, how: str) -> tuple[float, str, Evid
     changes = (np.flatnonzero(np.diff(log.theta_deg)) + 1).tolist()
     parts = [slice(*each) for each in pairwise([0, *changes, len(log)])]
     remarks = [_stretch_remark(log, part, limit) for part in parts]
-    text = f'{text}, {how}'
+    text = f'{text}, with {gains}'
     if score < 1.0:
         stretches = [*zip(result.stretches, remarks, strict=True)]
         worst, remark = max(stretches[1:] or stretches, key=lambda each: each[0].rms_error)
@@ -201,9 +198,9 @@ def _usual() -> Log:
 class _Driving(PID):
     """A user's controller on the road."""
 
-    def __init__(self, code: HillsCode, *gains: float) -> None:
+    def __init__(self, code: HillsCode, gains: ChosenGains) -> None:
         super().__init__()
-        self._controller, self.calls = code.new_pid(*gains), 0
+        self._controller, self._gains, self.calls = code.new_pid(*gains[:3]), gains, 0
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
@@ -216,11 +213,11 @@ class _Driving(PID):
         except UserError as error:
             if NOT_WRITTEN in str(error):
                 raise
-            raise UserError(f'{where}: {error}') from error
+            raise UserError(f'{where}: {error} (with {self._gains})') from error
         if abs(output) > NOT_A_CAR:
             text = f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car'
             hint = f'; {_BACKWARDS}' if speed_current < -_HELD else ''
-            raise UserError(f'{where}: {text}{hint}')
+            raise UserError(f'{where}: {text}{hint} (with {self._gains})')
         return output
 
 
@@ -282,17 +279,18 @@ def judge_pid(code: HillsCode, settings: Settings, criteria: Collection[str]) ->
             gains = ChosenGains(KP, KI, KD, 'which have no effect')
         there = zip('PID', (each.score for each in findings), strict=False)
         mended = [name for name, score in there if 0.0 < score < 1.0]
-        yield judge_lab_road(code, gains, settings.thresholds, mended)
+        drive = code, gains, settings.thresholds, mended
+        yield judged('loop.lab_road', judge_lab_road, *drive)
 
 
 def judge_controller(
     code: HillsCode, seed: int, criteria: Collection[str] = tuple(LABELS)
 ) -> Iterator[Finding]:
     """Yield a finding for each criterion `pid.…`."""
-    reset = judge_reset(code, seed)
+    reset = judged('pid.reset', judge_reset, code, seed)
     findings = _judge_terms(code, seed)
     if 'pid.windup' in criteria:
-        windup, integral = judge_windup(code), findings[1]
+        windup, integral = judged('pid.windup', judge_windup, code), findings[1]
         # What follows from a mistake in the integral is not taken off again.
         score = max(windup.score, integral.score) if integral.score < 1.0 else windup.score
         findings.append(replace(windup, score=score if integral.score else 0.0))
@@ -486,7 +484,6 @@ _AMPLITUDE = 0.3  #: [m/s]
 _RANDOM = 'the same speeds give different outputs'
 
 
-@judges('pid.reset')
 def judge_reset(code: HillsCode, seed: int) -> Judged:
     """Return whether each `PID` starts fresh: a second one, and one after a `reset()`."""
     own, other = (wandering(seed, f'pid.reset {k}', _AMPLITUDE) for k in range(2))
@@ -520,7 +517,6 @@ _PUSHES, _PULLS = 300, 600  #: calls with an error into the limit, and out of it
 _ALLOWED = 25  #: calls until the output leaves the limit
 
 
-@judges('pid.windup')
 def judge_windup(code: HillsCode) -> Judged:
     """Return whether the output leaves its limit when the error changes its sign.
 

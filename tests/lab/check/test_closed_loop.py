@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
-from barc_sim.lab.judge import Thresholds
+from barc_sim.lab.judge import Thresholds, judged
 from barc_sim.lab.labs.pid import judge_lab_road
 from barc_sim.lab.user_code.source import ChosenGains
 
@@ -25,8 +25,9 @@ RUN = (30.0, 200.0, 0.1)
 STEEP = 5  #: the stretch of the lab's road that rises by 30 degrees
 
 
-def judged(code: LocalCode, gains: Gains) -> Finding:
-    return judge_lab_road(code, ChosenGains(*gains, 'the test'), Thresholds())
+def driven(code: LocalCode, gains: Gains) -> Finding:
+    chosen = ChosenGains(*gains, 'the test')
+    return judged('loop.lab_road', judge_lab_road, code, chosen, Thresholds())
 
 
 @pytest.mark.parametrize(
@@ -43,19 +44,19 @@ def judged(code: LocalCode, gains: Gains) -> Finding:
 def test_each_stretch_has_what_the_speed_does(
     lab: Lab, controller: str, gains: Gains, stretch: int, words: str
 ) -> None:
-    finding = judged(lab(controller=controller), gains)
+    finding = driven(lab(controller=controller), gains)
     assert words in finding.evidence.table.rows[stretch][-1]
 
 
 def test_the_message_names_the_worst_stretch(lab: Lab, controller: str) -> None:
-    finding = judged(lab(controller=controller), (2.0, 0.0, 0.0))
+    finding = driven(lab(controller=controller), (2.0, 0.0, 0.0))
     assert 0.0 < finding.score < 1.0
     assert finding.message.startswith('RMS error 1.')
     assert 'From 100 m on, at 30°: 2.44 m/s too slow' in finding.message
 
 
 def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str) -> None:
-    finding = judged(lab(controller=controller), (0.0, 0.0, 0.0))
+    finding = driven(lab(controller=controller), (0.0, 0.0, 0.0))
     assert finding.score == 0.0
     assert 'the car stands at 0.0 m: the commands do not move it; it got no further for 20 s' in (
         finding.message
@@ -64,14 +65,14 @@ def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str) -> None
 
 def test_a_failure_on_the_way_gets_zero(lab: Lab, controller: str) -> None:
     text = controller.replace('dt = 0.02', 'dt = 0.02 if speed_current < 3 else None')
-    finding = judged(lab(controller=text), RUN)
+    finding = driven(lab(controller=text), RUN)
     assert finding.score == 0.0
     assert 'TypeError' in finding.message
 
 
 def test_a_car_that_drives_backwards_has_a_hint(lab: Lab, controller: str) -> None:
     text = replaced(controller, ('max(-8.0, min(8.0, output))', 'output'))
-    finding = judged(lab(controller=text), (-50.0, 0.0, 0.0))
+    finding = driven(lab(controller=text), (-50.0, 0.0, 0.0))
     assert finding.score == 0.0
     assert 'the car drives backwards: is the error speed_reference - speed_current?' in (
         finding.message
