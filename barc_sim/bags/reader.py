@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from array import array
-from collections import Counter, defaultdict
+from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -95,7 +95,6 @@ class Bag:
     path: Path
     info: dict[str, str] = field(default_factory=dict)  #: the run's metadata
     attachments: dict[str, bytes] = field(default_factory=dict)  #: by name
-    counts: Counter[str] = field(default_factory=Counter)  #: of messages, by the topic's last name
     #: By namespace and topic, where a log is made of the topic.
     samples: defaultdict[str, dict[str, Samples]] = field(default_factory=lambda: defaultdict(dict))
 
@@ -150,8 +149,6 @@ def load(path: Path | str, *, messages: bool = True) -> Bag:
             _logger.warning('%s is unfinished or damaged: read what is whole', file.path)
     if undecodable:
         _logger.warning('%s has %d messages that cannot be decoded: left out', path, undecodable)
-    for name, count in contents.counts.items():
-        bag.counts[name.rpartition('/')[2]] += count
     return bag
 
 

@@ -108,7 +108,7 @@ class BagRecorder(Node):
         for name, action in (
             ('pause', partial(self._pause, True)),
             ('resume', partial(self._pause, False)),
-            ('is_paused', lambda: str(self.paused).lower()),
+            ('is_paused', lambda: str(self._thread.paused).lower()),
             ('split_bagfile', self._split_bagfile),
             ('snapshot', self._snapshot),
         ):
@@ -195,11 +195,6 @@ class BagRecorder(Node):
     def left_out(self) -> dict[str, str]:
         """Topics that cannot be recorded, and why."""
         return dict(self._topics.unknown)
-
-    @property
-    def paused(self) -> bool:
-        """Whether messages are dropped for now."""
-        return self._thread.paused
 
     def stamp_with_clock(self) -> None:
         """Stamp messages with `/clock`, once there is one."""

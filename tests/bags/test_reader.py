@@ -184,12 +184,6 @@ def test_what_is_no_bag_is_named(
         read(path)
 
 
-def test_a_bag_without_states_is_named(tmp_path: Path) -> None:
-    start(tmp_path / 'run').close()
-    with pytest.raises(UserError, match="run' has no states of a car"):
-        bag.read(tmp_path / 'run')
-
-
 def test_a_topic_of_that_name_and_another_type_is_no_car(tmp_path: Path) -> None:
     writer = start(tmp_path / 'run')
     topic = Topic(

@@ -93,12 +93,13 @@ def test_messages_are_written_in_order_of_reception(
 
 @pytest.mark.parametrize('messages', [3, 5000], ids=['less than a chunk', 'several chunks'])
 def test_what_the_disk_refuses_to_the_end_is_counted(
-    tmp_path: Path, source: Source, monkeypatch: pytest.MonkeyPatch, messages: int
+    thread: WriterThread,
+    tmp_path: Path,
+    source: Source,
+    monkeypatch: pytest.MonkeyPatch,
+    messages: int,
 ) -> None:
-    (tmp_path / 'run').mkdir()
-    writer = BagWriter(tmp_path / 'run')
-    thread = WriterThread(writer, source.take, 0, lambda _: None)
-    thread.start()
+    writer = thread._writer  # noqa: SLF001
     source.put(1)
     wait_for(lambda: writer.on_disk == {'/value': 1})
     put = AtomicAppender.put
