@@ -1,16 +1,22 @@
-"""The labs as data: what a student writes in each, and what is handed out for it.
+"""The labs as data: what a student writes in each, what is handed out for it, the pages of reports.
 
 How the parts are judged stands in `labs/`, and the points in `grade/rubrics/`.
 """
 
 from __future__ import annotations
 
+from base64 import b64encode
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim import __version__
+
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
+
+    from jinja2 import Environment
 
 #: The script of Task 3 of the hills lab, which is run as it is.
 COMPOSE = 'compose.py'
@@ -106,3 +112,26 @@ def find_name(names: Collection[str], part: str) -> str | None:
 
 def _letters(name: str) -> str:
     return ''.join(filter(str.isalpha, name.lower()))
+
+
+def render(page: str, **values: object) -> str:
+    """Return the page of that name in `pages/` as HTML without links; every value is escaped."""
+    return _environment().get_template(f'{page}.html').render(version=__version__, **values)
+
+
+def data_url(kind: str, data: bytes) -> str:
+    """Return an image of the MIME type `kind` as a URL that contains it."""
+    return f'data:{kind};base64,{b64encode(data).decode()}'
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 (not confined)
+
+    return Environment(
+        loader=PackageLoader('barc_sim.lab', 'pages'),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )

@@ -58,7 +58,7 @@ _COMMANDS: tuple[tuple[str, list[str], list[str]], ...] = (
     ('topics', [], []),
     ('echo', ['ecu'], []),
     ('param', ['list'], []),
-    ('param', ['load', 'controller', 'values.yaml'], []),
+    ('param', ['get', 'controller', 'kp'], []),
     ('record', ['--min-free-space', '0'], []),
     ('node', ['relay'], []),
     ('node', ['bag_recorder'], []),

@@ -59,8 +59,7 @@ _OF_ROS = {
     f'{_RUN} --engine ros --no-bag --ros-args --params-file values.yaml': 2,
     'topics': 1,
     'graph --save out/live.svg': 2,
-    'param load vehicle_simulator values.yaml': 2,
-    'param dump vehicle_simulator': 1,
+    'param list': 1,
 }
 #: Commands that last until Ctrl-C.
 _LASTING = {

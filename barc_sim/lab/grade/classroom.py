@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
 from barc_sim.lab.grade.rubric import LABELS
-from barc_sim.lab.html import render
+from barc_sim.lab.handout import render
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -188,8 +188,7 @@ def as_csv(found: Sequence[Entry], rubric: Rubric) -> str:
         if grade := each.grade:
             row |= {'score': grade.score, 'max_score': grade.max_score, **grade.points}
             row |= {'open': sum(grade.open.values()) or '', 'comment': grade.comment}
-        looks = (look for look in each.looks if look not in each.remark)
-        rows.append({**row, 'remark': '; '.join(filter(None, (*looks, each.remark)))})
+        rows.append({**row, 'remark': '; '.join(filter(None, (*each.looks, each.remark)))})
     own = ['name', *student, 'score', 'max_score', *rubric.points]
     return _lines([*own, 'open', 'comment', 'remark'], rows)
 

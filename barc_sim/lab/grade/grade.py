@@ -22,8 +22,7 @@ from barc_sim.cli.process import uninterrupted
 from barc_sim.errors import UserError, escaped
 from barc_sim.lab.grade.rubric import LABELS
 from barc_sim.lab.grade.submissions import graded, read
-from barc_sim.lab.handout import BY_HAND
-from barc_sim.lab.html import data_url, render
+from barc_sim.lab.handout import BY_HAND, data_url, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -101,9 +100,8 @@ class Grade(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """Return the notes, and the message of the criterion that lost most points."""
-        worst = [f'{LABELS[item.criterion]}: {item.message}' for item in self.mistakes[:1]]
-        return '; '.join((*self.notes, *worst))
+        """Return the message of the criterion that lost most points."""
+        return ''.join(f'{LABELS[item.criterion]}: {item.message}' for item in self.mistakes[:1])
 
 
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:

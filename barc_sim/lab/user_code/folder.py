@@ -354,8 +354,10 @@ def short_repr(value: object) -> str:
     """Return `value` as text for a sentence, without addresses in memory."""
     if type(value) is float:  # `isinstance` would ask the value
         return f'{value:.9g}' if value % 1.0 else repr(value)
-    kind = type.__getattribute__(type(value), '__name__')
-    return one_line(without_addresses(guarded(repr, value, default=f'<{kind} instance>')), _SHOWN)
+    return one_line(
+        without_addresses(guarded(repr, value, default=f'<{type(value).__name__} instance>')),
+        _SHOWN,
+    )
 
 
 def describe_error(error: BaseException) -> str:

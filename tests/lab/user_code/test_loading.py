@@ -75,9 +75,7 @@ def test_four_numbers_of_any_kind_become_floats(tmp_path: Path, body: str) -> No
         ('pass', 'None; ' + FOUR + ': is its return missing?'),
         ('return [x, y, psi]', '[1.0, 2.0, 0.5]; ' + FOUR),
         ('return [x, y, psi, float("nan")]', '[1.0, 2.0, 0.5, nan]; ' + FOUR),
-        ('return "abcd"', "'abcd'; " + FOUR),
         ('return [x, y, psi, "8"]', "[1.0, 2.0, 0.5, '8']; " + FOUR),
-        ('return {x, y, psi, v}', '{0.5, 1.0, 2.0, 8.0}; ' + FOUR),
         ('return [x, y, psi, 1j]', '[1.0, 2.0, 0.5, 1j]; ' + FOUR),
         ('return list(range(10 ** 4))', ', '.join(map(str, range(99)))),
     ],
@@ -149,10 +147,8 @@ def test_the_geometry_is_passed_where_it_is_an_argument(
         ('bike_model', 'x = (', "bike_model.py, line 1: syntax error: '(' was never closed: x = ("),
         ('bike_model', 'from nowhere import *', "line 1: there is no module 'nowhere'"),
         ('bike_model', '\n1 / 0', 'line 2: loading the file raised ZeroDivisionError: '),
-        ('bike_model', '\nexit(3)', 'line 2: loading the file raised SystemExit: 3'),
         ('bike_model', '\0', ': source code string cannot contain null bytes'),
         ('controller', 'class PD: pass', 'controller.py defines no PID'),
-        ('controller', 'def PID(kp, ki, kd): pass', 'expected a class'),
         ('controller', 'class PID: pass', 'controller.py: PID takes (); expected (kp, ki, kd)'),
         (
             'controller',
@@ -160,10 +156,8 @@ def test_the_geometry_is_passed_where_it_is_an_argument(
             'the class PID has no method acc_calculate(self, speed_reference, speed_current)',
         ),
         ('relay', 'x = 1', 'relay.py defines no relay nor Relay'),
-        ('relay', 'relay = 1', 'relay.py: relay is 1; expected a function'),
         ('relay', 'def relay(x): pass', 'relay takes (x); expected (linear_x, angular_z)'),
         ('relay', 'class Relay: pass', 'Relay has no method relay(self, linear_x, angular_z)'),
-        ('relay', 'class Relay:\n    def __init__(self, x): pass', 'Relay takes (x); expected ()'),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_in_one_sentence(
@@ -278,7 +272,6 @@ def test_no_sentence_names_an_address_or_the_folder(tmp_path: Path) -> None:
 #: By name: what is before the model, and what the model returns.
 MODELS = {
     'a great number': ('', '[10**5000, y, psi, v]'),
-    'only great numbers': ('', '10**5000'),
     'no ravel': ('class R(list):\n def ravel(self): raise RuntimeError', 'R([x, y, psi, v])'),
     'no class': ('class R:\n def __getattribute__(self, name): raise RuntimeError', 'R()'),
 }
