@@ -352,14 +352,14 @@ class Parameters:
 
     def set(self, name: str, text: str) -> None:
         """Set a parameter to `text`: of the present value's type, or as YAML reads it."""
-        kind = type(self.get(name))
+        now = self.get(name)
+        kind = type(now)
         try:
             value = kind(text) if kind in (float, str) else yaml.safe_load(text)
             parameter = Parameter(name, value=value)
         except (yaml.YAMLError, TypeError, ValueError, AssertionError, OverflowError):
             raise UserError(
-                f'parameter {name} cannot be {text!r}: expected a boolean, a number, a string, or '
-                'a list of these'
+                f'parameter {name} cannot be {text!r}: expected one like {now!r}, as it has now'
             ) from None
         (result,) = self._request(self._client.set_parameters, [parameter]).results
         if not result.successful:

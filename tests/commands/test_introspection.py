@@ -230,8 +230,8 @@ def test_mistake_of_param_is_one_sentence(car: Node) -> None:
     for words, sentence in {
         'get /one/car gian': '/one/car has no parameter gian: did you mean gain?',
         'get /one/cat gain': 'there is no node /one/cat: did you mean /one/car?',
-        'set /one/car gain {': "parameter gain cannot be '{': expected a boolean, a number, a "
-        'string, or a list of these',
+        'set /one/car gain {': "parameter gain cannot be '{': expected one like 30.0, as it "
+        'has now',
         'set /one/car seed 1.5': "/one/car refused '1.5': Wrong parameter type, expected "
         "'Type.INTEGER' got 'Type.DOUBLE'",
         'set /one/car gain 101.0': "/one/car refused '101.0': Parameter gain out of range Min: "
