@@ -9,15 +9,16 @@ import argparse
 import os
 import sys
 from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from barc_sim import __version__
 from barc_sim.cli.parser import ROS_ARGS, Parser, did_you_mean
 from barc_sim.cli.process import call, check_arguments
-from barc_sim.commands import COMMANDS, GROUPS, NODES, functions
+from barc_sim.commands import COMMANDS, GROUPS, NODES, SHARED
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 _SHELLS = ('bash', 'zsh', 'fish')
 _COMPLETION = 'complete commands and options: put eval "$(barc --completion bash)" in ~/.bashrc'
@@ -38,6 +39,15 @@ def run(name: str, words: Sequence[str]) -> int | None:
     check_arguments(words)
     _, run_command = functions(name)
     return run_command(parse(name, words))
+
+
+def functions(
+    name: str,
+) -> tuple[Callable[[Parser], None], Callable[[argparse.Namespace], int | None]]:
+    """Import the module of a command; return its `add_arguments` and its `run`."""
+    module = import_module(f'barc_sim.commands.{SHARED.get(name, name)}')
+    suffix = f'_{name}' if name in SHARED else ''
+    return getattr(module, f'add_arguments{suffix}'), getattr(module, f'run{suffix}')
 
 
 def parse(name: str, words: Sequence[str]) -> argparse.Namespace:

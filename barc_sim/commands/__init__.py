@@ -5,17 +5,6 @@ and its options, and `run(options)` returns the exit code (None: 0) and raises U
 commands share a module, the functions have the command's name behind theirs, as in `run_acc`.
 """
 
-from __future__ import annotations
-
-from importlib import import_module
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Callable
-
-    from barc_sim.cli.parser import Parser
-
 #: By group, in the order of `barc --help`: the commands, and what each does.
 GROUPS = {
     'drive': {
@@ -54,12 +43,12 @@ GROUPS = {
 }
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
 #: The modules that several commands share, by command.
-_SHARED = dict.fromkeys(GROUPS['drive'], 'drive')
-_SHARED |= dict.fromkeys(('plot', 'replay'), 'figures')
-_SHARED |= dict.fromkeys(('new', 'report', 'submit'), 'lab')
-_SHARED |= dict.fromkeys(('tune', 'identify', 'raceline'), 'research')
-_SHARED |= dict.fromkeys(('info', 'convert', 'recover'), 'bags')
-_SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
+SHARED = dict.fromkeys(GROUPS['drive'], 'drive')
+SHARED |= dict.fromkeys(('plot', 'replay'), 'figures')
+SHARED |= dict.fromkeys(('new', 'report', 'submit'), 'lab')
+SHARED |= dict.fromkeys(('tune', 'identify', 'raceline'), 'research')
+SHARED |= dict.fromkeys(('info', 'convert', 'recover'), 'bags')
+SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
 #: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and class.
 NODES = {
     'bag_recorder': ('recorder', 'BagRecorder'),
@@ -70,12 +59,3 @@ NODES = {
     'vehicle_simulator': ('simulator', 'VehicleSimulator'),
     'view': ('view', 'ViewNode'),
 }
-
-
-def functions(
-    name: str,
-) -> tuple[Callable[[Parser], None], Callable[[Namespace], int | None]]:
-    """Import the module of a command; return its `add_arguments` and its `run`."""
-    module = import_module(f'barc_sim.commands.{_SHARED.get(name, name)}')
-    suffix = f'_{name}' if name in _SHARED else ''
-    return getattr(module, f'add_arguments{suffix}'), getattr(module, f'run{suffix}')

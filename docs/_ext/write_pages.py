@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING
 import messages
 
 import barc_sim
+from barc_sim.__main__ import functions
 from barc_sim.cli.parser import Parser
-from barc_sim.commands import GROUPS, functions
+from barc_sim.commands import GROUPS
 from barc_sim.lab.labs.hills import BIKE
 from barc_sim.lab.labs.identify import LAW as IDENTIFY
 from barc_sim.lab.labs.lane import LAW as LANE

@@ -25,8 +25,8 @@ from _trial import Trial
 from links import made, original
 
 import barc_sim
+from barc_sim.__main__ import functions
 from barc_sim.cli.parser import Parser
-from barc_sim.commands import functions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

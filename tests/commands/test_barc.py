@@ -12,7 +12,8 @@ import pytest
 from command_line import barc
 
 import barc_sim
-from barc_sim.commands import COMMANDS, GROUPS, NODES, functions
+from barc_sim.__main__ import functions
+from barc_sim.commands import COMMANDS, GROUPS, NODES
 
 PACKAGE = Path(barc_sim.__file__).parent
 SYSTEM_PROGRAMS = Path(__file__).parents[1] / 'data' / 'system_programs.txt'
