@@ -257,7 +257,7 @@ class Thresholds:
 class Settings:
     """How user code is judged."""
 
-    seed: int = 0  #: of the states, the sequences and the random roads and tracks
+    seed: int = 0  #: of the states, the sequences and the hidden track
     thresholds: Thresholds = field(default_factory=Thresholds)
     criteria: Collection[str] | None = None  #: None: all
 
