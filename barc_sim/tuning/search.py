@@ -226,6 +226,8 @@ def _scores(log: Log, distance: float) -> tuple[float, ...]:
 
 def _axes(controller: Controller, given: Mapping[str, ArrayLike]) -> dict[str, Floats]:
     """Return all gains of `controller`, in the broadcast shape, with those that are `given`."""
+    if not controller.gains:
+        raise UserError('the controller has no gains to sweep: give it attributes such as kp')
     axes = {}
     for row in gain_parameters(controller):
         axes[row.name] = np.asarray(given.get(row.name, row.default), dtype=np.float64)

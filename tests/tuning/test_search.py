@@ -171,12 +171,21 @@ def test_a_sweep_of_another_controller_is_a_table_of_its_gains() -> None:
     assert frame.rms_error[0] == expected.rms_error_after_run_up
 
 
+class WithoutGains:
+    """A controller without gains."""
+
+    def acc_calculate(self, _reference: float, _current: float, /) -> float:
+        """Return no acceleration."""
+        return 0.0
+
+
 @pytest.mark.parametrize(
     ('gains', 'complaint'),
     [
         ({'kp': [1.0, np.nan]}, 'kp: nan is not a number from'),
         ({'kp': 1.0, 'controller': LQR()}, 'kp: the controller has no such gain, but speed_weight'),
         ({'controller': LQR(), 'observer_gain': [0.5, 2.0]}, 'observer_gain: 2 is not a number'),
+        ({'controller': WithoutGains()}, 'the controller has no gains to sweep'),
     ],
 )
 def test_gains_that_are_none_are_refused(gains: dict[str, Any], complaint: str) -> None:
