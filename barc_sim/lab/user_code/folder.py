@@ -240,6 +240,8 @@ class Folder:
             with suppress(ModuleNotFoundError):
                 return __import__(name, globals, locals, fromlist, 0)
         path = (globals or {}).get('__file__', '')
+        if path not in self.trees:  # of a call of __import__ or exec
+            raise ModuleNotFoundError(f'there is no module {name!r} here', name=name)
         if not is_ros and (top in guarded_imports(self.trees[path]) or '*' in (fromlist or ())):
             raise ModuleNotFoundError(name, name=name)
         reason = (
@@ -362,7 +364,7 @@ def short_repr(value: object) -> str:
 
 def describe_error(error: BaseException) -> str:
     """Return an exception's type and message in one line."""
-    text = one_line(without_addresses(str(error)), _SHOWN)
+    text = one_line(without_addresses(guarded(str, error, default='')), _SHOWN)
     return f'{type(error).__name__}: {text}' if text else type(error).__name__
 
 

@@ -141,6 +141,13 @@ def test_an_import_that_has_a_replacement_fails_where_it_is_not_here(tmp_path: P
     assert own.tolerated == []
 
 
+@pytest.mark.parametrize('text', ["__import__('yaml')", "exec('import yaml', {})"])
+def test_a_call_that_imports_what_is_not_here_names_it(tmp_path: Path, text: str) -> None:
+    folder(tmp_path, main=text)
+    with pytest.raises(ModuleNotFoundError, match="there is no module 'yaml' here"):
+        Folder(tmp_path, budget=None).load(tmp_path / 'main.py')
+
+
 def forever() -> None:
     while True:
         pass
