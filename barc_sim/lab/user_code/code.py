@@ -237,11 +237,11 @@ class UserCode:
         return UserObject(instance, UserFunction(new.folder, method, _CALLED[name]))
 
     def new_pid(self, *gains: float, fresh: bool = False, **limits: float) -> UserObject:
-        """Return a new object of their class `PID`, which can take kp, ki and kd in any order."""
-        order = tuple(self._part('controller').parameters[: len(GAINS)])
-        by_name = dict(zip(GAINS, gains, strict=True))
-        values = [by_name[name] for name in order] if {*order} == {*GAINS} else gains
-        return self.new('controller', *values, fresh=fresh, **limits)
+        """Return a new object of their class `PID`: kp, ki and kd by name, else by position."""
+        if {*GAINS} <= {*self._part('controller').parameters}:
+            by_name = dict(zip(GAINS, gains, strict=True))
+            return self.new('controller', fresh=fresh, **by_name, **limits)
+        return self.new('controller', *gains, fresh=fresh, **limits)
 
     @property
     def lane_gains(self) -> dict[str, float]:
@@ -433,12 +433,12 @@ class UserObject:
     def set_gains(self, gains: Mapping[str, float]) -> None:
         """Change those gains that the object has as attributes."""
         for name, value in gains.items():
-            if hasattr(self._instance, name):
-                setattr(self._instance, name, value)
+            if guarded(hasattr, self._instance, name, default=False):
+                guarded(setattr, self._instance, name, value, default=None)
 
     def reset(self) -> bool:
         """Call the object's `reset`; return whether there is one."""
-        reset = getattr(self._instance, 'reset', None)
+        reset = guarded(getattr, self._instance, 'reset', default=None)
         if reset is None:
             return False
         called = Called('controller', '', returns='it to clear the PID')

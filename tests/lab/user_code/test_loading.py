@@ -220,6 +220,23 @@ def test_gains_and_terms_are_those_of_the_object(tmp_path: Path) -> None:
     assert math.isnan(pid.read('integral'))
 
 
+@pytest.mark.parametrize('first', ['kd, ki, kp', 'dt=0.02, kp=1.0, ki=1.0, kd=1.0'])
+def test_gains_come_by_their_names(tmp_path: Path, first: str) -> None:
+    pid = controller(tmp_path, PID.replace('kp, ki, kd, scale', f'{first}, scale', 1))(
+        5.0, 6.0, 7.0
+    )
+    assert [pid.read(name) for name in ('kp', 'ki', 'kd')] == [5.0, 6.0, 7.0]
+
+
+def test_gains_that_cannot_be_set_stay(tmp_path: Path) -> None:
+    fixed = '    kp = property(lambda self: 4.0)\n    ki = property(lambda self: 1 / 0)\n'
+    text = f'{PID}{fixed}'.replace('self.kp, self.ki, self.kd, self.scale = kp, ki, kd, scale', '')
+    pid = controller(tmp_path, text)(1.0, 2.0, 3.0)
+    pid.set_gains({'kp': 5.0, 'ki': 6.0, 'kd': 7.0})
+    assert pid.read('kp') == 4.0
+    assert math.isnan(pid.read('ki'))
+
+
 def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
     (tmp_path / 'a').mkdir()
     (tmp_path / 'b').mkdir()
@@ -275,6 +292,12 @@ MODELS = {
     'no ravel': ('class R(list):\n def ravel(self): raise RuntimeError', 'R([x, y, psi, v])'),
     'no class': ('class R:\n def __getattribute__(self, name): raise RuntimeError', 'R()'),
 }
+
+
+def test_an_error_without_text_is_named(tmp_path: Path) -> None:
+    error = 'class E(Exception):\n def __str__(self): return 1 / 0\n'
+    with pytest.raises(UserCodeError, match=r'raised E; expected four finite numbers'):
+        model(tmp_path, 'raise E', error)(*ROW)
 
 
 @pytest.mark.parametrize('name', MODELS)
