@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib import style
 from matplotlib.figure import Figure
 
-from barc_sim.figures.style import BLUE, INK, VERMILLION
+from barc_sim.figures.style import BLUE, INK, STYLE, VERMILLION
 
 if TYPE_CHECKING:
     from barc_sim.tuning.identification import Identified
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 SIGNALS = {'v_x': 'Speed [m/s]', 'psi_dot': 'Yaw rate [rad/s]', 'v_y': 'Lateral speed [m/s]'}
 
 
+@style.context(STYLE)
 def identification_figure(found: Identified, *, title: str = '') -> Figure:
     """Draw each signal, its prediction, and the error below; logs follow one another."""
     n = len(found.signals)
@@ -35,6 +37,6 @@ def identification_figure(found: Identified, *, title: str = '') -> Figure:
         below.plot(time, predicted - measured, lw=0.6, color=VERMILLION)
         below.axhline(0.0, lw=0.8, color=INK)
         below.set_ylabel('Error')
-    panels[0, 0].legend(loc='lower right')
+    panels[0, 0].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     panels[-1, 0].set_xlabel('Time [s]')
     return figure
