@@ -417,7 +417,7 @@ def _with_options(model: Model) -> Model:
 STALL_TIMEOUT = 20.0
 _ADVANCE = 0.01  #: [m] that counts as progress
 _STANDS = 0.05  #: [m/s] below which a car stands
-_BACKWARDS = 1.0  #: [m] behind the start
+_BACKWARDS = 1.0  #: [m] behind the start, or the place that it has reached
 
 
 class Progress:
@@ -464,7 +464,7 @@ class Progress:
             return f'drives backwards, to {x:.4g} m: is the error speed_reference - speed_current?'
         if abs(v) <= _STANDS:
             return f'stands at {x:.1f} m: the commands do not move it'
-        return (
-            f'is at {x:.1f} m, at {v:.2f} m/s, and was at {self._best:.1f} m: does the model '
-            'return x, y, psi and v of the next step?'
-        )
+        where = f'is at {x:.1f} m, at {v:.2f} m/s, and was at {self._best:.1f} m'
+        if x < self._best - _BACKWARDS:
+            return f'{where}: are the commands large enough for this hill?'
+        return f'{where}: does the model return x, y, psi and v of the next step?'

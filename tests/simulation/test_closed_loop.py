@@ -235,6 +235,11 @@ def follow(
         (lambda _: (8.0, 8.0), 20.0, 'is at 8.0 m, at 8.00 m/s, and was at 8.0 m: does the model'),
         (lambda _: (0.0, 0.0), 20.0, 'stands at 0.0 m: the commands do not move it'),
         (lambda t: (-t, -1.0), 20.0, 'drives backwards, to -20.02 m: is the error'),
+        (
+            lambda t: (max(0.0, 9.0 - t), -1.0),
+            20.0,
+            'is at 0.0 m, at -1.00 m/s, and was at 9.0 m: are the commands large enough',
+        ),
         (lambda _: (nan, 1.0), 20.0, 'is at nan m, at 1.00 m/s'),
     ],
 )
