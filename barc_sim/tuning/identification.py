@@ -33,6 +33,7 @@ _STEERED = 0.01  #: [rad] rms of the commands of a car that steered
 _AT_REST = 0.25  #: [m/s]
 _WARM_UP = 1.0  #: [s] of a car in motion, whose earlier commands are unknown
 _SHORTEST = 2.0  #: [s] of a stretch without a gap
+_JUMP = 5.0  #: [m] from one state to the next: more is a return to the start
 _EDGE = 0.02  #: share of a step
 _STEPS = 30  #: of a search: what the logs show is found in fewer
 _WORST = 1e6  #: error of a car that no step can follow
@@ -331,13 +332,14 @@ def _size(errors: Floats) -> Floats:
 
 
 def _stretches(log: Log) -> list[_Stretch]:
-    """Return the parts of a log that have no gap, are commanded, and are long enough."""
+    """Return the parts of a log with neither gap nor reset that are commanded and long enough."""
     known = np.flatnonzero(np.isfinite(log.v_x))
     if len(known) < 2 or not np.isfinite(log.motor).any():  # noqa: PLR2004
         return []
     steps = np.diff(log.t[known])
     ts = float(np.median(steps))
-    ends = np.flatnonzero(abs(steps - ts) > 0.1 * ts) + 1
+    jumps = abs(np.diff(log.distance[known])) > _JUMP
+    ends = np.flatnonzero((abs(steps - ts) > 0.1 * ts) | jumps) + 1
     parts = np.split(known, ends)
     ts = round(ts * 1e9) / 1e9
     return [

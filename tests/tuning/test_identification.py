@@ -124,3 +124,13 @@ def test_gaps_are_left_out() -> None:
     assert identify(torn)['motor_delay'].value == pytest.approx(0.11, abs=0.03)
     with pytest.raises(UserError, match='none of 1 logs has 2 s of states'):
         identify(log.map(lambda column: column[t < 1.0]))
+
+
+def test_a_return_to_the_start_begins_a_stretch() -> None:
+    """A bag of two laps has no gap, but the car stands at the start of the second."""
+    log = drive(seed=4)
+    twice = log.map(lambda column: np.tile(column, 2))
+    twice.t[len(log) :] += log.t[-1] + log.t[1]
+    found, once = identify(twice)['motor_delay'], identify(log)['motor_delay']
+    assert found.value == pytest.approx(once.value, abs=1e-4)
+    assert found.interval < once.interval
