@@ -200,7 +200,9 @@ class RunFacts(NamedTuple):
 
     @property
     def sliders(self) -> dict[str, Gain]:
-        """What can be set while the car drives, by parameter."""
+        """What can be set while the car drives, by parameter: nothing of a drive to identify it."""
+        if self.control and not getattr(self.control.controller, 'holds_speed', True):
+            return {}
         others = {'speed_reference': OTHERS['speed_reference']} if self.track else {**OTHERS, **CAR}
         return self.gains | others
 

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.control.cruise_control import CruiseControl
+from barc_sim.control.excitation import PRBS
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR, PID, Gain, as_controller, speed_controller
 from barc_sim.page.protocol import (
@@ -177,6 +178,14 @@ def test_what_the_default_gains_leave_to_improve_is_true_and_within_the_sliders(
     better = {'kp': 70.0, 'ki': 400.0, 'kd': 0.0}
     assert all(value <= found['sliders'][name]['max'] for name, value in better.items())
     assert summary(simulate(**better)).rms_error_after_run_up < 0.5 * error
+
+
+def test_a_drive_of_commands_alone_has_no_sliders() -> None:
+    """It holds no speed, and its car is what a student is to identify."""
+    law = PRBS()
+    law.holds_speed = False  # type: ignore[attr-defined]
+    found = facts('acc', driven(law))
+    assert (found['sliders'], found['tuning'], found['presets']) == ({}, {}, {})
 
 
 class OwnLane:
