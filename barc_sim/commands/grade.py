@@ -129,6 +129,7 @@ def _collect(
     stderr = Console(stderr=True)
     grades: dict[str, Grade] = {}
     failures: dict[str, str] = {}
+    written = {folder: _written(folder / BY_HAND) for folder in folders.values()}
     try:
         for path, outcome in track(
             outcomes, 'Grading', len(folders), console=stderr, transient=True
@@ -139,7 +140,8 @@ def _collect(
                 continue
             grade = outcome._replace(files={})
             files = {**outcome.files}
-            if folder == out:  # of a submission alone
+            # Of a submission alone there is none; a new entry counts the next time.
+            if folder == out or _written(folder / BY_HAND) != written[folder]:
                 files.pop(BY_HAND, None)
             with uninterrupted():  # a submission has all of its files, and a row, or none
                 for name, data in files.items():
@@ -148,6 +150,11 @@ def _collect(
     except KeyboardInterrupt:
         return grades, failures, True
     return grades, failures, False
+
+
+def _written(path: Path) -> int:
+    """Return when a file was written last [ns]; 0 if it is not there."""
+    return path.stat().st_mtime_ns if path.exists() else 0
 
 
 def _write(out: Path, path: Path, data: bytes) -> None:

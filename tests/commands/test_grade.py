@@ -271,6 +271,20 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
     assert sorted(file.name for file in tmp_path.iterdir()) == ['report.html', 'results.json']
 
 
+def test_what_is_entered_while_a_class_is_graded_stays(tmp_path: Path) -> None:
+    entered = tmp_path / 'ada' / BY_HAND
+    done = Grade('ada', '', 0, '', (), files={'report.html': b'1', BY_HAND: b'points:'})
+
+    def outcomes() -> Iterator[tuple[Path, Grade | str]]:
+        entered.parent.mkdir()
+        entered.write_text('comment: well driven')
+        yield Path('ada'), done
+
+    grade._collect(outcomes(), tmp_path, {Path('ada'): entered.parent})  # noqa: SLF001 (meanwhile)
+    assert entered.read_text() == 'comment: well driven'
+    assert (entered.parent / 'report.html').exists()
+
+
 #: Honest submissions, right and wrong ones.
 _HONEST = {
     **{f'right_{k}': {'bike_model': MODEL, 'controller': CONTROLLER} for k in range(5)},
