@@ -133,7 +133,7 @@ gains as defaults | 100 | with kp 10, ki 0.5, kd 0.4 (controller.py, defaults, l
 gains as constants | 100 | with kp 10, ki 0.5, kd 0.4 (controller.py, line
     v_x = 0 -> v_x = 0; KP, KI, KD = 10, 0.5, 0.4
     PID(kp=10, ki=0.5, kd=0.4) -> PID(KP, KI, KD)
-a global sum | 100 | one run changes the next
+a global sum | 100 | I has no dt
     v_x = 0 -> v_x = 0; int_error = 0
     self.int_error = self.int_error + error -> global int_error; int_error = int_error + error
     self.ki * self.int_error -> self.ki * int_error

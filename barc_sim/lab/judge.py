@@ -37,7 +37,7 @@ _MAX_PHRASES = 20
 _MAX_ENDS = 3  # a function that has ended its process, or looped, so often is not called again
 #: The user's name for what a request calls.
 _CALLED = {'make_lane': 'Lane', 'steer': 'Lane', 'relay_commands': 'relay'} | dict.fromkeys(
-    ('make_pid', 'steps', 'reset'), 'PID'
+    ('make_pid', 'steps'), 'PID'
 )
 
 
@@ -368,32 +368,26 @@ class Functions:
     @np.errstate(all='ignore')
     def judge(self, code: JudgedCode, seed: int | str) -> tuple[list[Finding], list[Trial]]:
         """Return a finding for each result that is judged, and all that was returned."""
-        trials = [each for name in self.results for each in self.trials(code, name, seed)]
+        trials = [each for name in self.results for each in self._trials(code, name, seed)]
+        judge = Judge(self.law, self.agree, self._shown, partial(self._line, code), _MIN_LOSS)
         judged = [
             each._replace(got={n: got for n, got in each.got.items() if n in self.criteria})
             for each in trials
         ]
         findings = []
-        for name, verdict in self.judge_of(code).judge(judged, self.criteria).items():
+        for name, verdict in judge.judge(judged, self.criteria).items():
             cases = self.count * sum(name in trial.got for trial in trials)
             message = verdict.message or f'right in all {cases:,} cases'
             findings.append(Finding(self.criteria[name], verdict.score, message))
         return findings, trials
 
-    def trials(
-        self, code: JudgedCode, name: str, seed: int | str, situations: str = ''
-    ) -> list[Trial]:
-        """Return what a function returns in its situations, or in others of the law."""
+    def _trials(self, code: JudgedCode, name: str, seed: int | str) -> list[Trial]:
+        """Return what a function returns in its situations."""
 
         def call(inputs: Inputs) -> list[Any]:
             return code.rows(name, self._rows(name, inputs), len(self.results[name]))
 
-        chosen = self.law.situations[situations or name]
-        return run(call, self.results[name], chosen, seed, self.count)
-
-    def judge_of(self, code: JudgedCode) -> Judge:
-        """Return what judges the results of code."""
-        return Judge(self.law, self.agree, self._shown, partial(self._line, code), _MIN_LOSS)
+        return run(call, self.results[name], self.law.situations[name], seed, self.count)
 
     def _rows(self, name: str, inputs: Inputs) -> list[list[Any]]:
         if self.arguments:

@@ -11,8 +11,6 @@ from math import degrees, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from barc_sim.errors import UserError
 from barc_sim.lab import handout
 from barc_sim.lab.judge import Finding, Functions, Lab, Part
@@ -23,7 +21,7 @@ from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Vehicle
 from barc_sim.vehicle.parameters import PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
 
 EQUATIONS = ('x_next', 'y_next', 'psi_next', 'v_next')  #: in the order of what bikeFE returns
@@ -32,7 +30,6 @@ MODEL_LABELS = {
     'model.y': 'Model: position y',
     'model.psi': 'Model: heading \N{GREEK SMALL LETTER PSI}',
     'model.v': 'Model: speed v',
-    'model.general': "Model: beyond the lab's road",
 }
 _LAB = Vehicle()
 BIKE = read(
@@ -49,35 +46,9 @@ FUNCTIONS = Functions(
     BIKE,
     {'bikeFE': ' '.join(BIKE.situations['bikeFE'][0].values)},
     {'bikeFE': EQUATIONS},
-    dict(zip(EQUATIONS, MODEL_LABELS, strict=False)),
+    dict(zip(EQUATIONS, MODEL_LABELS, strict=True)),
     count=250,
 )
-
-
-def judge_model(
-    code: HillsCode, seed: int, criteria: Collection[str] = tuple(MODEL_LABELS)
-) -> Iterator[Finding]:
-    """Yield a finding for each of the four equations on the lab's road, and one beyond it."""
-    findings, _ = FUNCTIONS.judge(code, seed)
-    yield from findings
-    if 'model.general' in criteria:
-        yield _judge_beyond(code, seed, findings)
-
-
-@np.errstate(all='ignore')
-def _judge_beyond(code: HillsCode, seed: int, found: Sequence[Finding]) -> Finding:
-    """Judge the equations in states that the lab's road has not: in reverse, and of another car.
-
-    What follows from a mistake on the road is not taken off again.
-    """
-    trials = FUNCTIONS.trials(code, 'bikeFE', seed, "beyond the lab's road")
-    right = [name for name, each in zip(EQUATIONS, found, strict=True) if each.passed]
-    verdicts = FUNCTIONS.judge_of(code).judge(trials, right)
-    absent = sum(not each.score for each in found)
-    lost = absent + sum(1.0 - each.score for each in verdicts.values())
-    messages = [each.message for each in verdicts.values() if each.message]
-    usual = 'no mistake but those above' if right != [*EQUATIONS] else 'right, in reverse, too'
-    return Finding('model.general', 1.0 - lost / len(EQUATIONS), (messages or [usual])[0])
 
 
 RELAY_LABELS = {
@@ -246,7 +217,7 @@ HILLS = Lab(
     handout.HILLS,
     HillsCode,
     {
-        'model': Part(MODEL_LABELS, lambda code, its, names: judge_model(code, its.seed, names)),
+        'model': Part(MODEL_LABELS, lambda code, its, _: FUNCTIONS.judge(code, its.seed)[0]),
         'controller': Part(LABELS, judge_pid),
         'relay': Part(RELAY_LABELS, lambda code, *_: judge_relay(code)),
     },

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from barc_sim.control.driver import RATE, STALE_AFTER
-from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, PID, speed_controller
+from barc_sim.control.speed import KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.judge import Evidence, Finding, JudgedCode, Table, judged, numbers_of, rows_of
 from barc_sim.lab.laws import Judge, Trial, read
@@ -39,11 +39,8 @@ if TYPE_CHECKING:
     from barc_sim.lab.laws import Floats, Index
     from barc_sim.simulation.log import Log
 
-    Gains = tuple[float, float, float]  # kp, ki, kd
-
 
 TS = 0.02  #: [s]
-Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
 _numbers = count()  # of the controllers
 
@@ -51,16 +48,14 @@ _numbers = count()  # of the controllers
 class HillsCode(JudgedCode):
     """A user's model, controller and relay."""
 
-    def new_pid(
-        self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True
-    ) -> JudgedController:
+    def new_pid(self, kp: float, ki: float, kd: float) -> JudgedController:
         """Return a new `PID` with these gains.
 
-        It gets the `limit` [m/s²] of its output if it takes one. With `fresh` its file is loaded
-        again, so that no global variable has a value of an earlier run.
+        Its output has no limit if it takes one. Its file is loaded again, so that no global
+        variable has a value of an earlier run.
         """
         number = next(_numbers)
-        self.call('make_pid', number, kp, ki, kd, limit, fresh)
+        self.call('make_pid', number, kp, ki, kd)
         return JudgedController(self, number)
 
     def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
@@ -85,10 +80,6 @@ class JudgedController:
         """Return the results of `acc_calculate` for one sample after the other."""
         found = self._code.call('steps', self.number, rows)
         return numbers_of('PID', found, len(rows))
-
-    def reset(self) -> bool:
-        """Call the user's `reset()`; return False if the class has none."""
-        return self._code.call('reset', self.number) is True
 
 
 def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwist]:
@@ -247,8 +238,6 @@ LABELS = {
     'pid.proportional': 'PID: proportional term',
     'pid.integral': 'PID: integral term',
     'pid.derivative': 'PID: derivative term',
-    'pid.windup': 'PID: integral at the limit',
-    'pid.reset': 'PID: fresh start of a new run',
     'loop.lab_road': "Cruise control: the lab's road",
 }
 
@@ -272,34 +261,15 @@ def judge_pid(code: HillsCode, settings: Settings, criteria: Collection[str]) ->
     with suppress(UserError):
         code.new_pid(KP, KI, KD)
     gains = code.chosen_gains()
-    findings = [*judge_controller(code, settings.seed, criteria)]
+    findings = judge_terms(code, settings.seed)
     yield from findings
     if 'loop.lab_road' in criteria:
         if gains is None and findings[0].message == _IGNORED:
             gains = ChosenGains(KP, KI, KD, 'which have no effect')
-        there = zip('PID', (each.score for each in findings), strict=False)
+        there = zip('PID', (each.score for each in findings), strict=True)
         mended = [name for name, score in there if 0.0 < score < 1.0]
         drive = code, gains, settings.thresholds, mended
         yield judged('loop.lab_road', judge_lab_road, *drive)
-
-
-def judge_controller(
-    code: HillsCode, seed: int, criteria: Collection[str] = tuple(LABELS)
-) -> Iterator[Finding]:
-    """Yield a finding for each criterion `pid.…`."""
-    reset = judged('pid.reset', judge_reset, code, seed)
-    findings = _judge_terms(code, seed)
-    if 'pid.windup' in criteria:
-        windup, integral = judged('pid.windup', judge_windup, code), findings[1]
-        # What follows from a mistake in the integral is not taken off again.
-        score = max(windup.score, integral.score) if integral.score < 1.0 else windup.score
-        findings.append(replace(windup, score=score if integral.score else 0.0))
-    for finding in findings:
-        # Randomness comes first in the message: it changes every other result.
-        random = not finding.passed and reset.message.startswith(_RANDOM)
-        message = f'{reset.message}. So: {finding.message}' if random else finding.message
-        yield replace(finding, message=message)
-    yield reset
 
 
 class Term(NamedTuple):
@@ -420,9 +390,31 @@ _IGNORED = (
 )
 
 
+def judge_terms(code: HillsCode, seed: int) -> list[Finding]:
+    """Return the finding for each term."""
+    findings = _judge_terms(code, seed)
+    random = '' if all(each.passed for each in findings) else _randomness(code, seed)
+    return [
+        each if each.passed else replace(each, message=f'{random}{each.message}')
+        for each in findings
+    ]
+
+
+def _randomness(code: HillsCode, seed: int) -> str:
+    """Return a sentence if outputs differ for the same speeds, else nothing."""
+    rows = wandering(seed, 'random', 0.3)
+    with suppress(UserError):
+        one, other = (code.new_pid(1.0, 0.0, 0.0).acc_sequence(rows) for _ in range(2))
+        if not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE):
+            return (
+                'the same speeds give different outputs: does PID use random numbers, or the '
+                f"computer's clock? It is called every {TS:g} s of simulated time. So: "
+            )
+    return ''
+
+
 @np.errstate(all='ignore')
 def _judge_terms(code: HillsCode, seed: int) -> list[Finding]:
-    """Return the finding for each term."""
     rows = wandering(seed, 'gains', 0.01)
     with suppress(UserError):
         one, other = (
@@ -477,61 +469,3 @@ def _line(code: HillsCode, trial: Trial, _: str, index: Index, wrong: list[float
     pid = code.new_pid(*(float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')))
     pid.acc_sequence(before)
     return code.line_of('steps', (pid.number, [call]), wrong, call)
-
-
-_GAINS: Gains = (1.0, 2.0, 0.01)
-_AMPLITUDE = 0.3  #: [m/s]
-_RANDOM = 'the same speeds give different outputs'
-
-
-def judge_reset(code: HillsCode, seed: int) -> Judged:
-    """Return whether each `PID` starts fresh: a second one, and one after a `reset()`."""
-    own, other = (wandering(seed, f'pid.reset {k}', _AMPLITUDE) for k in range(2))
-    new = partial(code.new_pid, fresh=False)
-    if _differ(*(new(1.0, 0.0, 0.0).acc_sequence(own) for _ in range(2))):
-        return 0.0, (
-            f"{_RANDOM}: does PID use random numbers, or the computer's clock? It is called every "
-            f'{TS:g} s of simulated time'
-        )
-    used = new(*_GAINS)
-    used.acc_sequence(other)
-    first = new(*_GAINS).acc_sequence(own)
-    if not _differ(first, used.acc_sequence(own)):
-        return 0.0, 'PID keeps no errors between calls: I and D need them'
-    if _differ(first, new(*_GAINS).acc_sequence(own)):
-        return 0.0, (
-            'one run changes the next: is the sum or the last error in a global or class variable, '
-            'or does PID use the clock? Set both to 0 in __init__, as self.…'
-        )
-    if used.reset() and _differ(first, used.acc_sequence(own)):
-        return _HALF, 'reset() does not clear the sum or the last error'
-    return 1.0, 'each run starts fresh'
-
-
-def _differ(one: list[float], other: list[float]) -> bool:
-    return not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE)
-
-
-_WINDING: Gains = (1.0, 2.0, 0.0)
-_PUSHES, _PULLS = 300, 600  #: calls with an error into the limit, and out of it
-_ALLOWED = 25  #: calls until the output leaves the limit
-
-
-def judge_windup(code: HillsCode) -> Judged:
-    """Return whether the output leaves its limit when the error changes its sign.
-
-    The car's motor gives 8 m/s² at most, also if the class has no such limit. Half a second or less
-    is full marks; beyond that the score falls with the time.
-    """
-    pid = code.new_pid(*_WINDING, limit=ACCELERATION_LIMIT)
-    pushed = pid.acc_sequence([(8.0, 5.0, TS)] * _PUSHES)
-    pulled = pid.acc_sequence([(8.0, 8.5, TS)] * _PULLS)
-    limit = min(max(pushed), ACCELERATION_LIMIT) - _TOLERANCE
-    calls = next((k for k, output in enumerate(pulled) if output < limit), _PULLS)
-    if calls <= _ALLOWED:
-        return 1.0, 'the output leaves its limit when the error changes its sign'
-    return _ALLOWED / calls, (
-        f'the integral winds up: after {_PUSHES * TS:g} s with the output at its limit of '
-        f'{ACCELERATION_LIMIT:g} m/s² the error changed its sign, and the output stayed there for '
-        f'{calls * TS:.1f} s. Do not add to the integral while the output is at its limit'
-    )

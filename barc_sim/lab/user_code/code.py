@@ -11,7 +11,7 @@ import shlex
 import sys
 from bisect import bisect_right
 from inspect import signature
-from math import nan
+from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -332,21 +332,15 @@ class UserCode:
         function = self.function(name, fresh=fresh)
         return [function(*row) for row in rows]
 
-    def make_pid(
-        self, number: int, kp: float, ki: float, kd: float, limit: float, fresh: bool
-    ) -> None:
-        """Make the controller `number`; with `fresh`, of its file loaded again."""
-        limits = {'output_min': -limit, 'output_max': limit}
-        self._made[number] = self.new_pid(kp, ki, kd, fresh=fresh, **limits)
+    def make_pid(self, number: int, kp: float, ki: float, kd: float) -> None:
+        """Make the controller `number`, without limits; its file is loaded again."""
+        limits = {'output_min': -inf, 'output_max': inf}
+        self._made[number] = self.new_pid(kp, ki, kd, fresh=True, **limits)
 
     def steps(self, number: int, rows: Sequence[tuple[float, float, float]]) -> list[float]:
         """Return the outputs of a controller for one row after the other."""
         controller = self._object(number)
         return [controller.acc_calculate(*row) for row in rows]
-
-    def reset(self, number: int) -> bool:
-        """Call the `reset` of a controller; return whether there is one."""
-        return bool(self._object(number).reset())
 
     def make_lane(self, number: int, ends: Sequence[float], curvatures: Sequence[float]) -> None:
         """Make the `Lane` `number`, for a track of these segments; its file is loaded again."""
@@ -435,15 +429,6 @@ class UserObject:
         for name, value in gains.items():
             if guarded(hasattr, self._instance, name, default=False):
                 guarded(setattr, self._instance, name, value, default=None)
-
-    def reset(self) -> bool:
-        """Call the object's `reset`; return whether there is one."""
-        reset = guarded(getattr, self._instance, 'reset', default=None)
-        if reset is None:
-            return False
-        called = Called('controller', '', returns='it to clear the PID')
-        UserFunction(self._step.folder, reset, called)()
-        return True
 
 
 def _defaults(new: UserFunction) -> dict[str, float]:

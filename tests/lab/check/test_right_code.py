@@ -70,7 +70,6 @@ pid = PID(30, 200, 0.1)
 
 CONTROLLERS = {
     'plain': ('', ''),
-    'no reset': ('def reset', 'def start_anew'),
     'dt as an argument': ('speed_current):\n        dt = 0.02', 'speed_current, dt):'),
     'first error counts from zero': ('0.0 if self.e_before is None', 'e if self.e_before is None'),
     'summed after use': ('self.ki * total', 'self.ki * self.total'),
@@ -104,7 +103,7 @@ def test_barc_sims_own_code_gets_full_marks(lab: Lab) -> None:
 @pytest.mark.parametrize('name', [*MODELS, 'arrays'])
 def test_a_right_model_gets_full_marks(lab: Lab, model: str, name: str) -> None:
     text = NUMPY_MODEL if name == 'arrays' else replaced(model, MODELS[name])
-    assert messages(HILLS.judge(lab(text))[:5]) == {}
+    assert messages(HILLS.judge(lab(text))[:4]) == {}
 
 
 def test_no_seed_makes_right_code_wrong(lab: Lab, model: str, controller: str) -> None:
@@ -116,7 +115,7 @@ def test_a_right_controller_gets_full_marks(lab: Lab, controller: str, name: str
     changed = (
         ON_MEASUREMENT if name == 'on measurement' else replaced(controller, CONTROLLERS[name])
     )
-    assert messages(HILLS.judge(lab(controller=changed))[5:]) == {}
+    assert messages(HILLS.judge(lab(controller=changed))[4:]) == {}
 
 
 def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> None:
@@ -125,7 +124,7 @@ def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> Non
         ('self.e_before = None', 'self.e_before = None; self.D = 0.0'),
         ('D = self.kd * change', 'D = self.D = 0.6 * self.D + 0.4 * self.kd * change'),
     )
-    assert messages(HILLS.judge(lab(controller=text))[5:]) == {}
+    assert messages(HILLS.judge(lab(controller=text))[4:]) == {}
 
 
 def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller: str) -> None:
@@ -137,7 +136,7 @@ def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller:
 
 def test_what_is_not_there_is_skipped_without_marks(lab: Lab, model: str) -> None:
     findings = HILLS.judge(lab(model))
-    assert [finding.skipped for finding in findings] == [False] * 5 + [True] * 11
-    assert {finding.message for finding in findings[5:11]} == {'there is no controller.py'}
-    assert {finding.message for finding in findings[11:]} == {'there is no relay.py'}
-    assert {finding.score for finding in findings[5:]} == {0.0}
+    assert [finding.skipped for finding in findings] == [False] * 4 + [True] * 9
+    assert {finding.message for finding in findings[4:8]} == {'there is no controller.py'}
+    assert {finding.message for finding in findings[8:]} == {'there is no relay.py'}
+    assert {finding.score for finding in findings[4:]} == {0.0}

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
-from barc_sim.lab.labs.hills import HILLS, judge_model
-from barc_sim.lab.labs.pid import judge_controller
+from barc_sim.lab.labs.hills import FUNCTIONS, HILLS
+from barc_sim.lab.labs.pid import judge_terms
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,37 +24,15 @@ if TYPE_CHECKING:
 
 
 def of_model(code: LocalCode) -> list[Finding]:
-    return [*judge_model(code, seed=0)]
+    return FUNCTIONS.judge(code, seed=0)[0]
 
 
 def of_pid(code: LocalCode) -> dict[str, Finding]:
-    return {finding.criterion: finding for finding in judge_controller(code, seed=0)}
+    return {finding.criterion: finding for finding in judge_terms(code, seed=0)}
 
 
 def failed(findings: dict[str, Finding]) -> set[str]:
     return {name for name, finding in findings.items() if finding.score < 1.0}
-
-
-@pytest.mark.parametrize(
-    ('old', 'new', 'words'),
-    [
-        ('x + ts', 'x + 0.02', 'ts is always 0.02 in x_next'),
-        ('i_next, v_next]', 'i_next, max(v_next, 0.0)]', 'the car can reverse'),
-    ],
-)
-def test_what_is_wrong_only_beyond_the_labs_road_is_named_there(
-    lab: Lab, model: str, old: str, new: str, words: str
-) -> None:
-    *road, beyond = of_model(lab(replaced(model, (old, new))))
-    assert all(finding.passed for finding in road)
-    assert beyond.score < 1.0
-    assert words in beyond.message
-
-
-def test_the_windup_is_named(lab: Lab, controller: str) -> None:
-    findings = of_pid(lab(controller=replaced(controller, ('if abs(output) < 8.0', 'if True'))))
-    assert failed(findings) == {'pid.windup'}
-    assert 'the integral winds up' in findings['pid.windup'].message
 
 
 @pytest.mark.parametrize(
@@ -70,50 +48,23 @@ def test_the_windup_is_named(lab: Lab, controller: str) -> None:
 def test_an_empty_model_gets_zero(lab: Lab, model: str, body: str, words: str) -> None:
     code = lab(f'{model[: model.index("    beta")]}{body}\n')
     findings = of_model(code)
-    assert [finding.score for finding in findings] == [0.0] * 5
-    assert all(words in finding.message for finding in findings[:4])
+    assert [finding.score for finding in findings] == [0.0] * 4
+    assert all(words in finding.message for finding in findings)
 
 
 @pytest.mark.parametrize('body', ['raise NotImplementedError', 'pass', 'return 0.0', 'return 3.0'])
 def test_an_empty_pid_gets_zero(lab: Lab, controller: str, body: str) -> None:
     head, acc, _ = controller.partition('    def acc_calculate')
     text = f'{head}{acc}(self, speed_reference, speed_current):\n        {body}\n'
-    assert [finding.score for finding in of_pid(lab(controller=text)).values()] == [0.0] * 5
-
-
-def test_a_failure_in_reverse_costs_only_that(lab: Lab, model: str) -> None:
-    code = lab(model.replace('    beta =', '    assert v >= 0, "no reverse"\n    beta ='))
-    *others, beyond = of_model(code)
-    assert all(finding.passed for finding in others)
-    assert beyond.score < 1.0
-    assert 'no reverse' in beyond.message
+    assert [finding.score for finding in of_pid(lab(controller=text)).values()] == [0.0] * 3
 
 
 def test_random_outputs_are_named(lab: Lab, controller: str) -> None:
     text = 'import random\n' + controller.replace('return max(', 'return random.random() + max(')
     findings = of_pid(lab(controller=text))
-    assert findings['pid.reset'].score == 0.0
-    assert len(failed(findings)) > 3
+    assert len(failed(findings)) == 3
     for name in failed(findings):
         assert 'the same speeds give different outputs' in findings[name].message
-
-
-@pytest.mark.parametrize(
-    ('old', 'new', 'score', 'words'),
-    [
-        ('self.total', 'PID.total', 0.0, 'one run changes the next'),
-        ('def reset(self):\n        self.total = 0.0', 'def reset(self):', 0.5, 'does not clear'),
-    ],
-)
-def test_what_is_kept_across_runs_is_named(
-    lab: Lab, controller: str, old: str, new: str, score: float, words: str
-) -> None:
-    text = replaced(controller, (old, new))
-    text = text.replace('        PID.total = 0.0\n', '').replace('PID:', 'PID:\n    total = 0.0')
-    findings = of_pid(lab(controller=text))
-    assert failed(findings) == {'pid.reset'}
-    assert words in findings['pid.reset'].message
-    assert findings['pid.reset'].score == score
 
 
 #: A PID that answers by the number of the call, and the error.
@@ -150,4 +101,4 @@ def test_no_state_scores_by_chance_or_warns(lab: Lab, model: str, state: str) ->
 def test_no_acceleration_scores_by_chance_or_warns(lab: Lab, answer: str) -> None:
     findings = HILLS.judge(lab(controller=BY_CALL.format(answer)))
     assert all(0.0 <= finding.score <= 1.0 for finding in findings)
-    assert [finding.score for finding in findings[5:8]] == [0.0] * 3
+    assert [finding.score for finding in findings[4:7]] == [0.0] * 3

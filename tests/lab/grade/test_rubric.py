@@ -27,12 +27,12 @@ def test_a_rubric_that_ships_gives_100_points(name: str) -> None:
 
 def test_criteria_that_are_left_out_or_worth_nothing_do_not_count(tmp_path: Path) -> None:
     file = tmp_path / 'rubric.yaml'
-    file.write_text('seed: 7\ncriteria: {pid.reset: 2.5, model.x: 1, model.y: 0}\n')
+    file.write_text('seed: 7\ncriteria: {pid.integral: 2.5, model.x: 1, model.y: 0}\n')
 
     rubric = load(file)
 
     assert (rubric.settings.seed, rubric.max_score) == (7, 3.5)
-    assert [*rubric.points] == ['model.x', 'pid.reset']
+    assert [*rubric.points] == ['model.x', 'pid.integral']
 
 
 @pytest.mark.parametrize(
