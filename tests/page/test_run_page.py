@@ -203,6 +203,7 @@ def test_second_run_is_drawn_beside_the_first(log: Log, played: Played) -> None:
         cells = "Array.from(document.querySelectorAll('[data-figure=rms] td'), (c) => c.innerText)"
         shown = [f'{metrics.summary(run).rms_error_after_run_up:.3f}' for run in (weak, log)]
         assert tab.run(cells)[:2] == shown
+        assert tab.text('.laps.acc thead').strip().split('\t')[1:] == ['this run', 'other run']
         tab.click('#play')
         _seek(tab, 12.0)
         wait_until(lambda: tab.number('#time') == 12.0)

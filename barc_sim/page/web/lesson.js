@@ -71,11 +71,12 @@ export class Lesson {
   /** Show the figures of a second run in place of those of the last and the best lap. */
   compareWith(title, laps) {
     this.other = laps;
-    const headings = [...document.querySelectorAll('.laps th[scope=col]')];
-    headings[0].textContent = 'this run';
-    headings[1].textContent = 'other run';
-    headings[1].title = title;
-    for (const cell of document.querySelectorAll('.laps :is(th, td):nth-child(4)')) cell.hidden = true;
+    const table = document.querySelector('.laps.acc');
+    const [, mine, another] = table.querySelectorAll('th[scope=col]');
+    mine.textContent = 'this run';
+    another.textContent = 'other run';
+    another.title = title;
+    for (const cell of table.querySelectorAll(':is(th, td):nth-child(4)')) cell.hidden = true;
     if (this.shown) this.showLaps(this.shown);
   }
 
