@@ -259,7 +259,7 @@ def draw_error(axes: Axes, log: Log, **line: Any) -> None:  # noqa: ANN401 (Matp
 
 def _add_details(log: Log, speed: Axes, grade: Axes, command: Axes) -> None:
     """Draw what only the figure of one run has room for."""
-    if np.any(log.e_v_x):
+    if np.nan_to_num(log.e_v_x).any():  # between two laps it is unknown
         speed.plot(
             log.distance, log.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured', zorder=1.9
         )

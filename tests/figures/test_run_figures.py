@@ -92,6 +92,11 @@ def test_measurements_are_drawn_where_they_differ_from_the_truth() -> None:
     assert np.array_equal(drawn['speed'][:, 1], noisy.speed)
 
 
+def test_laps_without_noise_have_no_line_of_measurements(log: Log) -> None:
+    twice = log.map(lambda column: np.tile(column, 2))
+    assert set(lines(speed_figure(twice).axes[0])) == {'speed', 'reference'}
+
+
 def test_without_controller_the_speed_stands_alone(log: Log) -> None:
     figure = speed_figure(without_controller(log))
     assert set(lines(figure.axes[0])) == {'speed'}
