@@ -97,6 +97,7 @@ class McapFile:
         self._bag = bag
         self._budget = budget
         self._schemas: dict[int, Schema] = {}
+        self._definitions: dict[int, str] = {}  # of the schemas; topics share them
         self._channels: dict[int, Topic] = {}
         self._kept = 0  # bytes
         self._whole = 0  # the end of the last whole record
@@ -173,17 +174,18 @@ class McapFile:
         if isinstance(record, Schema) and self._schemas.get(record.id) != record:
             self._keep(len(record.data))
             self._schemas[record.id] = record
+            self._definitions[record.id] = record.data.decode(errors='replace')
         elif isinstance(record, Channel) and (schema := self._schemas.get(record.schema_id)):
-            topic = self._channels[record.id] = Topic(
+            topic = Topic(
                 name=record.topic,
                 type=schema.name,
-                definition=schema.data.decode(errors='replace'),
+                definition=self._definitions[schema.id],
                 type_hash=record.metadata.get('topic_type_hash', ''),
                 offered_qos=_offered_qos(record.metadata.get('offered_qos_profiles', '')),
             )
-            if topic.name not in bag.topics:
-                self._keep(len(topic.name))
-            bag.topics[topic.name] = topic
+            if self._channels.get(record.id) != topic:
+                self._keep(len(body))
+            self._channels[record.id] = bag.topics[topic.name] = topic
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
             self._keep(len(body))
             bag.metadata |= _checked(self.path, record.metadata)

@@ -160,6 +160,11 @@ def long_definition(k: int) -> bytes:
     return schema_record(k % 60_000, b'a/msg/B', (f'int8 a{k}\n' * 20).encode())
 
 
+def one_definition_of_many(path: Path) -> None:
+    channels = b''.join(map(channel_with_message, range(2000)))
+    records(path, schema_record(1, b'a/msg/B', b'int8 a\n' * 1_500_000) + channels)
+
+
 def large_attachment(path: Path) -> None:
     bag(path, None, **{'student/controller.py': b'x = (1 +\n' * 4_200_000})
 
@@ -204,6 +209,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
         'bytes of topics, metadata and',
     ),
     'many definitions': (packed(long_definition, 300_000), ''),
+    'one long definition': (one_definition_of_many, 'has no states of a car'),
     'a large attachment': (large_attachment, 'was unfinished'),
     'long code': (long_code, ''),
     'an upright road': (upright, 'has a grade of'),
@@ -271,6 +277,7 @@ print(used.ru_maxrss << 10, used.ru_utime + used.ru_stime)
         'empty records',
         'many topics',
         'many definitions',
+        'one long definition',
         'a large attachment',
     ],
 )
