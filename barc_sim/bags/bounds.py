@@ -91,7 +91,7 @@ def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)
     _check_length(text)
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
-    except (yaml.YAMLError, RecursionError, AttributeError, TypeError, KeyError) as error:
+    except (yaml.YAMLError, RecursionError, AttributeError, TypeError, LookupError) as error:
         raise ValueError(f'no YAML that can be read: {error}') from None
 
 

@@ -79,7 +79,7 @@ def _qos(text: str) -> dict[str, dict[str, object]]:
 
     try:
         found = from_yaml(read_regular(Path(text), MAX_TEXT).decode())
-        return {topic: dict(qos) for topic, qos in found.items()}
+        return {str(topic): dict(qos) for topic, qos in found.items()}
     except (AttributeError, OSError, TypeError, ValueError) as error:
         raise ArgumentTypeError(
             f'{text!r} has no quality of service by topic ({error}): write it as in '

@@ -137,11 +137,12 @@ class BagPlayer(Node):
     def _publisher(self, name: str) -> Publisher | None:
         topic = self._contents.topics[name]
         try:
-            kind = message_class(topic.type)
-        except UserError as error:
-            self.get_logger().warning(f'{name} is not played: {error}')
+            kind, qos = message_class(topic.type), offer(topic.offered_qos)
+            return self.create_publisher(kind, name, qos)
+        except Exception as error:  # noqa: BLE001 (a bag's names and types may be any)
+            reason = str(error).partition('\n')[0]
+            self.get_logger().warning(f'{name} is not played: {reason}')
             return None
-        return self.create_publisher(kind, name, offer(topic.offered_qos))
 
     @property
     def progress(self) -> str:

@@ -44,20 +44,23 @@ if TYPE_CHECKING:
 
 
 _DEPTH = 1000  #: of a queue, where the bag has none: DDS does not send it to other processes
+_MAX_DEPTH = 2**31 - 1
 _POLICIES: Mapping[str, Any] = {
     'history': HistoryPolicy,
     'reliability': ReliabilityPolicy,
     'durability': DurabilityPolicy,
     'liveliness': LivelinessPolicy,
 }
+_DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
 
 
 def message_class(type_name: str) -> type[Any]:
     """Return the class of a type such as `std_msgs/msg/String`."""
-    package, module, base = type_name.split('/')
     try:
+        package, module, base = type_name.split('/')
         return getattr(importlib.import_module(f'{package}.{module}'), base)  # type: ignore[no-any-return]
-    except (ImportError, AttributeError):
+    except (AttributeError, ImportError, TypeError, ValueError):
+        package = type_name.partition('/')[0]
         raise UserError(
             f'the type {type_name} is not installed here: source the workspace of {package}'
         ) from None
@@ -100,22 +103,28 @@ def profile(values: Mapping[str, Any]) -> QoSProfile:
     made = QoSProfile(depth=_DEPTH)
     try:
         for name, value in values.items():
-            if policies := _POLICIES.get(name):  # by number in older bags
-                member = policies(value) if isinstance(value, int) else policies[value.upper()]
-                if member.name != 'UNKNOWN':
-                    setattr(made, name, member)
-            elif name == 'depth':
-                made.depth = value or _DEPTH
-            elif isinstance(value, dict):
-                setattr(made, name, Duration(seconds=value['sec'], nanoseconds=value['nsec']))
-            else:
-                made.avoid_ros_namespace_conventions = bool(value)
+            _set_policy(made, name, value)
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise UserError(
             f'{dict(values)!r} is no quality of service ({error!r}): write it as rosbag2 does, as '
             'in {reliability: best_effort, depth: 10}'
         ) from None
     return made
+
+
+def _set_policy(made: QoSProfile, name: str, value: Any) -> None:  # noqa: ANN401 (as recorded)
+    if policies := _POLICIES.get(name):  # by number in older bags
+        member = policies(value) if isinstance(value, int) else policies[value.upper()]
+        if member.name != 'UNKNOWN':
+            setattr(made, name, member)
+    elif name == 'depth' and 0 <= value <= _MAX_DEPTH:
+        made.depth = int(value) or _DEPTH
+    elif name in _DURATIONS:
+        setattr(made, name, Duration(seconds=value['sec'], nanoseconds=value['nsec']))
+    elif name == 'avoid_ros_namespace_conventions':
+        made.avoid_ros_namespace_conventions = bool(value)
+    else:
+        raise ValueError(name)
 
 
 def describe(name: str, ends: Sequence[TopicEndpointInfo]) -> Topic:

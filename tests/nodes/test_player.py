@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -174,6 +175,30 @@ def test_what_cannot_be_played_is_one_sentence(ros: Context, bag: Path) -> None:
         BagPlayer(bag, Playback(start_offset=1.0), context=ros)
     with pytest.raises(UserError, match='has no topic that can be played'):
         BagPlayer(bag, Playback(topics=[re.compile('/c')]), context=ros)
+
+
+@pytest.mark.parametrize(
+    'odd',
+    [
+        {'name': 'a b'},
+        {'type': 'std_msgs/Header'},
+        {'type': 'os/path/join'},
+        {'type': '.a/msg/B'},
+        {'offered_qos': [{'depth': 'many'}]},
+    ],
+    ids=str,
+)
+def test_a_topic_that_rcl_refuses_is_left_out(
+    ros: Context, tmp_path: Path, odd: dict[str, Any]
+) -> None:
+    bag = tmp_path / 'bag'
+    bag.mkdir()
+    writer = BagWriter(bag)
+    refused = replace(topic('/a', 'std_msgs/msg/Header'), **odd)
+    writer.write([Message(refused, bytes(16), 5 * SECOND, 0, 1)])
+    writer.close()
+    with pytest.raises(UserError, match='has no topic that can be played'):
+        BagPlayer(bag, context=ros)
 
 
 def test_the_command_plays_under_other_names_and_names_what_it_cannot_play(

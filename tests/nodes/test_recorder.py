@@ -351,9 +351,10 @@ def test_the_qos_of_a_topic_can_be_requested(ros: Context, tmp_path: Path) -> No
     publisher.publish(Float64())
     wait_for(lambda: recorder.counts.get('/value') == 1)
     recorder.destroy_node()
-    with pytest.raises(UserError, match='is no quality of service'):
-        BagRecorder(tmp_path, Recording(qos={'/value': {'reliability': 'best'}}), context=ros)
     talker.destroy_node()
+    for name, value in (('reliability', 'best'), ('depht', 7), ('depth', -1), ('deadline', 3)):
+        with pytest.raises(UserError, match='is no quality of service'):
+            BagRecorder(tmp_path, Recording(qos={'/value': {name: value}}), context=ros)
 
 
 def test_close_waits_for_a_latched_message(ros: Context, tmp_path: Path) -> None:
