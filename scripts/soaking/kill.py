@@ -4,7 +4,7 @@ The simulator, the controller, the relay, the recorder and the view run in proce
 half of the time with the controller, and half with the relay in its place. Without the one that
 commands the car brakes to a standstill, and drives on when it returns; a simulator that returns
 drives from the start; without the recorder or the view nothing happens to the car. All bags can be
-read at the end, those of killed recorders after `barc_sim.commands.recover`.
+read at the end, those of killed recorders after `recover`.
 """
 
 from __future__ import annotations
