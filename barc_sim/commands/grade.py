@@ -115,7 +115,7 @@ def _rubric_of(paths: Iterable[Path]) -> str:
 
 def _folder(out: Path, submission: Path) -> Path:
     """Return the folder of a submission's reports; none has the name of a file of the class."""
-    name = submission.name
+    name = submission.name.encode(errors='backslashreplace').decode()  # one can be no UTF-8
     return out / (f'{name}.submission' if name in _CLASS_FILES else name)
 
 

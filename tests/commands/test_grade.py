@@ -271,6 +271,11 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
     assert sorted(file.name for file in tmp_path.iterdir()) == ['report.html', 'results.json']
 
 
+def test_a_name_that_is_no_utf_8_has_a_folder_and_a_row(tmp_path: Path) -> None:
+    folder = grade._folder(tmp_path, Path(os.fsdecode(b'ren\xe9')))  # noqa: SLF001 (of one of a class)
+    assert folder.name.encode() == b'ren\\udce9'
+
+
 def test_what_is_entered_while_a_class_is_graded_stays(tmp_path: Path) -> None:
     entered = tmp_path / 'ada' / BY_HAND
     done = Grade('ada', '', 0, '', (), files={'report.html': b'1', BY_HAND: b'points:'})
