@@ -137,6 +137,7 @@ def run_submit(options: Namespace) -> None:
         )
     path = target(options.save or f'{folder.resolve().name}.zip', ARCHIVES)
     from barc_sim.lab import submit  # noqa: PLC0415 (slow: not to refuse)
+    from barc_sim.lab.grade import submissions  # noqa: PLC0415
 
     teleop = options.teleop or submit.newest_drive((Path('bags'), folder / 'bags'))
     with saving(path) as part, tempfile.TemporaryDirectory() as made:
@@ -145,7 +146,9 @@ def run_submit(options: Namespace) -> None:
         submit.write(part, parts)
     for line in parts:
         print(escaped(str(line)))  # noqa: T201
-    print(f'{path}  ({path.stat().st_size / 2**20:.1f} MiB)')  # noqa: T201
+    size, most = path.stat().st_size, submissions.MAX_ARCHIVE
+    limit = f', and barc grade opens {most >> 20} MiB at most: leave the video out'
+    print(f'{path}  ({size / 2**20:.1f} MiB{limit if size > most else ""})')  # noqa: T201
 
 
 def _drive(folder: Path, bags: Path) -> tuple[Path | None, str]:

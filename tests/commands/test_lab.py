@@ -12,9 +12,10 @@ from made_bags import make
 from student_code import CONTROLLER, MODEL
 from user_files import load_folder
 
-from barc_sim.__main__ import main
+from barc_sim.__main__ import main, run
 from barc_sim.commands.lab import write_templates
 from barc_sim.control.driver import DriverInput
+from barc_sim.lab.grade import submissions
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
@@ -69,6 +70,15 @@ def test_everything_is_in_the_zip(lab: Path) -> None:
     assert [line for line in summary.splitlines() if 'missing' in line] == [
         'code          missing: compose.py'
     ]
+
+
+@pytest.mark.usefixtures('lab')
+def test_a_zip_that_grade_does_not_open_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(submissions, 'MAX_ARCHIVE', 1000)
+    run('submit', ['lab'])
+    assert 'barc grade opens 0 MiB at most: leave the video out' in capsys.readouterr().out
 
 
 def test_a_link_in_a_bag_of_somebody_else_is_not_packed(lab: Path) -> None:
