@@ -196,7 +196,8 @@ def track_figure(
         for axes, values in zip(charts, curve.charted, strict=True):
             axes.plot(curve.s, values, **curve.line)
     _finish(charts, curves, course)
-    named = {curve.name: Line2D([], [], **curve.line) for curve in curves}
+    # A run ends with one state behind the line, which is no line of another lap.
+    named = {curve.name: Line2D([], [], **curve.line) for curve in curves if len(curve.log) > 1}
     charts[0].legend(
         named.values(), named.keys(), loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3,
         borderaxespad=0.0,

@@ -88,6 +88,10 @@ def test_every_run_has_a_figure(log: TrackLog) -> None:
         FigureCanvasAgg(figure).draw()
         words = [text for text in figure.findobj(Text) if text.get_text()]
         assert 'track L · lane stanley · kp 30.0' in [word.get_text() for word in words]
+    single = lap(Stanley(), 'L', laps=1)
+    assert len({*track_laps_of(single)[1]}) == 2  # the last state is behind the line
+    legend = track_figure(single).axes[2].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ['best lap: 1']
     both = plot(log, unfinished, labels=['all', 'some'])
     legend = both.axes[2].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ['all', 'some']
