@@ -66,17 +66,23 @@ class HeldKeys:
 
     def __init__(self) -> None:
         self._page: object | None = None  # whose keys count
+        self._held: dict[object, Drive] = {}  # the latest command of each page, which repeats it
         self._command = self._sent = _REST
         self._received = self._published = float('-inf')  # [s]
 
     def hold(self, page: object, command: Drive, now: float) -> None:
-        """Take the command of `page` at `now` [s]; without a key, it stops no other page."""
-        if page == self._page or command != _REST:
+        """Take the command of `page` at `now` [s]; without a new key, it stops no other page."""
+        is_new = command != self._held.get(page)
+        self._held[page] = command
+        is_free = self._command == _REST or now - self._received > STALE
+        if page == self._page or (command != _REST and (is_new or is_free)):
             self._page, self._command, self._received = page, command, now
 
     def leave(self, page: object) -> None:
-        """Brake if the closed `page` held a key."""
+        """Brake if the closed `page` held a key, until another page drives."""
+        self._held.pop(page, None)
         if page == self._page:
+            self._received = float('-inf')
             self._release()
 
     def due(self, now: float) -> Drive | None:
@@ -230,16 +236,16 @@ class RunPage(Host):
 
     def _send_status(self) -> None:
         missed, paused = self._run.status() if self.seen else Status()
-        message = encode(
-            'status',
-            factor=self._feed.realtime_factor(),
-            missed=missed,
-            laps=self._lap_facts(),
-            plan=self._feed.plan,
-            paused=self._paused if paused is None else paused,
+        self._server.send(
+            encode(
+                'status',
+                factor=self._feed.realtime_factor(),
+                missed=missed,
+                laps=self._lap_facts(),
+                plan=self._feed.plan,
+                paused=self._paused if paused is None else paused,
+            )
         )
-        for page in self._server.pages:
-            page.send(message)
 
     def _on_done(self, page: Page, what: str, done: bool, why: str) -> None:
         if not done:

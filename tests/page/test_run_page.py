@@ -339,6 +339,12 @@ CASES: dict[str, list[tuple[str, Drive | str | None, float]]] = {
         ('due', LEFT, 0.12), ('a', 'closes', 0.13), ('due', LEFT, 0.17), ('b', 'closes', 0.2),
         ('due', BRAKE, 0.2),
     ],
+    'a key that another page still holds does not count against one that is pressed later': [
+        ('a', AHEAD, 0.0), ('b', BRAKE, 0.1), ('a', AHEAD, 0.11), ('due', BRAKE, 0.11),
+        ('b', REST, 0.2), ('due', REST, 0.2), ('a', AHEAD, 0.21), ('due', AHEAD, 0.21),
+        ('b', LEFT, 0.3), ('b', 'closes', 0.3), ('due', BRAKE, 0.31), ('a', AHEAD, 0.32),
+        ('due', AHEAD, 0.32),
+    ],
 }  # fmt: skip
 
 
