@@ -51,9 +51,9 @@ def plain(text: str) -> str:
     """Return `text` with Markdown's marks as they are, and options as literals."""
     text = text.replace('%%', '%').replace(f'{DOCS.parent}/', '')  # of this checkout
     text = re.sub(r'([*_<|\[$])', r'\\\1', ' '.join(text.split()))
-    return re.sub(
-        r'(?<![\w`-])(--[a-z][\w\\-]*)', lambda found: code(found[0].replace('\\', '')), text
-    )
+    # What is a literal already, or an option.
+    literal = r'`[^`]*`|(?<![\w-])--[a-z][\w\\-]*'
+    return re.sub(literal, lambda found: code(found[0].replace('\\', '').strip('`')), text)
 
 
 def table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
@@ -94,7 +94,7 @@ def _options(parser: argparse.ArgumentParser) -> Iterator[str]:
             value = '\\|'.join(str(choice) for choice in action.choices)
         names = ', '.join(action.option_strings)
         shown = f'{names} {"" if action.nargs == 0 else value}' if names else value
-        text = (action.help or '').replace('%(default)s', str(action.default))
+        text = (action.help or '') % vars(action)
         rows.append((code(shown.strip()), plain(f'{text[:1].upper()}{text[1:]}.')))
     return table(('option', 'meaning; default'), rows) if rows else iter([''])
 
