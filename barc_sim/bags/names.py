@@ -44,7 +44,7 @@ SPEED_REFERENCE = 'speed_reference'  #: the speed to hold [m/s], from an outer l
 
 # Published by the node `mirror`, for ROS's own tools.
 ODOM = 'odom'  #: the measured pose from odom to base_link; x on the map, z the elevation
-PATH = 'path'  #: the way since the start, in at most 200 poses, once a second
+PATH = 'path'  #: the newest 200 m of the way, once a second
 MARKERS = 'markers'  #: the car, 25 times a second
 ROAD_MARKERS = 'road_markers'  #: the road, or the track, once, latched (transient local)
 TRACK_PATH = 'track_path'  #: the centre line of the track, once, latched
