@@ -98,6 +98,7 @@ class BagRecorder(Node):
         self._recording = recording or Recording()
         self._metadata = dict(metadata or {})
         self._graph_size = 0  # nodes and topics of the graph in the bag
+        self._is_announced = False
         self._topics = _subscriptions(self, self._recording)
         self.discover()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
@@ -138,12 +139,18 @@ class BagRecorder(Node):
         self._thread.snapshot = settings.snapshot
         self._thread.paused = settings.start_paused
         self._thread.start()
-        self.get_logger().info(f'recording to {str(self.path)!r}')
 
     def _on_timer(self) -> None:
+        self.announce()
         if not self.stopped:
             self.discover()
             self._add_graph()
+
+    def announce(self) -> None:
+        """Log the bag's path, once: a run does so when no node can be refused any more."""
+        if not self._is_announced:
+            self._is_announced = True
+            self.get_logger().info(f'recording to {str(self.path)!r}')
 
     def _add_graph(self) -> None:
         """Add the graph to the bag whenever it has grown, unless the run adds it."""

@@ -197,6 +197,7 @@ class Run:
                 self._serve(number)
         if self.recorder:
             self.recorder.discover()
+            self.recorder.announce()
             self.recorder.add_metadata(_description(options.argv, self.nodes))
             self._record_graph(self.recorder)
         # A full garbage collection takes half a step: exclude what lives as long as the run.
