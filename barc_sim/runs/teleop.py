@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
-from threading import Thread
+from threading import Event, Thread
 from typing import TYPE_CHECKING
 
 from barc_sim.control.keyboard import Terminal
@@ -80,7 +81,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
 
 
 @contextmanager
-def _relay_program(options: Namespace, inputs: Inputs) -> Iterator[subprocess.Popen[bytes] | None]:
+def _relay_program(options: Namespace, inputs: Inputs) -> Iterator[subprocess.Popen[str] | None]:
     """Run a relay that is a program of rclpy, where there is ROS, as a process that ends in time.
 
     It has the arguments of the run after `--ros-args`, and with them its namespace.
@@ -89,23 +90,43 @@ def _relay_program(options: Namespace, inputs: Inputs) -> Iterator[subprocess.Po
     if options.engine != 'ros' or getattr(relay, 'ros', '') != 'rclpy':
         yield None
         return
-    file = relay.path.resolve()
-    command = [sys.executable, '-u', str(file), *options.ros_args]
+    file, is_over = relay.path.resolve(), Event()
     # In a session of its own: a Ctrl-C ends the run, which then ends this process.
-    with subprocess.Popen(  # noqa: S603 (the user's own file)
-        command, cwd=file.parent, stdin=subprocess.DEVNULL, start_new_session=True
-    ) as program:
-        try:
-            yield program
-        finally:
+    program = subprocess.Popen(  # noqa: S603 (the user's own file)
+        [sys.executable, '-u', str(file), *options.ros_args],
+        cwd=file.parent,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding='utf-8',
+        errors='replace',
+        start_new_session=True,
+    )
+    output = Thread(target=_print_output, args=(program, is_over), daemon=True)
+    output.start()
+    try:
+        yield program
+    finally:
+        if program.poll() is None:
+            is_over.set()  # most programs answer SIGINT with a traceback
             program.send_signal(signal.SIGINT)
-            try:
-                program.wait(_LAST_WORDS)
-            except subprocess.TimeoutExpired:
-                program.kill()
+        with suppress(subprocess.TimeoutExpired):
+            program.wait(_LAST_WORDS)
+        with suppress(OSError):  # it and what it has started may have ended
+            os.killpg(program.pid, signal.SIGKILL)
+        program.wait()
+        output.join(_LAST_WORDS)
 
 
-def _follow(program: subprocess.Popen[bytes], run: Run) -> None:
+def _print_output(program: subprocess.Popen[str], is_over: Event) -> None:
+    """Print what a program prints on stderr, above the live line, until the run is over."""
+    with program.stdout or nullcontext(()) as lines:
+        for line in lines:
+            if not is_over.is_set():
+                print(line, end='', file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _follow(program: subprocess.Popen[str], run: Run) -> None:
     """End the run with the process of its relay."""
     program.wait()
     run.finish()

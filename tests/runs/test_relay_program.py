@@ -46,8 +46,10 @@ def test_a_program_of_rclpy_is_a_node_of_its_own_that_ends_with_the_run(tmp_path
         out, err = run.communicate(timeout=DEADLINE)
     assert run.returncode == 0, err
     with pytest.raises(ProcessLookupError):
-        os.kill(int(out.split()[0]), 0)
+        os.kill(int(next(filter(str.isdigit, err.split()))), 0)
     path = newest(tmp_path)
+    assert tmp_path / out.strip() == path
+    assert 'Traceback' not in err
     assert bag.read(path).speed.max() >= 1.0
     assert list(bag.load(path).attachments) == ['student/mine.py']
     assert ('/relay', '/ecu') in NodeGraph.from_json(bag.info(path)['graph']).publications
