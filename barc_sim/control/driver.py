@@ -26,10 +26,6 @@ RATE = 20.0  #: [Hz] commands per second; the lab's template has dt = 0.05
 STALE_AFTER = 0.5  #: [s] An older Twist is ignored.
 #: [m/s] Slower than this the car may set off either way.
 STANDSTILL = 0.05
-# The PI controller of the requested speed:
-_KP = 8.0  #: [1/s] time constant of 0.125 s, two and a half of the relay's periods
-_KI = 8.0  #: [1/s²] removes the effect of a hill in about 2 s
-_STEADY = 0.5  #: [m/s²] With less, the speed is as good as constant.
 
 
 class DriverInput(NamedTuple):
