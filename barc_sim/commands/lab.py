@@ -130,6 +130,8 @@ def add_arguments_submit(parser: Parser) -> None:
 def run_submit(options: Namespace) -> None:
     """Write the zip, and print a line for each of its parts."""
     folder = options.folder
+    if folder.is_file():
+        raise UserError(f'{str(folder)!r} is a file: name the folder that it is in')
     if not folder.is_dir():
         raise UserError(
             f'there is no folder {str(folder)!r}: name the one with your files; '

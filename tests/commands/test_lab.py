@@ -133,6 +133,7 @@ def test_templates_are_named() -> None:
     ('words', 'sentence'),
     [
         (['nowhere'], "there is no folder 'nowhere': name the one with your files; barc new"),
+        (['lab/controller.py'], "'lab/controller.py' is a file: name the folder that it is in"),
         (['lab', '--save', 'lab.rar'], "cannot save 'lab.rar': the name must end in .zip"),
         (['lab', '--save', 'no/lab.zip'], "cannot save 'no/lab.zip': No such file or directory"),
     ],

@@ -158,6 +158,7 @@ def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
     ('options', 'words'),
     [
         ('--lab none', "there is no folder 'none'"),
+        ('--lab broken/controller.py', 'is a file: name the folder that it is in'),
         (
             '--lab empty',
             "'empty' has no bike_model.py, controller.py, lane.py, raceline.py, identify.py: ",

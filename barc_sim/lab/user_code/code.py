@@ -477,6 +477,8 @@ def _load(folder: Folder, path: Path) -> ModuleType:
 
 def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
     """Return the files in `folder`, by part."""
+    if folder.is_file():
+        raise UserCodeError(f'{str(folder)!r} is a file: name the folder that it is in')
     if not folder.is_dir():
         raise UserCodeError(
             f'there is no folder {str(folder)!r}: barc new {shlex.quote(str(folder))} writes one'
