@@ -44,7 +44,7 @@ Floats = NDArray[np.float64]
 Range = tuple[float, float]  #: uniform between the two
 
 _FUNCTIONS = {**vars(np), 'atan': np.arctan}  #: of the formulas
-_SAMPLE = 100  #: inputs with which mistakes are tried first
+_SAMPLE = 100  #: inputs with which mistakes are tried
 #: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
 _TOLERANCE = 1e-9
 

@@ -29,6 +29,7 @@ _KEY_READERS = {
     *('curses', 'getch', 'getkey', 'keyboard', 'msvcrt', 'pygame', 'pynput', 'readchar', 'termios'),
     *('tkinter', 'Tkinter', 'tty'),
 }
+_INPUTS = {'sys.stdin', 'input()', 'raw_input()'}
 #: What an expression of numbers and constants consists of.
 _ARITHMETIC = (
     *(ast.Expression, ast.BinOp, ast.UnaryOp, ast.Constant, ast.Name, ast.Load),
@@ -136,9 +137,13 @@ def ros_of_program(tree: ast.Module) -> str:
 
 
 def key_reader(tree: ast.Module) -> str:
-    """Return the module with which a file reads keys; empty where it imports none."""
-    names = (name.partition('.')[0] for node in ast.walk(tree) for name in _imports(node))
-    return next((name for name in names if name in _KEY_READERS), '')
+    """Return with what a file reads keys, such as a module; empty where it reads none."""
+    nodes = [*ast.walk(tree)]
+    names = [name.partition('.')[0] for node in nodes for name in _imports(node)]
+    names = [name for name in names if name in _KEY_READERS]
+    texts = {ast.unparse(each) for each in nodes if isinstance(each, ast.Attribute)}
+    texts |= {f'{ast.unparse(each.func)}()' for each in nodes if isinstance(each, ast.Call)}
+    return next(iter([*names, *sorted(texts & _INPUTS)]), '')
 
 
 def _imports(node: ast.AST) -> list[str]:

@@ -67,6 +67,10 @@ WORKS = {
         COMBINED, 0, 'relay.py reads keys itself, with termios; expected a relay of the Twists',
         20,
     ),
+    'node that reads lines': Work(
+        replaced(ROS_1, 'import rospy', 'import rospy, sys\nkeys = sys.stdin'), 0,
+        'relay.py reads keys itself, with sys.stdin; expected a relay', 20,
+    ),
     'node with a thread': Work(
      'from threading import Thread\nThread().start()\n' + ROS_1, 0,
         "raised RuntimeError: can't start new thread",
