@@ -113,6 +113,7 @@ def test_keeps_every_message_as_it_was_sent(recorder: BagRecorder, talker: Node)
 def test_records_the_log_and_events_of_constructors(recorder: BagRecorder, talker: Node) -> None:
     talker.declare_parameter('gain', 2.0)
     talker.get_logger().info('ready')
+    recorder.announce()
     of_talker = [
         parameter.name
         for event in kept(recorder, '/parameter_events', ParameterEvent)
