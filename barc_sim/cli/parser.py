@@ -9,7 +9,7 @@ import sys
 from contextlib import suppress
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from barc_sim.cli.process import USAGE_ERROR, error_line
 from barc_sim.errors import not_between
@@ -29,6 +29,10 @@ class Parser(argparse.ArgumentParser):
     """An ArgumentParser whose errors are one line; `--help` shows the rest."""
 
     _usual: frozenset[str] = frozenset()
+
+    def __init__(self, **options: Any) -> None:  # noqa: ANN401 (ArgumentParser's own)
+        """Take options by their whole names: of a shortened one another could be meant."""
+        super().__init__(allow_abbrev=False, **options)
 
     def shorten_help(self, *usual: str) -> None:
         """Let `--help` show the `usual` options alone, and `--help-all` show every option."""

@@ -31,7 +31,9 @@ _PACKAGES = {'ros-rclpy': 'rclpy', 'ros-rmw-fastrtps-cpp': 'rmw_fastrtps_cpp', '
 
 def main(args: list[str] | None = None) -> None:
     """Measure, and show and keep the figures."""
-    parser = Parser('bench', description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = Parser(
+        prog='bench', description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     commands = parser.add_subparsers(metavar='NAME', required=True)
     quick = 'whether each of the others works: once, as short as it can be'
     commands.add_parser('quick', help=quick).set_defaults(module=None)

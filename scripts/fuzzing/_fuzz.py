@@ -25,7 +25,7 @@ _OUTCOMES = (RESULT, SENTENCE, TRACEBACK, HANG, MEMORY, ESCAPE)
 
 def main(args: list[str] | None = None) -> int:
     """Try the files, and print the table."""
-    parser = Parser('fuzz', description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = Parser(prog='fuzz', description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument('kind', choices=_KINDS)
     parser.add_argument(
         '-n', type=whole(1), default=1000, metavar='N', help='how many (%(default)s)'

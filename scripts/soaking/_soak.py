@@ -25,7 +25,7 @@ _NAMES = sorted(
 
 def main(args: list[str] | None = None) -> int:
     """Do it, and print the figures."""
-    parser = Parser('soak', description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = Parser(prog='soak', description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     commands = parser.add_subparsers(metavar='NAME', required=True)
     for name in _NAMES:
         module: Any = importlib.import_module(name)

@@ -30,6 +30,7 @@ def raising(error: BaseException) -> int:
     [
         (['fast'], "argument --speed: invalid float value: 'fast'"),
         (['8', '--hill'], 'unrecognized arguments: --hill'),
+        (['8', '--spe', '2'], 'unrecognized arguments: --spe 2: did you mean --speed?'),
         (['8', '--sped=2'], 'unrecognized arguments: --sped=2: did you mean --speed?'),
         (['8', 'up\nhill'], 'unrecognized arguments: up hill'),
     ],
