@@ -87,7 +87,7 @@ def files(path: Path) -> list[Path]:
 
 
 class McapFile:
-    """A file of a bag: it tells the bag what its records describe, and yields its messages."""
+    """A file of a bag: adds what its records describe to the bag, and yields its messages."""
 
     def __init__(self, path: Path, bag: Contents, budget: Budget) -> None:
         """Read all but the messages; UserError: it is no MCAP file, or exceeds a bound."""

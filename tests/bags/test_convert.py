@@ -54,7 +54,7 @@ def robot(tmp_path: Path) -> Path:
         ranges = np.arange(k + 1, dtype=np.float32)
         scan = types['sensor_msgs/msg/LaserScan'](header, *[0.5] * 7, ranges, ranges[:0])
         put('/scan', 'sensor_msgs/msg/LaserScan', scan, k)
-        put('/said', 'std_msgs/msg/String', types['std_msgs/msg/String'](f'word {k}'), k)
+        put('/words', 'std_msgs/msg/String', types['std_msgs/msg/String'](f'word {k}'), k)
     broken = Topic(name='/x', type='a/msg/X', definition='no type', type_hash='', offered_qos=[])
     writer.write([Message(broken, bytes(8), 7 * SECOND, 0, 1)])
     writer.close()
@@ -65,7 +65,7 @@ def test_a_topic_becomes_a_csv_file(robot: Path, tmp_path: Path) -> None:
     out = printed('convert', str(robot), '-o', str(tmp_path / 'out'))
     assert out == f'{tmp_path / "out"}\n'
     assert {path.name for path in (tmp_path / 'out').iterdir()} == {
-        'arm.imu.csv', 'scan.csv', 'said.csv',
+        'arm.imu.csv', 'scan.csv', 'words.csv',
     }  # fmt: skip
     with (tmp_path / 'out' / 'arm.imu.csv').open(newline='') as file:
         rows = [*csv.DictReader(file)]
@@ -97,7 +97,7 @@ def test_what_cannot_be_converted_is_one_sentence(robot: Path, tmp_path: Path) -
         assert refused('convert', str(robot), '-o', str(output)).endswith('name a new --output')
     assert not (tmp_path / 'victim').exists()
     line = refused('convert', str(robot), '-o', str(tmp_path / 'out'), '--topics', '/scam')
-    assert line.endswith('no topic to convert: choose --topics of /arm/imu, /said, /scan, /x')
+    assert line.endswith('no topic to convert: choose --topics of /arm/imu, /scan, /words, /x')
     assert not (tmp_path / 'out').exists()
 
 

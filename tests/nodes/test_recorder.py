@@ -399,8 +399,8 @@ def test_services_pause_resume_and_split(
     assert request_service('split_bagfile') == (True, str(recorder.path))
     assert request_service('pause') == (True, 'paused')
     publisher.publish(Float64(data=3.0))
-    success, said = request_service('snapshot')
-    assert (success, 'record with --snapshot' in said) == (False, True)
+    success, message = request_service('snapshot')
+    assert (success, 'record with --snapshot' in message) == (False, True)
     recorder.close()
     assert recorder.counts['/value'] == 1
     assert recorder.lost['/value'] == {}
