@@ -197,6 +197,12 @@ def split_time(stamp: int) -> tuple[int, int]:
     return (sec, nanosec) if sec <= _LAST else (_LAST, stamp - _LAST * _SECOND)
 
 
+def to_nanoseconds(stamp: Any) -> int:  # noqa: ANN401 (a builtin_interfaces/msg/Time of any library)
+    """Return the stamp of a message in nanoseconds."""
+    nanoseconds: int = stamp.sec * _SECOND + stamp.nanosec
+    return nanoseconds
+
+
 @cache
 def _types() -> Typestore:
     """Return the types whose definitions are shipped with barc_sim."""

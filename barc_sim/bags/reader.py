@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from barc_sim.bags import bounds
 from barc_sim.bags.contents import Contents, types_of
-from barc_sim.bags.messages import field_types
+from barc_sim.bags.messages import field_types, to_nanoseconds
 from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import (
@@ -201,8 +201,7 @@ class _Decoder:
             terms.pop(field) if field in terms else getattr(decoded, field, np.nan)
             for field in self._fields
         ]
-        stamp = decoded.header.stamp
-        return stamp.sec * 10**9 + stamp.nanosec, values, terms
+        return to_nanoseconds(decoded.header.stamp), values, terms
 
 
 class Samples:

@@ -12,6 +12,7 @@ from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
+from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.control.speed import ACCELERATION_LIMIT
 from barc_sim.ros.node_helpers import (
@@ -20,7 +21,6 @@ from barc_sim.ros.node_helpers import (
     declare,
     declare_track,
     frames,
-    to_nanoseconds,
     to_poses,
 )
 

@@ -26,13 +26,13 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.bags import names
+from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.errors import Parameter
 from barc_sim.ros.node_helpers import (
     declare,
     declare_track,
     frames,
     to_header,
-    to_nanoseconds,
     to_poses,
 )
 from barc_sim.vehicle.parameters import NANOSECONDS

@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.bags import names
-from barc_sim.bags.messages import split_time
+from barc_sim.bags.messages import split_time, to_nanoseconds
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros.node_helpers import (
     RateLimitedWarning,
@@ -24,7 +24,6 @@ from barc_sim.ros.node_helpers import (
     declare_track,
     fill,
     frames,
-    to_nanoseconds,
 )
 from barc_sim.ros.peers import claim
 from barc_sim.simulation.stepper import Stepper, parameters

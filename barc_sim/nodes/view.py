@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.bags import names
+from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.cli.parser import MAX_PORT
 from barc_sim.errors import Parameter, UserError
 from barc_sim.page.feed import DEPTH, Feed
@@ -37,7 +38,7 @@ from barc_sim.page.protocol import (
     node_of,
 )
 from barc_sim.page.run_page import RunPage
-from barc_sim.ros.node_helpers import declare, to_nanoseconds
+from barc_sim.ros.node_helpers import declare
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.figures.style import use_measurement
 from barc_sim.figures.track_figure import true_pose
 from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
@@ -102,10 +103,10 @@ class Feed:
             waiting = self._waiting[PID_STATE if topic == CONTROLLER_STATE else topic]
             for message in self._drained(topic):
                 if values := _values_of(topic, message):
-                    waiting.append((_stamp(message), values))
+                    waiting.append((to_nanoseconds(message.header.stamp), values))
         rows = []
         for received, state in self._drained(STATE):
-            stamp, values = _stamp(state), _STATE(state)
+            stamp, values = to_nanoseconds(state.header.stamp), _STATE(state)
             if _is_valid(values):
                 first = stamp if self._first is None else self._first
                 self._first = first + self._stood_still(received, stamp)
@@ -186,12 +187,6 @@ class Feed:
             factor = simulated / real if real else 0.0
         self._window.append(self._newest)
         return factor
-
-
-def _stamp(message: Any) -> int:  # noqa: ANN401 (any message with a header)
-    """Return the stamp [ns] of a message."""
-    stamp = message.header.stamp
-    return int(stamp.sec * NANOSECONDS + stamp.nanosec)
 
 
 def _is_valid(values: tuple[float, ...]) -> bool:

@@ -15,10 +15,10 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from std_msgs.msg import Header
 
 from barc_sim.bags import names
-from barc_sim.bags.messages import split_time
+from barc_sim.bags.messages import split_time, to_nanoseconds
 from barc_sim.control.driver import DriverInput
 from barc_sim.errors import ANY, UserError, not_between
-from barc_sim.vehicle.parameters import NANOSECONDS, TRACK
+from barc_sim.vehicle.parameters import TRACK
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
@@ -109,12 +109,6 @@ def to_poses(header: Header, poses: Any) -> dict[str, Any]:  # noqa: ANN401 (x, 
         pose.orientation = Quaternion(z=sin(half), w=cos(half))
         path.append(PoseStamped(header=header, pose=pose))
     return {'poses': path}
-
-
-def to_nanoseconds(stamp: Time) -> int:
-    """Return `stamp` in nanoseconds."""
-    nanoseconds: int = stamp.sec * NANOSECONDS + stamp.nanosec
-    return nanoseconds
 
 
 def to_driver_input(twist: Twist) -> DriverInput:

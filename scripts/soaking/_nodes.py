@@ -13,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from barc_sim.bags import names
-from barc_sim.ros.node_helpers import to_nanoseconds
+from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.ros.peers import publishers
 
 if TYPE_CHECKING:

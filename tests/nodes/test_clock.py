@@ -22,8 +22,8 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
 from barc_sim.bags import names
+from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.ros.node_helpers import to_nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable

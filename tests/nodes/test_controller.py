@@ -17,10 +17,11 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
+from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR, speed_controller
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.ros.node_helpers import to_header, to_nanoseconds
+from barc_sim.ros.node_helpers import to_header
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -19,8 +19,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.bags import names
+from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.nodes.mirror import Facts, MirrorNode, diagnose
-from barc_sim.ros.node_helpers import to_header, to_nanoseconds
+from barc_sim.ros.node_helpers import to_header
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track
 

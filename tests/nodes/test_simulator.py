@@ -17,9 +17,9 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
+from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.errors import UserError
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.ros.node_helpers import to_nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
