@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import saving, target
-from barc_sim.cli.parser import ROS_ARGS, number, whole
+from barc_sim.cli.parser import ROS_ARGS, whole
 from barc_sim.cli.process import call
 from barc_sim.commands import NODES
 from barc_sim.errors import UserError, escaped
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from barc_sim.bags.names import NodeGraph
     from barc_sim.cli.parser import Parser
 
-_WINDOW = 2.0  #: [s] over which rates are measured
 _FORMATS = ('svg', 'png', 'pdf')
 
 
@@ -35,14 +34,6 @@ def add_arguments_topics(parser: Parser) -> None:
     parser.add_argument(
         '-v', '--verbose', action='store_true', help='also the nodes and their quality of service'
     )
-    parser.add_argument(
-        '--hz',
-        nargs='?',
-        type=number(0.001, 3600.0),
-        const=_WINDOW,
-        metavar='SECONDS',
-        help=f'also measure the rate of messages for this long ({_WINDOW:g})',
-    )
 
 
 def run_topics(options: Namespace) -> None:
@@ -50,7 +41,7 @@ def run_topics(options: Namespace) -> None:
     from barc_sim.ros.introspection import observe, print_topics  # noqa: PLC0415 (slow)
 
     with observe('topics') as observer:
-        print_topics(observer, options.topics, options.hz, full=options.verbose)
+        print_topics(observer, options.topics, full=options.verbose)
 
 
 def add_arguments_echo(parser: Parser) -> None:
@@ -62,9 +53,6 @@ def add_arguments_echo(parser: Parser) -> None:
         '--once', dest='count', action='store_const', const=1, help='print one message'
     )
     count.add_argument('-n', dest='count', type=whole(1), metavar='N', help='print N messages')
-    parser.add_argument(
-        '--field', metavar='FIELD', help='print only this field, such as header.stamp'
-    )
 
 
 def run_echo(options: Namespace) -> None:
@@ -72,7 +60,7 @@ def run_echo(options: Namespace) -> None:
     from barc_sim.ros.introspection import observe, print_messages  # noqa: PLC0415
 
     with observe('echo') as observer:
-        print_messages(observer, options.topic, options.field, options.count)
+        print_messages(observer, options.topic, options.count)
 
 
 def add_arguments_param(parser: Parser) -> None:

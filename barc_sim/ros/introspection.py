@@ -8,8 +8,6 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import contextmanager, suppress
-from itertools import pairwise
-from statistics import fmean, pstdev
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -157,113 +155,67 @@ class GraphObserver:
         raise UserError(f'{node} does not respond: it is busy or it hangs; check it, and try again')
 
 
-def _subscribe(
-    observer: GraphObserver, topic: str, kind: type[Any], *, latched: bool = True
-) -> Subscription:
-    """Subscribe to a topic by the strictest QoS that all its publishers offer.
-
-    `kind` is the class of the messages, `latched` whether old ones count.
-    """
+def _subscribe(observer: GraphObserver, topic: str, kind: type[Any]) -> Subscription:
+    """Subscribe to a topic, of the class `kind`, by the strictest QoS that all publishers offer."""
     publishers = observer.node.get_publishers_info_by_topic(topic)
     qos = request(publishers, _DEPTH)
     if not publishers:  # none to match yet: request the weakest
-        qos.reliability = ReliabilityPolicy.BEST_EFFORT
-    if not (publishers and latched):
-        qos.durability = DurabilityPolicy.VOLATILE
+        qos.reliability, qos.durability = ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE
     return observer.node.create_subscription(kind, topic, lambda _: None, qos)
 
 
-def _take(subscription: Subscription) -> Iterator[tuple[Any, dict[str, int]]]:
-    """Yield the messages that have arrived, each with the middleware's information on it."""
+def _take(subscription: Subscription) -> Iterator[Any]:
+    """Yield the messages that have arrived."""
     with subscription.handle:
         for _ in range(_DEPTH):  # what arrives meanwhile could go on for ever
             taken = subscription.handle.take_message(subscription.msg_type, False)
             if taken is None:
                 return
-            yield taken
+            yield taken[0]
 
 
-def print_messages(
-    observer: GraphObserver, name: str, field: str | None, count: int | None
-) -> None:
-    """Print `count` messages of a topic, or those up to a signal; of each only a given `field`."""
+def print_messages(observer: GraphObserver, name: str, count: int | None) -> None:
+    """Print `count` messages of a topic, or those up to a signal."""
     topic = observer.find(name, 'topic', observer.topics)
     kind = message_class(observer.topics()[topic])
-    if field is not None:
-        field_of(kind(), field.partition('.')[0])  # check it before the first message
     if not observer.wait_for(lambda: observer.node.count_publishers(topic)):
         print(f'barc echo: {topic} has no publisher yet', file=sys.stderr)  # noqa: T201
     subscription = _subscribe(observer, topic, kind)
     with suppress(KeyboardInterrupt):  # the usual end
         while True:
-            for message, _ in _take(subscription):
-                shown = message if field is None else field_of(message, field)
-                print(f'{to_yaml(shown)}---', flush=True)  # noqa: T201
+            for message in _take(subscription):
+                print(f'{to_yaml(message)}---', flush=True)  # noqa: T201
                 count = count and count - 1
                 if count == 0:
                     return
             observer.pause(_POLL_PERIOD)
 
 
-def field_of(message: Any, path: str) -> Any:  # noqa: ANN401 (generated classes)
-    """Return the field at `path`, such as `header.stamp.sec`, or `ranges.0` of an array."""
-    value = message
-    for name in path.split('.'):
-        if _is_message(value) and name in _fields(value):
-            value = getattr(value, name)
-        elif _is_sequence(value) and name.isdecimal() and int(name) < len(value):
-            value = value[int(name)]
-        else:
-            known = ', '.join(_fields(value)) if _is_message(value) else 'its elements'
-            raise UserError(f'there is no field {path!r}: {name!r} is not among {known}')
-    return value
-
-
-def to_yaml(value: Any) -> str:  # noqa: ANN401
-    """Return a message as a YAML document without `---`, with the beginnings of long values.
-
-    A single field is returned as Python prints it.
-    """
-    if not _is_message(value):
-        return f'{value}\n'
+def to_yaml(message: Any) -> str:  # noqa: ANN401 (generated classes)
+    """Return a message as a YAML document without `---`, with the beginnings of long values."""
     return yaml.dump(
-        _plain(value), Dumper=_Dumper, allow_unicode=True, width=_MAX_WIDTH, sort_keys=False
+        _plain(message), Dumper=_Dumper, allow_unicode=True, width=_MAX_WIDTH, sort_keys=False
     )
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401
     """Return `value` in YAML's types."""
-    if _is_message(value):
-        return {name: _plain(getattr(value, name)) for name in _fields(value)}
+    if hasattr(value, 'get_fields_and_field_types'):
+        return {name: _plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, bytes):
         value = value.decode('latin-1')
     if isinstance(value, str):
         return value if len(value) <= _MAX_SHOWN else f'{value[:_MAX_SHOWN]}...'
-    if _is_sequence(value):
+    if hasattr(value, '__len__'):  # a list, an array of Python's or of NumPy's
         shown = [_plain(element) for element in value[:_MAX_SHOWN]]
         return [*shown, '...'] if len(shown) < len(value) else shown
     return value.item() if hasattr(value, 'item') else value  # NumPy's scalars
 
 
-def _is_message(value: object) -> bool:
-    return hasattr(value, 'get_fields_and_field_types')
-
-
-def _is_sequence(value: object) -> bool:
-    """Return whether `value` is a list, tuple, array.array or NumPy array."""
-    return hasattr(value, '__len__') and not isinstance(value, (str, bytes))
-
-
-def _fields(message: Any) -> list[str]:  # noqa: ANN401
-    return list(message.get_fields_and_field_types())
-
-
-def print_topics(
-    observer: GraphObserver, names: Sequence[str], seconds: float | None, *, full: bool
-) -> None:
+def print_topics(observer: GraphObserver, names: Sequence[str], *, full: bool) -> None:
     """Print the named topics, or all that are not hidden, with their types and endpoints.
 
-    Over `seconds`, if given, their rates are measured; `full` adds nodes and QoS.
+    `full` adds nodes and QoS.
     """
     wanted = [observer.find(name, 'topic', observer.topics) for name in names]
 
@@ -274,49 +226,14 @@ def print_topics(
             if (name in wanted if wanted else not topic_or_service_is_hidden(name))
         }
 
-    topics = observer.wait_until_stable(read)
-    rates = _rates(observer, topics, seconds) if seconds else {}
-    for name, (kind, publishers, subscribers) in topics.items():
+    for name, (kind, publishers, subscribers) in observer.wait_until_stable(read).items():
         ends = f'{_plural(len(publishers), "publisher")}, {_plural(len(subscribers), "subscriber")}'
         lines = [f'{name} [{kind}] {ends}']
-        if name in rates:
-            lines.append(f'  {rates[name]}')
         if full:
             for end in (end for ends in observer.endpoints(name) for end in ends):
                 lines += ['', *(f'  {line}' for line in str(end).splitlines())]
             lines.append('')
         print('\n'.join(lines))  # noqa: T201
-
-
-def _rates(observer: GraphObserver, topics: dict[str, Any], seconds: float) -> dict[str, str]:
-    """Return by topic the rate of its messages, or why it cannot be measured."""
-    rates, subscribed = {}, {}
-    for topic, (kind, *_) in topics.items():
-        try:
-            subscribed[topic] = _subscribe(observer, topic, message_class(kind), latched=False)
-        except UserError as error:  # noqa: PERF203
-            rates[topic] = str(error)
-    observer.pause(seconds)
-    for topic, subscription in subscribed.items():
-        times = [about['received_timestamp'] for _, about in _take(subscription)]
-        rates[topic] = describe_rate(times)
-        subscription.destroy()
-    return rates
-
-
-def describe_rate(times: Sequence[int]) -> str:
-    """Return the mean rate of events at `times` [ns] in the words of `ros2 topic hz`.
-
-    The window is the number of periods between them.
-    """
-    periods = [(new - old) * 1e-9 for old, new in pairwise(times)]
-    if not periods:
-        return _plural(len(times), 'message')
-    mean = fmean(periods)
-    return (
-        f'average rate: {1.0 / mean if mean else 0.0:.3f} min: {min(periods):.3f}s '
-        f'max: {max(periods):.3f}s std dev: {pstdev(periods):.5f}s window: {len(periods)}'
-    )
 
 
 def _plural(count: int, noun: str) -> str:
