@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.lab.handout import FILES
+from barc_sim.lab.files import FILES
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.identify import IdentifyCode
 from barc_sim.lab.labs.lane import LaneCode

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import FIGURE_DPI, FIGURES, saving, target
 from barc_sim.errors import UserError, one_line
-from barc_sim.lab.handout import RUBRICS, handout_of
+from barc_sim.lab.files import RUBRICS, handout_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -84,7 +84,7 @@ def run(options: Namespace) -> int:
 
 def _composition(folder: Path) -> bool:
     """Print what is found of a `compose.py` in the folder; return whether nothing is wrong."""
-    from barc_sim.lab.handout import COMPOSE  # noqa: PLC0415
+    from barc_sim.lab.files import COMPOSE  # noqa: PLC0415
 
     file = folder / COMPOSE
     if not file.is_file():

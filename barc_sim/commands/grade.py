@@ -10,7 +10,7 @@ from barc_sim.cli.files import make_folder, saving
 from barc_sim.cli.parser import number, whole
 from barc_sim.cli.process import INTERRUPTED, uninterrupted
 from barc_sim.errors import UserError
-from barc_sim.lab.handout import BY_HAND, RUBRICS, handout_of, names_of
+from barc_sim.lab.files import BY_HAND, RUBRICS, handout_of, names_of
 
 if TYPE_CHECKING:
     from argparse import Namespace

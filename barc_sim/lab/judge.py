@@ -18,9 +18,8 @@ import numpy as np
 
 from barc_sim.errors import UserError, one_line, without_addresses
 from barc_sim.lab.confined.process import Ended, Failed, Limits, Process
-from barc_sim.lab.handout import files_in
+from barc_sim.lab.files import ChosenGains, UserCodeError, files_in
 from barc_sim.lab.laws import Judge, close, run
-from barc_sim.lab.user_code.source import ChosenGains, UserCodeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from typing_extensions import Self
 
-    from barc_sim.lab.handout import Handout
+    from barc_sim.lab.files import Handout
     from barc_sim.lab.laws import Agree, Index, Inputs, Law, Trial
 
 

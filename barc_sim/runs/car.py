@@ -128,7 +128,7 @@ def print_result(run: Run, cars: list[Car]) -> None:
 
 def _driven_with(options: Namespace, user_code: UserCode, controller: CruiseController) -> str:
     """Return the gains and the limit of a user's controller."""
-    from barc_sim.lab.user_code.source import ChosenGains  # noqa: PLC0415 (slow)
+    from barc_sim.lab.files import ChosenGains  # noqa: PLC0415 (slow)
 
     chosen, named = user_code.gains or ChosenGains(KP, KI, KD, 'barc_sim'), gains(options)
     if named:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code import source
+from barc_sim.lab import files
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
 
 #: The minimum number of nodes: a simulator, a relay, a driver and a recorder.
@@ -73,7 +73,7 @@ def judge_composition(file: Path) -> Verdict:
 
 def _is_unwritten(file: Path) -> bool:
     """Return whether the script still raises the template's NotImplementedError."""
-    tree = source.compiled(source.read(file, file.name)).tree
+    tree = files.compiled(files.read(file, file.name)).tree
     return any(
         isinstance(node, ast.Raise) and ast.unparse(node) == 'raise NotImplementedError'
         for node in ast.walk(tree)

@@ -26,7 +26,7 @@ from barc_sim.cli.parser import barc_path
 from barc_sim.cli.process import report
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.source import UserCodeError
+from barc_sim.lab.files import UserCodeError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator

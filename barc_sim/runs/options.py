@@ -13,7 +13,7 @@ from pathlib import Path
 from barc_sim.bags.recording import Recording
 from barc_sim.cli.parser import MAX_PORT, number, whole
 from barc_sim.cli.process import has_ros, is_at_desktop, needs_ros
-from barc_sim.lab.handout import FILES
+from barc_sim.lab.files import FILES
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
 

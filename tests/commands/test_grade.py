@@ -24,8 +24,8 @@ from barc_sim.__main__ import main as barc
 from barc_sim.commands import grade
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import check
+from barc_sim.lab.files import BY_HAND
 from barc_sim.lab.grade.grade import Grade
-from barc_sim.lab.handout import BY_HAND
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,8 +15,8 @@ from user_files import load_folder
 from barc_sim.__main__ import main, run
 from barc_sim.commands.lab import write_templates
 from barc_sim.control.driver import DriverInput
+from barc_sim.lab.files import UserCodeError
 from barc_sim.lab.grade import submissions
-from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,8 +18,8 @@ from user_files import LocalCode, read_programs, replaced
 
 from barc_sim.control.lane import speed_profile
 from barc_sim.errors import UserError
+from barc_sim.lab.files import files_in
 from barc_sim.lab.grade.rubric import load
-from barc_sim.lab.handout import files_in
 from barc_sim.lab.labs.raceline import MISTAKES, RACELINE, RIGHT_PROGRAMS, profile, program
 from barc_sim.lab.user_code.adapters import line_through
 from barc_sim.lab.user_code.code import POINTS, UserCode

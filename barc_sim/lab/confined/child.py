@@ -35,7 +35,7 @@ def _handler(seconds: float) -> Callable[..., Any]:
     Each may use so many `seconds` of processor time: then it raises OutOfTime, which names the
     line. Code that catches this, or does not return to Python, is ended by the grader.
     """
-    from barc_sim.lab.handout import files_in  # noqa: PLC0415
+    from barc_sim.lab.files import files_in  # noqa: PLC0415
     from barc_sim.lab.user_code.code import UserCode  # noqa: PLC0415
     from barc_sim.lab.user_code.folder import OutOfTime  # noqa: PLC0415
 

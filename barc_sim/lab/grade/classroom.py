@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
+from barc_sim.lab.files import render
 from barc_sim.lab.grade.rubric import LABELS
-from barc_sim.lab.handout import render
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.process import uninterrupted
 from barc_sim.errors import UserError, escaped
+from barc_sim.lab.files import BY_HAND, data_url, render
 from barc_sim.lab.grade.rubric import LABELS
 from barc_sim.lab.grade.submissions import graded, read
-from barc_sim.lab.handout import BY_HAND, data_url, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -16,7 +16,7 @@ import yaml
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
-from barc_sim.lab.handout import BY_HAND, RUBRICS
+from barc_sim.lab.files import BY_HAND, RUBRICS
 from barc_sim.lab.judge import Settings, Thresholds
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.identify import IDENTIFY

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError, escaped, one_line
-from barc_sim.lab.handout import FILES, names_of
+from barc_sim.lab.files import FILES, names_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator

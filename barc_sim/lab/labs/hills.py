@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.errors import UserError
-from barc_sim.lab import handout
+from barc_sim.lab import files
 from barc_sim.lab.judge import Finding, Functions, Lab, Part
 from barc_sim.lab.labs.pid import LABELS, TS, HillsCode, judge_pid
 from barc_sim.lab.laws import read
@@ -214,7 +214,7 @@ def _rate(commands: Sequence[Command]) -> tuple[float, str]:
 
 
 HILLS = Lab(
-    handout.HILLS,
+    files.HILLS,
     HillsCode,
     {
         'model': Part(MODEL_LABELS, lambda code, its, _: FUNCTIONS.judge(code, its.seed)[0]),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.lab import handout
+from barc_sim.lab import files
 from barc_sim.lab.judge import (
     Evidence,
     Finding,
@@ -303,7 +303,7 @@ def _residuals(code: IdentifyCode, car: Car, commands: Sequence[float], fault: s
 
 
 IDENTIFY = Lab(
-    handout.IDENTIFY,
+    files.IDENTIFY,
     IdentifyCode,
     {'identify': Part(LABELS, _judge)},
     by_eye=frozenset({'estimate.residuals'}),

@@ -18,7 +18,7 @@ import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneController, LaneLaw, LaneLQR, steady_turn
 from barc_sim.errors import UserError
-from barc_sim.lab import handout
+from barc_sim.lab import files
 from barc_sim.lab.judge import (
     Evidence,
     Finding,
@@ -427,7 +427,7 @@ def _judge(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Ite
 
 
 LANE = Lab(
-    handout.LANE,
+    files.LANE,
     LaneCode,
     {'lane': Part({**LABELS, **DRIVE_LABELS}, _judge)},
     by_eye=frozenset({'lane.delay'}),

@@ -22,10 +22,10 @@ import numpy as np
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.control.speed import KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
+from barc_sim.lab.files import ChosenGains
 from barc_sim.lab.judge import Evidence, Finding, JudgedCode, Table, judged, numbers_of, rows_of
 from barc_sim.lab.laws import Judge, Trial, read
 from barc_sim.lab.user_code.folder import MAX_COMMANDS, NOT_WRITTEN, Command, TimedTwist
-from barc_sim.lab.user_code.source import ChosenGains
 from barc_sim.simulation.closed_loop import DISTANCE, Progress, closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.plant import Plant

@@ -18,7 +18,7 @@ import numpy as np
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, LaneLQR, speed_profile, steady_turn
 from barc_sim.control.planning import lap_time, racing_line, solver
 from barc_sim.errors import UserError
-from barc_sim.lab import handout
+from barc_sim.lab import files
 from barc_sim.lab.judge import (
     Evidence,
     Finding,
@@ -405,7 +405,7 @@ def _judge(code: RacelineCode, settings: Settings, criteria: Collection[str]) ->
 
 
 RACELINE = Lab(
-    handout.RACELINE,
+    files.RACELINE,
     RacelineCode,
     {'raceline': Part(LABELS, _judge)},
     by_eye=frozenset({'line.gain'}),

@@ -16,7 +16,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.errors import UserError
-from barc_sim.lab.handout import FILES, files_in
+from barc_sim.lab.files import (
+    FILES,
+    GAINS,
+    ChosenGains,
+    Source,
+    UserCodeError,
+    files_in,
+    find_gains,
+    key_reader,
+    ros_of_program,
+)
 from barc_sim.lab.user_code.folder import (
     BUDGET,
     BY_EYE,
@@ -31,15 +41,6 @@ from barc_sim.lab.user_code.folder import (
     number,
     raised_at,
     short_repr,
-)
-from barc_sim.lab.user_code.source import (
-    GAINS,
-    ChosenGains,
-    Source,
-    UserCodeError,
-    find_gains,
-    key_reader,
-    ros_of_program,
 )
 
 if TYPE_CHECKING:

@@ -27,8 +27,8 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 from barc_sim.errors import one_line, without_addresses
-from barc_sim.lab.handout import FILES
-from barc_sim.lab.user_code.source import (
+from barc_sim.lab.files import (
+    FILES,
     Source,
     UserCodeError,
     compiled,
@@ -186,16 +186,16 @@ class Folder:
         return module
 
     def _compiled(self, file: Path) -> CodeType:
-        path, source = str(file), self._read(file)
+        source = self._read(file)
         result = compiled(source)
-        self.trees[path] = result.tree
+        self.trees[str(file)] = result.tree
         for phrase in result.tolerated:
             self._tolerate(f'{source.name}: {phrase}')
         return result.code
 
     def parse(self, file: Path) -> ast.Module:
         """Return the syntax tree of `file`, which is not run."""
-        self.trees[str(file)] = compiled(self._read(file)).tree
+        self._compiled(file)
         return self.trees[str(file)]
 
     def place(self, filename: str, line: int) -> str | None:

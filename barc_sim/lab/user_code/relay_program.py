@@ -17,6 +17,7 @@ from math import isfinite
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+from barc_sim.lab.files import UserCodeError
 from barc_sim.lab.user_code.folder import (
     MAX_COMMANDS,
     Absent,
@@ -27,7 +28,6 @@ from barc_sim.lab.user_code.folder import (
     describe_error,
     raised_at,
 )
-from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.ros.local import find_module
 from barc_sim.ros.local import world as in_world
 from barc_sim.ros.local.executor import (

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
+from barc_sim.lab.files import ChosenGains
 from barc_sim.lab.judge import Thresholds, judged
 from barc_sim.lab.labs.pid import judge_lab_road
-from barc_sim.lab.user_code.source import ChosenGains
 
 if TYPE_CHECKING:
     from collections.abc import Callable

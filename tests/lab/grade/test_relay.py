@@ -17,8 +17,8 @@ from relays import (
 from user_files import CONTROLLER, MODEL, judged_file
 
 import barc_sim.lab
+from barc_sim.lab.files import FILES
 from barc_sim.lab.grade.rubric import load
-from barc_sim.lab.handout import FILES
 from barc_sim.lab.judge import Finding, Settings
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.hills import RELAY_LABELS as RELAY

@@ -10,10 +10,9 @@ import pytest
 from user_files import load, load_folder
 
 from barc_sim.errors import UserError
-from barc_sim.lab.handout import FILES
+from barc_sim.lab.files import FILES, UserCodeError
 from barc_sim.lab.judge import JudgedCode
 from barc_sim.lab.user_code.code import UserCode
-from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

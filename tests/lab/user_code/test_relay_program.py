@@ -17,9 +17,9 @@ from relays import (
 )
 from user_files import LocalCode, load_folder
 
+from barc_sim.lab.files import UserCodeError
 from barc_sim.lab.user_code.code import UserCode
 from barc_sim.lab.user_code.folder import Command, TimedTwist, UserFunction
-from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.source import UserCodeError, compiled, find_gains, read
+from barc_sim.lab.files import UserCodeError, compiled, find_gains, read
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from barc_sim.lab.user_code.source import Source
+    from barc_sim.lab.files import Source
 
 
 def source(tmp_path: Path, data: bytes) -> Source:
