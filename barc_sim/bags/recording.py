@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +28,6 @@ _TRIES = 1000
 BAG_DIR = Parameter(
     'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
 )
-COMPRESSIONS = ('zstd', 'lz4', 'none')  #: of a chunk
 #: The number of a message that the middleware does not number.
 UNNUMBERED = 2**64 - 1
 
@@ -45,11 +44,6 @@ class Recording:
     depth: int = 10_000  #: queue length of a subscription: one second at 10,000 messages a second
     min_free_space: float = 64.0  #: [MiB] to leave free on the disk
     use_sim_time: bool = False  #: stamp messages with `/clock`
-    start_paused: bool = False
-    snapshot: float | None = None  #: [s] to keep in memory and write on request; None: write all
-    compression: str = 'zstd'  #: of `COMPRESSIONS`
-    #: By topic, the QoS to request, in rosbag2's terms.
-    qos: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def wants(self, topic: str) -> bool:
         """Return whether to record a topic, given its full name."""

@@ -14,7 +14,6 @@ from math import inf
 from struct import Struct
 from typing import TYPE_CHECKING, Any
 
-import lz4.frame
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -125,8 +124,7 @@ class AtomicAppender:
 class ChunkBuilder:
     """Collects the messages of a chunk, after the schemas and channels that they need."""
 
-    def __init__(self, compression: str) -> None:
-        self._compression = compression
+    def __init__(self) -> None:
         self.size = 0  #: [B] before compression
         self._records: list[bytes] = []
         #: By channel: of each message its time and its offset, one after the other.
@@ -151,10 +149,9 @@ class ChunkBuilder:
         """
         content = b''.join(self._records)
         times = [pairs[::2] for pairs in self.pairs.values()]
-        compress = {'zstd': ZstdCompressor().compress, 'lz4': lz4.frame.compress, 'none': bytes}
         chunk = Chunk(
-            compression=self._compression.replace('none', ''),
-            data=compress[self._compression](content),
+            compression='zstd',
+            data=ZstdCompressor().compress(content),
             message_start_time=min(map(min, times)),
             message_end_time=max(map(max, times)),
             uncompressed_crc=zlib.crc32(content),
@@ -205,9 +202,8 @@ class BagFile:
         The file exists or cannot be made.
     """
 
-    def __init__(self, path: Path, compression: str = 'zstd') -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        self._compression = compression
         self.span = Span()
         self.appender = AtomicAppender(path)
         self.finished = False
@@ -216,7 +212,7 @@ class BagFile:
         self.topics: dict[int, Topic] = {}  #: by the ID of their channel
         self._channels: dict[str, int] = {}  # by topic
         self._schemas: dict[tuple[str, str], int] = {}
-        self._chunk = ChunkBuilder(compression)
+        self._chunk = ChunkBuilder()
         self._summary: defaultdict[int, list[bytes]] = defaultdict(list)  # records by opcode
         self._checksum = 0
         self._put(MAGIC)
@@ -306,7 +302,7 @@ class BagFile:
             start, end = index.message_start_time, index.message_end_time
             self.span += Span(start, end, sum(counts.values()))
             self.counts.update({self.topics[id_].name: count for id_, count in counts.items()})
-            self._chunk = ChunkBuilder(self._compression)
+            self._chunk = ChunkBuilder()
 
     def commit(self) -> None:
         """Write the finished chunks, and close the file if it is finished."""
@@ -371,8 +367,6 @@ class BagWriter:
         The run's own, kept in the files and in `custom_data` of metadata.yaml.
     max_size, max_duration
         Of a file [B], [s]: a new one begins after the `write` that reaches one of them.
-    compression
-        One of `COMPRESSIONS`.
 
     Raises
     ------
@@ -387,10 +381,8 @@ class BagWriter:
         metadata: Mapping[str, str] | None = None,
         max_size: float = inf,
         max_duration: float = inf,
-        compression: str = 'zstd',
     ) -> None:
         self.directory = directory
-        self._compression = compression
         self._max_size, self._max_duration = max_size, max_duration * 1e9
         self._files: list[BagFile] = []
         self._metadata: dict[str, str] = {}
@@ -468,7 +460,7 @@ class BagWriter:
 
     def _begin_file(self) -> None:
         name = f'{self.directory.absolute().name}_{len(self._files)}.mcap'
-        self._files.append(BagFile(self.directory / name, self._compression))
+        self._files.append(BagFile(self.directory / name))
         self._first, self._is_full = None, False
 
     def flush(self) -> None:

@@ -6,7 +6,7 @@ import errno
 import threading
 import time
 from bisect import bisect_left
-from collections import Counter, deque
+from collections import Counter
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from barc_sim.bags.recording import short_of_space
 from barc_sim.simulation.log import CLOCK
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping
 
     from barc_sim.bags.messages import MessageFields
     from barc_sim.bags.writer import BagWriter
@@ -57,8 +57,6 @@ class WriterThread:
     ) -> None:
         self._lock = threading.RLock()
         self.paused = False
-        self.snapshot: float | None = None  #: [s] to keep until `write_snapshot`; None: write all
-        self._snapshot_due = False
         self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
         self._now: int | None = None  # [ns] of the latest `/clock`
         self._late: list[MessageFields] = []
@@ -67,7 +65,6 @@ class WriterThread:
         self._source = source
         self._reserve = reserve
         self._on_failure = on_failure
-        self._kept: deque[MessageFields] = deque()  # for a snapshot
         self._arrived = 0  # messages that the last poll found
         self._stuck = False  # until the disk accepts what it refused
         self._broken = False  # for good, as the source has failed
@@ -108,26 +105,10 @@ class WriterThread:
             self._fail(error)
 
     def _drain(self) -> None:
-        messages: Sequence[MessageFields] = self._take()
+        messages = self._take()
         self._arrived = len(messages)
-        if self.paused:
-            return
-        if self.snapshot is not None:
-            self._kept.extend(messages)
-            begin = _RECEIVED(self._kept[-1]) - int(self.snapshot * 1e9) if self._kept else 0
-            while self._kept and _RECEIVED(self._kept[0]) < begin:
-                self._kept.popleft()
-            if not self._snapshot_due:
-                return
-            messages, self._kept, self._snapshot_due = self._kept, deque(), False
-        if messages:
+        if messages and not self.paused:
             self._writer.write(messages)
-
-    def write_snapshot(self) -> None:
-        """Write the messages of the last `snapshot` seconds."""
-        with self._lock:
-            self._snapshot_due, self._chunk_due = True, 0.0
-            self._run_once()
 
     def _take(self) -> list[MessageFields]:
         """Return the waiting messages in order of reception, as readers expect.
@@ -218,6 +199,4 @@ class WriterThread:
         left.subtract(self._writer.on_disk)
         if self._stuck and not self._broken:
             left.update(topic.name for topic, *_ in (*self._late, *self._source()))
-        if self._snapshot_due:
-            left.update(topic.name for topic, *_ in self._kept)
         self.unwritten = {topic: count for topic, count in left.items() if count > 0}

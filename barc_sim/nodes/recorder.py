@@ -21,12 +21,11 @@ from barc_sim.bags.recording import (
 )
 from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import WriterThread
-from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.peers import has_dds, node_graph
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
 
 # [s] between two searches for new topics.
@@ -41,8 +40,7 @@ class BagRecorder(Node):
     nodes' constructors on.
 
     A thread of its own writes the messages. Spinning the node finds topics, and serves rosbag2's
-    names: `bag_recorder/pause`, `resume`, `is_paused`, `split_bagfile` and `snapshot`, all of the
-    type Trigger.
+    names: `bag_recorder/pause`, `resume` and `split_bagfile`, all of the type Trigger.
 
     Parameters
     ----------
@@ -106,14 +104,11 @@ class BagRecorder(Node):
         self._start(root, path, attachments or {})
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
-        for name, action in (
-            ('pause', partial(self._pause, True)),
-            ('resume', partial(self._pause, False)),
-            ('is_paused', lambda: str(self._thread.paused).lower()),
-            ('split_bagfile', self._split_bagfile),
-            ('snapshot', self._snapshot),
+        for name, respond in (
+            ('pause', partial(self._on_pause, on=True)),
+            ('resume', partial(self._on_pause, on=False)),
+            ('split_bagfile', self._on_split),
         ):
-            respond = partial(self._respond, action)
             self.create_service(Trigger, f'bag_recorder/{name}', respond)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
@@ -127,7 +122,6 @@ class BagRecorder(Node):
             metadata=self._metadata,
             max_size=settings.max_bag_size,
             max_duration=settings.max_bag_duration,
-            compression=settings.compression,
         )
         self._thread = WriterThread(
             self._writer, self._topics.take, settings.reserve, self._on_failure
@@ -136,8 +130,6 @@ class BagRecorder(Node):
             self._topics.on_full = self._thread.write_now
         self._thread.do(lambda writer: writer.attach(attachments))
         self._thread.use_sim_time = settings.use_sim_time
-        self._thread.snapshot = settings.snapshot
-        self._thread.paused = settings.start_paused
         self._thread.start()
 
     def _on_timer(self) -> None:
@@ -238,29 +230,17 @@ class BagRecorder(Node):
         self.close()
         super().destroy_node()
 
-    def _respond(
-        self, action: Callable[[], str], _: object, response: Trigger.Response
+    def _on_pause(
+        self, _: Trigger.Request, response: Trigger.Response, *, on: bool
     ) -> Trigger.Response:
-        """Respond with what `action` returns, or with the reason why it cannot be done."""
-        try:
-            response.message, response.success = action(), True
-        except UserError as error:
-            response.message = str(error)
+        self._thread.paused = on
+        response.success, response.message = True, 'paused' if on else 'recording'
         return response
 
-    def _pause(self, paused: bool) -> str:
-        self._thread.paused = paused
-        return 'paused' if paused else 'recording'
-
-    def _split_bagfile(self) -> str:
+    def _on_split(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._thread.do(lambda writer: writer.split())
-        return str(self.path)
-
-    def _snapshot(self) -> str:
-        if self._recording.snapshot is None:
-            raise UserError('every message is written already: record with --snapshot to keep some')
-        self._thread.write_snapshot()
-        return str(self.path)
+        response.success, response.message = True, str(self.path)
+        return response
 
 
 def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of either carrier)

@@ -220,16 +220,12 @@ class TopicSubscriptions:
     A publisher that offers less than the first ones did gets a subscription of its own, which
     requests less; the subscription of the others stays as it is. A topic that others subscribe to
     is subscribed to before it has a publisher, with their QoS: a publisher may send one message and
-    end before it is discovered. UserError: the recording requests what is no QoS.
+    end before it is discovered.
     """
 
     def __init__(self, node: Node, recording: Recording) -> None:
         self._node = node
         self._wants, self._depth = recording.wants, recording.depth
-        self._overrides = {
-            node.resolve_topic_name(name): profile({'depth': self._depth} | dict(values))
-            for name, values in recording.qos.items()
-        }
         self._taker = Taker()
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`
@@ -318,7 +314,7 @@ class TopicSubscriptions:
         if is_new:
             recorded.topic, recorded.since = describe(name, publishers), time.monotonic()
         unmatched = [each for each in publishers if not recorded.matches(each, exactly=is_new)]
-        if unmatched and not (name in self._overrides and recorded.subscriptions):
+        if unmatched:
             qos = request(unmatched, self._depth)
             subscription = self._create(name, message_class(recorded.topic.type), qos)
             with self._lock:
@@ -333,7 +329,7 @@ class TopicSubscriptions:
             message_type,
             name,
             lambda _: None,
-            self._overrides.get(name, qos),
+            qos,
             callback_group=PolledCallbackGroup(),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,

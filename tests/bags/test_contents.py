@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-import mcap_doctor
 import pytest
 import zstandard
 from command_line import printed, refused
+from mcap.writer import CompressionType, Writer
 from rosbags.convert.converter import convert
-from rosbags.highlevel import AnyReader
 
 from barc_sim.bags.contents import Contents, types_of
 from barc_sim.bags.messages import Message, Topic, topic
-from barc_sim.bags.recording import COMPRESSIONS
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 
@@ -95,17 +93,17 @@ def test_info_of_a_damaged_bag_counts_what_can_be_read(ours: Path, tmp_path: Pat
     assert {'lost_messages: 2', 'command: test'} <= {*out}
 
 
-@pytest.mark.parametrize('compression', COMPRESSIONS)
-def test_a_bag_of_each_compression_is_read_by_others(tmp_path: Path, compression: str) -> None:
-    writer = BagWriter(tmp_path, compression=compression)
-    of_headers = topic('/a', 'std_msgs/msg/Header')
-    for k in range(100):
-        writer.write([Message(of_headers, bytes([0, 1, *bytes(15)]), k, k, k)])
-    writer.close()
-    assert sum(1 for _ in Contents(tmp_path).messages()) == 100
-    with AnyReader([tmp_path]) as reader:
-        assert sum(1 for _ in reader.messages()) == 100
-    mcap_doctor.check(writer.file)
+@pytest.mark.parametrize('compression', CompressionType)
+def test_chunks_of_each_compression_are_read(tmp_path: Path, compression: CompressionType) -> None:
+    with (tmp_path / 'a.mcap').open('wb') as stream:
+        writer = Writer(stream, compression=compression)
+        writer.start('ros2')
+        schema = writer.register_schema('std_msgs/msg/Bool', 'ros2msg', b'bool data')
+        channel = writer.register_channel('/a', 'cdr', schema)
+        for k in range(100):
+            writer.add_message(channel, k, bytes([0, 1, 0, 0, 1]), k)
+        writer.finish()
+    assert [message.received for message in Contents(tmp_path).messages()] == [*range(100)]
 
 
 def test_a_message_that_unpacks_to_too_much_is_left_as_it_is(tmp_path: Path) -> None:
