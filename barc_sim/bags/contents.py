@@ -1,4 +1,4 @@
-"""The topics and messages of any bag: rosbag2's MCAP and sqlite3, our own, and damaged ones.
+"""The topics and messages of any MCAP bag: rosbag2's, our own, and damaged ones.
 
 An MCAP file is read up to its last whole record. mcap parses its records; what a file claims of
 itself decides neither how much is read nor how much is unpacked.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import zlib
 from collections import Counter, deque
 from contextlib import contextmanager, suppress
@@ -25,8 +26,6 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata, Schema, Statistics
 from rosbags.interfaces import Nodetype
-from rosbags.rosbag2 import Reader
-from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from barc_sim.bags import bounds
@@ -34,11 +33,11 @@ from barc_sim.bags.bounds import MAX_RECORD, Budget, from_yaml
 from barc_sim.bags.messages import Message, Topic, definition
 from barc_sim.bags.recording import METADATA_NAME, Span
 from barc_sim.bags.writer import MAGIC
-from barc_sim.cli.files import check_plain, open_regular
+from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
     from typing import BinaryIO
 
@@ -54,6 +53,7 @@ _DESCRIBING: dict[int, Any] = {
     Opcode.STATISTICS: Statistics,
 }
 _IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL}
+_CONVERTIBLE = {'.db3', '.zstd'}  #: of rosbag2's files that `rosbags-convert` reads
 
 
 @dataclass
@@ -73,9 +73,15 @@ def files(path: Path) -> list[Path]:
     """Return the MCAP files of a bag; `path` is its directory, or one of the files."""
     if not path.exists():
         raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')
+    there = [*path.iterdir()] if path.is_dir() else [path]
+    found = [file for file in there if file.suffix == '.mcap' and not file.name.startswith('.')]
+    if not found and any(file.suffix in _CONVERTIBLE for file in there):
+        raise UserError(
+            f'{str(path)!r} is a bag of sqlite3, or of compressed files: make one of MCAP with '
+            f'`rosbags-convert --src {shlex.quote(str(path))} --dst NEW --dst-storage mcap`'
+        )
     if not path.is_dir():
         return [path.resolve() if path.is_symlink() else path]
-    found = [file for file in path.glob('*.mcap') if not file.name.startswith('.')]
     if not found:
         raise UserError(f'{str(path)!r} has no .mcap file in it: name the directory of a bag')
 
@@ -294,8 +300,8 @@ class Contents:
     ----------
     topics
         By name.
-    sources, files
-        Its files; and of these the MCAP files, unless rosbags reads the bag.
+    files
+        Its files.
     counts
         The number of messages that were read, by topic.
     span
@@ -304,10 +310,10 @@ class Contents:
         The run's own, and the attached files by their names.
     """
 
-    def __init__(self, path: Path, *, run: bool = False) -> None:
+    def __init__(self, path: Path, *, timed: bool = False) -> None:
         """Find and describe the bag at `path`: its directory, or one of the files.
 
-        Of a `run` there are only MCAP files, and to read them takes limited time.
+        To read a bag that is `timed` takes limited time.
 
         Raises
         ------
@@ -320,42 +326,14 @@ class Contents:
         self.span = Span()
         self.metadata: dict[str, str] = {}
         self.attachments: dict[str, bytes] = {}
-        self.files: list[McapFile] = []
-        self._unreadable: dict[str, Damage] = {}
-        # What rosbags reads: a whole directory if it can be, as its files may be compressed.
-        self._others = [] if run else _others(path)
-        of_others = (each.iterdir() if each.is_dir() else [each] for each in self._others)
-        self.sources = sorted(chain(*of_others)) or files(path)
-        self._budget = Budget(self.sources, timed=run)
-        for source in self.sources if self._others else ():
-            self._charge_unpacked(source)
-        for source in self._others:
-            self._describe_other(source)
-        if not self._others:
-            self.files = [McapFile(file, self, self._budget) for file in self.sources]
+        found = files(path)
+        self._budget = Budget(found, timed=timed)
+        self.files = [McapFile(file, self, self._budget) for file in found]
 
     @property
     def damages(self) -> dict[str, Damage]:
         """By the damaged files' names."""
-        found = {file.path.name: file.damage for file in self.files if file.damage}
-        return found | self._unreadable
-
-    def _charge_unpacked(self, source: Path) -> None:
-        """Charge what a file unpacks to that rosbags unpacks whole, on the disk."""
-        if source.suffix != '.zstd':
-            return
-        with source.open('rb') as file, suppress(zstandard.ZstdError):
-            for piece in zstandard.ZstdDecompressor().read_to_iter(file):
-                self._budget.charge(len(piece))
-
-    def _describe_other(self, source: Path) -> None:
-        try:
-            with Reader(source) as reader:
-                self.metadata |= getattr(reader.storage.metadata, 'custom', None) or {}
-                self.topics |= {each.topic: _topic(each) for each in reader.connections}
-                self.span += Span(reader.start_time, reader.end_time - 1, reader.message_count)
-        except Exception as error:  # noqa: BLE001 (damage may raise anything)
-            raise UserError(f'{str(source)!r} cannot be read ({error}): name another bag') from None
+        return {file.path.name: file.damage for file in self.files if file.damage}
 
     def complete(self) -> None:
         """Find topics and span in the messages where a file has no summary of them."""
@@ -366,13 +344,7 @@ class Contents:
         """Yield the messages in the order of the bag, up to its damage."""
         self.counts, self.span = Counter(), Span()
         self._budget.renew()
-        for source in self._others:
-            yield from self._counted(self._of_other(source))
-        for file in self.files:
-            yield from self._counted(file.messages())
-
-    def _counted(self, messages: Iterable[Message]) -> Iterator[Message]:
-        for message in messages:
+        for message in chain.from_iterable(file.messages() for file in self.files):
             self.counts[message.topic.name] += 1
             self.span.add(message.received)
             if message.data.startswith(_ZSTD):
@@ -390,15 +362,6 @@ class Contents:
         while waiting:
             yield heappop(waiting)[2]
 
-    def _of_other(self, source: Path) -> Iterator[Message]:
-        try:
-            with Reader(source) as reader:
-                for number, (connection, time, data) in enumerate(reader.messages(), 1):
-                    topic = self.topics[connection.topic]
-                    yield Message(topic, bytes(data), time, time, number)
-        except Exception:  # noqa: BLE001 (damage may raise anything)
-            self._unreadable[source.name] = Damage(unfinished=True)
-
     def _unpacked(self, data: bytes) -> bytes:
         """Return a message without the compression that rosbag2 can give it."""
         try:
@@ -407,26 +370,6 @@ class Contents:
             return data
         self._budget.charge(len(whole))
         return whole
-
-
-def _others(path: Path) -> list[Path]:
-    """Return what rosbags reads of the bag at `path`: nothing where there are MCAP files."""
-    if path.suffix == '.db3' and path.is_file():
-        return [path]
-    if not path.is_dir() or any(path.glob('*.mcap')):
-        return []
-    check_plain(path)
-    return [path] if (path / 'metadata.yaml').exists() else sorted(path.glob('*.db3'))
-
-
-def _topic(connection: Any) -> Topic:  # noqa: ANN401 (rosbags' own)
-    return Topic(
-        name=connection.topic,
-        type=connection.msgtype,
-        definition=str(connection.msgdef.data),
-        type_hash=connection.digest,
-        offered_qos=dump_qos_v9(getattr(connection.ext, 'offered_qos_profiles', [])),
-    )
 
 
 def selected(
@@ -475,7 +418,7 @@ def describe(path: Path) -> dict[str, Any]:
     losses = {k: v for k, v in metadata.items() if k.startswith(_LOSSES)}
     return {
         'path': str(path),
-        'files': {file.name: file.stat().st_size for file in contents.sources},
+        'files': {file.path.name: file.path.stat().st_size for file in contents.files},
         'start': (span.start or 0) / 1e9,
         'duration': span.duration / 1e9,
         'messages': span.count,

@@ -163,7 +163,7 @@ def recover(path: Path, output: Path) -> Contents:
     UserError
         There is no bag, nothing in it can be read, or the output exists or cannot be written.
     """
-    contents = Contents(path, run=True)
+    contents = Contents(path, timed=True)
     make_directory(output, output.parent)
     try:
         with closing(BagWriter(output, metadata=contents.metadata)) as writer:

@@ -125,7 +125,7 @@ class Bag:
 
 def load(path: Path | str, *, messages: bool = True) -> Bag:
     """Read a bag; without its `messages`, its metadata and its attached files alone."""
-    contents = Contents(Path(path), run=True)
+    contents = Contents(Path(path), timed=True)
     bag = Bag(contents.path, contents.metadata, contents.attachments)
     if not messages:
         return bag

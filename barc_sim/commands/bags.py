@@ -57,7 +57,7 @@ def _described(found: dict[str, Any]) -> Iterator[str]:
 def add_arguments_convert(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Convert a bag of any ROS 2 recorder to tables, a CSV file for each topic.'
-    parser.epilog = 'For bags of ROS 1 and sqlite3, there is `rosbags-convert`.'
+    parser.epilog = 'For bags of ROS 1 and of sqlite3, there is `rosbags-convert`.'
     parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag, or a file')
     parser.add_argument(
         '-o', '--output', type=Path, metavar='DIR', help='new folder (BAG_csv, here)'

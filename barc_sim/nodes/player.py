@@ -28,7 +28,7 @@ from barc_sim.ros.topics import message_class, offer
 
 if TYPE_CHECKING:
     import re
-    from collections.abc import Callable, Generator, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from rclpy.publisher import Publisher
@@ -57,17 +57,14 @@ class Playback(NamedTuple):
     clock: float | None = None  #: [Hz] of `/clock`; None: there is none but the bag's
 
 
-def _ahead(messages: Generator[Message]) -> Iterator[Message]:
+def _ahead(messages: Iterator[Message]) -> Iterator[Message]:
     """Yield the messages, which a thread reads in advance: a large one would delay others."""
     with ThreadPoolExecutor(1) as pool:
-        try:
-            batches = (pool.submit(list, islice(messages, _BATCH)) for _ in count())
-            ahead = deque(islice(batches, _BATCHES))
-            while batch := ahead.popleft().result():
-                ahead.append(next(batches))
-                yield from batch
-        finally:
-            pool.submit(messages.close)  # where it was begun, as SQLite demands
+        batches = (pool.submit(list, islice(messages, _BATCH)) for _ in count())
+        ahead = deque(islice(batches, _BATCHES))
+        while batch := ahead.popleft().result():
+            ahead.append(next(batches))
+            yield from batch
 
 
 class BagPlayer(Node):
