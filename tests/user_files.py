@@ -221,14 +221,8 @@ L = 3.0
 l_r = 1.5
 
 
-def corner(curvature):
-    k = abs(curvature)
-    v = (3.5 / k) ** 0.5 if k else 12.0
-    return min(12.0, v)
-
-
-def profile(limits, step):
-    v2 = [v**2 for v in limits]
+def profile(curvatures, step):
+    v2 = [min(144.0, 3.5 / abs(k)) if k else 144.0 for k in curvatures]
     n = len(v2)
     for k in range(2 * n):  # forwards
         v2[(k + 1) % n] = min(v2[(k + 1) % n], v2[k % n] + 4.0 * step)

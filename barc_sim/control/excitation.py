@@ -6,7 +6,6 @@ Each is a controller, so that it drives a run as any other: ``--controller-type 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from math import inf, pi, sin
 from typing import TYPE_CHECKING
 
@@ -14,15 +13,17 @@ from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import Gain, take_gains
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from barc_sim.control.lane import Curvature
 
-_AMPLITUDE = Gain(2.0, 'm/s²', 'acceleration of the test signal, either way', 8.0, (0.0, 1e3))
-_HOLD = Gain(0.5, '1/s', 'gain that keeps the speed near its reference', 5.0, (0.0, 1e3))
+_SIGNAL = {
+    'amplitude': Gain(2.0, 'm/s²', 'acceleration of the test signal, either way', 8.0, (0.0, 1e3)),
+    'hold': Gain(0.5, '1/s', 'gain that keeps the speed near its reference', 5.0, (0.0, 1e3)),
+}
 
 
-class TestSignal(ABC):
+class TestSignal:
     """What the signals of the motor have in common: a slow P controller, and a signal upon it."""
 
     __test__ = False  # for pytest
@@ -44,7 +45,7 @@ class TestSignal(ABC):
 
     def reset(self) -> None:
         """Begin the signal anew."""
-        self.t = -1.0  #: [s] since the first call
+        self.t = -inf  #: [s] since the first call
         self.test_signal = self.holding = 0.0
         self.saturated = False
 
@@ -52,20 +53,24 @@ class TestSignal(ABC):
         self, speed_reference: float, speed_current: float, dt: float = 0.02
     ) -> float:
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
-        self.t = 0.0 if self.t < 0.0 else self.t + dt
+        self.t = max(self.t + dt, 0.0)
         self.holding = self.hold * (speed_reference - speed_current)
         self.test_signal = self.signal(speed_reference, speed_current)
         raw = self.holding + self.test_signal
         self.saturated = not self.output_min <= raw <= self.output_max
         return min(max(raw, self.output_min), self.output_max)
 
-    @abstractmethod
     def signal(self, speed_reference: float, speed_current: float, /) -> float:
         """Return the signal [m/s²] at `t`."""
+        raise NotImplementedError
 
-    def _intervals(self, length: float) -> int:
-        """Return how many whole intervals of `length` [s] have passed."""
-        return int(self.t / length + 1e-9)
+
+def _binary_sequence() -> list[int]:
+    """Return the 1,023 bits of a shift register with the primitive polynomial x¹⁰ + x⁷ + 1."""
+    bits = [1, 0, 1, 0, 1, 0, 0, 1, 0, 1]
+    while len(bits) < 1023:  # noqa: PLR2004
+        bits.append(bits[-10] ^ bits[-7])
+    return bits[9:] + bits[:9]
 
 
 class PRBS(TestSignal):
@@ -80,65 +85,56 @@ class PRBS(TestSignal):
     """
 
     gains: Mapping[str, Gain] = {
-        'amplitude': _AMPLITUDE,
-        'hold': _HOLD,
+        **_SIGNAL,
         'interval': Gain(0.3, 's', 'how long the signal stays at least', 2.0, (1e-3, 100.0)),
     }
     interval: float
-    _register: int
-    _drawn: int
+    _bits = _binary_sequence()
 
     def signal(self, _: float, __: float) -> float:
         """Return plus or minus the amplitude."""
-        while self._drawn < self._intervals(self.interval):
-            # A shift register of ten bits, whose primitive polynomial is x¹⁰ + x⁷ + 1.
-            bit = (self._register >> 9 ^ self._register >> 6) & 1
-            self._register = (self._register << 1 | bit) & 0x3FF
-            self._drawn += 1
-        return self.amplitude if self._register & 1 else -self.amplitude
-
-    def reset(self) -> None:
-        """Begin the signal anew."""
-        super().reset()
-        self._register, self._drawn = 0x2A5, 0
+        return self.amplitude if _at(self._bits, self.t / self.interval) else -self.amplitude
 
 
 class Steps(TestSignal):
     """Steps up, back, down and back: what a delay and a lag look like by eye."""
 
     gains: Mapping[str, Gain] = {
-        'amplitude': _AMPLITUDE,
-        'hold': _HOLD,
+        **_SIGNAL,
         'interval': Gain(2.0, 's', 'between two steps', 20.0, (1e-3, 1e3)),
     }
     interval: float
 
     def signal(self, _: float, __: float) -> float:
         """Return the step of now."""
-        return self.amplitude * (0.0, 1.0, 0.0, -1.0)[self._intervals(self.interval) % 4]
+        return self.amplitude * _at((0, 1, 0, -1), self.t / self.interval)
+
+
+def _at(values: Sequence[int], intervals: float) -> int:
+    """Return the value after so many intervals; the values repeat."""
+    return values[int(intervals + 1e-9) % len(values)]
 
 
 class CoastDown(TestSignal):
     """Goes up to the reference, and rolls down to a share of it: it shows drag and friction."""
 
     gains: Mapping[str, Gain] = {
-        'amplitude': _AMPLITUDE,
-        'hold': _HOLD._replace(default=0.0),
+        **_SIGNAL,
+        'hold': _SIGNAL['hold']._replace(default=0.0),
         'share': Gain(0.3, '-', 'of the reference, to which it rolls', 1.0, (0.0, 1.0)),
     }
     share: float
-    _rolls = False
+
+    def reset(self) -> None:
+        """Begin the signal anew."""
+        super().reset()
+        self._rolls = False
 
     def signal(self, speed_reference: float, speed_current: float) -> float:
         """Return the amplitude on the way up, and 0 on the way down."""
         end = self.share * speed_reference if self._rolls else speed_reference
         self._rolls = speed_current > end
         return 0.0 if self._rolls else self.amplitude
-
-    def reset(self) -> None:
-        """Begin the signal anew."""
-        super().reset()
-        self._rolls = False
 
 
 class SineSteer(LaneLQR):

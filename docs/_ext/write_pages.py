@@ -167,9 +167,9 @@ def mistakes() -> Iterator[str]:
 
     every = [*of('bike_model.py', BIKE), *of('controller.py', PID_LAW), *of('lane.py', LANE)]
     every += [
-        (f'`raceline.py`: `{name}`', each.sentence)
+        (f'`raceline.py`: `{name}`', sentence)
         for name, own in RACELINE.items()
-        for each in own
+        for sentence, _ in own
     ]
     every += of('identify.py', IDENTIFY)
     for title, group in groupby(every, key=lambda each: each[0]):

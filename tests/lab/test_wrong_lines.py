@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from user_files import RACELINE as RIGHT
+from user_files import RACELINE as TEXT
 from user_files import LocalCode, read_programs, replaced
 
 from barc_sim.control.lane import speed_profile
 from barc_sim.errors import UserError
 from barc_sim.lab.files import files_in
 from barc_sim.lab.grade.rubric import load
-from barc_sim.lab.labs.raceline import MISTAKES, RACELINE, RIGHT_PROGRAMS, profile, program
+from barc_sim.lab.labs.raceline import MISTAKES, RACELINE, profile, program
+from barc_sim.lab.labs.raceline import PROGRAMS as RIGHT
 from barc_sim.lab.user_code.adapters import line_through
 from barc_sim.lab.user_code.code import POINTS, UserCode
 from barc_sim.vehicle.track import Track
@@ -29,18 +30,18 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 PROGRAMS = read_programs("""
-right | 90 |  | right in all 41 cases
-no root | 87 | return min | the root is missing
-    ** 0.5 if k -> if k
-a straight | 85 | v = | ZeroDivisionError
-    if k else 12.0 -> if True else 12.0
-the limits alone | 81 |  | the car cannot jump from speed to speed
+right | 90 |  | right in all 3 cases
+no root | 78 |  | the root is missing
+    min(144.0, 3.5 / abs(k)) -> min(144.0, (3.5 / k)**2)
+a straight | 70 | v2 = | ZeroDivisionError
+    if k else 144.0 -> if True else 144.0
+the turns alone | 78 |  | the car cannot jump from speed to speed
     range(2 * n) -> range(0)
     range(2 * n, 0, -1) -> range(0)
-not closed | 81 |  | the lap is closed
+not closed | 78 |  | the lap is closed
     range(2 * n):  # forwards -> range(n - 1):  # forwards
     range(2 * n, 0, -1) -> range(n - 1, 0, -1)
-speeds of another track | 75 |  | profile(1.455) gave
+speeds of another track | 70 |  | profile(1.455) gave
     return [v**0.5 -> return [5.0
 the centre line | 60 |  | that of the centre line
     n = bounded(J, bends, half)⏎    return -> n = 0.0 * x⏎    return
@@ -78,8 +79,8 @@ a huge model | 65 |  | gave 1e+300 as number 1
     np.append(H, g) -> np.ones(110)
 no program | 75 | raise | program is not written yet (TODO)
     a11, a12, a21, a22, b1, b2 = predict(speed) -> raise NotImplementedError
-a missing bracket | 0 | def korner | syntax error
-    def corner(curvature): -> def korner(curvature
+a missing bracket | 0 | def profil | syntax error
+    def profile(curvatures, step): -> def profil(curvatures
 """)
 #: What the sum over states has that begins with x_0.
 STATES = """H, g = H + 2.0 * G.T @ G, g + 2.0 * G.T @ x
@@ -88,7 +89,7 @@ STATES = """H, g = H + 2.0 * G.T @ G, g + 2.0 * G.T @ x
         continue"""
 RUBRIC = load('raceline')
 #: The first function of each group of criteria.
-GROUPS = {'speed': 'def corner', 'line': 'def bounded', 'mpc': 'def predict'}
+GROUPS = {'speed': 'def profile', 'line': 'def bounded', 'mpc': 'def predict'}
 
 
 def part_of(text: str, group: str) -> str:
@@ -101,12 +102,12 @@ def part_of(text: str, group: str) -> str:
 @pytest.mark.parametrize('name', PROGRAMS)
 def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
     program = PROGRAMS[name]
-    text = replaced(RIGHT, *program.changes).replace('STATES', STATES)
+    text = replaced(TEXT, *program.changes).replace('STATES', STATES)
     (tmp_path / 'raceline.py').write_text(text, encoding='utf-8')
     code = LocalCode(UserCode(files_in(tmp_path), budget=None))
     # What is wrong in one function alone changes nothing of the others' criteria.
     parts = {of: [each for each in RUBRIC.points if each.startswith(of)] for of in GROUPS}
-    changed = [of for of in GROUPS if part_of(text, of) != part_of(RIGHT, of)] or [*GROUPS]
+    changed = [of for of in GROUPS if part_of(text, of) != part_of(TEXT, of)] or [*GROUPS]
     criteria = [each for of in changed for each in parts[of]]
     findings = RACELINE.judge(code, replace(RUBRIC.settings, criteria=criteria))
     assert {each.criterion for each in findings} == {*criteria}
@@ -126,9 +127,10 @@ def test_the_speeds_of_points_are_those_of_the_exact_profile() -> None:
     track = Track.named('oval')
     step = track.length / 2000
     places = [(k + 0.5) * step for k in range(2000)]
-    limits = [min(12.0, 3.5**0.5 / max(abs(track.curvature(s)), 1e-9) ** 0.5) for s in places]
-    exact = speed_profile(track, 12.0, 3.5, 2.0)
-    assert np.abs(np.array(profile(limits, step)) - [exact(0.0, s) for s in places]).max() < 0.05
+    curvatures = [float(track.curvature(s)) for s in places]
+    profiled = speed_profile(track, 12.0, 3.5, 2.0)
+    exact = np.array([profiled(0.0, s) for s in places])
+    assert np.abs(profile(curvatures, step) - exact).max() < 0.05
 
 
 def test_the_program_has_the_cost_of_the_states() -> None:
@@ -155,8 +157,7 @@ def test_the_program_has_the_cost_of_the_states() -> None:
 
 
 CALLS = {
-    'corner': [[-0.1], [0.05], [0.005]],
-    'profile': [[[12.0, 12.0, 5.0, 9.0, 4.0, 12.0], 1.5]],
+    'profile': [[[0.0, 0.0, 0.14, -0.05, 0.2, 0.0], step] for step in (1.5, 40.0)],
     'predict': [[6.0]],
     'program': [[0.4, -0.1, 6.0]],
 }
@@ -164,7 +165,7 @@ CALLS = {
 
 @pytest.mark.parametrize('name', MISTAKES)
 def test_each_wrong_program_gives_numbers_of_its_own(name: str) -> None:
-    programs = [RIGHT_PROGRAMS[name], *(each.program for each in MISTAKES[name])]
+    programs = [RIGHT[name], *(wrong for _, wrong in MISTAKES[name])]
     found = [[np.round(each(*row), 9).tolist() for row in CALLS[name]] for each in programs]
     assert all(found.count(each) == 1 for each in found)
 
@@ -178,7 +179,7 @@ def test_a_line_beyond_the_edges_is_refused() -> None:
 def test_without_daqp_one_sentence_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / 'raceline.py').write_text(RIGHT, encoding='utf-8')
+    (tmp_path / 'raceline.py').write_text(TEXT, encoding='utf-8')
     monkeypatch.setitem(sys.modules, 'daqp', None)
     code = LocalCode(UserCode(files_in(tmp_path), budget=None))
     with pytest.raises(UserError, match=r"pip install 'barc_sim\[mpc\]'"):

@@ -11,7 +11,7 @@ from functools import cache, partial
 from math import inf
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from barc_sim.lab.judge import (
     Lab,
     Part,
     Table,
-    numbers_of,
+    judged,
     share,
 )
 from barc_sim.lab.labs.lane import describe, drive_errors, drive_law, hidden_track
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import TrackLog
 
 LABELS = {
-    'speed.corner': 'Speed: in a turn',
     'speed.profile': 'Speed: of a lap',
     'line.inside': 'Line: between the edges',
     'line.bending': 'Line: how much it bends',
@@ -58,15 +57,9 @@ LABELS = {
     'mpc.lap': 'MPC: a lap of L',
     'line.gain': 'Line: what it gains, and why',
 }
-TOP, ACROSS, ALONG = 12.0, 3.5, 2.0  #: [m/s], [m/s²] and [m/s²]
+LIMITS = 12.0, 3.5, 2.0  #: [m/s], and [m/s²] across and along
 _STEPS = 10  #: of a plan
-_SIZES = {
-    'corner': 1,
-    'profile': POINTS,
-    'predict': 6,
-    'program': _STEPS * (_STEPS + 1),
-    'line': POINTS,
-}
+_SIZES = {'profile': POINTS, 'line': POINTS, 'predict': 6, 'program': _STEPS * (_STEPS + 1)}
 _L = L_F + L_R
 _NAMED = 0.4  #: of the points are left for a mistake that is known
 _BENT = 1.1  #: times the bending of the best line: full marks
@@ -75,30 +68,23 @@ _TOLERANCE = 1e-6
 _NO_COST = 1e12  #: that a number of a program is below
 
 
-def corner(
-    curvature: float,
-    top: float = TOP,
-    across: float = ACROSS,
-    power: float = 0.5,
-    *,
-    right: bool = True,
-) -> list[float]:
-    """Return the maximum speed in a turn."""
-    is_free = not curvature or (curvature < 0.0 and not right)
-    return [TOP if is_free else min(top, (across / abs(curvature)) ** power)]
-
-
 def profile(
-    limits: Sequence[float],
+    curvatures: Sequence[float],
     step: float,
     *,
+    top: float = LIMITS[0],
+    across: float = LIMITS[1],
+    root: float = 0.5,
+    right: bool = True,
     passes: Sequence[int] = (1, -1),
-    gain: float = 2.0 * ALONG,
+    gain: float = 2.0 * LIMITS[2],
     power: float = 2.0,
     closed: bool = True,
 ) -> list[float]:
-    """Return the fastest speeds of a lap within its limits: a pass to accelerate, one to brake."""
-    found, n = np.array(limits) ** power, len(limits)
+    """Return the fastest speeds of a lap: a pass to accelerate, one to brake."""
+    bends = np.abs(curvatures) if right else np.maximum(curvatures, 0.0)
+    found = np.minimum(top, (across / np.maximum(bends, 1e-9)) ** root) ** power
+    n = len(found)
     for way in passes:
         for k in range(2 * n if closed else n - 1):
             i, j = (k % n, (k + 1) % n) if way > 0 else (-k % n - 1, -(k + 1) % n - 1)
@@ -128,10 +114,10 @@ def program(
     weights: Sequence[float] = (1.0, 1.0, 5.0),  # of e_y, e_psi and the steering
     first: int = 1,
     scale: Sequence[float] = (2.0, 2.0),
-    model: Callable[[float], Sequence[float]] = predict,
+    model: Sequence[float] | None = None,
 ) -> list[float]:
     """Return the Hessian, row by row, and the gradient of the cost of ten commands."""
-    *matrix, b1, b2 = model(speed)
+    *matrix, b1, b2 = predict(speed) if model is None else model
     a, now, by = np.reshape(matrix, (2, 2)), np.array([e_y, e_psi]), np.zeros((2, _STEPS))
     hessian, gradient = weights[2] * np.eye(_STEPS), np.zeros(_STEPS)
     for k in range(_STEPS + 1):
@@ -148,46 +134,35 @@ def program(
 def _rows(name: str, seed: int) -> list[list[Any]]:
     """Return the arguments of the calls of a function."""
     uniform = Random(f'{seed} {name}').uniform  # noqa: S311 (a simulation, not a secret)
-    if name == 'corner':
-        return [[0.0], *([uniform(-0.2, 0.2)] for _ in range(40))]
     if name == 'predict':
         return [[uniform(2.0, 12.0)] for _ in range(10)]
     if name == 'program':
         return [[uniform(-2.0, 2.0), uniform(-0.5, 0.5), uniform(3.0, 9.0)] for _ in range(6)]
     track = Track.named('L')
     step = track.length / POINTS
-    starts = [uniform(0.0, track.length) for _ in range(3)]
-    places = [[start + k * step for k in range(POINTS)] for start in starts]
-    return [[[*map(_allowed, own)], step] for own in places]
+    places = np.array([[uniform(0.0, track.length)] for _ in range(3)]) + step * np.arange(POINTS)
+    return [[[float(track.curvature(s)) for s in lap], step] for lap in places.tolist()]
 
 
-def _allowed(s: float) -> float:
-    return corner(float(Track.named('L').curvature(s)))[0]
+PROGRAMS: dict[str, Callable[..., list[float]]] = {
+    each.__name__: each for each in (profile, predict, program)
+}
 
 
-class Mistake(NamedTuple):
-    """A wrong program, and the sentence that its author gets."""
-
-    sentence: str
-    program: Callable[..., list[float]]
-
-
-def _mistakes() -> dict[str, list[Mistake]]:
-    """Return the mistakes in each function, as `raceline.txt` has them."""
+def _mistakes() -> dict[str, list[tuple[str, Callable[..., list[float]]]]]:
+    """Return the wrong programs of each function with their sentences, from `raceline.txt`."""
     text = Path(__file__).with_suffix('.txt').read_text(encoding='utf-8')
-    found: dict[str, list[Mistake]] = {}
+    found: dict[str, list[tuple[str, Callable[..., list[float]]]]] = {}
     for section in text.split('\n# ')[1:]:
         name, *lines = section.strip().splitlines()
-        for line in lines:
-            options, _, sentence = line.partition(': ')
-            wrong = partial(RIGHT_PROGRAMS[name], **eval(f'dict({options})', {'inf': inf}))  # noqa: S307 (ours)
-            found.setdefault(name, []).append(Mistake(sentence, wrong))
+        rows = (line.partition(': ') for line in lines)
+        found[name] = [
+            (sentence, partial(PROGRAMS[name], **eval(f'dict({options})', {'inf': inf})))  # noqa: S307 (ours)
+            for options, _, sentence in rows
+        ]
     return found
 
 
-RIGHT_PROGRAMS: dict[str, Callable[..., list[float]]] = {
-    each.__name__: each for each in (corner, profile, predict, program)
-}
 MISTAKES = _mistakes()
 
 
@@ -196,34 +171,24 @@ class RacelineCode(JudgedCode):
 
     def numbers(self, name: str, rows: Sequence[Sequence[Any]]) -> Floats:
         """Return what a function returns for each row of arguments."""
-        if (size := _SIZES[name]) > 1:
-            return np.array(self.rows(name, rows, size))
-        found = self.call('functions', name, rows)
-        return np.array(numbers_of(name, found, len(rows)))[:, np.newaxis]
+        return np.array(self.rows(name, rows, _SIZES[name]))
 
 
 def _near(got: Floats, right: Any) -> bool:  # noqa: ANN401 (rows of numbers)
     return bool(np.allclose(got, right, rtol=_TOLERANCE, atol=_TOLERANCE))
 
 
-@np.errstate(all='ignore')  # of numbers of any size
-def _judged(code: RacelineCode, name: str, seed: int) -> tuple[float, str]:
+def _judge_function(code: RacelineCode, name: str, seed: int) -> tuple[float, str]:
     """Return score and message of a function: right, a known mistake, or its largest error."""
     rows = _rows(name, seed)
-    right = np.array([RIGHT_PROGRAMS[name](*row) for row in rows])
-    try:
-        got = code.numbers(name, rows)
-        if _near(got, right):
-            return 1.0, f'right in all {len(rows)} cases'
-        if name == 'program':
-
-            def own(speed: float) -> list[float]:
-                return [float(each) for each in code.numbers('predict', [[speed]])[0]]
-
-            if _near(got, [program(*row, model=own) for row in rows]):
+    right, got = np.array([PROGRAMS[name](*row) for row in rows]), code.numbers(name, rows)
+    if _near(got, right):
+        return 1.0, f'right in all {len(rows)} cases'
+    if name == 'program':
+        with suppress(UserError):
+            models = [code.numbers('predict', [row[2:]])[0] for row in rows]
+            if _near(got, [program(*r, model=m) for r, m in zip(rows, models, strict=True)]):
                 return 1.0, 'right, with the model of predict'
-    except UserError as error:
-        return 0.0, str(error)
     i, k = map(int, np.unravel_index(np.abs(got - right).argmax(), right.shape))
     line = code.line_of('functions', (name, [rows[i]]), [float(got[i, k])], [])
     place = f'{line}: ' if line else ''
@@ -240,21 +205,22 @@ def _bending(track: Track) -> float:
     return sum(k * k * length for k, length in zip(track.curvatures, track.lengths, strict=True))
 
 
-@cache
-def _best(track: Track) -> Track:
-    return racing_line(track)
+#: The best line of a track.
+_best = cache(racing_line)
 
 
-class _Line(NamedTuple):
-    """A student's line of a track."""
+class _Line:
+    """A student's line of a track, its offsets cut to their bounds."""
 
-    track: Track
-    line: Track
-    turned: Track | None  #: the line with offsets to the other side, where a car can follow it
+    def __init__(self, code: RacelineCode, track: Track) -> None:
+        arguments, self._through = line_through(track)
+        offsets, half = code.numbers('line', [arguments])[0], arguments[-1]
+        self.beyond = float(np.abs(offsets).max()) - half
+        self._offsets = np.clip(offsets, -half, half)
+        self.track, self.line = track, self._through(self._offsets.tolist())
 
-    @property
     def bending(self) -> tuple[float, str]:
-        """Score and message of how much it bends."""
+        """Return score and message of how much it bends."""
         best, centre, own = map(_bending, (_best(self.track), self.track, self.line))
         score = share(own, _BENT * best, centre)
         text = f'{own:.3g} 1/m is the integral of its squared curvature; that of the centre line '
@@ -263,59 +229,40 @@ class _Line(NamedTuple):
             k = int(np.abs(self.line.curvatures).argmax())
             radius, point = 1.0 / abs(self.line.curvatures[k]), k // 2 + 1
             text += f'; it bends most at point {point} of {POINTS}, with a radius of {radius:.1f} m'
-        turned = share(_bending(self.turned), _BENT * best, centre) if self.turned else 0.0
-        if score < 0.5 and turned > score + 0.3:  # noqa: PLR2004
-            text = f'the other way round it bends less: positive is to the left. {text}'
+        with suppress(UserError):  # no car can follow the mirror image of some
+            turned = _bending(self._through((-self._offsets).tolist()))
+            if share(turned, _BENT * best, centre) > score + 0.3:
+                text = f'the other way round it bends less: positive is to the left. {text}'
         return score, text
 
     def drive(self) -> tuple[float, str, TrackLog]:
         """Return score and message of laps at the speed that the line allows, and their log."""
-        speed = speed_profile(self.line, TOP, ACROSS, ALONG)
+        speed = speed_profile(self.line, *LIMITS)
         log = lap(LaneLQR(), self.line, speed=speed, laps=2, dynamics='dynamic')
         beside = np.asarray(self.track.frenet(log.x, log.y, log.psi).e_y)
-        load = float(np.abs(log.v_x * log.psi_dot).max()) / ACROSS
-        times, whole = log.lap_times, log.s[-1] >= 2.0 * self.line.length
+        across = float(np.abs(log.v_x * log.psi_dot).max())
+        whole = log.s[-1] >= 2.0 * self.line.length
         if not whole or np.abs(beside).max() > 0.5 * self.track.width:
             return 0.0, f'the car leaves the track, {log.s[-1]:.0f} m along the line', log
-        text = f'best lap {min(times):.2f} s (not judged; planned '
-        text += f'{lap_time(self.line, speed):.2f} s), at most {load * ACROSS:.2f} m/s² across'
-        return share(load, *_LOAD), f'{text} ({_LOAD[0] * ACROSS:.2f} is full marks)', log
-
-
-def _offsets(code: RacelineCode, track: Track) -> tuple[Floats, float]:
-    """Return a student's offsets, and their bound."""
-    arguments, _ = line_through(track)
-    return code.numbers('line', [arguments])[0], arguments[-1]
-
-
-def _line_of(track: Track, offsets: Floats, half: float) -> _Line:
-    """Return a student's line, its offsets clipped to their bounds."""
-    _, through = line_through(track)
-    inside = np.clip(offsets, -half, half)
-    line, turned = through(inside.tolist()), None
-    with suppress(UserError):
-        turned = through((-inside).tolist())
-    return _Line(track, line, turned)
+        text = f'best lap {log.best:.2f} s (not judged; planned {lap_time(self.line, speed):.2f} s)'
+        text += f', at most {across:.2f} m/s² across ({_LOAD[0] * LIMITS[1]:.2f} is full marks)'
+        return share(across / LIMITS[1], *_LOAD), text, log
 
 
 def _judge_line(code: RacelineCode, seed: int) -> Iterator[Finding]:
     """Yield a finding for each criterion of the line."""
     left = ['line.inside', 'line.bending', 'line.lap', 'line.hidden']
     try:
-        track = Track.named('L')
-        offsets, half = _offsets(code, track)
-        beyond, text = float(np.abs(offsets).max()) - half, 'it keeps its bounds'
-        if beyond > _TOLERANCE:
-            text = f'it leaves its bounds by {beyond:.3g} m; the rest is judged within these'
-        yield Finding(left.pop(0), float(beyond <= _TOLERANCE), text)
-        own = _line_of(track, offsets, half)
-        yield Finding(left.pop(0), *own.bending)
+        own, text = _Line(code, Track.named('L')), 'it keeps its bounds'
+        if outside := own.beyond > _TOLERANCE:
+            text = f'it leaves its bounds by {own.beyond:.3g} m; the rest is judged within these'
+        yield Finding(left.pop(0), float(not outside), text)
+        yield Finding(left.pop(0), *own.bending())
         score, text, log = own.drive()
         shown = Evidence(_table(own, log), partial(_figure, own.line))
         yield Finding(left.pop(0), score, text, shown)
-        track = hidden_track(seed)
-        hidden = _line_of(track, *_offsets(code, track))
-        (bent, text), (driven, lap_text, _) = hidden.bending, hidden.drive()
+        hidden = _Line(code, hidden_track(seed))
+        (bent, text), (driven, lap_text, _) = hidden.bending(), hidden.drive()
         yield Finding(left.pop(0), min(bent, driven), f'{text}; {lap_text}')
     except UserError as error:
         yield from (Finding(name, 0.0, str(error)) for name in left)
@@ -325,8 +272,8 @@ def _table(own: _Line, log: TrackLog) -> Table:
     """Return the planned laps of three lines, and the one that was driven."""
     rows = []
     for name, line in (('centre', own.track), ('yours', own.line), ('best', _best(own.track))):
-        planned = lap_time(line, speed_profile(line, TOP, ACROSS, ALONG))
-        driven = f'{min(log.lap_times):.2f} s' if name == 'yours' and len(log.lap_times) else ''
+        planned = lap_time(line, speed_profile(line, *LIMITS))
+        driven = f'{log.best:.2f} s' if name == 'yours' and log.best < inf else ''
         cells = f'{line.length:.1f} m', f'{_bending(line):.3g} 1/m', f'{planned:.2f} s', driven
         rows.append((name, *cells))
     return Table('L, line by line', ('line', 'length', 'bending', 'planned lap', 'driven'), rows)
@@ -337,8 +284,7 @@ def _figure(line: Track, title: str = '') -> Figure:
     from barc_sim.figures.track_figure import line_figure  # noqa: PLC0415 (slow)
 
     track = Track.named('L')
-    speeds = (speed_profile(each, TOP, ACROSS, ALONG) for each in (track, line))
-    figure = line_figure(track, line, *speeds)
+    figure = line_figure(track, line, *(speed_profile(each, *LIMITS) for each in (track, line)))
     figure.suptitle(title)
     return figure
 
@@ -355,52 +301,37 @@ class _Planned(LaneLaw):
     ) -> float:
         """Return the steering angle [rad]."""
         steer, heading = steady_turn(curvature(0.0))
-        row = [e_y, e_psi - heading, max(speed, 1.0)]
-        numbers = self._code.numbers('program', [row])[0]
+        numbers = self._code.numbers('program', [[e_y, e_psi - heading, max(speed, 1.0)]])[0]
         if np.abs(numbers).max() > _NO_COST:
             raise UserError(f'program: H and g must be within {_NO_COST:g}')
-        hessian, gradient = numbers[:-_STEPS].reshape(_STEPS, _STEPS), numbers[-_STEPS:]
-        hessian = 0.5 * (hessian + hessian.T)
+        hessian, gradient = numbers[:-_STEPS].reshape(_STEPS, _STEPS), numbers[-_STEPS:].copy()
         free, none = np.full(_STEPS, STEERING_LIMIT), np.empty((0, _STEPS))
         commands, _, flag, _ = self._solve(
-            hessian, gradient.copy(), none, free - steer, -free - steer
+            0.5 * (hessian + hessian.T), gradient, none, free - steer, -free - steer
         )
         if flag < 1:
             raise UserError('program: no command is the best; H must be positive definite')
         return steer + float(commands[0])
 
 
-def _judge_mpc(code: RacelineCode, settings: Settings, *, mended: bool) -> Finding:
-    """Return the finding on a lap that the user's program steers.
-
-    What follows from a known mistake in it is not taken off again: a right program keeps the lane.
-    """
-    by = settings.thresholds
-    try:
-        track = Track.named('L')
-        log = drive_law(lambda _: _Planned(code), track, track.length)
-        score, text = by.score(*drive_errors(log)), describe(log)
-        text += f' ({by.full_rms:g} and {by.full_max:g} m are full marks)'
-    except UserError as error:
-        score, text = 0.0, str(error)
-    if mended and score < 1.0:
-        score, text = 1.0, f'full marks, with what is wrong in the program put right; now: {text}'
-    return Finding('mpc.lap', score, text)
+def _judge_lap(code: RacelineCode, settings: Settings) -> tuple[float, str]:
+    """Return score and message of a lap that the user's program steers."""
+    track, by = Track.named('L'), settings.thresholds
+    log = drive_law(lambda _: _Planned(code), track, track.length)
+    text = f'{describe(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
+    return by.score(*drive_errors(log)), text
 
 
 def _judge(code: RacelineCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
     """Yield a finding for each criterion; UserError where daqp is not installed."""
     solver()
-    found = {name: _judged(code, name, settings.seed) for name in RIGHT_PROGRAMS}
-    yield Finding('speed.corner', *found['corner'])
-    yield Finding('speed.profile', *found['profile'])
+    yield judged('speed.profile', _judge_function, code, 'profile', settings.seed)
     if any(name.startswith('line.') for name in criteria):
         yield from _judge_line(code, settings.seed)
-    yield Finding('mpc.model', *found['predict'])
-    yield Finding('mpc.program', *found['program'])
+    yield judged('mpc.model', _judge_function, code, 'predict', settings.seed)
+    yield judged('mpc.program', _judge_function, code, 'program', settings.seed)
     if 'mpc.lap' in criteria:
-        mended = any(0.0 < found[name][0] < 1.0 for name in ('predict', 'program'))
-        yield _judge_mpc(code, settings, mended=mended)
+        yield judged('mpc.lap', _judge_lap, code, settings)
     yield Finding('line.gain', 0.0, f'the figure, and two sentences: {BY_EYE}', open=True)
 
 

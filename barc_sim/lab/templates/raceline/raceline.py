@@ -7,24 +7,15 @@ L = 3.0  # [m] distance of the axles
 l_r = 1.5  # [m] from the centre of mass to the rear axle
 
 
-def corner(curvature):
-    """Return the maximum speed [m/s] in a turn: 3.5 m/s² across, and 12 m/s at most.
-
-    curvature  [1/m]  1/radius; positive to the left, 0 on a straight
-    """
-    # TODO
-
-    # Then replace the next line by: return v
-    raise NotImplementedError
-
-
-def profile(limits, step):
+def profile(curvatures, step):
     """Return the fastest speeds [m/s] of a lap, one for each point of a closed track.
 
-    limits  [m/s]  a list of 120 numbers: the maximum speed at each point
-    step    [m]    from each point to the next; from the last one to the first, too
+    curvatures  [1/m]  a list of 120 numbers: 1/radius at each of them
+                       (positive to the left; 0 on a straight)
+    step        [m]    from each point to the next; from the last one to the first, too
 
-    Between two points the car accelerates or brakes by 2 m/s² at most, and v**2 grows evenly.
+    12 m/s at most, and 3.5 m/s² across in a turn. Between two points the car accelerates or brakes
+    by 2 m/s² at most, and v**2 grows evenly.
     """
     # TODO
 
