@@ -1,7 +1,6 @@
 """The executor of every run, on events: DDS counts what arrives, and epoll waits for it.
 
-What executes callbacks lives here; what a callback does lives in the nodes. Nothing here changes
-rclpy's classes, or the process's limits.
+Nothing here changes rclpy's classes, or the process's limits.
 """
 
 import warnings

@@ -55,9 +55,8 @@ class Events:
 
     Those that are hardly used share one descriptor: when something arrives for one, all of them are
     tried. After a few uses it gets a descriptor of its own. While no thread waits for descriptors,
-    what arrives is counted in memory: DDS then makes no system call, and nor does this.
-
-    All but `wake` is for one thread at a time. `on_failure` gets an exception of a waitable.
+    what arrives is counted in memory: DDS then makes no system call, and nor does this. All but
+    `wake` is for one thread at a time. `on_failure` gets an exception of a waitable.
     """
 
     def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:
@@ -115,8 +114,7 @@ class Events:
         if not descriptors and now < deadline and now < self._next_due:
             self._polls_at_once = 0
             self._count_in_descriptors()
-            soonest = min(deadline, self._next_due, now + _CHECK_PERIOD)
-            descriptors = self._descriptors.wait(soonest - now)
+            descriptors = self._descriptors.wait(min(deadline, self._next_due, now + _CHECK_PERIOD))
             now = time.monotonic()
         for descriptor in descriptors:
             self._queue_counted(descriptor)
@@ -321,11 +319,10 @@ class WaitSetThread(SingleThreadedExecutor):
 
     def _run(self) -> None:
         try:
-            while True:
-                for task, waited, _ in self._wait_for_ready_callbacks(None, [self]):
-                    task.cancel()
-                    self._is_ready(waited.entry)
-        except (ShutdownException, ExternalShutdownException):
-            pass
+            with suppress(ShutdownException, ExternalShutdownException):
+                while True:
+                    for task, waited, _ in self._wait_for_ready_callbacks(None, [self]):
+                        task.cancel()
+                        self._is_ready(waited.entry)
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
             self._on_failure(error)

@@ -240,7 +240,6 @@ class QuickExecutor(MultiThreadedExecutor):
     def _lead(self, within: Spin | None = None) -> None:
         """Poll and execute until all spins, or the one `within` a callback, are over."""
         events = self._events
-        ready = events.ready
         events.woken = True
         events.poll_due = 0.0
         try:
@@ -259,7 +258,7 @@ class QuickExecutor(MultiThreadedExecutor):
                     if events.woken:
                         continue
                     executed = True
-                now = events.poll(0 if executed and ready else deadline)
+                now = events.poll(0 if executed and events.ready else deadline)
                 executed = self._execute_ready()
                 if now >= deadline:
                     self._end_spins(expired=now)

@@ -85,7 +85,7 @@ def missing() -> list[str]:
         try:
             for name in LISTENERS.values():
                 _setter(name)
-            _ = _counting(_TO_DESCRIPTOR), _counting(_TO_MEMORY), _library('librcl.so').rcl_take
+            _ = _counting(*_TO_DESCRIPTOR), _counting(*_TO_MEMORY), _library('librcl.so').rcl_take
             for opened in (os.eventfd(0), ctypes.CDLL(None).timerfd_create(1, 0)):
                 os.close(opened)
             select.epoll().close()
@@ -107,18 +107,14 @@ def _lacks(path: str, name: str) -> bool:
 
 #: By library, the functions that add a number to an eventfd, and to an integer in memory, without
 #: a system call: libc's `eventfd_write`, and `__gnu_cxx::__atomic_add`, which DDS itself links.
+#: Their signature is that of a listener of DDS, `(user_data, number_of_events)`.
 _TO_DESCRIPTOR = (None, 'eventfd_write')
 _TO_MEMORY = ('libstdc++.so.6', '_ZN9__gnu_cxx12__atomic_addEPVii')
 
 
 @cache
-def _counting(function: tuple[str | None, str]) -> c_void_p:
-    """Return one that adds to a counter.
-
-    They have the signature of a listener of DDS, `(user_data, number_of_events)`: as listeners they
-    count arrivals, several at once where they come so, without any code of ours.
-    """
-    library, name = function
+def _counting(library: str | None, name: str) -> c_void_p:
+    """Return one of them, as a listener: it counts arrivals without any code of ours."""
     return ctypes.cast(getattr(ctypes.CDLL(library), name), c_void_p)
 
 
@@ -141,9 +137,9 @@ def set_listener(entity: Any, counter: int | c_int32 | None) -> bool:  # noqa: A
     handle, set_ = handle_of(entity), _setter(name)
     listener: tuple[Any, Any] = None, None
     if isinstance(counter, int):
-        listener = _counting(_TO_DESCRIPTOR), counter
+        listener = _counting(*_TO_DESCRIPTOR), counter
     elif counter is not None:
-        listener = _counting(_TO_MEMORY), ctypes.byref(counter)
+        listener = _counting(*_TO_MEMORY), ctypes.byref(counter)
     with suppress(InvalidHandle), handle:  # destroyed
         if any(set_(handle.pointer, *listener) for _ in range(2)):
             _library('librcutils.so').rcutils_reset_error()
