@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import deepcopy
-from math import asin, atan2, copysign, cos, hypot, inf, sin, sqrt
+from math import asin, atan2, cos, hypot, inf, sin, sqrt
 from typing import TYPE_CHECKING, Any, Protocol
 
 from barc_sim.control.speed import Gain, read_term, take_gains
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 #: Distance ahead [m] to the curvature of the centre line [1/m].
 Curvature = Callable[[float], float]
-STEERING_LIMIT = 0.5  #: [rad]
+STEERING_LIMIT = 0.5  #: [rad] either way
 #: Before the names of a lane controller's gains among parameters, and of its terms in a log.
 LANE = 'lane.'
 _POINTS = 8  #: of the centre line between the car and the point that it pursues
@@ -38,8 +38,6 @@ class LaneController(Protocol):
 
     gains: Mapping[str, Gain]
     terms: Mapping[str, str]  #: [rad] parts of the output: their meaning by name
-    output_max: float  #: [rad] either way
-    saturated: bool  #: whether the limit cut the latest output
 
     def reset(self) -> None:
         """Forget the past: the next call is the first."""
@@ -64,7 +62,7 @@ def steady_turn(curvature: float, l_f: float = L_F, l_r: float = L_R) -> tuple[f
 
 
 class LaneLaw:
-    """What the laws here have in common: gains as attributes, three terms, and a limit."""
+    """What the laws here have in common: gains as attributes, and three terms."""
 
     gains: Mapping[str, Gain] = {}
     terms: Mapping[str, str] = {
@@ -73,29 +71,19 @@ class LaneLaw:
         'of_e_psi': 'for the error of the heading',
     }
 
-    def __init__(
-        self,
-        *,
-        l_f: float = L_F,
-        l_r: float = L_R,
-        output_max: float = STEERING_LIMIT,
-        **gains: float,
-    ) -> None:
-        """Take gains by name, the distances of the axles [m], and the limit of the output [rad]."""
-        self.l_f, self.l_r, self.output_max = l_f, l_r, output_max
+    def __init__(self, *, l_f: float = L_F, l_r: float = L_R, **gains: float) -> None:
+        """Take gains by name, and the distances of the axles [m]."""
+        self.l_f, self.l_r = l_f, l_r
         take_gains(self, gains)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: the next call is the first."""
         self.feedforward = self.of_e_y = self.of_e_psi = 0.0
-        self.saturated = False
 
-    def _limited(self, feedforward: float, of_e_y: float, of_e_psi: float) -> float:
+    def _sum(self, feedforward: float, of_e_y: float, of_e_psi: float) -> float:
         self.feedforward, self.of_e_y, self.of_e_psi = feedforward, of_e_y, of_e_psi
-        steer = feedforward + of_e_y + of_e_psi
-        self.saturated = abs(steer) > self.output_max
-        return copysign(self.output_max, steer) if self.saturated else steer
+        return feedforward + of_e_y + of_e_psi
 
 
 class PurePursuit(LaneLaw):
@@ -137,7 +125,7 @@ class PurePursuit(LaneLaw):
         x, y = x + self.l_r * cos(e_psi), y - e_y + self.l_r * sin(e_psi)  # from the rear axle
         direction = atan2(y, x) - e_psi
         steer = atan2(2.0 * (self.l_f + self.l_r) * sin(direction), hypot(x, y))
-        return self._limited(steer, 0.0, 0.0)
+        return self._sum(steer, 0.0, 0.0)
 
 
 class Stanley(LaneLaw):
@@ -169,7 +157,7 @@ class Stanley(LaneLaw):
         ahead, across = self.l_f * cos(e_psi), e_y + self.l_f * sin(e_psi)
         front, turned = beside_arc(bend, ahead, across)
         of_e_y = -atan2(self.k * front, self.v_soft + abs(speed))
-        return self._limited(turned, of_e_y, -e_psi)
+        return self._sum(turned, of_e_y, -e_psi)
 
 
 class LaneLQR(LaneLaw):
@@ -218,14 +206,14 @@ class LaneLQR(LaneLaw):
         feedforward, steady = steady_turn(curvature(0.0), self.l_f, self.l_r)
         if self.preview:
             feedforward, _ = steady_turn(curvature(self.preview * speed), self.l_f, self.l_r)
-        return self._limited(feedforward, -k1 * e_y, -k2 * (e_psi - steady))
+        return self._sum(feedforward, -k1 * e_y, -k2 * (e_psi - steady))
 
 
 class LaneKeeping:
     """Steers by any object with `steer_calculate`: finds the car's place, and limits the angle.
 
-    The object's gains, terms, `output_max`, `saturated` and `reset` are used where it has them;
-    without a `reset`, a copy of it begins each run. Without an object nothing steers.
+    The object's gains, terms and `reset` are used where it has them; without a `reset`, a copy of
+    it begins each run. Without an object nothing steers.
     """
 
     def __init__(self, lane: Any, track: Track) -> None:  # noqa: ANN401 (any object of the user's)
@@ -262,9 +250,9 @@ class LaneKeeping:
         if self.lane is None:
             return 0.0
         raw = self.lane.steer_calculate(place.e_y, place.e_psi, speed, self._curvature)
-        limit = getattr(self.lane, 'output_max', STEERING_LIMIT)
-        self.output = float(min(max(raw, -limit), limit))
-        self.saturated = self.output != raw or getattr(self.lane, 'saturated', False) is True
+        self.output = float(min(max(raw, -STEERING_LIMIT), STEERING_LIMIT))
+        # At the limit but for rounding, as the plan of an MPC is; NaN, too.
+        self.saturated = not abs(raw) < STEERING_LIMIT * (1.0 - 1e-9)
         return self.output
 
     def acceleration(self, of_speed: float) -> float:
@@ -310,29 +298,23 @@ def speed_profile(
     for name, limit in (('maximum', maximum), ('across', across), ('along', along)):
         if not 0.0 < limit < inf:
             raise UserError(f'{name} {limit!r} must be a number above 0')
-    n = len(track.lengths)
-    # Squares [m²/s²]: the limit on each segment, and the speed at the start of each.
+    # Squares of speeds [m²/s²]: the limit on each segment, and where it begins and ends.
     limits = [min(maximum**2, across / abs(k) if k else inf) for k in track.curvatures]
-    starts = [min(limits[i - 1], limits[i]) for i in range(n)]
-    if not track.is_closed:
-        starts[0] = limits[0]
-    ends = [*starts[1:], starts[0] if track.is_closed else limits[-1]]
+    around = [limits[-1], *limits] if track.is_closed else [limits[0], *limits, limits[-1]]
+    squares = [*map(min, around, around[1:])]
     gains = [2.0 * along * length for length in track.lengths]
-    # From the slowest place on, which no other limits: a lap begins as fast as it ends.
-    slowest = min(range(n), key=starts.__getitem__) if track.is_closed else 0
-    order = [*range(slowest, n), *range(slowest)]
-    for i in order:
-        ends[i] = min(ends[i], starts[i] + gains[i])
-        if track.is_closed or i + 1 < n:
-            starts[(i + 1) % n] = min(starts[(i + 1) % n], ends[i])
-    for i in reversed(order):
-        starts[i] = min(starts[i], ends[i] + gains[i])
-        if track.is_closed or i:
-            ends[i - 1] = min(ends[i - 1], starts[i])
+    segments = [(i, (i + 1) % len(squares), gain) for i, gain in enumerate(gains)]
+    for _ in range(2):  # a lap begins as fast as it ends
+        for begin, end, gain in segments:
+            squares[end] = min(squares[end], squares[begin] + gain)
+        for begin, end, gain in reversed(segments):
+            squares[begin] = min(squares[begin], squares[end] + gain)
 
     def profile(_: float, s: float) -> float:
         i, ahead = track.segment(s)
+        begin, end, _ = segments[i]
         left = 2.0 * along * (track.lengths[i] - ahead)
-        return sqrt(max(min(limits[i], starts[i] + 2.0 * along * ahead, ends[i] + left), 0.0))
+        square = min(limits[i], squares[begin] + 2.0 * along * ahead, squares[end] + left)
+        return sqrt(max(square, 0.0))
 
     return profile

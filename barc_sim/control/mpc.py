@@ -75,7 +75,6 @@ class MPC(LaneLaw):
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
         began = thread_time()
         steer = self._planner.steer(e_y, e_psi, speed, curvature)
-        self.saturated = abs(steer) >= self.output_max * (1.0 - 1e-9)
         self.solve_time = thread_time() - began
         return steer
 

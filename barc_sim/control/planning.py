@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.control.lane import steady_turn
+from barc_sim.control.lane import STEERING_LIMIT, steady_turn
 from barc_sim.errors import UserError
 from barc_sim.vehicle.plant import Actuator
 from barc_sim.vehicle.track import Track
@@ -189,7 +189,7 @@ class Planner:
         if 'top_speed' in law.gains:
             law.acceleration = self._acceleration(v, curvature)
         command = self._plan(state, start, v, curvature)
-        self._latest = min(max(command, -law.output_max), law.output_max)
+        self._latest = min(max(command, -STEERING_LIMIT), STEERING_LIMIT)
         self._sent.append(self._latest)
         self._servo, _ = actuator.respond(self._servo, self._sent.popleft(), law.period)
         return self._latest
@@ -237,7 +237,7 @@ class Planner:
         gradient = by_known @ self._known
         gradient[0] -= law.q_change * self._latest
         upper = self._upper
-        upper[:n], upper[n:] = law.output_max, law.rate * step / v
+        upper[:n], upper[n:] = STEERING_LIMIT, law.rate * step / v
         upper[n] = law.rate * law.period
         lower = -upper
         upper[n] += self._latest

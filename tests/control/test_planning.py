@@ -11,6 +11,7 @@ import pytest
 from command_line import printed, refused
 
 from barc_sim import MPC, LaneLQR, SpeedMPC, Track, lap, racing_line, speed_profile
+from barc_sim.control import planning
 from barc_sim.control.lane import LaneKeeping, steady_turn
 from barc_sim.control.planning import lap_time, riccati
 from barc_sim.errors import UserError
@@ -59,23 +60,24 @@ def test_short_steps_lead_to_the_closed_form_of_the_lqr() -> None:
 
 
 def test_angle_and_rate_are_within_their_limits() -> None:
-    law = MPC(output_max=0.3)
+    law = MPC()
     commands = [law.steer_calculate(3.0, 0.5, 6.0, lambda _: 0.0) for _ in range(100)]
     changes = np.diff(commands, prepend=0.0)
     assert np.abs(changes).max() <= 1.0 * 0.02 + 1e-12
-    assert min(commands) == pytest.approx(-0.3)
-    assert law.saturated
+    assert min(commands) == pytest.approx(-0.5)
     assert law.infeasible == 0.0
 
 
-def test_where_no_command_is_within_all_limits_the_last_one_is_cut() -> None:
+def test_where_no_command_is_within_all_limits_the_last_one_is_cut(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     law = MPC()
     for _ in range(50):
         law.steer_calculate(3.0, 0.5, 6.0, lambda _: 0.0)
-    law.output_max = 0.1
+    monkeypatch.setattr(planning, 'STEERING_LIMIT', 0.1)
     assert law.steer_calculate(3.0, 0.5, 6.0, lambda _: 0.0) == -0.1
     assert law.infeasible == 1.0
-    law.output_max = 0.5
+    monkeypatch.undo()
     law.steer_calculate(0.0, 0.0, 6.0, lambda _: 0.0)
     assert law.infeasible == 0.0
 

@@ -142,8 +142,7 @@ class _Law(LaneLaw):
 
     def steer_calculate(self, e_y: float, e_psi: float, speed: float, _: object) -> float:
         """Return the steering angle [rad]."""
-        output = self._steer((e_y, e_psi, speed, self._plant.distance))
-        return min(max(output, -self.output_max), self.output_max)
+        return self._steer((e_y, e_psi, speed, self._plant.distance))
 
 
 class Probes:
