@@ -9,6 +9,7 @@ from math import degrees, inf, isnan
 from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import COAST, DriverInput
+from barc_sim.simulation.metrics import LAP_HEADINGS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -167,12 +168,10 @@ def print_track_laps(cars: Mapping[str, TrackLaps], late: str) -> None:
         if not shown or laps.current.time > _SHOWN:
             shown.append(('not finished', laps.current))
         for number, lap in shown:
-            figures = f'{lap.time:.2f}', f'{lap.rms:.3f}', f'{lap.maximum:.3f}'
-            rows.append((f'{name} {number}'.strip(), *figures, f'{lap.at_limit:.0%}'))
+            rows.append((f'{name} {number}'.strip(), *lap.cells))
         if laps.best:
             ends.append(f'{name} best lap {laps.best.time:.2f} s'.strip())
-    headings = ('Laps', 'lap', 'time, s', 'RMS e_y, m', 'maximum, m', 'saturated')
-    _print_table(headings, rows, *ends, late)
+    _print_table(('Laps', 'lap', *LAP_HEADINGS), rows, *ends, late)
 
 
 def _print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *ends: str) -> None:

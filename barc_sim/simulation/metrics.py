@@ -32,6 +32,8 @@ _WHOLE = 0.9  #: share of the longest lap from which a lap can be the best
 _MAX_LAPS = 10_000  #: that are kept: those of three days
 _MAX_INTERVAL = 1.0  #: [s] between two states of a recorded run, unless time was set anew
 _NEAR = 1e-6  #: [m], [m/s] within which the car is at rest at its start
+#: Headings of the figures of a lap of a track, `TrackLap.cells`.
+LAP_HEADINGS = ('time, s', 'RMS e_y, m', 'maximum, m', 'saturated')
 #: Time [s], distance along and across [m], speed [m/s].
 _Place = tuple[float, float, float, float]
 
@@ -264,6 +266,11 @@ class TrackLap(NamedTuple):
     def time(self) -> float:
         """The time of a finished lap [s], else that up to now."""
         return self.end - self.start
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Its figures as the texts of a table with `LAP_HEADINGS`."""
+        return f'{self.time:.2f}', f'{self.rms:.3f}', f'{self.maximum:.3f}', f'{self.at_limit:.0%}'
 
 
 class TrackLaps:

@@ -34,7 +34,7 @@ from barc_sim.lab.laws import read
 from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
 from barc_sim.simulation.log import TrackLog
-from barc_sim.simulation.metrics import track_laps_of
+from barc_sim.simulation.metrics import LAP_HEADINGS, track_laps_of
 from barc_sim.vehicle.bike_model import L_F, L_R, State
 from barc_sim.vehicle.track import Track, l_shape
 
@@ -145,6 +145,15 @@ class _Law(LaneLaw):
         return self._steer((e_y, e_psi, speed, self._plant.distance))
 
 
+_WRONG_SIGN = {
+    'e_y': 'left of the line (e_y > 0) it steers to the left: is the sign of e_y right?',
+    'e_psi': 'where the car points to the left of the line (e_psi > 0) it steers to the left: is '
+    'the sign of e_psi right?',
+    'curvature': 'in a turn to the left (curvature > 0) it steers to the right: is the sign of the '
+    'curvature right?',
+}
+
+
 class Probes:
     """What a law returns for each of its inputs alone [rad], and the mirror image of that.
 
@@ -176,15 +185,13 @@ class Probes:
         self.wrong = [name for name, effect in effects.items() if effect < -_NEGLIGIBLE]
 
     @cached_property
-    def late(self) -> float:
+    def late(self) -> int:
         """How far [m] behind the start of an arc the law begins to steer for it."""
         number = self.code.new_lane(_BEND)
-        steers = (
-            d
-            for d in range(-_SHIFT, _SHIFT + 1)
-            if _near(self.code.steer(number, (0.0, 0.0, SPEED, 50.0 + d)), self.level)
-        )
-        return next(steers, 0.0)
+        for d in range(-_SHIFT, _SHIFT + 1):
+            if _near(self.code.steer(number, (0.0, 0.0, SPEED, 50.0 + d)), self.level):
+                return d
+        return 0
 
     def _output(self, name: str, sign: float = 1.0) -> float:
         track, e_y, e_psi = self.rows[name]
@@ -202,16 +209,9 @@ class Probes:
 
     def judge(self) -> tuple[float, str]:
         """Return score and message on the signs and the symmetry."""
-        sentences = {
-            'e_y': 'left of the line (e_y > 0) it steers to the left: is the sign of e_y right?',
-            'e_psi': 'where the car points to the left of the line (e_psi > 0) it steers to the '
-            'left: is the sign of e_psi right?',
-            'curvature': 'in a turn to the left (curvature > 0) it steers to the right: is the '
-            'sign of the curvature right?',
-        }
         if self.wrong:
             first, *others = self.wrong
-            text = '; '.join(sentences[name] for name in self.wrong)
+            text = '; '.join(_WRONG_SIGN[name] for name in self.wrong)
             place = self.place(first, reads=first == 'curvature')
             return 0.0 if others else _ONE_WRONG, place + text
         if not self.has_effect:
@@ -267,18 +267,17 @@ _IN_TURNS = (
         'curvature',
         reads=True,
     ),
-    _Mistake('the curvature is read {:g} m too late', lambda p: p.late > 0.0, 'curvature', True),
-    _Mistake('the curvature is read {:g} m too early', lambda p: p.late < 0.0, 'curvature', True),
+    _Mistake('the curvature is read {0.late} m too late', lambda p: p.late > 0, 'curvature', True),
 )
 
 
 def _named(mistakes: Sequence[_Mistake], probes: Probes, text: str) -> str:
     """Return the text after the sentence of the mistake that is made."""
-    made = next((each for each in mistakes if each.is_made(probes)), None)
-    if made is None:
-        return text
-    sentence = made.sentence.format(abs(probes.late)) if '{' in made.sentence else made.sentence
-    return f'{probes.place(made.shown, reads=made.reads)}{sentence}. {text}'
+    for each in mistakes:
+        if each.is_made(probes):
+            place = probes.place(each.shown, reads=each.reads)
+            return f'{place}{each.sentence.format(probes)}. {text}'
+    return text
 
 
 @cache
@@ -296,35 +295,31 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
     try:
         probes, by = Probes(code), settings.thresholds
         yield Finding('lane.signs', *probes.judge())
-        tries = [False, True] if probes.wrong else [False]
-
-        def drive(mended: bool, track: Track, distance: float, e_y: float = 0.0) -> TrackLog:
-            own = partial(_Law, code)
-            return drive_law((lambda _: LaneLQR()) if mended else own, track, distance, e_y)
-
-        found = [(*_returned(partial(drive, each)), each) for each in tries]
-        score, text, mended = max(found)
+        laws: dict[str, Callable[[Plant], LaneController]] = {'': partial(_Law, code)}
+        ours = {_PUT_RIGHT: lambda _: LaneLQR()}
+        laws |= ours if probes.wrong else {}
+        score, text, whose = max((*_returned(law), whose) for whose, law in laws.items())
         if score < 1.0:
             named = _named(_ON_STRAIGHT, probes, text)
-            tries += [True] if named != text and probes.has_effect and not probes.wrong else []
+            laws |= ours if named != text and probes.has_effect else {}
             text = named
-        yield Finding('lane.return', score, f'{_PUT_RIGHT * mended}{text}')
-        hidden = hidden_track(settings.seed)
+        yield Finding('lane.return', score, f'{whose}{text}')
         for criterion, track, laps in (
             ('lane.laps', Track.named('L'), _LAPS),
-            ('lane.hidden', hidden, 1),
+            ('lane.hidden', hidden_track(settings.seed), 1),
         ):
-            if criterion in criteria:
-                drives = [(drive(each, track, laps * track.length), each) for each in tries]
-                log, mended = max(drives, key=lambda each: by.score(*drive_errors(each[0])))
-                score = by.score(*drive_errors(log))
-                text = f'{describe(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
-                if score < 1.0 and track is not hidden:
-                    text = _named(_IN_TURNS, probes, text)
-                own, _ = drives[0]
-                shown = Evidence(_table(own), partial(_figure, own))
-                text = f'{_PUT_RIGHT * mended}{text}'
-                yield Finding(criterion, score, text, None if track is hidden else shown)
+            if criterion not in criteria:
+                continue
+            way = laps * track.length
+            logs = {whose: drive_law(law, track, way) for whose, law in laws.items()}
+            whose, log = max(logs.items(), key=lambda item: by.score(*drive_errors(item[1])))
+            score = by.score(*drive_errors(log))
+            text = f'{describe(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
+            shown = None
+            if criterion == 'lane.laps':
+                text = _named(_IN_TURNS, probes, text) if score < 1.0 else text
+                shown = Evidence(_table(logs['']), partial(_figure, logs['']))
+            yield Finding(criterion, score, f'{whose}{text}', shown)
     except UserError as error:
         yield from (Finding(name, 0.0, str(error)) for name in DRIVE_LABELS if name != 'lane.delay')
     yield Finding('lane.delay', 0.0, f'the plot of e_y, and two sentences: {BY_EYE}', open=True)
@@ -348,39 +343,28 @@ def drive_law(
     return log
 
 
-def _is_whole(log: TrackLog) -> bool:
-    """Return whether the car stayed on the track: a drive ends at its distance, or there."""
-    return bool(np.abs(log.e_y[-1]) < 0.5 * log.width[-1])
-
-
 def drive_errors(log: TrackLog) -> tuple[float, float]:
     """Return the RMS and the maximum of e_y [m]; of a car that left the track, infinite."""
-    if not _is_whole(log):
+    is_on_track = np.abs(log.e_y[-1]) < 0.5 * log.width[-1]  # a drive ends at its distance, or off
+    if not is_on_track:
         return inf, inf
     return float(np.sqrt(np.mean(log.e_y**2))), float(np.abs(log.e_y).max())
 
 
 def describe(log: TrackLog) -> str:
     """Return a sentence on the errors."""
-    if not _is_whole(log):
+    rms, maximum = drive_errors(log)
+    if rms == inf:
         return f'the car leaves the track after {log.s[-1]:.0f} m'
-    return 'RMS error {:.2f} m, at most {:.2f} m'.format(*drive_errors(log))
+    return f'RMS error {rms:.2f} m, at most {maximum:.2f} m'
 
 
 def _table(log: TrackLog) -> Table:
     """Return the laps, as text."""
     laps, _ = track_laps_of(log)
-    rows = [
-        (
-            f'{lap.number + 1}',
-            f'{lap.time:.2f} s',
-            f'{lap.rms:.2f} m',
-            f'{lap.maximum:.2f} m',
-            f'{lap.at_limit:.0%} of the steps at its limit',
-        )
-        for lap in [*laps.finished, laps.current][:_LAPS]
-    ]
-    return Table('lap by lap', ('lap', 'time', 'RMS', 'at most', 'the steering'), rows)
+    shown = [*laps.finished, laps.current][:_LAPS]
+    rows = [(f'{lap.number + 1}', *lap.cells) for lap in shown]
+    return Table('lap by lap', ('lap', *LAP_HEADINGS), rows)
 
 
 def _figure(log: TrackLog, title: str = '') -> Figure:
@@ -392,11 +376,11 @@ def _figure(log: TrackLog, title: str = '') -> Figure:
     return figure
 
 
-def _returned(drive: Callable[..., TrackLog]) -> tuple[float, str]:
+def _returned(law: Callable[[Plant], LaneController]) -> tuple[float, str]:
     """Return score and message of the way back, from the side that is worse."""
     found = []
     for start, side in ((_OFF, 'left'), (-_OFF, 'right')):
-        log = drive(_STRAIGHT, _SEEN, start)
+        log = drive_law(law, _STRAIGHT, _SEEN, start)
         away = log.s[np.abs(log.e_y) > _BACK]
         over = max(float(np.max(-np.sign(start) * log.e_y)), 0.0) / _OFF
         limited = float(np.mean(np.abs(log.servo[log.s < _DISTANCE[0]]) >= STEERING_LIMIT))
