@@ -26,8 +26,7 @@ from barc_sim.figures.style import (
     limits,
     use_measurement,
 )
-from barc_sim.simulation.metrics import track_laps_of
-from barc_sim.vehicle.track import WIDTH
+from barc_sim.simulation.metrics import LAP_HEADINGS, track_laps_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from barc_sim.simulation.log import Log, TrackLog
+    from barc_sim.simulation.log import TrackLog
     from barc_sim.simulation.metrics import TrackLap, TrackLaps
     from barc_sim.vehicle.track import Track
 
@@ -66,54 +65,34 @@ class Course(NamedTuple):
         """Return the points of a track."""
         s = np.linspace(0.0, track.length, round(track.length / _SPACING) + 1)
         s = np.union1d(s[:-1], track.starts[:-1])
-        x, y, psi = (np.asarray(each, np.float64) for each in track.place(s))
-        curvature = np.array([track.curvature(each) for each in s.tolist()])
-        if not track.is_closed:
-            return cls(s, x, y, psi, curvature, np.inf, track.width)
-        s, x, y, psi, curvature = _closed(track.length, s, x, y, psi, curvature)
-        return cls(s, x, y, psi, curvature, track.length, track.width)
+        x, y, psi = map(np.asarray, track.place(s))
+        length = track.length if track.is_closed else np.inf
+        return cls(s, x, y, psi, track.curvature(s), length, track.width).closed()
 
     @classmethod
     def driven(cls, log: TrackLog) -> Course:
         """Return the centre line of a track as far as a run has driven along it."""
-        x, y, heading = true_pose(log)
+        x, y, heading = use_measurement(log).true_pose
         psi = heading - log.e_psi
         length = lap_length(log)
         first = np.flatnonzero(log.s < min(length, log.s[0] + length))
         s, unique = np.unique(log.s[first], return_index=True)
         rows = first[unique]
-        points = [
-            s,
-            x[rows] + log.e_y[rows] * np.sin(psi[rows]),
-            y[rows] - log.e_y[rows] * np.cos(psi[rows]),
-            psi[rows],
-            log.curvature[rows],
-        ]
-        if np.isfinite(length) and len(rows):
-            points = _closed(length, *points)
-        s, x, y, psi, curvature = points
-        width = float(log.width[0])  # NaN in an earlier version's bag
-        return cls(s, x, y, psi, curvature, length, width if width > 0.0 else WIDTH)
+        e_y, psi = log.e_y[rows], psi[rows]
+        x, y = x[rows] + e_y * np.sin(psi), y[rows] - e_y * np.cos(psi)
+        return cls(s, x, y, psi, log.curvature[rows], length, float(log.width[0])).closed()
+
+    def closed(self) -> Course:
+        """Return a lap with its first point once more at the end."""
+        if not np.isfinite(self.length):
+            return self
+        s, x, y, psi, curvature = (np.append(each, each[0]) for each in self[:5])
+        s[-1] = self.length
+        return Course(s, x, y, psi, curvature, self.length, self.width)
 
     def beside(self, e_y: float) -> tuple[Floats, Floats]:
         """Return the line so far to the left of the centre line [m]."""
         return self.x - e_y * np.sin(self.psi), self.y + e_y * np.cos(self.psi)
-
-
-def _closed(length: float, *points: Floats) -> list[Floats]:
-    """Return points of a lap, the first of them once more at its end."""
-    s, *others = (np.append(each, each[0]) for each in points)
-    s[-1] = length
-    return [s, *others]
-
-
-def true_pose(log: Log) -> tuple[Floats, Floats, Floats]:
-    """Return where the car was on the map, x, y [m] and its heading [rad], shape `(n,)` each."""
-    log = use_measurement(log)
-    psi = log.psi - log.e_epsi
-    x = log.x - (log.e_s * np.cos(psi) - log.e_ey * np.sin(psi))
-    y = log.y - (log.e_s * np.sin(psi) + log.e_ey * np.cos(psi))
-    return x, y, psi
 
 
 def lap_length(log: TrackLog) -> float:
@@ -188,10 +167,10 @@ def track_figure(
     course = Course.driven(log)
     _draw_map(seen, course, curves)
     if alone:
-        rows = [(f'{lap.number + 1}', lap) for lap in lap_rows(track_laps_of(log)[0])]
+        rows = [(f'lap {lap.number + 1}', lap) for lap in lap_rows(track_laps_of(log)[0])]
     else:
         rows = [(curve.name, curve.lap) for curve in curves]
-    _draw_table(table, ('Lap' if alone else 'Best lap of'), rows, curves[-1].lap if alone else None)
+    _draw_table(table, '' if alone else 'best lap of', rows, curves[-1].lap if alone else None)
     for curve in curves:
         for axes, values in zip(charts, curve.charted, strict=True):
             axes.plot(curve.s, values, **curve.line)
@@ -212,10 +191,11 @@ def _draw_map(axes: Axes, course: Course, curves: list[_Curve]) -> None:
     """Draw the track, with its metres beside it, and the path of each lap."""
     draw_course(axes, course)
     for curve in curves:
-        x, y, _ = true_pose(curve.log)
+        x, y, _ = use_measurement(curve.log).true_pose
         axes.plot(x, y, **curve.line)
     step = next(step for step in (10, 20, 25, 50, 100, 200, 500, 1000) if course.s[-1] < 12 * step)
-    beside = course.beside(-(course.width / 2.0 + 1.0 + 0.04 * np.hypot(*_size(course))))
+    size = float(np.hypot(np.ptp(course.x), np.ptp(course.y)))
+    beside = course.beside(-(course.width / 2.0 + 1.0 + 0.04 * size))
     for s in np.arange(0.0, course.s[-1] - 0.4 * step, step):
         u, v = (float(np.interp(s, course.s, each)) for each in beside)
         axes.text(u, v, f'{s:g} m', color=MUTED, fontsize=8, ha='center', va='center')
@@ -223,19 +203,14 @@ def _draw_map(axes: Axes, course: Course, curves: list[_Curve]) -> None:
     axes.set(xlabel='x [m]', ylabel='y [m]')
 
 
-def _size(course: Course) -> tuple[float, float]:
-    return float(np.ptp(course.x)), float(np.ptp(course.y))
-
-
-def draw_course(axes: Axes, course: Course, **line: Any) -> None:  # noqa: ANN401 (Matplotlib's own)
+def draw_course(axes: Axes, course: Course) -> None:
     """Draw the edges, the centre line and the finish line of a track from above."""
     half = course.width / 2.0
     (u, v), (x, y) = course.beside(half), course.beside(-half)
-    axes.fill(np.append(u, x[::-1]), np.append(v, y[::-1]), color=TRACK_GROUND, lw=0.0, **line)
-    for edge in ((u, v), (x, y)):
-        axes.plot(*edge, color=INK, lw=1.2, **line)
-    axes.plot(course.x, course.y, color=GREY, lw=0.8, ls=DASHES, **line)
-    axes.plot([u[0], x[0]], [v[0], y[0]], color=INK, lw=3.0, **line)
+    axes.fill(np.append(u, x[::-1]), np.append(v, y[::-1]), color=TRACK_GROUND, lw=0.0)
+    axes.plot(u, v, x, y, color=INK, lw=1.2)
+    axes.plot(course.x, course.y, color=GREY, lw=0.8, ls=DASHES)
+    axes.plot([u[0], x[0]], [v[0], y[0]], color=INK, lw=3.0)
     axes.set_aspect('equal', adjustable='datalim')
 
 
@@ -331,30 +306,20 @@ def lap_rows(laps: TrackLaps) -> list[TrackLap]:
 def _draw_table(
     axes: Axes, heading: str, rows: Sequence[tuple[str, TrackLap]], best: TrackLap | None
 ) -> None:
-    """Draw the laps: time, error and share of the states at the steering's limit."""
+    """Draw the figures of the laps; `best` is bold."""
     axes.set_axis_off()
-    table = [(heading, 'Time [s]', 'RMS e_y [m]', 'max |e_y| [m]', 'at limit [%]')]
-    table += [
-        (
-            name,
-            f'{lap.time:.2f}' if lap.is_finished else '\N{EN DASH}',
-            f'{lap.rms:.3f}',
-            f'{lap.maximum:.3f}',
-            f'{100.0 * lap.at_limit:.1f}',
-        )
-        for name, lap in rows
-    ]
-    for k, cells in enumerate(table):
+    names = [name if lap.is_finished else f'{name}, not finished' for name, lap in rows]
+    table = axes.table(
+        [[name, *lap.cells] for name, (_, lap) in zip(names, rows, strict=True)],
+        colLabels=[heading, *LAP_HEADINGS],
+        colWidths=(0.28, 0.15, 0.21, 0.21, 0.15),
+        cellLoc='right',
+        edges='open',
+        loc='upper center',
+    )
+    table.auto_set_font_size(False)
+    table.set_fontsize(9)
+    for (k, _), cell in table.get_celld().items():
         is_best = k > 0 and rows[k - 1][1] == best
-        look: dict[str, Any] = {
-            'color': MUTED if not k else BLUE if is_best else INK,
-            'fontweight': 'bold' if is_best else 'normal',
-            'fontsize': 9,
-            'va': 'top',
-        }
-        for cell, x in zip(cells, _COLUMNS, strict=True):
-            axes.text(x, 1.0 - 0.12 * k, cell, ha='right' if x else 'left', **look)
-
-
-#: Ends of the table's columns, as shares; the first is the beginning.
-_COLUMNS = (0.0, 0.34, 0.56, 0.8, 1.0)
+        cell.get_text().set_color(BLUE if is_best else INK if k else MUTED)
+        cell.get_text().set_fontweight('bold' if is_best else 'normal')

@@ -39,7 +39,7 @@ from barc_sim.figures.style import (
     speed_limits,
     use_measurement,
 )
-from barc_sim.figures.track_figure import Course, draw_course, true_pose
+from barc_sim.figures.track_figure import Course, draw_course
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import track_laps_of
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH
@@ -331,7 +331,7 @@ class TopView(RunView):
     def read(self, log: Log) -> None:
         """Take the run, or from now on another one on the same fixed parts."""
         super().read(log)
-        x, y, self._psi = true_pose(self._log)
+        x, y, self._psi = self._log.true_pose
         self._path = np.column_stack([x, y])
         jumps = np.hypot(*np.diff(self._path, axis=0).T) > JUMP
         # A jump is not drawn: the state after it begins a new line.

@@ -13,7 +13,6 @@ import numpy as np
 
 from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.figures.style import use_measurement
-from barc_sim.figures.track_figure import true_pose
 from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
 from barc_sim.simulation.log import (
     COMMAND,
@@ -214,7 +213,7 @@ def _values_of(topic: str, message: Any) -> tuple[float, ...]:  # noqa: ANN401 (
 def rows_of(log: Log) -> bytes:
     """Return a whole run's rows."""
     completed = use_measurement(log)
-    x, y, heading = true_pose(completed)
+    x, y, heading = completed.true_pose
     columns = completed.columns() | {
         't': completed.t,
         'x': x,

@@ -146,19 +146,24 @@ class Log:
         return self.v_x - self.e_v_x
 
     @property
-    def distance(self) -> Floats:
-        """True position along the road's surface [m], shape `(n,)`.
+    def true_pose(self) -> tuple[Floats, Floats, Floats]:
+        """True position [m] and heading [rad], as x, y and psi, shape `(n,)` each.
 
         `e_s` and `e_ey` are in the frame of the true heading.
         """
-        heading = self.psi - self.e_epsi
-        return self.x - (self.e_s * np.cos(heading) - self.e_ey * np.sin(heading))
+        psi = self.psi - self.e_epsi
+        x = self.x - (self.e_s * np.cos(psi) - self.e_ey * np.sin(psi))
+        return x, self.y - (self.e_s * np.sin(psi) + self.e_ey * np.cos(psi)), psi
+
+    @property
+    def distance(self) -> Floats:
+        """True position along the road's surface [m], shape `(n,)`."""
+        return self.true_pose[0]
 
     @property
     def across(self) -> Floats:
         """True position to the left of the road's axis [m], shape `(n,)`."""
-        heading = self.psi - self.e_epsi
-        return self.y - (self.e_s * np.sin(heading) + self.e_ey * np.cos(heading))
+        return self.true_pose[1]
 
     @property
     def speed_error(self) -> Floats:
