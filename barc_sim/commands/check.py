@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.lab.grade.rubric import Rubric
+    from barc_sim.lab.grade.grade import Rubric
     from barc_sim.lab.judge import Finding, Report
 
 NOT_PASSED = 1
@@ -53,7 +53,7 @@ def run(options: Namespace) -> int:
     UserError
         where there is nothing to check, or the figure cannot be saved.
     """
-    from barc_sim.lab.grade.rubric import load  # noqa: PLC0415
+    from barc_sim.lab.grade.grade import load  # noqa: PLC0415
     from barc_sim.lab.user_code.code import find_files  # noqa: PLC0415
 
     if options.save is not None and options.no_plot:

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import shutil
+import signal
 import sys
+import tempfile
+import threading
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager, suppress
+from functools import partial
+from multiprocessing import connection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.cli.files import make_folder, saving
 from barc_sim.cli.parser import number, whole
@@ -14,10 +24,10 @@ from barc_sim.lab.files import BY_HAND, RUBRICS, handout_of, names_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator, Mapping
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.lab.grade.grade import Grade
+    from barc_sim.lab.grade.grade import ByHand, Grade
 
     _Outcome = tuple[Path, Grade | str]
 
@@ -76,27 +86,26 @@ def add_arguments(parser: Parser) -> None:
 def run(options: Namespace) -> int:
     """Write the reports and print the score; return the exit code."""
     from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
-    from barc_sim.lab.grade import classroom, grade, rubric, submissions  # noqa: PLC0415
+    from barc_sim.lab.grade import classroom, grade  # noqa: PLC0415
 
     out = options.out.absolute()
-    paths = [path for path in submissions.find(options.submissions) if path.absolute() != out]
-    points = rubric.load(options.rubric or _rubric_of(paths))
+    paths = [path for path in classroom.find(options.submissions) if path.absolute() != out]
+    points = grade.load(options.rubric or _rubric_of(paths))
     # Gradescope looks for the files of a single submission in the folder itself.
     alone = paths == [options.submissions.resolve()]
     students = classroom.read_roster(options.roster) if options.roster else []
     folders = {path: out if alone else _folder(out, path) for path in paths}
-    hands = {path: rubric.entered(folder, points) for path, folder in folders.items()}
+    hands = {path: grade.entered(folder, points) for path, folder in folders.items()}
     check(sandbox=not options.unconfined)
     limits = Limits(total=options.time_limit)
-    with grade.processes(options.jobs) as executor:
-        outcomes = grade.run(executor, hands, points, limits, sandbox=not options.unconfined)
+    with processes(options.jobs) as executor:
+        outcomes = grade_all(executor, hands, points, limits, sandbox=not options.unconfined)
         grades, failures, interrupted = _collect(outcomes, out, folders)
     found = classroom.entries(grades, failures, students)
     files = {'class.csv': classroom.as_csv(found, points)}
-    if not alone:
-        files['class.html'] = classroom.page(found, points)
-        files |= {'canvas.csv': classroom.canvas(found, points)} if students else {}
-    for name, text in files.items():
+    files['class.html'] = classroom.page(found, points)
+    files |= {'canvas.csv': classroom.canvas(found, points)} if students else {}
+    for name, text in ({} if alone else files).items():  # those of a class may be there
         _write(out, out / name, text.encode())
     lines = classroom.summary([*grades.values()], points)
     print('\n'.join([*lines, str(out if alone else out / 'class.html')]))  # noqa: T201
@@ -107,7 +116,7 @@ def run(options: Namespace) -> int:
 
 def _rubric_of(paths: Iterable[Path]) -> str:
     """Return the usual rubric of the lab of the first submission that has a file of one."""
-    from barc_sim.lab.grade.submissions import read  # noqa: PLC0415
+    from barc_sim.lab.grade.classroom import read  # noqa: PLC0415
 
     found = (names_of(read(path).files) for path in paths)
     return handout_of(next(filter(None, found), ())).rubric
@@ -167,3 +176,76 @@ def _write(out: Path, path: Path, data: bytes) -> None:
         ) from None
     with saving(path, '--out') as part:
         part.write_bytes(data)
+
+
+def _cores() -> int:
+    """Return the number of cores that this process may use, where the system limits that."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def processes(jobs: int | None) -> Iterator[Executor]:
+    """Use `jobs` worker processes, by default one for each core that this process may use.
+
+    When the block ends, those still at work end, and their folders go; they also end with this
+    process, however it ends.
+    """
+    # New processes: a fork would copy the locks of other threads, but not the threads.
+    context = multiprocessing.get_context('spawn')
+    with tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder:
+        pool = ProcessPoolExecutor(
+            jobs or _cores(), context, initializer=_begin_worker, initargs=(folder,)
+        )
+        try:
+            yield pool
+        finally:
+            # A second Ctrl-C would only delay the end.
+            with suppress(KeyboardInterrupt), uninterrupted():
+                pool.shutdown(wait=False, cancel_futures=True)
+                workers = multiprocessing.active_children()
+                for worker in workers:
+                    worker.kill()
+                for worker in workers:
+                    worker.join()
+
+
+def _begin_worker(folder: str) -> None:
+    """Make temporary folders in `folder`, leave Ctrl-C to the parent process, and end with it."""
+    tempfile.tempdir = folder
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent  # noqa: S101 (the pool's)
+    # Its end closes a pipe, also where it is killed.
+    threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
+
+
+def _follow(sentinel: int) -> None:
+    """End this process, and its folders, when the process of `sentinel` has ended."""
+    connection.wait([sentinel])
+    shutil.rmtree(tempfile.gettempdir(), ignore_errors=True)
+    os._exit(1)
+
+
+def grade_all(
+    executor: Executor,
+    paths: Mapping[Path, ByHand],
+    *how: Any,  # noqa: ANN401 (rubric and limits)
+    sandbox: bool,
+) -> Iterator[_Outcome]:
+    """Yield each submission with its grade, or the grader's error, in the order of completion."""
+    work = partial(_grade, sandbox=sandbox)
+    pending = {executor.submit(work, path, hand, *how): path for path, hand in paths.items()}
+    for future in as_completed([*pending]):
+        error = future.exception()
+        kind = '' if isinstance(error, UserError) else f'{type(error).__name__}: '
+        failure = f'{kind}{error}' if error else ''
+        yield pending.pop(future), failure or future.result()
+
+
+def _grade(path: Path, *how: Any, sandbox: bool) -> Grade:  # noqa: ANN401 (as `report` takes it)
+    """Return the grade of the submission at `path`, in a worker process."""
+    from barc_sim.lab.grade import classroom, grade  # noqa: PLC0415
+
+    return grade.report(classroom.read(path), *how, sandbox=sandbox)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments, barc_path
 from barc_sim.errors import UserError, escaped
-from barc_sim.lab.files import HANDOUTS, HILLS, Handout, files_in, handout_of
+from barc_sim.lab.files import HANDOUTS, HILLS, MAX_ARCHIVE, Handout, files_in, handout_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -139,7 +139,6 @@ def run_submit(options: Namespace) -> None:
         )
     path = target(options.save or f'{folder.resolve().name}.zip', ARCHIVES)
     from barc_sim.lab import submit  # noqa: PLC0415 (slow: not to refuse)
-    from barc_sim.lab.grade import submissions  # noqa: PLC0415
 
     teleop = options.teleop or submit.newest_drive((Path('bags'), folder / 'bags'))
     with saving(path) as part, tempfile.TemporaryDirectory() as made:
@@ -148,7 +147,7 @@ def run_submit(options: Namespace) -> None:
         submit.write(part, parts)
     for line in parts:
         print(escaped(str(line)))  # noqa: T201
-    size, most = path.stat().st_size, submissions.MAX_ARCHIVE
+    size, most = path.stat().st_size, MAX_ARCHIVE
     limit = f', and barc grade opens {most >> 20} MiB at most: leave the video out'
     print(f'{path}  ({size / 2**20:.1f} MiB{limit if size > most else ""})')  # noqa: T201
 

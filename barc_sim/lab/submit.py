@@ -11,8 +11,7 @@ import numpy as np
 from barc_sim.bags import contents, reader
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
-from barc_sim.lab.files import files_in, handout_of, names_of
-from barc_sim.lab.grade.submissions import listed, take
+from barc_sim.lab.files import files_in, handout_of, listed, names_of, take
 from barc_sim.lab.report import page, read
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import RUN_UP

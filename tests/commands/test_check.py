@@ -13,7 +13,7 @@ from user_files import MODEL, replaced
 
 from barc_sim.__main__ import main as barc
 from barc_sim.commands.check import print_report
-from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs.hills import HILLS
 
 if TYPE_CHECKING:

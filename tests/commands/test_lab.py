@@ -16,7 +16,6 @@ from barc_sim.__main__ import main, run
 from barc_sim.commands.lab import write_templates
 from barc_sim.control.driver import DriverInput
 from barc_sim.lab.files import UserCodeError
-from barc_sim.lab.grade import submissions
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,7 +75,7 @@ def test_everything_is_in_the_zip(lab: Path) -> None:
 def test_a_zip_that_grade_does_not_open_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(submissions, 'MAX_ARCHIVE', 1000)
+    monkeypatch.setattr('barc_sim.commands.lab.MAX_ARCHIVE', 1000)
     run('submit', ['lab'])
     assert 'barc grade opens 0 MiB at most: leave the video out' in capsys.readouterr().out
 

@@ -15,7 +15,7 @@ from user_files import IDENTIFY as RIGHT
 from user_files import LocalCode, read_programs, replaced
 
 from barc_sim.lab.files import files_in
-from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs.identify import IDENTIFY, NOISE, car_of, measured, shown
 from barc_sim.lab.user_code.code import UserCode
 

@@ -17,7 +17,7 @@ from user_files import LocalCode, read_programs, replaced
 from barc_sim import lap
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.files import files_in
-from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs.lane import LABELS, LANE, hidden_track
 from barc_sim.lab.user_code.code import UserCode
 

@@ -19,7 +19,7 @@ from user_files import LocalCode, read_programs, replaced
 from barc_sim.control.lane import speed_profile
 from barc_sim.errors import UserError
 from barc_sim.lab.files import files_in
-from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs.raceline import MISTAKES, RACELINE, profile, program
 from barc_sim.lab.labs.raceline import PROGRAMS as RIGHT
 from barc_sim.lab.user_code.adapters import line_through

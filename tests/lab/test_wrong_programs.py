@@ -15,7 +15,7 @@ from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, Program, judged_file, read
 
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.files import FILES
-from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs.hills import HILLS
 
 if TYPE_CHECKING:

@@ -1,36 +1,218 @@
-"""Grades submissions, several at once: weighs the findings, and writes HTML and results.json."""
+"""The points of a submission: its rubric, what a person enters, and its report.
+
+Rubrics and a person's points are YAML. The file of these stands beside a report: `grade` writes it
+once, with the computed points as comments, and then only reads it. It is written again only while
+nothing is entered in it.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import io
 import json
-import multiprocessing
-import os
-import shutil
-import signal
 import tempfile
-import threading
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, fields
 from functools import partial
-from multiprocessing import connection
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from barc_sim.cli.process import uninterrupted
-from barc_sim.errors import UserError, escaped
-from barc_sim.lab.files import BY_HAND, data_url, render
-from barc_sim.lab.grade.rubric import LABELS
-from barc_sim.lab.grade.submissions import graded, read
+import yaml
+
+from barc_sim.cli.files import read_regular
+from barc_sim.errors import UserError, escaped, one_line
+from barc_sim.lab.files import BY_HAND, RUBRICS, data_url, names_of, render
+from barc_sim.lab.judge import Settings, Thresholds
+from barc_sim.lab.labs.hills import HILLS
+from barc_sim.lab.labs.identify import IDENTIFY
+from barc_sim.lab.labs.lane import LANE
+from barc_sim.lab.labs.raceline import RACELINE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from barc_sim.lab.confined.process import Limits
-    from barc_sim.lab.grade.rubric import ByHand, Rubric
-    from barc_sim.lab.grade.submissions import Submission
-    from barc_sim.lab.judge import Evidence
+    from barc_sim.lab.files import Submission
+    from barc_sim.lab.judge import Evidence, Finding, Lab
+
+    _Read = Callable[[str, object], Any]
+
+_T = TypeVar('_T')
+_LABS = (HILLS, LANE, RACELINE, IDENTIFY)
+#: Every criterion, with its name for readers, in the order of a report.
+LABELS = {name: label for lab in _LABS for name, label in lab.labels.items()}
+VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')
+_MAX_BYTES, _MAX_COMMENT = 1 << 20, 2000
+_MAX_POINTS = 10_000  # for a criterion
+
+
+@dataclass(frozen=True)
+class Rubric:
+    """The criteria of a grade, with their points."""
+
+    points: Mapping[str, float]  #: by criterion, positive, in the order of `LABELS`
+    settings: Settings = field(default_factory=Settings)  #: how it has user code judged
+    title: str = ''
+    visibility: str = VISIBILITIES[0]  #: who can read the messages on Gradescope
+    optional: frozenset[str] = frozenset()  #: criteria left out where their file is not handed in
+
+    @property
+    def lab(self) -> Lab:
+        """The lab of its criteria."""
+        return next(lab for lab in _LABS if not lab.labels.keys().isdisjoint(self.points))
+
+    @property
+    def max_score(self) -> float:
+        """Return the sum of the points without those of optional criteria."""
+        return round(sum(v for name, v in self.points.items() if name not in self.optional), 2)
+
+    def worth(self, findings: Iterable[Finding]) -> dict[str, float]:
+        """Return the maximum points by criterion, without the optional ones that are skipped."""
+        out = {each.criterion for each in findings if each.skipped} & self.optional
+        return {name: points for name, points in self.points.items() if name not in out}
+
+    def points_for(self, finding: Finding) -> float:
+        """Return the points for a finding, rounded to hundredths."""
+        return round(self.points[finding.criterion] * min(max(finding.score, 0.0), 1.0), 2)
+
+
+def load(rubric: str | Path = RUBRICS[0]) -> Rubric:
+    """Return the rubric of that name in `RUBRICS`, or in the file at that path, or a UserError."""
+    name = str(rubric)
+    shipped = Path(__file__).parent / 'rubrics' / f'{name}.yaml'
+    return _read(f'the rubric {name!r}', shipped if name in RUBRICS else Path(name), _rubric)
+
+
+def _read(what: str, path: Path, parse: Callable[[object], _T]) -> _T:
+    """Return what `parse` makes of a YAML file; a UserError names `what` it is."""
+    try:
+        return parse(yaml.safe_load(read_regular(path, _MAX_BYTES)))
+    except OSError as error:
+        raise UserError(f'{what} cannot be read: {error.strerror or error}') from None
+    except yaml.YAMLError as error:
+        raise UserError(f'{what} is not YAML: {one_line(str(error), 200)}') from None
+    except ValueError as error:
+        raise UserError(f'{what}: {error}') from None
+
+
+class ByHand(NamedTuple):
+    """What a person has entered for a submission."""
+
+    points: Mapping[str, tuple[float, str]] = {}  #: and a comment on them, by criterion
+    comment: str = ''  #: on all of it
+
+    def __bool__(self) -> bool:
+        """Return whether anything is entered."""
+        return bool(self.points or self.comment)
+
+
+def entered(folder: Path, rubric: Rubric) -> ByHand:
+    """Return what is entered in the file in `folder`; nothing without one; or a UserError."""
+    path = folder / BY_HAND
+    return _read(repr(str(path)), path, partial(_by_hand, rubric)) if path.exists() else ByHand()
+
+
+def _by_hand(rubric: Rubric, values: object) -> ByHand:
+    found = _mapping('it', values or {}, {'comment': _any, 'points': _any})
+    criteria = dict.fromkeys(rubric.points, _entry)
+    points = _mapping('points', found.get('points') or {}, criteria)
+    given = {name: entry for name, entry in points.items() if entry}
+    return ByHand(given, one_line(str(found.get('comment') or ''), _MAX_COMMENT))
+
+
+def _entry(name: str, value: object) -> tuple[float, str] | None:
+    if value is None:
+        return None
+    number, _, comment = str(value).partition(' ')
+    try:
+        points = float(number)
+    except ValueError:
+        points = -1.0
+    if not 0.0 <= points < inf:
+        raise ValueError(
+            f'{name} is {value!r}: expected points such as 4.5, and after a space a comment if you '
+            'like'
+        )
+    return points, one_line(comment, _MAX_COMMENT)
+
+
+def _rubric(values: object) -> Rubric:
+    found = _mapping('it', values, _KEYS)
+    if 'criteria' not in found:
+        raise ValueError('there is no key criteria: expected the points of each criterion')
+    required, optional = found.pop('criteria'), found.pop('task_3', {})
+    for name in required.keys() & optional.keys():
+        raise ValueError(f'{name!r} stands in criteria and in task_3: delete one of the two')
+    points = {name: worth for name in LABELS if (worth := (required | optional).get(name))}
+    of_labs = {lab.handout.folder: name for lab in _LABS for name in points if name in lab.labels}
+    if len(of_labs) > 1:
+        first, second, *_ = of_labs.values()
+        raise ValueError(f'{first!r} and {second!r} are of two labs: keep the criteria of one')
+    names = [each.name for each in fields(Settings) if each.name in found]
+    settings = Settings(criteria=tuple(points), **{name: found.pop(name) for name in names})
+    return Rubric(points, settings, optional=frozenset(optional), **found)
+
+
+def _mapping(what: str, values: object, read: Mapping[str, _Read]) -> dict[str, Any]:
+    """Return the values of a mapping, each read as its key's; refuse other keys."""
+    if not isinstance(values, dict):
+        raise ValueError(f'{what} is {values!r}: expected lines "key: value"')  # noqa: TRY004
+    for key in values:
+        if key not in read:
+            raise ValueError(f'{key!r} is unknown: expected one of {", ".join(read)}')
+    return {key: read[key](key, value) for key, value in values.items()}
+
+
+def _thresholds(key: str, values: object) -> Thresholds:
+    names = [each.name for each in fields(Thresholds)]
+    thresholds = Thresholds(**_mapping(key, values, dict.fromkeys(names, _positive)))
+    for error in ('rms', 'max'):
+        full, zero = (getattr(thresholds, f'{end}_{error}') for end in ('full', 'zero'))
+        if not full < zero:
+            raise ValueError(f'full_{error} is {full:g}: expected less than zero_{error}, {zero:g}')
+    return thresholds
+
+
+def _criteria(key: str, values: object) -> dict[str, float]:
+    points = _mapping(key, values, dict.fromkeys(LABELS, _points))
+    if not any(points.values()):
+        raise ValueError('no criterion has points: expected at least one')
+    return {name: float(worth) for name, worth in points.items() if worth}
+
+
+def _scalar(fits: Callable[[Any], bool], expected: str, sentence: str = '{} is {!r}') -> _Read:
+    """Return what reads a value that `fits`."""
+
+    def read(key: str, value: object) -> Any:  # noqa: ANN401 (any that fits)
+        if not fits(value):
+            raise ValueError(f'{sentence.format(key, value)}: expected {expected}')
+        return value
+
+    return read
+
+
+_any = _scalar(lambda _: True, '')
+
+
+def _is_number(value: object) -> bool:
+    return type(value) in {int, float}
+
+
+_positive = _scalar(lambda value: _is_number(value) and 0.0 < value < inf, 'a number above 0')
+_points = _scalar(
+    lambda value: _is_number(value) and 0.0 <= value <= _MAX_POINTS,
+    f'points from 0 to {_MAX_POINTS}',
+    '{} is worth {!r}',
+)
+#: What reads the value of each key.
+_KEYS: dict[str, _Read] = {
+    'title': _scalar(lambda value: isinstance(value, str), 'a text, in quotes'),
+    'seed': _scalar(lambda value: type(value) is int and value >= 0, 'a whole number from 0 on'),
+    'visibility': _scalar(VISIBILITIES.__contains__, f'one of {", ".join(VISIBILITIES)}'),
+    'thresholds': _thresholds,
+    'criteria': _criteria,
+    'task_3': _criteria,
+}
 
 
 _HEAD = """\
@@ -110,7 +292,7 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     A criterion's points are its maximum points times the finding's score, rounded to hundredths.
     """
     notes = submission.notes
-    files = graded(submission.files)
+    files = names_of(submission.files).values()
     if not files:
         wanted = ' or '.join(rubric.lab.handout.files.values())
         notes = (f'it has no {wanted} at its top', *notes)
@@ -144,9 +326,11 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     )
 
 
-def report(path: Path, hand: ByHand, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
-    """Grade the submission at `path`, with its files; what is entered by hand counts."""
-    computed = grade(read(path), rubric, limits, sandbox=sandbox)
+def report(
+    submission: Submission, hand: ByHand, rubric: Rubric, limits: Limits, *, sandbox: bool
+) -> Grade:
+    """Grade a submission, with the files of its report; what is entered by hand counts."""
+    computed = grade(submission, rubric, limits, sandbox=sandbox)
     found = _merged(computed, hand, rubric)
     files = {'results.json': gradescope(found).encode(), 'report.html': page(found).encode()}
     if not hand:
@@ -228,69 +412,3 @@ def gradescope(grade: Grade) -> str:
         'extra_data': {'seed': grade.seed, 'sha256': grade.hashes},
     }
     return json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False) + '\n'
-
-
-def _cores() -> int:
-    """Return the number of cores that this process may use, where the system limits that."""
-    if hasattr(os, 'sched_getaffinity'):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-@contextmanager
-def processes(jobs: int | None) -> Iterator[Executor]:
-    """Use `jobs` worker processes, by default one for each core that this process may use.
-
-    When the block ends, those still at work end, and their folders go; they also end with this
-    process, however it ends.
-    """
-    # New processes: a fork would copy the locks of other threads, but not the threads.
-    context = multiprocessing.get_context('spawn')
-    with tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder:
-        pool = ProcessPoolExecutor(
-            jobs or _cores(), context, initializer=_begin_worker, initargs=(folder,)
-        )
-        try:
-            yield pool
-        finally:
-            # A second Ctrl-C would only delay the end.
-            with suppress(KeyboardInterrupt), uninterrupted():
-                pool.shutdown(wait=False, cancel_futures=True)
-                workers = multiprocessing.active_children()
-                for worker in workers:
-                    worker.kill()
-                for worker in workers:
-                    worker.join()
-
-
-def _begin_worker(folder: str) -> None:
-    """Make temporary folders in `folder`, leave Ctrl-C to the parent process, and end with it."""
-    tempfile.tempdir = folder
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent  # noqa: S101 (the pool's)
-    # Its end closes a pipe, also where it is killed.
-    threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
-
-
-def _follow(sentinel: int) -> None:
-    """End this process, and its folders, when the process of `sentinel` has ended."""
-    connection.wait([sentinel])
-    shutil.rmtree(tempfile.gettempdir(), ignore_errors=True)
-    os._exit(1)
-
-
-def run(
-    executor: Executor,
-    paths: Mapping[Path, ByHand],
-    *how: Any,  # noqa: ANN401 (as `report` takes it)
-    sandbox: bool,
-) -> Iterator[tuple[Path, Grade | str]]:
-    """Yield each submission with its grade, or the grader's error, in the order of completion."""
-    work = partial(report, sandbox=sandbox)
-    pending = {executor.submit(work, path, hand, *how): path for path, hand in paths.items()}
-    for future in as_completed([*pending]):
-        error = future.exception()
-        kind = '' if isinstance(error, UserError) else f'{type(error).__name__}: '
-        failure = f'{kind}{error}' if error else ''
-        yield pending.pop(future), failure or future.result()

@@ -8,9 +8,8 @@ import pytest
 from relays import ROS_2
 
 from barc_sim.lab.confined.process import Limits
-from barc_sim.lab.grade.grade import grade
-from barc_sim.lab.grade.rubric import load
-from barc_sim.lab.grade.submissions import read
+from barc_sim.lab.grade.classroom import read
+from barc_sim.lab.grade.grade import grade, load
 from barc_sim.lab.labs.pid import HillsCode
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.__main__ import main as barc
+from barc_sim.commands import grade as command
 from barc_sim.errors import UserError
-from barc_sim.lab.grade import grade as grade_room
 from barc_sim.lab.grade.classroom import Student, owner, read_roster
-from barc_sim.lab.grade.rubric import ByHand, Rubric, entered
+from barc_sim.lab.grade.grade import ByHand, Rubric, entered
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -106,7 +106,7 @@ FIRST, AGAIN, BOB = 'chen_li_123457_998_lab', 'chen_li_123457_999_lab-2', 'bob'
 def test_grading_again_loses_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(grade_room, 'processes', ThreadPoolExecutor)  # which start at once
+    monkeypatch.setattr(command, 'processes', ThreadPoolExecutor)  # which start at once
     made, out = tmp_path / 'in', tmp_path / 'out'
     rubric = tmp_path / 'rubric.yaml'
     rubric.write_text('title: Lab\ncriteria: {model.y: 2}\ntask_3: {relay.rate: 3}\n')
@@ -141,25 +141,31 @@ def test_grading_again_loses_nothing(
     canvas = [*csv.reader((out / 'canvas.csv').read_text(encoding='utf-8').splitlines())]
     assert canvas[0][-2:] == ['Lab', 'Lab: Task 3']
     assert canvas[1][-2:] == ['2.0', '3.0']
-    assert ['Chen, Li', '', '123457', '', 'A', '1.5', '3.0'] in canvas
+    assert [row for row in canvas if row[0] == 'Chen, Li'] == [
+        ['Chen, Li', '', '123457', '', 'A', '', ''],  # handed in twice: a person chooses one
+    ]
     assert ['Ada Byron', '', '123460', '', 'B', '', ''] in canvas
     page = (out / 'class.html').read_text(encoding='utf-8')
     assert f'href="{AGAIN}/report.html"' in page
     assert str(out / 'class.html') in capsys.readouterr().out
 
+    before = (out / 'class.csv').read_bytes()
+    assert barc(['grade', str(made / BOB), '--rubric', str(rubric), '--out', str(out)]) == 0
+    assert (out / 'class.csv').read_bytes() == before  # of the class, and not of one
+
 
 def test_a_fault_of_the_grader_does_not_stop_the_others(
     folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def report(path: Path, *_: object, **__: object) -> str:
+    def grade(path: Path, *_: object, **__: object) -> str:
         if path.name == 's1':
             raise MemoryError('too little')
         return path.name
 
-    monkeypatch.setattr(grade_room, 'report', report)
+    monkeypatch.setattr(command, '_grade', grade)
     paths = {folder(f's{i}'): ByHand() for i in range(3)}
     with ThreadPoolExecutor(2) as pool:
-        outcomes = grade_room.run(pool, paths, sandbox=True)
+        outcomes = command.grade_all(pool, paths, sandbox=True)
         found = {path.name: outcome for path, outcome in outcomes}
 
     assert found == {

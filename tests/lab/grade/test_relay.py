@@ -18,7 +18,7 @@ from user_files import CONTROLLER, MODEL, judged_file
 
 import barc_sim.lab
 from barc_sim.lab.files import FILES
-from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.grade.grade import load
 from barc_sim.lab.judge import Finding, Settings
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.hills import RELAY_LABELS as RELAY

@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 
 from barc_sim.lab.grade import classroom
 from barc_sim.lab.grade import grade as report
-from barc_sim.lab.grade.grade import Grade, Item
-from barc_sim.lab.grade.rubric import Rubric
+from barc_sim.lab.grade.grade import Grade, Item, Rubric
 from barc_sim.lab.judge import Evidence, Settings, Table
 
 HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'

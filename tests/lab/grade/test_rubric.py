@@ -8,7 +8,7 @@ import pytest
 
 from barc_sim.errors import UserError
 from barc_sim.lab.files import RUBRICS
-from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.grade.grade import load
 
 if TYPE_CHECKING:
     from pathlib import Path

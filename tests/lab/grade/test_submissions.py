@@ -11,7 +11,8 @@ import pytest
 from bombs import BOMBS
 
 from barc_sim.errors import UserError
-from barc_sim.lab.grade.submissions import MAX_FILE, MAX_FILES, find, read
+from barc_sim.lab.files import MAX_FILE, MAX_FILES
+from barc_sim.lab.grade.classroom import find, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable
