@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -215,8 +214,6 @@ class BagRecorder(Node):
 
     def close(self) -> None:
         """Record the waiting messages and finish the bag; a second call does nothing."""
-        while not self.stopped and self._topics.expects_latched:
-            time.sleep(0.01)
         if not self.stopped:
             self._add_graph()
         self._thread.close(self._final_metadata)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
@@ -17,7 +18,6 @@ from barc_sim.bags import names
 from barc_sim.bags.messages import split_time, to_nanoseconds
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros.node_helpers import (
-    RateLimitedWarning,
     RefusedInput,
     Subscribed,
     declare,
@@ -99,7 +99,7 @@ class VehicleSimulator(Node):
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
         self.finished, self.refused, self.on_step = Future(), RefusedInput(self), on_step
-        self.warn = RateLimitedWarning(self, 10.0).warn
+        self.warn = partial(self.refused.warn, period=10.0)
 
         # One stamp for all messages of a state; to make new messages would cost more.
         self._subscribed, self._stamp = Subscribed(self), Time()

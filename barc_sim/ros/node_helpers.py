@@ -176,39 +176,30 @@ class Outputs:
             self._published[publisher] += 1
 
 
-class RateLimitedWarning:
-    """Warns of one thing at most once in a period.
+class RefusedInput:
+    """Counts the invalid messages that a node refuses; logs each kind of warning once in a period.
 
     The logger's own throttle inspects the stack at each message, which takes 0.3 ms; here a
     suppressed warning costs next to nothing.
     """
 
-    def __init__(self, node: Node, period: float = 1.0) -> None:
-        """Warn with the logger of `node`, once in `period` [s] at most."""
-        self._logger = node.get_logger()
-        self._period = period
-        self._next: dict[str, float] = {}  # [s] by what a warning is about
-
-    def warn(self, sentence: Callable[[], str], about: str = '') -> None:
-        """Log what `sentence` returns, unless the last `about` this is less than a period old."""
-        now = time.monotonic()
-        if now >= self._next.get(about, 0.0):
-            self._next[about] = now + self._period
-            self._logger.warning(sentence())
-
-
-class RefusedInput:
-    """Counts the invalid messages that a node refuses, and warns at most once a second.
-
-    `warn` warns as often of what is odd, and not refused.
-    """
-
     def __init__(self, node: Node) -> None:
         """Warn with the logger of `node`."""
         self.count = 0
-        self.warn = RateLimitedWarning(node).warn
+        self._logger = node.get_logger()
+        self._next: dict[str, float] = {}  # [s] by what a warning is about
 
     def add(self, describe: Callable[[], str]) -> None:
         """Count a message; `describe` is called only where a warning is logged."""
         self.count += 1
         self.warn(lambda: f'refused {describe()} ({self.count} refused so far)', 'refused')
+
+    def warn(self, sentence: Callable[[], str], about: str = '', period: float = 1.0) -> None:
+        """Log what `sentence` returns, unless the last `about` this is less than `period` [s] old.
+
+        It is for what is odd, and not refused.
+        """
+        now = time.monotonic()
+        if now >= self._next.get(about, 0.0):
+            self._next[about] = now + period
+            self._logger.warning(sentence())

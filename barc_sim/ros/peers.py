@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-# Parts of a Fast DDS identifier (GID).
-_PROCESS = slice(8)  #: vendor, host, the lower half of the process's number, a random number
-_PARTICIPANT = slice(12)
+#: Of a Fast DDS identifier (GID): vendor, host, half of the process's number, a random number.
+_PROCESS = slice(8)
 
 
 def node_graph(node: Node) -> NodeGraph:
@@ -63,16 +62,14 @@ def claim(node: Node, topic: str) -> socket.socket:
     """
     if not has_dds():
         return socket.socket()  # nobody else is there
-    name = node.resolve_topic_name(topic)
-    domain = node.context.get_domain_id()
     held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     # A topic's name may be longer than a socket's.
-    digest = hashlib.sha256(name.encode()).hexdigest()
+    digest = hashlib.sha256(node.resolve_topic_name(topic).encode()).hexdigest()
     try:
-        held.bind(f'\0barc_sim/{domain}/{digest}')
+        held.bind(f'\0barc_sim/{node.context.get_domain_id()}/{digest}')
     except OSError:
         held.close()
-        raise UserError(taken(name, domain)) from None
+        raise _taken(node, topic) from None
     return held
 
 
@@ -91,11 +88,16 @@ def others_here(domain: int) -> bool:
     return False
 
 
-def taken(topic: str, domain: int) -> str:
-    """Return the sentence for a second publisher of `topic`."""
-    return (
-        f'another simulator publishes {topic} in ROS domain {domain}: give this one a namespace '
-        f'(--ros-args -r __ns:=/car2) or a domain (ROS_DOMAIN_ID={domain + 1}) of its own'
+def _taken(node: Node, topic: str) -> UserError:
+    """Return the error of a second publisher of `topic`."""
+    name, here, domain = node.resolve_topic_name(topic), '', ''
+    if has_dds():
+        number = node.context.get_domain_id()
+        here = f' in ROS domain {number}'
+        domain = f' or a domain (ROS_DOMAIN_ID={number + 1})'
+    return UserError(
+        f'another simulator publishes {name}{here}: give this one a namespace '
+        f'(--ros-args -r __ns:=/car2){domain} of its own'
     )
 
 
@@ -112,19 +114,13 @@ def full_names(ends: Iterable[TopicEndpointInfo]) -> list[str]:
 def check_unique(node: Node, topic: str) -> None:
     """Check that `node` alone publishes `topic`."""
     if len(publishers(node, topic)) > 1:
-        raise UserError(taken(node.resolve_topic_name(topic), node.context.get_domain_id()))
+        raise _taken(node, topic)
 
 
 def all_own(node: Node, ends: Iterable[TopicEndpointInfo]) -> bool:
     """Return whether `ends` belong to nodes of this process, as `node` does."""
     own = (_own_gid(node) or b'') if has_dds() else None
     return own is None or all(bytes(end.endpoint_gid)[_PROCESS] == own[_PROCESS] for end in ends)
-
-
-def of_participant(node: Node, ends: Iterable[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
-    """Return those of `ends` that belong to nodes in the DDS participant of `node`."""
-    own = (_own_gid(node) or b'')[_PARTICIPANT]
-    return [end for end in ends if bytes(end.endpoint_gid)[_PARTICIPANT] == own]
 
 
 def _own_gid(node: Node) -> bytes | None:

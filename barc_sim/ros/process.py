@@ -8,7 +8,6 @@ import re
 import sys
 import time
 from contextlib import contextmanager, suppress
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +16,6 @@ from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from barc_sim.bags.bounds import MAX_TEXT
-from barc_sim.cli.files import read_regular
 from barc_sim.cli.process import StopSignals, check_limits
 from barc_sim.errors import UserError
 from barc_sim.ros.executor import QuickExecutor
@@ -57,7 +54,6 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     domain = os.environ.get('ROS_DOMAIN_ID', '')
     if domain.isdecimal() and int(domain[:9]) > _MAX_DOMAIN:
         raise UserError(f'ROS_DOMAIN_ID is {domain}: choose one from 0 to {_MAX_DOMAIN}')
-    _check_files(args or [])
     if network:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -78,14 +74,6 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
         yield
     finally:
         rclpy.try_shutdown()
-
-
-def _check_files(args: list[str]) -> None:
-    """Raise UserError for a file of parameters that is none, or too long."""
-    for option, file in pairwise(args):
-        if option == '--params-file':  # rcl would wait at a pipe, and take hours for a large one
-            with suppress(OSError):  # rcl names it
-                read_regular(Path(file), MAX_TEXT)
 
 
 def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import importlib
 import threading
-import time
 from collections import defaultdict
 from contextlib import suppress
 from ctypes import c_size_t, c_void_p
@@ -30,7 +29,6 @@ from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 from barc_sim.bags.messages import Topic, definition
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
-from barc_sim.ros.peers import all_own, of_participant, publishers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -170,7 +168,6 @@ class RecordedTopic:
 
     topic: Topic
     publishers: int = 0
-    since: float = field(default_factory=time.monotonic)
     subscriptions: list[Subscription] = field(default_factory=list)
     #: By publisher, the index of the subscription that counts: the first one to get a message.
     route: dict[bytes, int] = field(default_factory=dict)
@@ -191,14 +188,6 @@ class RecordedTopic:
         found = (qos_check_compatible(offered, each)[0] for each in requested)
         return any(each != QoSCompatibility.ERROR for each in found)
 
-    @property
-    def latched(self) -> bool:
-        """Whether publishers keep messages for late subscriptions."""
-        return any(
-            subscription.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-            for subscription in self.subscriptions
-        )
-
     def lost(self) -> dict[str, int] | None:
         """Return the number of lost messages, by the publisher's node; None where unknown."""
         if self.losses.unnumbered:
@@ -208,10 +197,6 @@ class RecordedTopic:
             node = self.names.get(publisher, publisher.hex())
             by_node[node] = by_node.get(node, 0) + count
         return by_node
-
-
-# [s] A latched message arrives within this time, or never.
-_LATCHED_TIMEOUT = 1.0
 
 
 class TopicSubscriptions:
@@ -260,10 +245,8 @@ class TopicSubscriptions:
         """Subscribe to a topic as its subscribers do; return why that is impossible."""
         try:
             if ends := self._node.get_subscriptions_info_by_topic(name):
-                (type_name, *others) = {end.topic_type for end in ends}
-                if others:
-                    type_name = (of_participant(self._node, ends) or ends)[0].topic_type
-                self._begin(name, message_class(type_name), request(ends, self._depth))
+                kind = message_class(ends[0].topic_type)
+                self._begin(name, kind, request(ends, self._depth))
         except (RuntimeError, UserError) as error:  # of rcl: this process has another type
             return error
         return None
@@ -278,13 +261,11 @@ class TopicSubscriptions:
     def _subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
         """Subscribe to all publishers of a topic.
 
-        Where publishers do not agree on the topic's type, that of this participant's nodes counts,
-        as DDS takes no second type there; else the first one's.
+        Where publishers do not agree on the topic's type, the first one's counts.
         """
         recorded = self._topics.get(name)
         types = {publisher.topic_type for publisher in publishers}
-        own = of_participant(self._node, publishers) if len(types) > 1 else ()
-        type_name = recorded.topic.type if recorded else (*own, *publishers)[0].topic_type
+        type_name = recorded.topic.type if recorded else publishers[0].topic_type
         for other in types - {type_name}:
             self._leave_out(f'{name} as {other}', f'its type is {type_name}')
         try:
@@ -312,7 +293,7 @@ class TopicSubscriptions:
         recorded = recorded or RecordedTopic(describe(name, publishers))
         is_new = not recorded.begun
         if is_new:
-            recorded.topic, recorded.since = describe(name, publishers), time.monotonic()
+            recorded.topic = describe(name, publishers)
         unmatched = [each for each in publishers if not recorded.matches(each, exactly=is_new)]
         if unmatched:
             qos = request(unmatched, self._depth)
@@ -361,24 +342,6 @@ class TopicSubscriptions:
         """
         with self._lock:
             return {name: recorded.lost() for name, recorded in self._topics.items()}
-
-    @property
-    def expects_latched(self) -> bool:
-        """Whether a latched message may still be on its way to a new subscription.
-
-        What the nodes of this process log comes after the subscription, and at once.
-        """
-        newest = time.monotonic() - _LATCHED_TIMEOUT
-        with self._lock:
-            late = [
-                name
-                for name, recorded in self._topics.items()
-                if recorded.since > newest and recorded.latched and not recorded.route
-            ]
-        return any(
-            name != '/rosout' or not all_own(self._node, publishers(self._node, name))
-            for name in late
-        )
 
     def close(self) -> None:
         """Destroy the subscriptions; `lost` stays available."""

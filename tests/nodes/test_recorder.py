@@ -297,18 +297,6 @@ def test_a_second_type_of_a_topic_is_named_and_costs_the_first_nothing(
     ]
 
 
-def test_of_two_publishers_types_that_of_the_same_process_is_recorded(
-    stranger: Node, recorder: BagRecorder, talker: Node
-) -> None:
-    stranger.create_publisher(ColorRGBA, 'value', 10)
-    wait_for(lambda: talker.count_publishers('value') == 1)
-    publisher = talker.create_publisher(Float64, 'value', LATCHED)
-    publisher.publish(Float64())
-    wait_for(lambda: recorder.discover() or recorder.counts.get('/value') == 1)
-    why = 'its type is std_msgs/msg/Float64'
-    assert recorder.left_out == {'/value as std_msgs/msg/ColorRGBA': why}
-
-
 def test_a_publisher_in_place_of_one_that_has_gone_is_recorded(
     recorder: BagRecorder, talker: Node
 ) -> None:
@@ -319,15 +307,6 @@ def test_a_publisher_in_place_of_one_that_has_gone_is_recorded(
         wait_for(lambda count=count: recorder.counts.get('/value') == count)
         talker.destroy_publisher(publisher)
         recorder.discover()
-
-
-def test_close_waits_for_a_latched_message(ros: Context, tmp_path: Path) -> None:
-    talker = Node('talker', context=ros)
-    talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
-    recorder = BagRecorder(tmp_path, context=ros)
-    recorder.destroy_node()
-    talker.destroy_node()
-    assert recorder.counts['/value'] == 1
 
 
 @pytest.fixture

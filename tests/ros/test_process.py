@@ -109,17 +109,6 @@ def test_a_setting_that_ros_cannot_use_is_named(
     assert not rclpy.ok()
 
 
-def test_parameters_that_rcl_would_read_for_hours_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    os.mkfifo('pipe')
-    Path('long').write_text('/**: {ros__parameters: {a: 1}}\n' + '#' * 300_000, encoding='utf-8')
-    for name, expected in (('pipe', 'is a named pipe'), ('long', 'has more than 200000 bytes')):
-        with pytest.raises(UserError, match=expected), ros(['--ros-args', '--params-file', name]):
-            pass
-
-
 # Fast DDS
 
 NAME = 'fastrtps_0123456789abcdef'

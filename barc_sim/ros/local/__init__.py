@@ -9,7 +9,7 @@ import sys
 from functools import cache
 from importlib import import_module
 from importlib.machinery import ModuleSpec
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from barc_sim.errors import UserError
@@ -90,14 +90,13 @@ def find_module(name: str) -> ModuleType | None:
     return _modules().get(name)
 
 
-class _Finder:
-    """Names what rclpy has and its stand-in lacks, as a finder on `sys.meta_path`."""
-
-    def find_spec(self, name: str, *_: object) -> None:
-        find_module(name)
+def _find_spec(name: str, *_: object) -> None:
+    """Name what rclpy has and its stand-in lacks."""
+    find_module(name)
 
 
-_FINDER = _Finder()
+#: A finder for `sys.meta_path`.
+_FINDER: Any = SimpleNamespace(find_spec=_find_spec)
 
 
 def install() -> World:

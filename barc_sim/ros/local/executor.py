@@ -61,9 +61,6 @@ class World:
     def ok(self) -> bool:
         return self.is_ok
 
-    def get_domain_id(self) -> int:
-        return 0
-
     def all(self, kind: str, name: str) -> list[Any]:
         """Return what nodes have of a kind, as `publishers`, under this full name."""
         every = (each for node in self.nodes for each in getattr(node, kind))

@@ -164,8 +164,8 @@ class _Field:
             return self._copy_one(value)
         if isinstance(value, (str, dict)) or not hasattr(value, '__len__'):
             self._refuse('a set or sequence')
-        if self._bound and (len(value) > self._bound or len(value) < self._bound * self._is_fixed):
-            self._refuse(f'a set or sequence with length {self._bound}, or less if it may be')
+        if self._is_fixed and len(value) != self._bound:
+            self._refuse(f'a set or sequence with length {self._bound}')
         if isinstance(value, array.array) and value.typecode == self._code:
             return self._of(value)
         return self._of([self._copy_one(each) for each in _plain(value)])

@@ -34,7 +34,7 @@ from barc_sim.ros.local.parameters import Arguments, Parameter, Parameters
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from barc_sim.bags.messages import MessageFields
+    from barc_sim.bags.messages import MessageFields, Topic
     from barc_sim.bags.recording import Recording
 
 HistoryPolicy = IntEnum('HistoryPolicy', 'SYSTEM_DEFAULT KEEP_LAST KEEP_ALL UNKNOWN', start=0)
@@ -469,15 +469,16 @@ class LocalSubscriptions:
     ----------
     unknown
         No topic: all can be recorded.
+    on_full
+        Called where many messages wait; a recorder replaces it to write them.
     """
-
-    expects_latched = False
 
     def __init__(self, node: Node, recording: Recording) -> None:
         self._node, self._wants, self._depth = node, recording.wants, recording.depth
         self._subscriptions: dict[str, Subscription] = {}
         self._messages: deque[MessageFields] = deque()
         self.unknown: Mapping[str, str] = {}
+        self.on_full: Callable[[], object] = lambda: None
 
     def expect(self, *_: object) -> None:
         """Do nothing: a publisher is found as soon as it is there."""
@@ -488,24 +489,16 @@ class LocalSubscriptions:
             wanted = name not in self._subscriptions and self._wants(name)
             if wanted and self._node.get_publishers_info_by_topic(name):
                 made = Subscription(self._node, name, message_type(kind), _LATCHED)
-                made.receive = self._receiver(name, kind)  # type: ignore[assignment,method-assign]
+                keep = partial(self._keep, topic(name, kind, store()))
+                made.receive = keep  # type: ignore[method-assign]
                 self._subscriptions[name] = self._node.connect(made)
 
-    def _receiver(self, name: str, kind: str) -> Callable[[Any, int], None]:
-        """Return what keeps a message of a topic."""
-        described, keep = topic(name, kind, store()), self._messages.append
-        messages, depth, date = self._messages, self._depth, self._node.context.date
-
-        def receive(msg: Any, number: int) -> None:
-            now = date()
-            keep((described, msg.__serialize__(), now, now, number))
-            if len(messages) > depth:
-                self.on_full()
-
-        return receive
-
-    def on_full(self) -> None:
-        """Do nothing; a recorder replaces it to write what waits."""
+    def _keep(self, described: Topic, msg: Any, number: int) -> None:
+        """Keep a message of a topic."""
+        now = self._node.context.date()
+        self._messages.append((described, msg.__serialize__(), now, now, number))
+        if len(self._messages) > self._depth:
+            self.on_full()
 
     def take(self) -> list[MessageFields]:
         """Return the messages since the last call, for one thread at a time."""
