@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from typing_extensions import Self
 
@@ -115,10 +115,10 @@ def check_limits() -> None:
         )
 
 
-def is_at_desktop(environment: Mapping[str, str] = os.environ) -> bool:
+def is_at_desktop() -> bool:
     """Return whether the user sits at a screen of this machine, and allows a browser there."""
-    screen = environment.get('DISPLAY') or environment.get('WAYLAND_DISPLAY')
-    elsewhere = environment.get('SSH_CONNECTION') or environment.get(NO_BROWSER)
+    screen = os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')
+    elsewhere = os.environ.get('SSH_CONNECTION') or os.environ.get(NO_BROWSER)
     return bool(screen) and not elsewhere
 
 

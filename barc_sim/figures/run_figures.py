@@ -206,7 +206,7 @@ def _caption(log: Log) -> str:
             whole.rms_error_after_run_up,
             whole.max_error_after_run_up,
         ),
-        'over all': (whole.rms_error, whole.max_error),
+        'whole run': (whole.rms_error, whole.max_error),
     }
     held = [
         f'{part}: RMS {rms:.3f} m/s, at most {maximum:.3f} m/s'

@@ -69,8 +69,8 @@ class ViewNode(Node):
     """Serves the live page at `url`, and publishes `cmd_vel` while a page drives.
 
     The executor only keeps what arrives; the server's thread does the work, between two steps.
-    `url` has the page's token: who has it can drive. `page` is the page: its `end` shows the end of
-    the run, and its `laps` are those so far.
+    `url` has the page's token: who has it can drive. The `end` of `page` shows the end of the
+    run.
 
     Examples
     --------
@@ -112,8 +112,6 @@ class ViewNode(Node):
         values = declare(self, [each._replace(read_only=True) for each in parameters])
         if values['mode'] not in MODES:
             raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
-        self.page = page = RunPage(values['mode'], values['host'], values['port'], run)
-        self.url = page.url
         self.latest = 0  #: the stamp [ns] of the newest state
         self._cmd_vel_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
         self._feed = Feed()
@@ -121,7 +119,9 @@ class ViewNode(Node):
             self.create_subscription(kind, topic, self._taking(topic), DEPTH)
         self.create_subscription(Path, names.PREDICTION, self._on_plan, names.QOS_NEWEST)
         self._calls = {name: self.create_client(kind, name) for name, kind in _SERVICES.items()}
-        page.start(self._feed, self._drive, self._request)
+        address = values['host'], values['port']
+        self.page = RunPage(values['mode'], *address, run, self._feed, self._drive, self._request)
+        self.url = self.page.url
 
     def _taking(self, topic: str) -> Callable[[Any], None]:
         def take(message: Any) -> None:  # noqa: ANN401 (of the topic's type)

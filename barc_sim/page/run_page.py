@@ -9,6 +9,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from websockets.asyncio.server import broadcast
 
 from barc_sim.control.lane import LANE
 from barc_sim.figures.style import QUANTITIES, driven_road, term_colours
@@ -19,8 +20,6 @@ from barc_sim.page.protocol import (
     Pause,
     Press,
     RunFacts,
-    Status,
-    Tune,
     encode,
     facts,
     lap_facts,
@@ -29,18 +28,18 @@ from barc_sim.page.protocol import (
     track_facts,
     track_lap_facts,
 )
-from barc_sim.page.server import HOUR, Host, ViewServer, open_page
+from barc_sim.page.server import HOUR, ViewServer, open_page
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import laps_of, track_laps_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from websockets.asyncio.server import ServerConnection
+
     from barc_sim.page.feed import Feed
     from barc_sim.page.protocol import Request
-    from barc_sim.page.server import Page
     from barc_sim.simulation.log import Log
-    from barc_sim.simulation.metrics import Laps
 
     #: Called with whether the request succeeded, and if not, with the reason.
     OnDone = Callable[[bool, str], None]
@@ -100,7 +99,7 @@ class HeldKeys:
             self._command = _BRAKE
 
 
-class RunPage(Host):
+class RunPage(ViewServer):
     """Serves the page at `url`; the server's thread does the work, between two steps."""
 
     def __init__(
@@ -109,21 +108,6 @@ class RunPage(Host):
         host: str,
         port: int,
         run: RunFacts,
-    ) -> None:
-        """Take the port; `start` serves the page."""
-        self._mode, self._run = mode, run
-        self._keys = HeldKeys()
-        self._values = run.values  # of the sliders, as the pages have them
-        self._gains: dict[int, list[str]] = {}  # by lap, one after another
-        self._paused = False
-        self._has_ended = False
-        self._next_status = 0.0
-        self._server = ViewServer(self, host, port)
-        self.url = self._server.url  #: with its token: anyone with this link can drive
-        self.call = self._server.call  #: calls a function in the server's thread
-
-    def start(
-        self,
         feed: Feed,
         drive: Callable[[Drive], None],
         request: Callable[[Request, OnDone], None],
@@ -133,18 +117,17 @@ class RunPage(Host):
         `feed` has the states; `drive` publishes a driver's input; `request` passes any other
         request to the simulator or the controller, and answers in the server's thread. None waits.
         """
-        self._feed, self._drive, self._request = feed, drive, request
-        self._server.start()
-
-    @property
-    def seen(self) -> int:
-        """Number of states taken."""
-        return self._feed.seen
-
-    @property
-    def laps(self) -> Laps:
-        """The laps of the run so far."""
-        return self._feed.laps
+        super().__init__(host, port)
+        self._mode, self._run = mode, run
+        self.feed = feed  #: with the laps so far
+        self._drive, self._request = drive, request
+        self._keys = HeldKeys()
+        self._values = run.values  # of the sliders, as the pages have them
+        self._gains: dict[int, list[str]] = {}  # by lap, one after another
+        self._paused = False
+        self._has_ended = False
+        self._next_status = 0.0
+        self.start()
 
     def end(self, reason: str, bag: str = '') -> None:
         """Show the pages the end of the run, its reason and `bag`, the bag's path.
@@ -158,21 +141,17 @@ class RunPage(Host):
             self._end(reason, bag)
             done.set()
 
-        self._server.call(end)
+        self.call(end)
         done.wait(_MAX_WAIT)
-
-    def close(self) -> None:
-        """Close all pages and the port."""
-        self._server.close()
 
     # The server's thread calls the methods below.
 
     def greet(self) -> Iterator[str | bytes]:
         """Yield the messages for a new page."""
         yield encode('hello', **facts(self._mode, self._run))
-        yield self._feed.history()
+        yield self.feed.history()
 
-    def receive(self, page: Page, request: Request) -> None:
+    def receive(self, page: ServerConnection, request: Request) -> None:
         """Handle a page's request."""
         match request:
             case _ if self._has_ended:
@@ -184,13 +163,10 @@ class RunPage(Host):
             case Press('finish'):
                 if self._run.finish:
                     self._run.finish()
-            case Pause(on):
-                self._request(request, partial(self._on_paused, page, on))
-            case Tune() | Press('reset' | 'reset_controller'):
-                what = request[0].replace('reset_', 'reset the ')
-                self._request(request, partial(self._on_done, page, what))
+            case _:
+                self._request(request, partial(self._on_done, page, request))
 
-    def leave(self, page: Page) -> None:
+    def leave(self, page: ServerConnection) -> None:
         """Release the keys of a page that has closed."""
         if self._has_ended:
             return
@@ -203,98 +179,90 @@ class RunPage(Host):
             return _SLOW_PERIOD
         now = time.monotonic()
         self._publish(now)
-        if rows := self._feed.poll():
-            self._server.send(rows)
+        if rows := self.feed.poll():
+            self.send(rows)
         if now >= self._next_status:
             self._next_status = now + _STATUS_PERIOD
             if (values := self._run.values) != self._values:
                 self._values = values
-                self._server.send(encode('facts', **facts(self._mode, self._run)))
-            if self._server.pages:
+                self.send(encode('facts', **facts(self._mode, self._run)))
+            if self.pages:
                 self._send_status()
-        return self._feed.until_next() if self._server.pages else _SLOW_PERIOD
+        return self.feed.until_next() if self.pages else _SLOW_PERIOD
 
     def _lap_gains(self) -> dict[int, list[str]]:
         """Return the gains of each lap, with those of the present one now."""
         values = self._run.values
         shown = {name: values[name] for name in self._run.gains if name in values}
         now = ', '.join(f'{name.removeprefix(LANE)} {value:g}' for name, value in shown.items())
-        laps = self._feed.track_laps if self._feed.is_on_track else self.laps
+        laps = self.feed.track_laps if self.feed.is_on_track else self.feed.laps
         seen = self._gains.setdefault(laps.current.number, [])
         if now and seen[-1:] != [now]:
             seen.append(now)
         return self._gains
 
     def _lap_facts(self) -> dict[str, Any]:
-        if self._feed.is_on_track:
-            return track_lap_facts(self._feed.track_laps, self._lap_gains())
-        return lap_facts(self.laps, self._lap_gains())
+        if self.feed.is_on_track:
+            return track_lap_facts(self.feed.track_laps, self._lap_gains())
+        return lap_facts(self.feed.laps, self._lap_gains())
 
     def _publish(self, now: float) -> None:
         if command := self._keys.due(now):
             self._drive(command)
 
     def _send_status(self) -> None:
-        missed, paused = self._run.status() if self.seen else Status()
-        self._server.send(
+        missed, paused = self._run.status()
+        self.send(
             encode(
                 'status',
-                factor=self._feed.realtime_factor(),
+                factor=self.feed.realtime_factor(),
                 missed=missed,
                 laps=self._lap_facts(),
-                plan=self._feed.plan,
+                plan=self.feed.plan,
                 paused=self._paused if paused is None else paused,
             )
         )
 
-    def _on_done(self, page: Page, what: str, done: bool, why: str) -> None:
-        if not done:
-            page.send(encode('refused', what=what, why=why))
-
-    def _on_paused(self, page: Page, on: bool, done: bool, why: str) -> None:
-        if done:
-            self._paused = on
+    def _on_done(self, page: ServerConnection, request: Request, done: bool, why: str) -> None:
+        if done and isinstance(request, Pause):
+            self._paused = request.on
             self._send_status()
-        self._on_done(page, 'pause', done, why)
+        if not done:
+            what = 'pause' if isinstance(request, Pause) else str(request[0])
+            broadcast([page], encode('refused', what=what.replace('reset_', 'reset the '), why=why))
 
     def _end(self, reason: str, bag: str) -> None:
-        if rows := self._feed.poll():
-            self._server.send(rows)
+        if rows := self.feed.poll():
+            self.send(rows)
         self._has_ended = True
-        stretches = stretch_facts(self.laps.best or self.laps.current)
+        stretches = stretch_facts(self.feed.laps.best or self.feed.laps.current)
         laps = self._lap_facts()
-        self._server.send(encode('end', reason=reason, bag=bag, laps=laps, stretches=stretches))
+        self.send(encode('end', reason=reason, bag=bag, laps=laps, stretches=stretches))
 
 
-class Replay(Host):
-    """A recorded run, sent whole to every page that opens; the page plays it."""
+def replay(log: Log, title: str, other: tuple[Log, str] | None = None) -> list[str | bytes]:
+    """Return the messages with a whole run, of at least one state, which the page plays.
 
-    def __init__(self, log: Log, title: str, other: tuple[Log, str] | None = None) -> None:
-        """Show a run of at least one state; `other`, a run and its title, as a ghost beside it."""
-        road = driven_road(log)
-        mode = 'teleop' if np.all(np.isnan(log.reference)) else 'acc'
-        hello = encode(
-            'hello',
-            **{
-                **facts(mode, RunFacts()),
-                'road': road and road_facts(road),
-                'columns': columns_in(log),
-                'terms': list(log.terms),
-                'colours': QUANTITIES | term_colours((*log.terms,)),
-                **(track_facts(Course.driven(log)) if isinstance(log, TrackLog) else {}),
-            },
-            replay={'title': title, 'missed': int(np.count_nonzero(log.missed))},
-            laps=_laps(log),
-        )
-        self._messages: list[str | bytes] = [hello, rows_of(log)]
-        if other:
-            second, name = other
-            more = encode('other', title=name, columns=columns_in(second), laps=_laps(second))
-            self._messages[1:1] = [more, rows_of(second)]
-
-    def greet(self) -> list[str | bytes]:
-        """Return the messages with the whole run."""
-        return list(self._messages)
+    `other`, a run and its title, is a ghost beside it.
+    """
+    road = driven_road(log)
+    mode = 'teleop' if np.all(np.isnan(log.reference)) else 'acc'
+    fields = {
+        **facts(mode, RunFacts()),
+        'road': road and road_facts(road),
+        'columns': columns_in(log),
+        'terms': list(log.terms),
+        'colours': QUANTITIES | term_colours((*log.terms,)),
+        **(track_facts(Course.driven(log)) if isinstance(log, TrackLog) else {}),
+        'replay': {'title': title, 'missed': int(np.count_nonzero(log.missed))},
+        'laps': _laps(log),
+    }
+    messages: list[str | bytes] = [encode('hello', **fields)]
+    if other:
+        second, name = other
+        more = encode('other', title=name, columns=columns_in(second), laps=_laps(second))
+        messages += [more, rows_of(second)]
+    return [*messages, rows_of(log)]
 
 
 def _laps(log: Log) -> dict[str, Any]:
@@ -305,7 +273,7 @@ def _laps(log: Log) -> dict[str, Any]:
 
 def serve(log: Log, title: str, host: str, port: int, other: tuple[Log, str] | None = None) -> None:
     """Serve the page until Ctrl-C; print its address, and open it where there is a desktop."""
-    server = ViewServer(Replay(log, title, other), host, port)
+    server = ViewServer(host, port, replay(log, title, other))
     server.start()
     try:
         with suppress(KeyboardInterrupt):

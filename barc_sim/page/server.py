@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
 import socket
 import webbrowser
 from http import HTTPStatus
@@ -26,7 +25,7 @@ from barc_sim.figures.style import style_sheet
 from barc_sim.page.protocol import RequestError, parse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable
 
     from barc_sim.page.protocol import Request
 
@@ -56,42 +55,20 @@ _QUIET.addHandler(logging.NullHandler())
 _QUIET.propagate = False
 
 
-class Page:
-    """An open page."""
-
-    def __init__(self, connection: ServerConnection) -> None:
-        """Open over `connection`."""
-        self._connection = connection
-
-    def send(self, message: str | bytes) -> None:
-        """Send a message without waiting."""
-        broadcast([self._connection], message)
-
-
-class Host:
-    """The source of a page's content, called in the server's thread."""
-
-    def greet(self) -> Iterable[str | bytes]:
-        """Return the messages for a new page."""
-        return ()
-
-    def receive(self, page: Page, request: Request) -> None:
-        """Handle a request of a page."""
-
-    def leave(self, page: Page) -> None:
-        """Handle that a page has closed."""
-
-    def pulse(self) -> float:
-        """Do the periodic work; return the time to the next call [s]."""
-        return HOUR
-
-
 class ViewServer:
-    """Serves the page at `url`, which contains a secret token, until it is closed."""
+    """Serves the page at `url`, which contains a secret token, until it is closed.
 
-    def __init__(self, host: Host, address: str = '127.0.0.1', port: int = 0) -> None:
-        """Listen on `port` of `address`; 0 for any that is free."""
-        self._host = host
+    Its thread calls `greet`, `receive`, `leave` and `pulse`; a page is its connection.
+    """
+
+    def __init__(
+        self,
+        address: str = '127.0.0.1',
+        port: int = 0,
+        greeting: Iterable[str | bytes] = (),
+    ) -> None:
+        """Listen on `port` of `address`, 0 for any that is free; `greeting` is for each page."""
+        self._greeting = greeting
         self._socket = _listen(address, port)
         self._token = token_urlsafe(16)
         if not ip_address(self._socket.getsockname()[0]).is_loopback:
@@ -102,7 +79,7 @@ class ViewServer:
         name = _reachable(address)
         name = f'[{name}]' if ':' in name else name
         self.url = f'http://{name}:{self._socket.getsockname()[1]}/{self._token}/'
-        self._pages: dict[ServerConnection, Page] = {}
+        self.pages: set[ServerConnection] = set()  #: the open ones
         self._files = {
             path.name: path.read_bytes() for path in _FILES.iterdir() if path.suffix in _TYPES
         }
@@ -110,28 +87,31 @@ class ViewServer:
         self._loop = asyncio.new_event_loop()
         self._closing = asyncio.Event()
         self._ready = Event()
-        self._thread = Thread(target=self._run, name='view server', daemon=True)
+        self._thread = Thread(target=self._run_thread, name='view server', daemon=True)
 
     def start(self) -> None:
         """Start the thread."""
         self._thread.start()
         self._ready.wait()
 
-    @property
-    def pages(self) -> tuple[Page, ...]:
-        """The open pages."""
-        return tuple(self._pages.values())
+    def greet(self) -> Iterable[str | bytes]:
+        """Return the messages for a new page."""
+        return self._greeting
+
+    def receive(self, page: ServerConnection, request: Request) -> None:
+        """Handle a request of a page."""
+
+    def leave(self, page: ServerConnection) -> None:
+        """Handle that a page has closed."""
+
+    def pulse(self) -> float:
+        """Do the periodic work; return the time to the next call [s]."""
+        return HOUR
 
     def send(self, message: str | bytes) -> None:
         """Send a message to all pages without waiting; call it in the server's thread only."""
-        broadcast(
-            [
-                connection
-                for connection in self._pages
-                if connection.transport.get_write_buffer_size() < _MAX_UNSENT
-            ],
-            message,
-        )
+        keep_up = [p for p in self.pages if p.transport.get_write_buffer_size() < _MAX_UNSENT]
+        broadcast(keep_up, message)
 
     def call(self, callback: Callable[[], object]) -> None:
         """Call `callback` in the server's thread, unless that has ended."""
@@ -143,7 +123,7 @@ class ViewServer:
         self.call(self._closing.set)
         self._thread.join()
 
-    def _run(self) -> None:
+    def _run_thread(self) -> None:
         try:
             self._loop.run_until_complete(self._serve())
         finally:
@@ -173,7 +153,7 @@ class ViewServer:
 
     async def _pulse(self) -> None:
         while True:  # noqa: ASYNC110 (there is no event to wait for)
-            await asyncio.sleep(self._host.pulse())
+            await asyncio.sleep(self.pulse())
 
     def _answer(self, _: ServerConnection, request: HttpRequest) -> Response | None:
         """Return a file or an error, or None for a websocket that may open."""
@@ -182,28 +162,31 @@ class ViewServer:
             return _refuse(
                 HTTPStatus.FORBIDDEN, 'Open the whole address that the run printed, token included.'
             )
+        if not slash:  # the page's files are named relative to its address
+            moved = _refuse(HTTPStatus.PERMANENT_REDIRECT, 'The address ends with a slash.')
+            moved.headers['Location'] = f'/{self._token}/'
+            return moved
         if name == 'socket':
             return None
-        name = name or 'index.html' if slash else ''
+        name = name or 'index.html'
         if name in self._files:
             return _response(HTTPStatus.OK, _TYPES[Path(name).suffix], self._files[name])
         return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
 
     async def _on_page(self, connection: ServerConnection) -> None:
-        page = Page(connection)
         try:
-            for message in self._host.greet():
+            for message in self.greet():
                 broadcast([connection], message)
-            self._pages[connection] = page
+            self.pages.add(connection)
             async for data in connection:
-                self._host.receive(page, parse(data))
+                self.receive(connection, parse(data))
         except RequestError as error:
             await connection.close(_POLICY_VIOLATION, f'malformed: {error}'[:100])
         except ConnectionClosed:
             pass
         finally:
-            self._pages.pop(connection, None)
-            self._host.leave(page)
+            self.pages.discard(connection)
+            self.leave(connection)
 
 
 def _listen(address: str, port: int) -> socket.socket:
@@ -240,12 +223,7 @@ def _response(status: HTTPStatus, kind: str, body: bytes) -> Response:
     return Response(status.value, status.phrase, Headers(headers | _HEADERS), body)
 
 
-def open_page(url: str, environment: Mapping[str, str] = os.environ) -> bool:
-    """Open `url` without waiting for the browser; return False where there is no desktop.
-
-    `BARC_SIM_NO_BROWSER` in the environment keeps it from opening.
-    """
-    if not is_at_desktop(environment):
-        return False
-    Thread(target=webbrowser.open, args=(url,), name='browser', daemon=True).start()
-    return True
+def open_page(url: str) -> None:
+    """Open `url` where there is a desktop, without waiting for the browser."""
+    if is_at_desktop():
+        Thread(target=webbrowser.open, args=(url,), name='browser', daemon=True).start()

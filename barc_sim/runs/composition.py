@@ -31,7 +31,7 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.peers import node_graph
-from barc_sim.runs.options import opens_page, recording, wants_page
+from barc_sim.runs.options import page_of, recording
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
@@ -192,7 +192,7 @@ class Run:
             self.recorder.stamp_with_clock()
         if options.mirrors:
             self._add_mirrors()
-        if wants_page(options):
+        if page_of(options) != 'none':
             for number in range(len(self.simulators)):
                 self._serve(number)
         if self.recorder:
@@ -253,7 +253,7 @@ class Run:
         )
         self._views.append(view)
         self._print(f'live page  {view.url}')
-        if opens_page(options):
+        if page_of(options) == 'web':
             open_page(view.url)
 
     def _print(self, text: str) -> None:

@@ -19,7 +19,6 @@ from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
 
 #: Those that `--help` shows; `--help-all` shows the others, too.
 USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--no-bag', '--quiet')
-_PAGES = {'web': 'web', 'none': 'none', 'offer': 'at a desktop, the link to a page'}
 _MAX_SIZE = 2.0**60  #: [B]
 _MAX_DURATION = 1e9  #: [s]
 #: The options of a run that need ROS, and the value with which each does not.
@@ -30,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     """Add the options of a run, whose `road` is that without `--road`.
 
     Files of a user's can replace the `parts`, names in `FILES`: those that a folder of `--lab` may
-    have. `view` is what `--view auto` stands for: `web`, `none`, or `offer`, a page that does not
-    open itself.
+    have. `view` is what `--view auto` stands for: `web`, or `offer`, a page that does not open
+    itself.
     """
     parser.add_argument(
         '--road',
@@ -56,8 +55,15 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
             metavar='FILE',
             help=f'use this file in place of {FILES[part]}',
         )
-    parser.set_defaults(parts=parts)
-    add_view_options(parser, auto=view)
+    parser.set_defaults(parts=parts, view_auto=view)
+    auto = 'at a desktop, the link to a page' if view == 'offer' else view
+    parser.add_argument(
+        '--view',
+        choices=('auto', 'web', 'none'),
+        default='auto',
+        help=f'the live page (auto: {auto})',
+    )
+    add_address_options(parser)
     bag = parser.add_mutually_exclusive_group()
     bag.add_argument(
         '--bag-dir',
@@ -88,18 +94,6 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         help='publish the simulated time on /clock also where the real-time factor is 1, for nodes '
         'that use_sim_time',
     )
-    add_engine_option(parser)
-    parser.add_argument(
-        '--mirrors',
-        action='store_true',
-        help='publish standard messages for RViz, Foxglove and PlotJuggler, too: odometry, tf, '
-        'path, markers, diagnostics',
-    )
-    add_recording_options(parser)
-
-
-def add_engine_option(parser: argparse.ArgumentParser) -> None:
-    """Add `--engine`."""
     parser.add_argument(
         '--engine',
         choices=('auto', 'ros', 'local'),
@@ -107,6 +101,13 @@ def add_engine_option(parser: argparse.ArgumentParser) -> None:
         help='what carries the messages: ROS 2, or queues in one process without it (auto: ROS 2 '
         'where it is installed)',
     )
+    parser.add_argument(
+        '--mirrors',
+        action='store_true',
+        help='publish standard messages for RViz, Foxglove and PlotJuggler, too: odometry, tf, '
+        'path, markers, diagnostics',
+    )
+    add_recording_options(parser)
 
 
 def choose_engine(options: argparse.Namespace) -> str:
@@ -133,18 +134,6 @@ def _factor(text: str) -> float:
         raise ArgumentTypeError(f"{error}, nor 'max'") from None
 
 
-def add_view_options(parser: argparse.ArgumentParser, *, auto: str) -> None:
-    """Add `--view`, `--view-port` and `--view-host`; `auto` is the meaning of `--view auto`."""
-    parser.add_argument(
-        '--view',
-        choices=('auto', 'web', 'none'),
-        default='auto',
-        help=f'the live page (auto: {_PAGES[auto]})',
-    )
-    add_address_options(parser)
-    parser.set_defaults(view_auto=auto)
-
-
 def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') -> None:
     """Add `--view-port` and `--view-host`; `can` is what a page's visitor can do."""
     parser.add_argument(
@@ -163,21 +152,11 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
     )
 
 
-def wants_page(options: argparse.Namespace) -> bool:
-    """Return whether to serve the live page."""
-    is_offered = options.view == 'auto' and options.view_auto == 'offer'
-    return opens_page(options) or (
-        is_offered
-        and not options.quiet
-        and options.realtime_factor != 0.0
-        and sys.stdout.isatty()
-        and is_at_desktop()
-    )
-
-
-def opens_page(options: argparse.Namespace) -> bool:
-    """Return whether the live page opens itself, not only where a person opens its link."""
-    return 'web' in (options.view, options.view == 'auto' and options.view_auto)
+def page_of(options: argparse.Namespace) -> str:
+    """Return the live page of a run: `web` if it opens itself, `offer` for its link, or `none`."""
+    page = options.view_auto if options.view == 'auto' else options.view
+    is_watched = sys.stdout.isatty() and is_at_desktop() and options.realtime_factor != 0.0
+    return 'none' if page == 'offer' and (options.quiet or not is_watched) else str(page)
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:

@@ -121,7 +121,7 @@ def test_every_state_reaches_the_page_with_its_messages(view: ViewNode, peer: Pe
         client.receive('status')
         for k in range(100):
             peer.step(float(k))
-            until(lambda: view.page.seen == k + 1)  # noqa: B023 (called at once)
+            until(lambda: view.page.feed.seen == k + 1)  # noqa: B023 (called at once)
         view.page.end('over')
         client.receive('end')
     np.testing.assert_array_equal(client.column('x'), np.arange(100.0))

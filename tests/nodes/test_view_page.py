@@ -400,9 +400,11 @@ def test_reset_begins_a_lap_and_the_last_one_stays_as_a_ghost(acc: Acc, open_: O
     tab.click('#reset')
     last = "document.querySelector('[data-figure=rms] td:nth-of-type(2)').textContent"
     tab.until(f"{last} !== '\u2013'")
-    assert lap_facts(view.page.laps)['last']['rms'] == pytest.approx(float(tab.run(last)), abs=6e-4)
+    assert lap_facts(view.page.feed.laps)['last']['rms'] == pytest.approx(
+        float(tab.run(last)), abs=6e-4
+    )
     # The lap in the chart is broken at the reset: its states have another number.
-    laps = lap_facts(view.page.laps)
+    laps = lap_facts(view.page.feed.laps)
     assert laps['current']['start'] == pytest.approx(laps['last']['end'] + TS)
 
 
@@ -432,7 +434,7 @@ def test_end_card_has_the_score_and_the_next_commands(acc: Acc, open_: Open) -> 
     wait_until(lambda: tab.text('#state') == 'Paused')
     view.page.end('The run has ended: Ctrl-C was pressed.', bag='bags/my run')
     tab.until("!document.querySelector('#end-card').hidden")
-    laps, stretches = lap_facts(view.page.laps), stretch_facts(view.page.laps.current)
+    laps, stretches = lap_facts(view.page.feed.laps), stretch_facts(view.page.feed.laps.current)
     tab.click('#end-card summary')
     card = tab.text('#end-card')
     assert f'{laps["current"]["rms"]:.3f} m/s' in card

@@ -24,7 +24,7 @@ from barc_sim.control.lane import Stanley
 from barc_sim.control.speed import PID
 from barc_sim.page import run_page
 from barc_sim.page.protocol import COLUMNS, Drive
-from barc_sim.page.run_page import STALE, HeldKeys, Replay
+from barc_sim.page.run_page import STALE, HeldKeys, replay
 from barc_sim.page.server import ViewServer
 from barc_sim.simulation import metrics
 from barc_sim.simulation.closed_loop import closed_loop, lap
@@ -66,7 +66,8 @@ def played(browser: Browser) -> Played:
 
     @contextmanager
     def play(log: Log, other: Log | None = None, **size: Any) -> Iterator[Tab]:  # noqa: ANN401
-        server = ViewServer(Replay(log, 'my run', (other, 'reference') if other else None))
+        beside = (other, 'reference') if other else None
+        server = ViewServer(greeting=replay(log, 'my run', beside))
         server.start()
         with closing(server):
             tab = browser.open(server.url, **size)
@@ -79,7 +80,7 @@ def played(browser: Browser) -> Played:
 
 
 def test_page_receives_the_whole_run(log: Log) -> None:
-    hello, rows = Replay(replace(log, missed=log.t > log.t[-4]), 'my run').greet()
+    hello, rows = replay(replace(log, missed=log.t > log.t[-4]), 'my run')
     hello_fields = json.loads(hello)
     assert (hello_fields['mode'], hello_fields['replay']) == (
         'acc',
@@ -91,7 +92,7 @@ def test_page_receives_the_whole_run(log: Log) -> None:
 
 
 def test_run_without_controller_is_shown_from_above(log: Log) -> None:
-    hello, _ = Replay(replace(log, reference=np.full(len(log), np.nan)), '').greet()
+    hello, _ = replay(replace(log, reference=np.full(len(log), np.nan)), '')
     assert json.loads(hello)['mode'] == 'teleop'
 
 
