@@ -63,10 +63,11 @@ class Parser(argparse.ArgumentParser):
         """Parse as ArgumentParser does; for an unknown option, suggest those that are close."""
         options, unknown = self.parse_known_args(args, namespace)
         if unknown:
-            name = unknown[0].partition('=')[0].removeprefix('--')
+            word = unknown[0].partition('=')[0]
             names = (each.removeprefix('--') for each in self._option_string_actions)
-            close = did_you_mean(name, names, '--')
-            self.error(f'unrecognized arguments: {" ".join(unknown)}{close}')
+            close = did_you_mean(word.removeprefix('--'), names, '--')
+            what = 'there is no option' if word.startswith('-') else 'unexpected argument'
+            self.error(f'{what} {word!r}{close}')
         return options
 
     def error(self, message: str) -> NoReturn:

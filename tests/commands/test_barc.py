@@ -63,7 +63,7 @@ def test_every_command_has_a_module_and_every_module_a_command() -> None:
         (['zzz'], "barc: error: there is no command 'zzz' (see --help)\n"),
         (['plot', '--save'], 'barc plot: error: argument --save: expected one argument'),
         (['echo', 'ecu', '-n', '0'], 'barc echo: error: argument -n: 0 is not a whole number of'),
-        (['plot', '--ros-args'], 'barc plot: error: unrecognized arguments: --ros-args'),
+        (['plot', '--ros-args'], "barc plot: error: there is no option '--ros-args'"),
         (['node', 'controller', '--kp', '3'], "barc node: error: a node takes no '--kp': give"),
         (['node', 'pilot'], "barc node: error: argument NAME: invalid choice: 'pilot'"),
     ],
