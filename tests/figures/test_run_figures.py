@@ -110,11 +110,11 @@ def test_missed_deadlines_are_marked_and_counted(log: Log) -> None:
     assert not lines(speed_figure(log).axes[-1])
 
 
-def test_the_caption_has_the_error_after_the_run_up_and_over_all(log: Log) -> None:
+def test_the_caption_has_the_error_after_the_run_up_and_of_the_whole_run(log: Log) -> None:
     beyond = log.speed_error[log.distance >= 10.0]
     caption = speed_figure(log).get_supxlabel()
     assert f'after the first 10 m: RMS {np.sqrt(np.mean(beyond**2)):.3f} m/s' in caption
-    assert f'over all: RMS {np.sqrt(np.mean(log.speed_error**2)):.3f} m/s' in caption
+    assert f'whole run: RMS {np.sqrt(np.mean(log.speed_error**2)):.3f} m/s' in caption
 
 
 @pytest.mark.parametrize(

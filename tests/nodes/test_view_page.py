@@ -479,8 +479,8 @@ def test_page_reports_a_lost_connection_and_reconnects(teleop: Teleop, open_: Op
         "document.querySelector('#message').textContent; })"
         ".observe(document.querySelector('#message'), {childList: true})"
     )
-    server = view.page._server  # noqa: SLF001 (no page can cut its own connection)
-    server.call(lambda: [each.transport.abort() for each in [*server._pages]])  # noqa: SLF001
+    page = view.page  # no page of a browser can cut its own connection
+    page.call(lambda: [each.transport.abort() for each in [*page.pages]])
     tab.until("(window.shown ?? '').startsWith('The connection to the run was lost')")
     wait_until(lambda: tab.text('#state') == 'Live')
     assert tab.run("document.querySelector('#message').hidden") is True
