@@ -13,8 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from barc_sim import __version__
-from barc_sim.cli.parser import ROS_ARGS, Parser, did_you_mean
-from barc_sim.cli.process import call, check_arguments
+from barc_sim.cli.parser import ROS_ARGS, Parser, call, check_arguments, did_you_mean
 from barc_sim.commands import COMMANDS, GROUPS, NODES, SHARED
 
 if TYPE_CHECKING:

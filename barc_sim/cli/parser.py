@@ -1,21 +1,29 @@
-"""What the commands share: a parser, types of options, suggestions, and the path of `barc`."""
+"""What the commands share: a parser, types of options, suggestions, and errors as sentences.
+
+`call` is where an error becomes a sentence. A UserError has its sentence already. What the machine
+refuses (files, memory, threads) gets it here; every other error is a fault of ours, and keeps its
+traceback.
+"""
 
 from __future__ import annotations
 
 import argparse
+import errno
+import io
+import os
 import shlex
 import shutil
 import sys
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from barc_sim.cli.process import USAGE_ERROR, error_line
-from barc_sim.errors import not_between
+from barc_sim.cli.process import ROS_PACKAGES, needs_ros
+from barc_sim.errors import UserError, not_between
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
 ROS_ARGS = '--ros-args'
 _ROS_ARGS_HELP = (
@@ -23,6 +31,11 @@ _ROS_ARGS_HELP = (
     '--ros-args -r __ns:=/car2 -p controller:acceleration_limit:=4.0'
 )
 MAX_PORT = 65_535
+USAGE_ERROR = 2
+INTERRUPTED = 130
+#: By package, the name to install it by, where that is another.
+_DISTRIBUTIONS = {'PIL': 'pillow', 'yaml': 'pyyaml'}
+_OF_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
 class Parser(argparse.ArgumentParser):
@@ -143,3 +156,114 @@ def _quoted(path: Path) -> str:
     with suppress(ValueError):
         path = path.relative_to(Path.cwd())
     return shlex.quote(str(path))
+
+
+def call(prog: str, main: Callable[[], int | None]) -> int:
+    """Run `main` and return the command's exit code.
+
+    A UserError becomes one line on stderr and code 2, so does what the machine refuses; Ctrl-C
+    becomes code 130. A closed pipe (`| head`) ends the command silently. What stdout's encoding
+    lacks is printed as `?`.
+    """
+    try:
+        _open_streams()
+        with _flushed():
+            return main() or 0
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except Exception as error:
+        message = _sentence(error, prog)
+        if message is None:
+            raise
+    if message:
+        report(prog, message)
+    return USAGE_ERROR if message else 0
+
+
+def report(prog: str, message: str) -> None:
+    """Print an error of the program `prog` on stderr, in one line."""
+    print(error_line(prog, message), file=sys.stderr)  # noqa: T201
+
+
+def warn(message: str) -> None:
+    """Print a warning on stderr, in one line."""
+    print(f'warning: {message}', file=sys.stderr, flush=True)  # noqa: T201
+
+
+def error_line(prog: str, message: str) -> str:
+    """Return the line for an error of the program `prog`."""
+    return f'{prog}: error: {" ".join(message.splitlines())}'
+
+
+def check_arguments(words: Sequence[str]) -> None:
+    """Raise UserError for an argument that is no UTF-8: neither ROS nor a bag can hold it."""
+    for word in words:
+        if word.encode(errors='replace').decode() != word:
+            raise UserError(
+                f'the argument {word!r} is not UTF-8: rename the file, or type the name anew'
+            )
+
+
+def _open_streams() -> None:
+    """Replace the standard streams that a shell has closed."""
+    for name, mode in (('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w')):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode, encoding='utf-8'))  # noqa: SIM115
+
+
+@contextmanager
+def _flushed() -> Iterator[None]:
+    """Let any text be printed, and flush stdout at the end, where a failure can be caught."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors='replace')
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+
+
+def _sentence(error: Exception, prog: str) -> str | None:
+    """Return an error's sentence; '' for a closed pipe, None for a fault of ours."""
+    sentence = None
+    if isinstance(error, UserError):
+        sentence = str(error)
+    elif isinstance(error, MemoryError):
+        sentence = 'there is not enough memory: end other programs, or raise the limit (ulimit -v)'
+    elif isinstance(error, ModuleNotFoundError):
+        sentence = _missing(error, prog)
+    elif isinstance(error, OSError):
+        sentence = _refused(error)
+    elif str(error).startswith('Key backend: '):  # Matplotlib's, if imported
+        name = os.environ.get('MPLBACKEND')
+        sentence = f'MPLBACKEND is {name!r}, which Matplotlib does not have: unset it'
+    elif type(error).__name__ == 'RCLError':  # importing it would import ROS
+        sentence = f'ROS failed: {str(error).partition(", at ")[0]}'
+    return sentence
+
+
+def _refused(error: OSError) -> str:
+    """Return the sentence for what the system refuses: a file, or the output."""
+    if error.filename is not None:
+        name = os.fsdecode(error.filename) if error.filename else ''
+        return f'{name!r} cannot be used ({error.strerror}): name another'
+    if error.errno not in _OF_OUTPUT:
+        return f'the system refuses to continue: {error.strerror or error}'
+    # Python flushes stdout once more at exit: redirect that to nowhere.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if isinstance(error, BrokenPipeError):
+        return ''
+    return f'the output cannot be written: {error.strerror}'
+
+
+def _missing(error: ModuleNotFoundError, prog: str) -> str | None:
+    """Return the sentence for a package that is not installed; None for a module of ours."""
+    package = (error.name or '').partition('.')[0]
+    if package in ROS_PACKAGES:
+        return str(needs_ros(prog))
+    if package in ('', 'barc_sim'):
+        return None
+    name = _DISTRIBUTIONS.get(package, package)
+    return (
+        f'the package {package!r} is not installed in this Python: run '
+        f'{shlex.join([sys.executable, "-m", "pip", "install", name])}'
+    )

@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.cli.files import make_folder, saving
-from barc_sim.cli.parser import number, whole
-from barc_sim.cli.process import INTERRUPTED, uninterrupted
+from barc_sim.cli.parser import INTERRUPTED, number, whole
 from barc_sim.errors import UserError
 from barc_sim.lab.files import BY_HAND, RUBRICS, handout_of, names_of
 
@@ -102,10 +101,12 @@ def run(options: Namespace) -> int:
         outcomes = grade_all(executor, hands, points, limits, sandbox=not options.unconfined)
         grades, failures, interrupted = _collect(outcomes, out, folders)
     found = classroom.entries(grades, failures, students)
-    files = {'class.csv': classroom.as_csv(found, points)}
-    files['class.html'] = classroom.page(found, points)
-    files |= {'canvas.csv': classroom.canvas(found, points)} if students else {}
-    for name, text in ({} if alone else files).items():  # those of a class may be there
+    files = {}
+    if not alone:  # then the files of a class may be there
+        files['class.csv'] = classroom.as_csv(found, points)
+        files['class.html'] = classroom.page(found, points)
+        files |= {'canvas.csv': classroom.canvas(found, points)} if students else {}
+    for name, text in files.items():
         _write(out, out / name, text.encode())
     lines = classroom.summary([*grades.values()], points)
     print('\n'.join([*lines, str(out if alone else out / 'class.html')]))  # noqa: T201
@@ -152,13 +153,29 @@ def _collect(
             # Of a submission alone there is none; a new entry counts the next time.
             if folder == out or _written(folder / BY_HAND) != written[folder]:
                 files.pop(BY_HAND, None)
-            with uninterrupted():  # a submission has all of its files, and a row, or none
+            with _uninterrupted():  # a submission has all of its files, and a row, or none
                 for name, data in files.items():
                     _write(out, folder / name, data)
                 grades[folder.name] = grade
     except KeyboardInterrupt:
         return grades, failures, True
     return grades, failures, False
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Delay Ctrl-C until the block has ended, in the main thread, which alone it interrupts."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
 
 
 def _written(path: Path) -> int:
@@ -202,7 +219,7 @@ def processes(jobs: int | None) -> Iterator[Executor]:
             yield pool
         finally:
             # A second Ctrl-C would only delay the end.
-            with suppress(KeyboardInterrupt), uninterrupted():
+            with suppress(KeyboardInterrupt), _uninterrupted():
                 pool.shutdown(wait=False, cancel_futures=True)
                 workers = multiprocessing.active_children()
                 for worker in workers:

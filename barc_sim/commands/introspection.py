@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import saving, target
-from barc_sim.cli.parser import ROS_ARGS, whole
-from barc_sim.cli.process import call
+from barc_sim.cli.parser import ROS_ARGS, call, whole
 from barc_sim.commands import NODES
 from barc_sim.errors import UserError, escaped
 

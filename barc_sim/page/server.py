@@ -19,7 +19,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
-from barc_sim.cli.process import is_at_desktop, warn
+from barc_sim.cli.parser import warn
+from barc_sim.cli.process import is_at_desktop
 from barc_sim.errors import UserError
 from barc_sim.figures.style import style_sheet
 from barc_sim.page.protocol import RequestError, parse

@@ -22,8 +22,7 @@ from rclpy.task import Future
 
 from barc_sim import __version__
 from barc_sim.bags.recording import summary
-from barc_sim.cli.parser import barc_path
-from barc_sim.cli.process import report
+from barc_sim.cli.parser import barc_path, report
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
 from barc_sim.lab.files import UserCodeError

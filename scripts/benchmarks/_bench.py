@@ -17,8 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from barc_sim.cli.parser import Parser
-from barc_sim.cli.process import call
+from barc_sim.cli.parser import Parser, call
 from barc_sim.errors import UserError
 
 #: Modules of this folder with `add_arguments`, `measure`, `report`, and options that are `QUICK`.

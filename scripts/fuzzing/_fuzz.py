@@ -16,8 +16,7 @@ from typing import Any
 
 from _trial import ESCAPE, HANG, MEMORY, RESULT, SENTENCE, TRACEBACK, Trial, content, trials
 
-from barc_sim.cli.parser import Parser, whole
-from barc_sim.cli.process import call
+from barc_sim.cli.parser import Parser, call, whole
 
 _KINDS = ('bags', 'zips', 'links', 'limits')
 _OUTCOMES = (RESULT, SENTENCE, TRACEBACK, HANG, MEMORY, ESCAPE)

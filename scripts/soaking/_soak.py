@@ -13,8 +13,7 @@ from typing import Any
 
 from _figures import table
 
-from barc_sim.cli.parser import Parser
-from barc_sim.cli.process import call
+from barc_sim.cli.parser import Parser, call
 
 #: Modules of this folder: `SHORT` is the help of --short, `soak` does the work, and
 #: `add_arguments`, where there is one, declares more options.

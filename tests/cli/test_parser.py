@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 import barc_sim
-from barc_sim.cli.parser import Parser, number, whole
-from barc_sim.cli.process import call
+from barc_sim.cli.parser import Parser, call, number, whole
 from barc_sim.errors import UserError
 
 ROOT = Path(barc_sim.__file__).parents[1]
@@ -82,7 +81,7 @@ def test_reader_that_went_away_leaves_no_trace_at_exit(main: str) -> None:
     reading, writing = os.pipe()
     os.close(reading)
     script = (
-        'import sys; from barc_sim.cli.parser import Parser; from barc_sim.cli.process import call;'
+        'import sys; from barc_sim.cli.parser import Parser; from barc_sim.cli.parser import call;'
         f"sys.exit(call('drive', {main}))"
     )
     with os.fdopen(writing, 'w') as stdout:

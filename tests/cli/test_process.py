@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import pytest
 from command_line import ENVIRONMENT
 
-from barc_sim.cli.process import call, has_ros
+from barc_sim.cli.parser import call
+from barc_sim.cli.process import has_ros
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
