@@ -124,9 +124,8 @@ def rospy_modules(world: World) -> dict[str, Any]:
     """Return `rospy` and the lab's messages as modules, by name; one node in `world` does all."""
     init(args=[])
     node = Node('rospy_program', enable_rosout=False, start_parameter_services=False)
-    executor = Executor()
-    executor.add_node(node)
-    world.around.append(executor)
+    if world.around:
+        world.around.add_node(node)
 
     def now() -> _Seconds:
         return _Seconds(world.now_ns / SECOND)
@@ -289,15 +288,14 @@ class RelayWorld(World):
             self.node = Node('car', enable_rosout=False)
             self._state = state()
             self._state_pub = self.node.create_publisher(state, _STATE, _ALL)
-            self.node.create_subscription(ecu, _ECU, self._on_command, _ALL)
+            self._ecu_sub = self.node.create_subscription(ecu, _ECU, self._on_command, _ALL)
             for t, linear_x, angular_z in twists:
                 self.at(t, partial(self.drive, linear_x, angular_z))
             self._publish_state()
             self.node.create_timer(_STATE_PERIOD, self._publish_state)
-            self._executor = Executor()
-            self._executor.add_node(self.node)
+            self.around = Executor()
+            self.around.add_node(self.node)
             shutdown()  # the program begins by itself
-        self.around.append(self._executor)
 
     def at(self, t: float, call: Callable[[], object]) -> None:
         """Call at the time `t` [s]."""
@@ -375,8 +373,8 @@ class RelayWorld(World):
             pass
         self._note_topics()
         self.published -= {'rosout', 'parameter_events', _ECU}
-        while self._executor.next_due() == self.now_ns:
-            self._executor.turn(self.now_ns)
+        while self._ecu_sub.queue:
+            self._ecu_sub.run()
 
 
 class LiveRelay(RelayWorld):

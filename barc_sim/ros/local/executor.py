@@ -55,8 +55,8 @@ class World:
         self.date: Callable[[], int] = self.now if simulated else time.time_ns
         self.nodes: list[Any] = []
         self.log_levels: dict[str, int] = {}
-        #: Executors that run while others wait: the world around a program.
-        self.around: list[Executor] = []
+        #: Runs while others wait: the world around a program.
+        self.around: Executor | None = None
 
     def ok(self) -> bool:
         return self.is_ok
@@ -77,12 +77,11 @@ class World:
 
     def pass_time(self, until: float) -> None:
         """In simulated time, run the next callback around, or jump to `until` [ns]."""
-        waiting = ((each.next_due(), each) for each in self.around)
-        due, executor = min(waiting, key=lambda each: each[0], default=(inf, None))
-        if executor is None or due > until:
+        due = self.around.next_due() if self.around else inf
+        if due > until or not self.around:
             self._jump(until)
         elif due <= self.now_ns or self._jump(due):
-            executor.turn(due)
+            self.around.turn(due)
 
     def _jump(self, to: float) -> bool:
         """Move time to `to` [ns], or to its end: False."""
@@ -312,10 +311,10 @@ class Executor:
         del num_threads
         self.world = current()
         self._nodes: list[Any] = []
-        self._ready: deque[Any] = deque()
+        self.ready: deque[Any] = deque()
         self._soonest: float = 0  #: [ns] of the timers, or before
-        self._is_shutdown = self._waits = False
-        self._awake = threading.Event()
+        self._is_shutdown = self.waits = False
+        self.awake = threading.Event()
 
     def __enter__(self) -> Executor:  # noqa: PYI034 (Self is newer than Python 3.10)
         return self
@@ -330,32 +329,25 @@ class Executor:
             node.executor.remove_node(node)
         self._nodes.append(node)
         node.executor = self
-        for receiver in node.waiting():
-            self.push(receiver)
+        self.ready.extend(node.waiting())
         self.expect(0)
         return True
 
     def remove_node(self, node: Any) -> None:
         if node in self._nodes:
             self._nodes.remove(node)
-            self._ready = deque(each for each in self._ready if each.node is not node)
+            self.ready = deque(each for each in self.ready if each.node is not node)
             node.executor = None
-
-    def push(self, receiver: Any) -> None:
-        """Call `receiver` once it is its turn; from any thread."""
-        self._ready.append(receiver)
-        if self._waits:
-            self._awake.set()
 
     def expect(self, due: float) -> None:
         """Look at the timers again at `due` [ns]; from any thread."""
         self._soonest = min(self._soonest, due)
-        if self._waits:
-            self._awake.set()
+        if self.waits:
+            self.awake.set()
 
     def next_due(self) -> float:
         """Return when there is something to call [ns]; infinity: never."""
-        if self._ready:
+        if self.ready:
             return self.world.now()
         self._soonest = min((each.due for each in self._timers()), default=inf)
         return self._soonest
@@ -368,16 +360,16 @@ class Executor:
         now = self.world.now()
         if now >= self._soonest:
             timers = sorted(self._timers(), key=lambda timer: timer.due)
-            self._ready += [timer for timer in timers if timer.due <= now]
+            self.ready += [timer for timer in timers if timer.due <= now]
             self._soonest = min((timer.due for timer in timers if timer.due > now), default=inf)
-        if self._ready:
-            self._ready.popleft().run()
+        if self.ready:
+            self.ready.popleft().run()
             return True
-        self._waits = True
+        self.waits = True
         try:
             self._wait(min(self.next_due(), until))
         finally:
-            self._waits = False
+            self.waits = False
         if not (self.world.is_ok or self._is_shutdown):
             raise ExternalShutdownException
         return False
@@ -387,14 +379,14 @@ class Executor:
             self.world.pass_time(until)
         else:
             left = (until - time.monotonic_ns()) / SECOND
-            self._awake.wait(min(max(left, 0.0), _LONGEST_SLEEP))
-            self._awake.clear()
+            self.awake.wait(min(max(left, 0.0), _LONGEST_SLEEP))
+            self.awake.clear()
 
     def spin(self) -> None:
         self._spin(Future(), None)
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
-        future.add_done_callback(lambda _: self._awake.set())
+        future.add_done_callback(lambda _: self.awake.set())
         self._spin(future, timeout_sec)
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
@@ -412,7 +404,7 @@ class Executor:
         self._is_shutdown = True
         for node in [*self._nodes]:
             self.remove_node(node)
-        self._awake.set()
+        self.awake.set()
         return True
 
 

@@ -108,13 +108,15 @@ class _Entity:
         self.endpoint_gid = [*id(self).to_bytes(16, 'little')]
         self.queue: deque[Any] = deque(maxlen=qos.length)
 
-    def offer(self, arrived: Any) -> None:
-        """Take what has arrived; a full queue drops its oldest."""
+    def offer(self, arrived: Any, _: int = 0) -> None:
+        """Take what has arrived, from any thread; a full queue drops its oldest."""
         queue, executor = self.queue, self.node.executor
         full = len(queue) == queue.maxlen
         queue.append(arrived)
         if executor is not None and not full:
-            executor.push(self)
+            executor.ready.append(self)
+            if executor.waits:
+                executor.awake.set()
 
     def run(self) -> Any:
         """Call back with the oldest of what has arrived."""
@@ -134,8 +136,8 @@ class Publisher(_Entity):
         self.number += 1
         if self.qos_profile.is_latched:
             self.queue.append((msg.__copy__(), self.number))
-        for subscription in self.subscriptions:
-            subscription.receive(msg, self.number)
+        for each in self.subscriptions:
+            each.offer(msg.__serialize__() if each.raw else msg.__copy__(), self.number)
 
     def get_subscription_count(self) -> int:
         return len(self.subscriptions)
@@ -155,10 +157,6 @@ class Publisher(_Entity):
 
 class Subscription(_Entity):
     raw = False
-
-    def receive(self, msg: Any, _: int) -> None:
-        """Keep a message of a publisher until the executor calls back."""
-        self.offer(msg.__serialize__() if self.raw else msg.__copy__())
 
 
 class Service(_Entity):
@@ -315,7 +313,7 @@ class Node(Parameters):
             publisher.match()
             if made in publisher.subscriptions and made.qos_profile.is_latched:
                 for msg, number in [*publisher.queue]:
-                    made.receive(msg, number)
+                    made.offer(msg.__serialize__() if made.raw else msg.__copy__(), number)
         return made
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **_: Any) -> Service:
@@ -489,14 +487,14 @@ class LocalSubscriptions:
             wanted = name not in self._subscriptions and self._wants(name)
             if wanted and self._node.get_publishers_info_by_topic(name):
                 made = Subscription(self._node, name, message_type(kind), _LATCHED)
-                keep = partial(self._keep, topic(name, kind, store()))
-                made.receive = keep  # type: ignore[method-assign]
+                made.raw, keep = True, partial(self._keep, topic(name, kind, store()))
+                made.offer = keep  # type: ignore[method-assign]
                 self._subscriptions[name] = self._node.connect(made)
 
-    def _keep(self, described: Topic, msg: Any, number: int) -> None:
+    def _keep(self, described: Topic, data: bytes, number: int) -> None:
         """Keep a message of a topic."""
         now = self._node.context.date()
-        self._messages.append((described, msg.__serialize__(), now, now, number))
+        self._messages.append((described, data, now, now, number))
         if len(self._messages) > self._depth:
             self.on_full()
 
