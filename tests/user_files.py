@@ -8,10 +8,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.lab.files import FILES
-from barc_sim.lab.labs.hills import HILLS
+from barc_sim.lab.labs.hills import HILLS, HillsCode
 from barc_sim.lab.labs.identify import IdentifyCode
 from barc_sim.lab.labs.lane import LaneCode
-from barc_sim.lab.labs.pid import HillsCode
 from barc_sim.lab.labs.raceline import RacelineCode
 from barc_sim.lab.user_code.code import UserCode, find_files
 from barc_sim.lab.user_code.folder import BUDGET

@@ -21,10 +21,9 @@ import barc_sim
 from barc_sim.__main__ import functions
 from barc_sim.cli.parser import Parser
 from barc_sim.commands import GROUPS
-from barc_sim.lab.labs.hills import BIKE
+from barc_sim.lab.labs.hills import BIKE, PID_LAW
 from barc_sim.lab.labs.identify import LAW as IDENTIFY
 from barc_sim.lab.labs.lane import LAW as LANE
-from barc_sim.lab.labs.pid import PID_LAW
 from barc_sim.lab.labs.raceline import MISTAKES as RACELINE
 from barc_sim.simulation.log import COLUMNS
 

@@ -13,7 +13,7 @@ from barc_sim.lab.grade.classroom import read
 from barc_sim.lab.grade.grade import ByHand, load, report
 from barc_sim.lab.judge import Settings
 from barc_sim.lab.labs.hills import HILLS
-from barc_sim.lab.labs.hills import RELAY_LABELS as RELAY
+from barc_sim.lab.labs.relay import LABELS as RELAY
 
 if TYPE_CHECKING:
     from pathlib import Path

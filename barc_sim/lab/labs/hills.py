@@ -1,29 +1,52 @@
-"""The lab of the hills: a model, a PID and a relay; `bikeFE` and the relay are judged here.
+"""The lab of the hills: a model, a PID and a relay; `bikeFE` and the PID are judged here.
 
 No state of the model passes through zero speed within a step: sensible models differ there.
 barc_sim's holds the car at a standstill; the lab's equation does not.
+
+Of the PID each term is judged alone, and its drive over the hills. Every common form of a term is
+right. The integral can add an error, or the mean of two, with or without the first, before or after
+it is used. The derivative can use the error or the measurement, with or without a low-pass filter
+of first order. The first outputs are not judged. A positive constant factor, such as a missing dt,
+is right and remarked upon: the gains absorb it.
 """
 
 from __future__ import annotations
 
-from functools import partial
-from math import degrees, radians
+from contextlib import suppress
+from dataclasses import replace
+from functools import cache, partial
+from itertools import count, pairwise
+from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from random import Random
+from typing import TYPE_CHECKING, NamedTuple, cast
 
+import numpy as np
+
+from barc_sim.control.speed import KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab import files
-from barc_sim.lab.judge import Finding, Functions, Lab, Part
-from barc_sim.lab.labs.pid import LABELS, TS, HillsCode, judge_pid
-from barc_sim.lab.laws import read
-from barc_sim.lab.user_code.folder import BY_EYE, NOT_WRITTEN, Command, TimedTwist
+from barc_sim.lab.files import ChosenGains
+from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, judged, numbers_of
+from barc_sim.lab.labs import relay
+from barc_sim.lab.laws import Judge, Trial, read
+from barc_sim.lab.user_code.folder import NOT_WRITTEN
+from barc_sim.simulation.closed_loop import DISTANCE, Progress, closed_loop
+from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Vehicle
-from barc_sim.vehicle.parameters import PARAMETERS
+from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Sequence
+
+    from matplotlib.figure import Figure
+
+    from barc_sim.lab.judge import Judged, Settings, Thresholds
+    from barc_sim.lab.laws import Floats, Index
+    from barc_sim.simulation.log import Log
 
 
+TS = 0.02  #: [s]
 EQUATIONS = ('x_next', 'y_next', 'psi_next', 'v_next')  #: in the order of what bikeFE returns
 MODEL_LABELS = {
     'model.x': 'Model: position x',
@@ -51,166 +74,417 @@ FUNCTIONS = Functions(
 )
 
 
-RELAY_LABELS = {
-    'relay.forward': 'Relay: up and down',
-    'relay.steering': 'Relay: left and right',
-    'relay.units': 'Relay: m/s² and radians',
-    'relay.release': 'Relay: a released key',
-    'relay.rate': 'Relay: commands a second',
-}
-_PRESSED, _RELEASED, _END = 1.0, 3.0, 5.0  #: [s]
-_PERIOD = 0.05  #: [s] between the Twists of a held key
-_HELD = 2.9  #: [s] The relay has had 1.9 s to turn the wheels.
-_LATER = 4.9  #: [s] 1.9 s after the release
-_NEGLIGIBLE = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad]
-_TOLERANCE = 1e-6
-_SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these is full marks.
-_PARAMETERS = {each.name: float(each.default) for each in PARAMETERS if 'refuse' in each.name}
+Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
+_numbers = count()  # of the controllers
 
 
-class _Key(NamedTuple):
-    """A key, and its Twist."""
+class HillsCode(relay.RelayCode):
+    """A user's model, controller and relay."""
 
-    name: str
-    linear_x: float
-    angular_z: float
+    def new_pid(self, kp: float, ki: float, kd: float) -> JudgedController:
+        """Return a new `PID` with these gains.
 
-    @property
-    def sign(self) -> float:
-        """The sign that its command has."""
-        return self.linear_x + self.angular_z
-
-
-_UP, _DOWN = _Key('up', 1.0, 0.0), _Key('down', -1.0, 0.0)
-_LEFT, _RIGHT = _Key('left', 0.0, 1.0), _Key('right', 0.0, -1.0)
-_NOTHING = Command(0.0, 0.0, 0.0)
-Drives = dict[_Key, list[Command]]
+        Its output has no limit if it takes one. Its file is loaded again, so that no global
+        variable has a value of an earlier run.
+        """
+        number = next(_numbers)
+        self.call('make_pid', number, kp, ki, kd)
+        return JudgedController(self, number)
 
 
-def judge_relay(code: HillsCode) -> list[Finding]:
-    """Return a finding for each criterion `relay.…`; all are skipped if it is not written yet.
+class JudgedController:
+    """One instance of the user's `PID`."""
 
-    That of a program that reads keys itself is open.
+    def __init__(self, code: HillsCode, number: int) -> None:
+        """Refer to the controller `number` of `code`."""
+        self._code, self.number = code, number
+
+    def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
+        """Return the commanded acceleration [m/s²]."""
+        return self.acc_sequence([(reference, current, dt)])[0]
+
+    def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
+        """Return the results of `acc_calculate` for one sample after the other."""
+        found = self._code.call('steps', self.number, rows)
+        return numbers_of('PID', found, len(rows))
+
+
+NOT_A_CAR = 1e6  #: [m/s²]
+_MAX_SPEED = 40.0  #: [m/s] A figure ends there.
+
+
+def judge_lab_road(
+    code: HillsCode, gains: ChosenGains | None, by: Thresholds, mended: Sequence[str] = ()
+) -> Judged:
+    """Return the finding for the lab's road, with what the speed does on each stretch of it.
+
+    What follows from a wrong term is not taken off again: where some are `mended`, barc_sim's PID
+    drives, too, with the gains that were chosen, and the better drive counts.
     """
-    try:
-        drives = {
-            key: code.relay_commands(_twists(key), _END) for key in (_UP, _DOWN, _LEFT, _RIGHT)
-        }
-    except UserError as error:
-        text = str(error)
-        skipped, is_open = NOT_WRITTEN in text, BY_EYE in text
-        return [Finding(name, 0.0, text, skipped=skipped, open=is_open) for name in RELAY_LABELS]
-    held = {key: _at(commands, _HELD) for key, commands in drives.items()}
-    judges: Mapping[str, Callable[[], tuple[float, str]]] = {
-        'relay.forward': partial(_direction, 'motor', (_UP, _DOWN), _FORWARD, held),
-        'relay.steering': partial(_direction, 'servo', (_LEFT, _RIGHT), _STEERING, held),
-        'relay.units': partial(_bounded, drives),
-        'relay.release': partial(_release, drives),
-        'relay.rate': partial(_rate, drives[_UP]),
-    }
-    return [Finding(name, *judges[name]()) for name in RELAY_LABELS]
+    if gains is None:
+        code.new_pid(0.0, 0.0, 0.0).acc_calculate(0.0, 0.0, TS)  # its own error, if there is one
+        raise UserError(
+            'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with the tuned '
+            'ones as its last line'
+        )
+    if not mended:
+        return _driven(_Driving(code, gains), by, gains)
+    score, text, _ = _driven(PID(*gains[:3]), by, gains)
+    shown = None
+    with suppress(UserError):
+        own = _driven(_Driving(code, gains), by, gains)
+        if own[0] >= score:
+            return own
+        shown = own[2]  # what the user's own code does
+    return score, f'with {" and ".join(mended)} put right: {text}', shown
 
 
-def _twists(key: _Key) -> list[TimedTwist]:
-    """Return the Twists of a key that is held, with the zero of its release."""
-    count = round((_RELEASED - _PRESSED) / _PERIOD)
-    twists = [TimedTwist(_PRESSED + k * _PERIOD, key.linear_x, key.angular_z) for k in range(count)]
-    return [*twists, TimedTwist(_RELEASED, 0.0, 0.0)]
+def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float, str, Evidence]:
+    """Return score, message and evidence of a drive."""
+    progress = Progress(DISTANCE)
+    log = closed_loop(Plant(), controller, distance=DISTANCE, progress=progress)
+    result, limit = summary(log), _own_limit(log)
+    rms, maximum = result.rms_error_after_run_up, result.max_error_after_run_up
+    score = 0.0 if progress.failure else by.score(round(rms, 6), round(maximum, 6))
+    text = (
+        f'RMS error {rms:.3f} m/s after the first 10 m, at most {maximum:.3f} m/s '
+        f'({by.full_rms:g} and {by.full_max:g} m/s are full marks)'
+    )
+    if progress.failure:
+        at_most = f'; its output is {limit:g} m/s² at most' if isfinite(limit) else ''
+        text = f'{progress.failure}{at_most}'
+    changes = (np.flatnonzero(np.diff(log.theta_deg)) + 1).tolist()
+    parts = [slice(*each) for each in pairwise([0, *changes, len(log)])]
+    remarks = [_stretch_remark(log, part, limit) for part in parts]
+    text = f'{text}, with {gains}'
+    if score < 1.0:
+        stretches = [*zip(result.stretches, remarks, strict=True)]
+        worst, remark = max(stretches[1:] or stretches, key=lambda each: each[0].rms_error)
+        text += f'. From {worst.start:.0f} m on, at {worst.theta_deg:g}°: {remark}'
+    rows = [
+        (
+            f'{each.start:.0f} m',
+            f'{each.theta_deg:g}°',
+            f'{each.rms_error:.3f} m/s',
+            f'{each.max_error:.3f} m/s',
+            remark,
+        )
+        for each, remark in zip(result.stretches, remarks, strict=True)
+    ]
+    header = ('from', 'grade', 'RMS', 'at most', 'the speed')
+    table = Table("the lab's road, stretch by stretch", header, rows)
+    return score, text, Evidence(table, partial(_figure, log))
 
 
-def _at(commands: Sequence[Command], t: float) -> Command:
-    """Return the command that holds at `t` [s]."""
-    return next((each for each in reversed(commands) if each.t <= t), _NOTHING)
+def _own_limit(log: Log) -> float:
+    """Return the limit [m/s²] at which the output stays for long; infinite if there is none."""
+    size = np.abs(log.motor)
+    at_limit = np.concatenate([[0], size == size.max(), [0]])
+    times = np.diff(np.flatnonzero(np.diff(at_limit)))[::2]
+    return float(size.max()) if times.max(initial=0) > _OWN_LIMIT and size.max() else inf
 
 
-#: Sentences: the wrong sign, no effect, an effect on the other value, too, and all right.
-_FORWARD = (
-    '{name} commands a motor of {value:+.3g} m/s²: the sign is wrong',
-    '{name} does not change the motor: it comes as linear.x',
-    '{name} turns the wheels, too, by {other:+.3g} rad',
-    'up commands {:+.3g} m/s², down {:+.3g} m/s²',
-)
-_STEERING = (
-    '{name} commands a servo of {value:+.3g} rad: left is positive',
-    '{name} does not turn the wheels: it comes as angular.z',
-    '{name} changes the motor, too, to {other:+.3g} m/s²',
-    'left turns the wheels by {:+.3g} rad, right {:+.3g}',
-)
+def _figure(log: Log, title: str = '') -> Figure:
+    """Draw the run beside that with barc_sim's controller."""
+    from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
+
+    figure = cast('Figure', plot(log, _usual(), labels=['your PID', "barc_sim's PID"]))
+    speed = figure.axes[0]
+    low, high = speed.get_ylim()
+    speed.set_ylim(max(low, -_MAX_SPEED), min(high, _MAX_SPEED))
+    speed.set_title(title, loc='left', pad=26.0)
+    return figure
 
 
-def _direction(
-    field: str,
-    keys: tuple[_Key, _Key],
-    sentences: tuple[str, ...],
-    commands: Mapping[_Key, Command],
-) -> tuple[float, str]:
-    """Judge what two keys do to a field of `Command`, and not to the other."""
-    faults, score, values = [], 0.0, []
-    for key in keys:
-        held = commands[key]._asdict()
-        value, (other,) = held[field], _NEGLIGIBLE.keys() - {field}
-        values.append(value)
-        if value * key.sign < -_NEGLIGIBLE[field]:
-            fault = 0
-        elif abs(value) <= _NEGLIGIBLE[field]:
-            fault = 1
-        elif abs(held[other]) > _NEGLIGIBLE[other]:
-            fault, score = 2, score + 0.25
-        else:
-            score += 0.5
-            continue
-        faults.append(sentences[fault].format(name=key.name, value=value, other=held[other]))
-    return score, '; '.join(faults) or sentences[3].format(*values)
+@cache
+def _usual() -> Log:
+    """Return the run with barc_sim's controller."""
+    return closed_loop(controller=speed_controller(limit=inf), distance=DISTANCE)
 
 
-#: The maximum motor [m/s²] and servo [rad]; beyond is what is in other units.
-_BOUNDS = {'servo': 0.8, 'motor': _PARAMETERS['refuse_motor_above']}
-_BEYOND = {
-    'servo': 'servo reaches {0:.3g} rad, which is {2:.0f}°: the wheels of a car turn by about 0.5 '
-    'rad. Is it in degrees ({0:.3g}° are {3:.3g} rad), or does it grow without a limit?',
-    'motor': 'motor reaches {0:.3g} m/s²: the simulator refuses more than {1:g}',
+class _Driving(PID):
+    """A user's controller on the road."""
+
+    def __init__(self, code: HillsCode, gains: ChosenGains) -> None:
+        super().__init__()
+        self._controller, self._gains, self.calls = code.new_pid(*gains[:3]), gains, 0
+
+    def acc_calculate(
+        self, speed_reference: float, speed_current: float, dt: float | None = None
+    ) -> float:
+        """Return the acceleration [m/s²]; an error names the call."""
+        where = f'call {self.calls + 1}, after {self.calls * TS:.2f} s on the road'
+        self.calls += 1
+        try:
+            output = self._controller.acc_calculate(speed_reference, speed_current, dt or TS)
+        except UserError as error:
+            if NOT_WRITTEN in str(error):
+                raise
+            raise UserError(f'{where}: {error} (with {self._gains})') from error
+        if abs(output) > NOT_A_CAR:
+            text = f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car'
+            hint = f'; {_BACKWARDS}' if speed_current < -_HELD else ''
+            raise UserError(f'{where}: {text}{hint} (with {self._gains})')
+        return output
+
+
+_BACKWARDS = 'the car drives backwards: is the error speed_reference - speed_current?'
+_HELD = 0.05  #: [m/s] An error up to this is negligible.
+_OWN_LIMIT = 25  #: calls: code that returns its largest output for longer has a limit of its own
+_SWINGS, _SWING = 4, 0.3  #: how many count, and the share of the maximum error that one reaches
+
+
+def _stretch_remark(log: Log, part: slice, limit: float) -> str:
+    """Return what the speed does on a stretch: what was measured, and no advice."""
+    error, remarks = log.speed_error[part], []
+    if not part.start and log.speed[part].min() < -_HELD:
+        remarks.append(_BACKWARDS)
+    large = error[np.abs(error) > max(_SWING * float(np.abs(error).max()), _HELD)]
+    if (swings := np.count_nonzero(np.diff(np.sign(large)))) >= _SWINGS:
+        remarks.append(f'the speed swings {swings} times')
+    at_limit = np.count_nonzero(np.abs(log.motor[part]) >= limit)
+    if at_limit > 1 and np.abs(error).max() > _HELD:
+        remarks.append(f'the output was at its limit of {limit:g} m/s² for {at_limit * TS:.1f} s')
+    rest = float(np.mean(error[-max(len(error) // 5, 1) :]))
+    remarks.append(f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"} at its end')
+    return '; '.join(remarks)
+
+
+PID_LABELS = {
+    'pid.proportional': 'PID: proportional term',
+    'pid.integral': 'PID: integral term',
+    'pid.derivative': 'PID: derivative term',
+    'loop.lab_road': "Cruise control: the lab's road",
 }
 
 
-def _bounded(drives: Drives) -> tuple[float, str]:
-    """Judge the maximum values of the commands, either way."""
-    faults, reached = [], {}
-    for field, bound in _BOUNDS.items():
-        values = [abs(getattr(each, field)) for drive in drives.values() for each in drive]
-        value = reached[field] = max(values, default=0.0)
-        if value > bound + _TOLERANCE:
-            faults.append(_BEYOND[field].format(value, bound, degrees(value), radians(value)))
-    right = 'motor up to {motor:.3g} m/s², servo up to {servo:.3g} rad'
-    return 1.0 - bool(faults), '; '.join(faults) or right.format(**reached)
+def _before(values: Floats) -> Floats:
+    """Return the values of the call before; the first value before the first call."""
+    return np.concatenate([values[:, :1], values[:, :-1]], axis=1)
 
 
-def _release(drives: Drives) -> tuple[float, str]:
-    faults = []
-    _, motor, servo = _at(drives[_UP], _PRESSED - _PERIOD)
-    if abs(motor) > _NEGLIGIBLE['motor'] or abs(servo) > _NEGLIGIBLE['servo']:
-        faults.append(f'without a key it commands {motor:+.3g} m/s² and {servo:+.3g} rad')
-    for key in (_UP, _DOWN):
-        later = _at(drives[key], _LATER).motor
-        if later * key.sign > _NEGLIGIBLE['motor']:
-            faults.append(f'after the release of {key.name} it goes on with {later:+.3g} m/s²')
-    for key in (_LEFT, _RIGHT):
-        released, later = (abs(_at(drives[key], t).servo) for t in (_RELEASED, _LATER))
-        if later > released + _NEGLIGIBLE['servo']:
-            faults.append(f'after the release of {key.name} the wheels go on turning')
-    right = 'a released key neither drives on nor turns the wheels further'
-    checks = 1 + len(drives)
-    return 1.0 - len(faults) / checks, '; '.join(faults) or right
+PID_LAW = replace(
+    read(Path(__file__).with_name('pid.txt')),
+    functions={
+        'total': partial(np.cumsum, axis=-1),
+        'before': _before,
+    },
+)
 
 
-def _rate(commands: Sequence[Command]) -> tuple[float, str]:
-    count = sum(_PRESSED <= each.t < _RELEASED for each in commands)
-    rate = count / (_RELEASED - _PRESSED)
-    text = f'{rate:.0f} commands a second while a key is held'
-    if rate > _FAST:
-        return 0.5, f'{text}: is the sleep of its loop missing? 20 are enough'
-    if rate < _SLOW - _TOLERANCE:
-        return rate / _SLOW, f'{text}: the lab has dt = 0.05 s, 20 a second'
-    return 1.0, text
+def judge_pid(code: HillsCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
+    """Yield a finding for each criterion of `controller.py`."""
+    with suppress(UserError):
+        code.new_pid(KP, KI, KD)
+    gains = code.chosen_gains()
+    findings = judge_terms(code, settings.seed)
+    yield from findings
+    if 'loop.lab_road' in criteria:
+        if gains is None and findings[0].message == _IGNORED:
+            gains = ChosenGains(KP, KI, KD, 'which have no effect')
+        there = zip('PID', (each.score for each in findings), strict=True)
+        mended = [name for name, score in there if 0.0 < score < 1.0]
+        drive = code, gains, settings.thresholds, mended
+        yield judged('loop.lab_road', judge_lab_road, *drive)
+
+
+class Term(NamedTuple):
+    """A term of the PID, judged alone: the other gains are 0."""
+
+    criterion: str
+    name: str  #: P, I or D
+    gains: tuple[float, float]
+    amplitude: float  #: [m/s] of the error, for a gain of 1
+    max_sum: float = inf  #: [m/s] of the errors
+
+    def tried(self, code: HillsCode, seed: int) -> Trial:
+        """Return the outputs: a row for each gain, and a column for each call."""
+        sequences = [
+            wandering(seed, f'{self.criterion} {gain}', self.amplitude / gain, self.max_sum)
+            for gain in self.gains
+        ]
+        gains = [[gain if name == self.name else 0.0 for name in 'PID'] for gain in self.gains]
+        reference, measured, dt = np.array(sequences).transpose(2, 0, 1)
+        outputs, failure = np.full_like(reference, np.nan), ''
+        with np.errstate(all='ignore'):
+            try:
+                calls = zip(gains, sequences, strict=True)
+                outputs = np.array([code.new_pid(*each).acc_sequence(rows) for each, rows in calls])
+            except UserError as error:
+                failure = str(error)
+        inputs = {'reference': reference, 'measured': measured, 'dt': dt}
+        inputs |= dict(zip(('kp', 'ki', 'kd'), np.array(gains).T[..., np.newaxis], strict=True))
+        return Trial(self.criterion, self.name, inputs, {self.name: outputs}, failure)
+
+
+# Outputs are below 2 m/s², also with a missing dt: a user's limit does not change them.
+TERMS = (
+    Term('pid.proportional', 'P', (0.5, 30.0), 1.5),
+    # The sum of errors is far below what a limited sum allows.
+    Term('pid.integral', 'I', (0.5, 200.0), 0.05, max_sum=1.0),
+    Term('pid.derivative', 'D', (0.1, 3.0), 0.75 * TS),
+)
+_LENGTH = 120  #: calls of a sequence
+_TOLERANCE = 1e-9  #: [m/s²]
+_RELATIVE = 1e-7
+_HALF = 0.5
+_KEPT = 0.99  #: A low-pass filter keeps less of its last output.
+
+
+def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> list[Sample]:
+    """Return calls with random errors up to ±`amplitude` [m/s], and a reference that changes.
+
+    The errors are smaller where their sum would reach more than `max_sum` [m/s].
+    """
+    uniform = Random(f'{seed} {name}').uniform  # noqa: S311 (a simulation, not a secret)
+    error = amplitude * np.array([uniform(-1.0, 1.0) for _ in range(_LENGTH)])
+    error[40:60] = amplitude * uniform(0.5, 1.0)  # a constant error for a while
+    steps = [uniform(-0.5, 0.5) for _ in range(4)]
+    reference = 8.0 + amplitude * np.repeat(steps, _LENGTH // 4)
+    largest_sum = float(np.abs(np.cumsum(error)).max())
+    measured = reference - error * min(1.0, max_sum / largest_sum)
+    return [(r, v, TS) for r, v in zip(reference.tolist(), measured.tolist(), strict=True)]
+
+
+def _fitted(got: Floats, *columns: Floats) -> list[float]:
+    """Return how much of each column the outputs are, from the fourth call on; nothing if not."""
+    values, wanted = np.stack(columns, -1)[:, 3:].reshape(-1, len(columns)), got[:, 3:].ravel()
+    scale = np.abs(values).max(0)
+    if not (np.all(scale) and 0.0 < np.abs(wanted).max() < NOT_A_CAR):
+        return []
+    found = np.linalg.lstsq(values / scale, wanted)[0] / scale
+    rest = np.abs(wanted - values @ found).max()
+    shares: list[float] = found.tolist()
+    return shares if rest <= _RELATIVE * np.abs(wanted).max() else []
+
+
+def agree(got: Floats, form: Floats) -> bool:
+    """Return whether outputs are the same, up to a positive factor."""
+    shares = _fitted(got, np.broadcast_to(form, got.shape))
+    return shares[0] > 0.0 if shares else not (np.any(got[:, 1:]) or np.any(form[:, 1:]))
+
+
+def factor_of(trial: Trial) -> float:
+    """Return how many times the formula's term the outputs are; 0 if they are another term.
+
+    P is the error. What I grows by is a sum of the last errors, each with a positive share: it adds
+    an error, or the mean of two, before or after it is used. D is the change of the error or of the
+    measurement, also through a low-pass filter of first order.
+    """
+    ((name, outputs),), inputs = trial.got.items(), trial.inputs
+    outputs = outputs / inputs[f'k{name.lower()}']
+    e, v = inputs['reference'] - inputs['measured'], inputs['measured']
+    if name == 'P':
+        ways = [_fitted(outputs, e)]
+    elif name == 'I':
+        last = e * TS, _before(e) * TS, _before(_before(e)) * TS
+        ways = [_fitted(outputs - _before(outputs), *last)]
+    else:
+        ways = [_fitted(outputs, (x - _before(x)) / TS, _before(outputs)) for x in (e, -v)]
+    for shares in ways:
+        kept = shares[1] if shares and name == 'D' else 0.0
+        if shares and min(shares) >= -_RELATIVE * max(shares) and kept < _KEPT:
+            return (sum(shares) - kept) / (1.0 - kept)
+    return 0.0
+
+
+class _TermJudge(Judge):
+    """Judges terms: each of their common forms is right."""
+
+    def is_right(self, trial: Trial, _: str) -> bool:
+        """Return whether a term is right up to a factor, which the gain absorbs."""
+        return factor_of(trial) > 0.0
+
+
+_KP = (
+    'kp multiplies a term that is not its own: the gains are those of '
+    'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
+)
+_IGNORED = (
+    'the gains that PID gets have no effect: it uses numbers of its own. Store kp, ki and kd in '
+    '__init__, and use these'
+)
+
+
+def judge_terms(code: HillsCode, seed: int) -> list[Finding]:
+    """Return the finding for each term."""
+    findings = _judge_terms(code, seed)
+    random = '' if all(each.passed for each in findings) else _randomness(code, seed)
+    return [
+        each if each.passed else replace(each, message=f'{random}{each.message}')
+        for each in findings
+    ]
+
+
+def _randomness(code: HillsCode, seed: int) -> str:
+    """Return a sentence if outputs differ for the same speeds, else nothing."""
+    rows = wandering(seed, 'random', 0.3)
+    with suppress(UserError):
+        one, other = (code.new_pid(1.0, 0.0, 0.0).acc_sequence(rows) for _ in range(2))
+        if not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE):
+            return (
+                'the same speeds give different outputs: does PID use random numbers, or the '
+                f"computer's clock? It is called every {TS:g} s of simulated time. So: "
+            )
+    return ''
+
+
+@np.errstate(all='ignore')
+def _judge_terms(code: HillsCode, seed: int) -> list[Finding]:
+    rows = wandering(seed, 'gains', 0.01)
+    with suppress(UserError):
+        one, other = (
+            code.new_pid(*gains).acc_sequence(rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7))
+        )
+        if one == other and any(one):
+            is_a_pid = len({*map(abs, one)}) > _LENGTH // 2 and max(one) < NOT_A_CAR
+            return [Finding(term.criterion, _HALF * is_a_pid, _IGNORED) for term in TERMS]
+    trials = [term.tried(code, seed) for term in TERMS]
+    judge = _TermJudge(PID_LAW, agree, _call, partial(_line, code), _HALF)
+    findings = []
+    for trial, (name, verdict) in zip(trials, judge.judge(trials, 'PID').items(), strict=True):
+        score, message = verdict
+        if not trial.got[name].any() and _is_scaled_by_kp(code, name, rows):
+            score, message = 1.0 - 0.5 * _HALF, _KP
+        right = f'right in all {trial.got[name].size} outputs{_remark(name, factor_of(trial))}'
+        findings.append(Finding(trial.name, score, message or right))
+    return findings
+
+
+def _is_scaled_by_kp(code: HillsCode, name: str, rows: Sequence[Sample]) -> bool:
+    """Return whether a term that is 0 without kp is there with it."""
+    one, other = ((1.0, *(each * (name == of) for of in 'ID')) for each in (1.0, 0.0))
+    with suppress(UserError):
+        return code.new_pid(*one).acc_sequence(rows) != code.new_pid(*other).acc_sequence(rows)
+    return False
+
+
+def _remark(name: str, factor: float) -> str:
+    """Return the remark on a term that is right up to a factor, which the gain absorbs."""
+    if abs(factor - 1.0) <= _RELATIVE:
+        return ''
+    no_dt = {'I': (1.0 / TS, 'add up ki * e * dt'), 'D': (TS, 'divide the change of e by dt')}
+    missing, advice = no_dt.get(name, (0.0, ''))
+    if abs(factor - missing) <= _RELATIVE * missing:
+        return f'; {name} has no dt: {advice}, with dt = {TS:g} s, or choose gains that absorb it'
+    return f'; {name} is {factor:.6g} times that of the formula: is dt right? The gain absorbs it'
+
+
+def _call(trial: Trial, index: Index) -> str:
+    row, k = index
+    error = (trial.inputs['reference'] - trial.inputs['measured'])[row]
+    gain = max(float(trial.inputs[name][row, 0]) for name in ('kp', 'ki', 'kd'))
+    before = f' after {error[k - 1]:.6g}' if k else ''
+    return f'call {k + 1}, with a gain of {gain:g} and e = {error[k]:.6g} m/s{before},'
+
+
+def _line(code: HillsCode, trial: Trial, _: str, index: Index, wrong: list[float]) -> str:
+    row, k = index
+    columns = (trial.inputs[key][row, : k + 1].tolist() for key in ('reference', 'measured', 'dt'))
+    *before, call = zip(*columns, strict=True)
+    pid = code.new_pid(*(float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')))
+    pid.acc_sequence(before)
+    return code.line_of('steps', (pid.number, [call]), wrong, call)
 
 
 HILLS = Lab(
@@ -218,7 +492,7 @@ HILLS = Lab(
     HillsCode,
     {
         'model': Part(MODEL_LABELS, lambda code, its, _: FUNCTIONS.judge(code, its.seed)[0]),
-        'controller': Part(LABELS, judge_pid),
-        'relay': Part(RELAY_LABELS, lambda code, *_: judge_relay(code)),
+        'controller': Part(PID_LABELS, judge_pid),
+        'relay': Part(relay.LABELS, lambda code, *_: relay.judge_relay(code)),
     },
 )

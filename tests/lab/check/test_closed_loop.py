@@ -9,7 +9,7 @@ from user_files import replaced
 
 from barc_sim.lab.files import ChosenGains
 from barc_sim.lab.judge import Thresholds, judged
-from barc_sim.lab.labs.pid import judge_lab_road
+from barc_sim.lab.labs.hills import judge_lab_road
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from barc_sim.lab.labs import hills, lane
-from barc_sim.lab.labs.hills import BIKE, EQUATIONS
-from barc_sim.lab.labs.pid import PID_LAW, agree, factor_of, wandering
+from barc_sim.lab.labs.hills import BIKE, EQUATIONS, PID_LAW, agree, factor_of, wandering
 from barc_sim.lab.laws import Mistake, Trial, close
 from barc_sim.vehicle.bike_model import bikeFE
 

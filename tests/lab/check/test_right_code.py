@@ -9,7 +9,7 @@ from user_files import CONTROLLER, MODEL, replaced
 
 from barc_sim.lab.judge import Settings
 from barc_sim.lab.labs.hills import HILLS
-from barc_sim.lab.labs.hills import RELAY_LABELS as RELAY
+from barc_sim.lab.labs.relay import LABELS as RELAY
 
 if TYPE_CHECKING:
     from collections.abc import Callable

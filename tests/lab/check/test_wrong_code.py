@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
-from barc_sim.lab.labs.hills import FUNCTIONS, HILLS
-from barc_sim.lab.labs.pid import judge_terms
+from barc_sim.lab.labs.hills import FUNCTIONS, HILLS, judge_terms
 
 if TYPE_CHECKING:
     from collections.abc import Callable

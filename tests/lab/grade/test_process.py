@@ -21,7 +21,7 @@ from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.confined import process
 from barc_sim.lab.confined.process import MACHINES, Limits, call_filter, call_numbers, check
-from barc_sim.lab.labs.pid import HillsCode
+from barc_sim.lab.labs.hills import HillsCode
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -21,7 +21,7 @@ from barc_sim.lab.files import FILES
 from barc_sim.lab.grade.grade import load
 from barc_sim.lab.judge import Finding, Settings
 from barc_sim.lab.labs.hills import HILLS
-from barc_sim.lab.labs.hills import RELAY_LABELS as RELAY
+from barc_sim.lab.labs.relay import LABELS as RELAY
 
 TEMPLATE = (Path(barc_sim.lab.__file__).parent / 'templates' / 'hills' / 'relay.py').read_text()
 

@@ -1,0 +1,199 @@
+"""Judges a relay: what it commands while a driver presses and releases each key."""
+
+from __future__ import annotations
+
+from functools import partial
+from math import degrees, inf, radians
+from typing import TYPE_CHECKING, NamedTuple
+
+from barc_sim.control.driver import RATE, STALE_AFTER
+from barc_sim.errors import UserError
+from barc_sim.lab.judge import Finding, JudgedCode, rows_of
+from barc_sim.lab.user_code.folder import BY_EYE, MAX_COMMANDS, NOT_WRITTEN, Command, TimedTwist
+from barc_sim.vehicle.parameters import PARAMETERS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+
+LABELS = {
+    'relay.forward': 'Relay: up and down',
+    'relay.steering': 'Relay: left and right',
+    'relay.units': 'Relay: m/s² and radians',
+    'relay.release': 'Relay: a released key',
+    'relay.rate': 'Relay: commands a second',
+}
+_PRESSED, _RELEASED, _END = 1.0, 3.0, 5.0  #: [s]
+_PERIOD = 0.05  #: [s] between the Twists of a held key
+_HELD = 2.9  #: [s] The relay has had 1.9 s to turn the wheels.
+_LATER = 4.9  #: [s] 1.9 s after the release
+_NEGLIGIBLE = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad]
+_TOLERANCE = 1e-6
+_SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these is full marks.
+_PARAMETERS = {each.name: float(each.default) for each in PARAMETERS if 'refuse' in each.name}
+
+
+class _Key(NamedTuple):
+    """A key, and its Twist."""
+
+    name: str
+    linear_x: float
+    angular_z: float
+
+    @property
+    def sign(self) -> float:
+        """The sign that its command has."""
+        return self.linear_x + self.angular_z
+
+
+_UP, _DOWN = _Key('up', 1.0, 0.0), _Key('down', -1.0, 0.0)
+_LEFT, _RIGHT = _Key('left', 0.0, 1.0), _Key('right', 0.0, -1.0)
+_NOTHING = Command(0.0, 0.0, 0.0)
+Drives = dict[_Key, list[Command]]
+
+
+class RelayCode(JudgedCode):
+    """A user's relay."""
+
+    def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
+        """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
+        found = self.call('relay_commands', twists, duration, _relay_calls(twists, duration))
+        rows = min(len(found), MAX_COMMANDS) if isinstance(found, list) else -1
+        return [Command(*row) for row in rows_of('relay', found, rows, len(Command._fields))]
+
+
+def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwist]:
+    """Return the calls of a function `relay`, as its node makes them: zeros after stale Twists."""
+    calls, nothing = [], TimedTwist(-inf, 0.0, 0.0)
+    for k in range(round(duration * RATE)):
+        t = k * (1.0 / RATE)
+        latest = max((each for each in twists if each.t <= t + 1e-9), default=nothing)
+        used = latest if t - latest.t <= STALE_AFTER else nothing
+        calls.append(used._replace(t=t))
+    return calls
+
+
+def judge_relay(code: RelayCode) -> list[Finding]:
+    """Return a finding for each criterion `relay.…`; all are skipped if it is not written yet.
+
+    That of a program that reads keys itself is open.
+    """
+    try:
+        drives = {
+            key: code.relay_commands(_twists(key), _END) for key in (_UP, _DOWN, _LEFT, _RIGHT)
+        }
+    except UserError as error:
+        text = str(error)
+        skipped, is_open = NOT_WRITTEN in text, BY_EYE in text
+        return [Finding(name, 0.0, text, skipped=skipped, open=is_open) for name in LABELS]
+    held = {key: _at(commands, _HELD) for key, commands in drives.items()}
+    judges: Mapping[str, Callable[[], tuple[float, str]]] = {
+        'relay.forward': partial(_direction, 'motor', (_UP, _DOWN), _FORWARD, held),
+        'relay.steering': partial(_direction, 'servo', (_LEFT, _RIGHT), _STEERING, held),
+        'relay.units': partial(_bounded, drives),
+        'relay.release': partial(_release, drives),
+        'relay.rate': partial(_rate, drives[_UP]),
+    }
+    return [Finding(name, *judges[name]()) for name in LABELS]
+
+
+def _twists(key: _Key) -> list[TimedTwist]:
+    """Return the Twists of a key that is held, with the zero of its release."""
+    count = round((_RELEASED - _PRESSED) / _PERIOD)
+    twists = [TimedTwist(_PRESSED + k * _PERIOD, key.linear_x, key.angular_z) for k in range(count)]
+    return [*twists, TimedTwist(_RELEASED, 0.0, 0.0)]
+
+
+def _at(commands: Sequence[Command], t: float) -> Command:
+    """Return the command that holds at `t` [s]."""
+    return next((each for each in reversed(commands) if each.t <= t), _NOTHING)
+
+
+#: Sentences: the wrong sign, no effect, an effect on the other value, too, and all right.
+_FORWARD = (
+    '{name} commands a motor of {value:+.3g} m/s²: the sign is wrong',
+    '{name} does not change the motor: it comes as linear.x',
+    '{name} turns the wheels, too, by {other:+.3g} rad',
+    'up commands {:+.3g} m/s², down {:+.3g} m/s²',
+)
+_STEERING = (
+    '{name} commands a servo of {value:+.3g} rad: left is positive',
+    '{name} does not turn the wheels: it comes as angular.z',
+    '{name} changes the motor, too, to {other:+.3g} m/s²',
+    'left turns the wheels by {:+.3g} rad, right {:+.3g}',
+)
+
+
+def _direction(
+    field: str,
+    keys: tuple[_Key, _Key],
+    sentences: tuple[str, ...],
+    commands: Mapping[_Key, Command],
+) -> tuple[float, str]:
+    """Judge what two keys do to a field of `Command`, and not to the other."""
+    faults, score, values = [], 0.0, []
+    for key in keys:
+        held = commands[key]._asdict()
+        value, (other,) = held[field], _NEGLIGIBLE.keys() - {field}
+        values.append(value)
+        if value * key.sign < -_NEGLIGIBLE[field]:
+            fault = 0
+        elif abs(value) <= _NEGLIGIBLE[field]:
+            fault = 1
+        elif abs(held[other]) > _NEGLIGIBLE[other]:
+            fault, score = 2, score + 0.25
+        else:
+            score += 0.5
+            continue
+        faults.append(sentences[fault].format(name=key.name, value=value, other=held[other]))
+    return score, '; '.join(faults) or sentences[3].format(*values)
+
+
+#: The maximum motor [m/s²] and servo [rad]; beyond is what is in other units.
+_BOUNDS = {'servo': 0.8, 'motor': _PARAMETERS['refuse_motor_above']}
+_BEYOND = {
+    'servo': 'servo reaches {0:.3g} rad, which is {2:.0f}°: the wheels of a car turn by about 0.5 '
+    'rad. Is it in degrees ({0:.3g}° are {3:.3g} rad), or does it grow without a limit?',
+    'motor': 'motor reaches {0:.3g} m/s²: the simulator refuses more than {1:g}',
+}
+
+
+def _bounded(drives: Drives) -> tuple[float, str]:
+    """Judge the maximum values of the commands, either way."""
+    faults, reached = [], {}
+    for field, bound in _BOUNDS.items():
+        values = [abs(getattr(each, field)) for drive in drives.values() for each in drive]
+        value = reached[field] = max(values, default=0.0)
+        if value > bound + _TOLERANCE:
+            faults.append(_BEYOND[field].format(value, bound, degrees(value), radians(value)))
+    right = 'motor up to {motor:.3g} m/s², servo up to {servo:.3g} rad'
+    return 1.0 - bool(faults), '; '.join(faults) or right.format(**reached)
+
+
+def _release(drives: Drives) -> tuple[float, str]:
+    faults = []
+    _, motor, servo = _at(drives[_UP], _PRESSED - _PERIOD)
+    if abs(motor) > _NEGLIGIBLE['motor'] or abs(servo) > _NEGLIGIBLE['servo']:
+        faults.append(f'without a key it commands {motor:+.3g} m/s² and {servo:+.3g} rad')
+    for key in (_UP, _DOWN):
+        later = _at(drives[key], _LATER).motor
+        if later * key.sign > _NEGLIGIBLE['motor']:
+            faults.append(f'after the release of {key.name} it goes on with {later:+.3g} m/s²')
+    for key in (_LEFT, _RIGHT):
+        released, later = (abs(_at(drives[key], t).servo) for t in (_RELEASED, _LATER))
+        if later > released + _NEGLIGIBLE['servo']:
+            faults.append(f'after the release of {key.name} the wheels go on turning')
+    right = 'a released key neither drives on nor turns the wheels further'
+    checks = 1 + len(drives)
+    return 1.0 - len(faults) / checks, '; '.join(faults) or right
+
+
+def _rate(commands: Sequence[Command]) -> tuple[float, str]:
+    count = sum(_PRESSED <= each.t < _RELEASED for each in commands)
+    rate = count / (_RELEASED - _PRESSED)
+    text = f'{rate:.0f} commands a second while a key is held'
+    if rate > _FAST:
+        return 0.5, f'{text}: is the sleep of its loop missing? 20 are enough'
+    if rate < _SLOW - _TOLERANCE:
+        return rate / _SLOW, f'{text}: the lab has dt = 0.05 s, 20 a second'
+    return 1.0, text
