@@ -67,7 +67,7 @@ class CarEnv(gymnasium.Env[Any, Any]):
         start = {name: float(x) for name, x in task.start(shares[:4], options).items()}
         if not self._plant or task.varies:
             self._plant = task.plant(task.draw(shares[_DRAWS:]), int(shares[4] * 2.0**53))
-        self._plant.restart(State(*task.pose(start), start['v']), near=start['s'])
+        self._plant.place(State(*task.pose(start), start['v']), near=start['s'])
         self._pid.reset()
         self._command, self._near, self._steps = Command(), start['s'], 0
         self._lap, self._lap_began = 0, None if start['s'] else 0.0

@@ -88,7 +88,7 @@ def _drive(
     # appends its own. Without any, a command acts at once. For the share `early` of a step the
     # older of two commands still acts.
     motor = plant.actuators.motor
-    waiting, early = [] if plant.actuators.is_ideal else motor.waiting, motor.early
+    waiting, early = [] if motor.is_ideal else motor.waiting, motor.early
     acting = iter(waiting)
     older = next(acting, 0.0)
     integral = previous = interval = 0.0

@@ -431,7 +431,7 @@ class Stepper:
             retune(values, plant)
         if self._commands.timed_out(self._clock()):
             self._outputs.warn(
-                lambda: f'no command for {self._timeout:g} s: the car brakes to a standstill',
+                lambda: f'no command for {self._timeout:g} s: the car brakes',
                 'timeout',
             )
             # As the driver's brake: half of what would stop the car in the relay's period.

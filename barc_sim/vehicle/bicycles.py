@@ -226,16 +226,20 @@ class DynamicBicycle:
         self._psi_dot = v / vehicle.l_r * sin(self._beta)
 
 
-def check_step(lateral: LateralParameters, vehicle: Vehicle, ts: float) -> None:
+#: The longest step that an integrator can make, as a multiple of what decays fastest.
+_LONGEST = {'euler': 2.0, 'rk4': 2.785}
+
+
+def check_step(lateral: LateralParameters, vehicle: Vehicle, ts: float, integrator: str) -> None:
     """Raise UserError where steps of `ts` seconds are too long for the dynamic bicycle.
 
-    A motion across decays fastest at the speed at which it begins; forward Euler lets it grow where
-    a step is longer than twice the time that it takes (Rajamani, section 2.3).
+    A motion across decays fastest at the speed at which it begins; an integrator lets it grow where
+    a step is longer than a multiple of the time that it takes (Rajamani, section 2.3).
     """
     i_z, c_f, c_r, v = lateral
     turning = (vehicle.l_f**2 * c_f + vehicle.l_r**2 * c_r) / i_z
     settling = v / max((c_f + c_r) / vehicle.mass, turning)
-    if ts > 2.0 * settling:
+    if ts > _LONGEST[integrator] * settling:
         raise UserError(
             f'steps of {ts:g} s are too long for the dynamic bicycle at {v:g} m/s, where it '
             f'settles in {1e3 * settling:.0f} ms: raise the parameter rate or dynamic_above'

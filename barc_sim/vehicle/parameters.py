@@ -40,14 +40,14 @@ REALTIME_FACTORS = (0.001, 1000.0)
 
 _NOISE = [row._replace(name=f'noise_{row.name}') for row in parameters_of(NoiseLevels)]
 _ACTUATORS = [
-    Parameter(f'{name}_{part}', 0.0, f'{what}; 0: none', (0.0, maximum))
-    for name, unit, limit in (('motor', 'm/s²', 'acceleration'), ('servo', 'rad', 'steering'))
-    for part, what, maximum in (
-        ('delay', f'time from a command to its effect on the {name} [s]', 10.0),
-        ('lag', f'time constant of the {name} [s]', 100.0),
-        ('rate_limit', f'maximum change of {limit} [{unit}/s]', 1e6),
-        ('limit', f'maximum {limit} either way [{unit}]', 1e6),
+    row._replace(
+        name=f'{name}_{row.name}_limit' if row.name == 'rate' else f'{name}_{row.name}',
+        default=0.0,
+        description=f'{name}: {row.description.replace("unit", unit)}; 0: none',
+        between=(0.0, min(row.between[1], 1e6)),
     )
+    for name, unit in (('motor', 'm/s²'), ('servo', 'rad'))
+    for row in parameters_of(Actuator)
 ]
 _FORCE = Parameter('disturbance', 0.0, 'force on the car, positive forwards [N]', (-1e6, 1e6))
 PARAMETERS = [
@@ -69,8 +69,8 @@ PARAMETERS = [
     Parameter(
         'command_timeout',
         0.0,
-        'where no command has arrived for so long [s, by the wall clock], the car brakes to a '
-        'standstill, and commands are not due state by state until one has a stamp; 0: never',
+        'where no command has arrived for so long [s, by the wall clock], the car brakes, '
+        'and commands are not due state by state until one has a stamp; 0: never',
         (0.0, 3600.0),
     ),
     Parameter('timeout_braking', 8.0, 'deceleration after command_timeout [m/s²]', (0.0, 100.0)),

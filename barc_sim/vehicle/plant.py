@@ -122,13 +122,13 @@ class ActuatorState:
         return self._actuator == Actuator(delay=self._actuator.delay)
 
     def replace(self, actuator: Actuator) -> None:
-        """Work as `actuator` from now on; commands on their way stay on it.
+        """Work as `actuator` from now on; commands on their way remain there.
 
         Where the delay is shorter, the oldest of them are dropped; where it is longer, the one that
         acts now acts meanwhile.
         """
         self._actuator = actuator
-        self._is_ideal = actuator == Actuator()
+        self.is_ideal = actuator == Actuator()  #: each command takes effect at once
         whole, self.early = in_steps(actuator.delay, self._ts)
         size = whole + 2
         _, acting, *waiting = self._queue
@@ -137,9 +137,9 @@ class ActuatorState:
     def advance(self, command: float) -> float:
         """Go one step after `command`; return the mean of the value over the step."""
         self._queue.append(command)
-        if self._is_ideal:
+        if self.is_ideal:
             self.value = command
-            return command + 0.0  # as the sum below, which is never -0
+            return command
         newer = self._cut(self._queue[1])
         early = self.early
         if not early:
@@ -166,26 +166,18 @@ class Actuators:
     def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:
         """Begin at rest, in steps of `ts` seconds."""
         self.motor, self.servo = ActuatorState(motor, ts), ActuatorState(servo, ts)
-        self.is_ideal = motor == servo == Actuator()  #: each command takes effect at once
         self.now = Command()  #: acceleration and steering at this instant
 
     def advance(self, command: Command) -> Command:
         """Go one step after `command`; return the mean acceleration and steering over it."""
-        if self.is_ideal:
-            self.now = command
-            return command
         mean = Command(self.motor.advance(command.motor), self.servo.advance(command.servo))
         self.now = Command(self.motor.value, self.servo.value)
         return mean
 
     def replace(self, motor: Actuator, servo: Actuator) -> None:
-        """Work as these actuators from now on; commands on their way stay on it."""
-        states = ((self.motor, motor, self.now.motor), (self.servo, servo, self.now.servo))
-        for state, actuator, now in states:
-            if self.is_ideal:  # nothing is on its way, and the state has had no part so far
-                state.hold(now)
-            state.replace(actuator)
-        self.is_ideal = motor == servo == Actuator()
+        """Work as these actuators from now on; commands on their way remain there."""
+        self.motor.replace(motor)
+        self.servo.replace(servo)
 
     def stop(self) -> None:
         """Set both to zero, and drop the waiting commands."""
@@ -243,12 +235,9 @@ class Sensor:
         """Return the motion as measured, and its error: measured minus true."""
         if not self.is_noisy:
             return true, _NO_ERROR
-        error = self._draw_one()
-        return with_error(true, error, cos(true.psi), sin(true.psi)), error
-
-    def _draw_one(self) -> MeasurementError:
         gauss = self._random.gauss
-        return MeasurementError(*[sigma * gauss(0.0, 1.0) for sigma in self.noise])
+        error = MeasurementError(*[sigma * gauss(0.0, 1.0) for sigma in self.noise])
+        return with_error(true, error, cos(true.psi), sin(true.psi)), error
 
     def again(self) -> Sensor:
         """Return such a sensor before its first measurement."""
@@ -361,7 +350,7 @@ class Plant:
         self.actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
         self._bicycle = bicycle(dynamics, integrator, model, lateral)
         if isinstance(self._bicycle, DynamicBicycle):
-            check_step(self._bicycle.lateral, self.vehicle, ts)
+            check_step(self._bicycle.lateral, self.vehicle, ts, integrator)
         self.track = track
         self.on_track: TrackState | None = None
         self._lap_began = 0.0  # [s]
@@ -389,10 +378,8 @@ class Plant:
             and self._bicycle.is_lab
             and not (self.force or self.disturbance)
             and self.state.psi == actuators.now.servo == 0.0
-            and (
-                actuators.is_ideal
-                or (actuators.motor.only_delays and not any(actuators.servo.waiting))
-            )
+            and actuators.motor.only_delays
+            and not any(actuators.servo.waiting)
         )
 
     def observe(self) -> Observation:
@@ -421,18 +408,13 @@ class Plant:
             self._locate(self.on_track.s)
 
     def place(self, state: State, near: float | None = None) -> None:
-        """Put the car there, on a track `near` that s [m], with no command on its way."""
-        self.state = state
+        """Begin a run there, on a track `near` that s [m], with no command on its way."""
+        self.state, self._steps = state, 0
         self.actuators.stop()
         self._bicycle.reset()
         if self.track:
             self.on_track = None
             self._locate(near)
-
-    def restart(self, state: State, near: float | None = None) -> None:
-        """Do as `place` does, at the start of a new run."""
-        self._steps = 0
-        self.place(state, near)
 
     def _on_road(self, x: float) -> float:
         """Return where the road is read [m] for a car at `x`: on a track, where the step began."""
