@@ -10,11 +10,10 @@ car that stands or rolls back) are detected with one reduction and handled apart
 from __future__ import annotations
 
 from array import array
-from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import chain, islice, repeat
-from math import cos, inf, isfinite, radians, sin
-from typing import TYPE_CHECKING, Any, NamedTuple
+from math import cos, inf, isfinite, sin
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,28 +49,11 @@ if TYPE_CHECKING:
 _BLOCK = 512  #: measurements whose noise is drawn at once
 
 
-class RoadSegments(NamedTuple):
-    """A road as the loop reads it: segment `i` reaches from `begins[i]` up to `ends[i]` [m]."""
-
-    begins: tuple[float, ...]
-    ends: tuple[float, ...]
-    gravity_forces: tuple[float, ...]  #: [N] along the road, positive forwards
-
-    @classmethod
-    def of(cls, road: Road, vehicle: Vehicle) -> RoadSegments:
-        """Return the segments of `road`."""
-        inner = road.starts[1:]
-        weight = -vehicle.mass * vehicle.gravity
-        return cls(
-            begins=(-inf, *inner),
-            ends=(*inner, inf),
-            gravity_forces=tuple(weight * sin(radians(grade)) for grade in road.grades_deg),
-        )
-
-    def at(self, x: float) -> tuple[float, float, float]:
-        """Return begin, end and gravity force of the segment at `x` metres."""
-        i = bisect_right(self.begins, x) - 1
-        return self.begins[i], self.ends[i], self.gravity_forces[i]
+def _stretch(road: Road, vehicle: Vehicle, x: float) -> tuple[float, float, float]:
+    """Return begin and end [m] of the stretch at `x` metres, and the gravity force [N] on it."""
+    i, starts = road.stretch(x), road.starts
+    begin, end = (starts[i] if i else -inf), (starts[i + 1] if i + 1 < len(starts) else inf)
+    return begin, end, -vehicle.mass * vehicle.gravity * road.at(x).sin_theta
 
 
 def _drive(
@@ -92,14 +74,13 @@ def _drive(
     acting = iter(waiting)
     older = next(acting, 0.0)
     integral = previous = interval = 0.0
-    segments = RoadSegments.of(plant.road, vehicle)
-    begin, end, gravity_force = segments.at(x)
+    begin, end, gravity_force = _stretch(plant.road, vehicle, x)
     speeds: list[float] = []
     integrals: list[float] = []
     add_speed, add_integral = speeds.append, integrals.append
     for error in errors:
         if x >= end or x < begin:
-            begin, end, gravity_force = segments.at(x)
+            begin, end, gravity_force = _stretch(plant.road, vehicle, x)
         # The controller: `pid_step`.
         measured = v + error
         deviation = reference - measured

@@ -377,20 +377,17 @@ def _figure(log: TrackLog, title: str = '') -> Figure:
 
 
 def _returned(law: Callable[[Plant], LaneController]) -> tuple[float, str]:
-    """Return score and message of the way back, from the side that is worse."""
-    found = []
-    for start, side in ((_OFF, 'left'), (-_OFF, 'right')):
-        log = drive_law(law, _STRAIGHT, _SEEN, start)
-        away = log.s[np.abs(log.e_y) > _BACK]
-        over = max(float(np.max(-np.sign(start) * log.e_y)), 0.0) / _OFF
-        limited = float(np.mean(np.abs(log.servo[log.s < _DISTANCE[0]]) >= STEERING_LIMIT))
-        back = float(away[-1]) if away[-1] < log.s[-1] - 1.0 else inf
-        score = share(back, *_DISTANCE) * share(over, *_OVERSHOOT) * share(limited, *_SATURATED)
-        way = f'back after {back:.0f} m' if back < inf else f'not back within {_SEEN:g} m'
-        text = f'from {_OFF:g} m to the {side}: {way}, overshoot {over:.0%}'
-        text += f', the steering at its limit in {limited:.0%} of the steps' if limited else ''
-        found.append((score, text))
-    return float(np.mean([score for score, _ in found])), min(found)[1]
+    """Return score and message of the way back."""
+    log = drive_law(law, _STRAIGHT, _SEEN, _OFF)
+    away = log.s[np.abs(log.e_y) > _BACK]
+    over = max(-float(log.e_y.min()), 0.0) / _OFF
+    limited = float(np.mean(np.abs(log.servo[log.s < _DISTANCE[0]]) >= STEERING_LIMIT))
+    back = float(away[-1]) if away[-1] < log.s[-1] - 1.0 else inf
+    score = share(back, *_DISTANCE) * share(over, *_OVERSHOOT) * share(limited, *_SATURATED)
+    way = f'back after {back:.0f} m' if back < inf else f'not back within {_SEEN:g} m'
+    text = f'{way}, overshoot {over:.0%}'
+    text += f', the steering at its limit in {limited:.0%} of the steps' if limited else ''
+    return score, text
 
 
 def hidden_track(seed: int) -> Track:
