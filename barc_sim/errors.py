@@ -8,6 +8,7 @@ commands check values against them, with the sentence of `not_between`.
 from __future__ import annotations
 
 import re
+from importlib import import_module
 from math import inf
 from numbers import Integral, Real
 from typing import Any, NamedTuple, TypeVar, get_type_hints
@@ -69,6 +70,17 @@ class UserError(ValueError):
 
     def __init__(self, message: str = '') -> None:
         super().__init__(escaped(message))
+
+
+def extra(module: str, user: str, name: str) -> Any:  # noqa: ANN401 (a module)
+    """Return a module for `user`, of the extra of this name; UserError: it is not installed."""
+    try:
+        return import_module(module)
+    except ImportError:
+        package = module.partition('.')[0]
+        raise UserError(
+            f"{user} needs {package}, which is not installed: pip install 'barc_sim[{name}]'"
+        ) from None
 
 
 class Parameter(NamedTuple):

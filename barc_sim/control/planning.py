@@ -27,14 +27,13 @@ from __future__ import annotations
 
 from collections import deque
 from functools import lru_cache
-from importlib import import_module
 from math import exp, inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, steady_turn
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, extra
 from barc_sim.vehicle.plant import Actuator
 from barc_sim.vehicle.track import Track
 
@@ -68,14 +67,9 @@ _LEAST = np.concatenate([-_ONES, -inf * _ONES])
 _SOFT = np.repeat(np.array([0, 8], np.intc), HORIZON)
 
 
-def solver() -> Any:  # noqa: ANN401 (a module without types)
-    """Return the module daqp, which solves quadratic programs; UserError: it is not there."""
-    try:
-        return import_module('daqp')
-    except ImportError:
-        raise UserError(
-            "racing line and MPC need daqp, which is not installed: pip install 'barc_sim[mpc]'"
-        ) from None
+def solver() -> Any:  # noqa: ANN401 (a function without types)
+    """Return daqp's solver of quadratic programs; UserError: it is not installed."""
+    return extra('daqp', 'a racing line or an MPC', 'mpc').solve
 
 
 def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | None = None) -> Track:
@@ -112,7 +106,7 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
     first, second = (ahead - behind) / (2.0 * h), (ahead - 2.0 * one + behind) / h**2
     bounds, none = np.full(n, half - margin), np.empty((0, n))
     offsets = np.zeros(n)
-    solve = solver().solve
+    solve = solver()
     for _ in range(_ROUNDS):
         x, y = (c + offsets * across for c, across in zip(centre[:2], normal, strict=True))
         residuals, jacobian = _bending(first, second, x, y, *normal)
@@ -174,7 +168,7 @@ class Planner:
 
     def __init__(self, law: Any) -> None:  # noqa: ANN401 (it imports this module)
         """Begin at rest, with the gains of an MPC, to which acceleration and terms go, too."""
-        self._law, self._solve = law, solver().solve
+        self._law, self._solve = law, solver()
         self._servo = self._latest = 0.0  # [rad] the angle, and the command before
         self._sent: deque[float] = deque()  # the commands on their way
         self._start, self._commands = 0.0, np.zeros(HORIZON)

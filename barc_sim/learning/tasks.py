@@ -19,7 +19,7 @@ import numpy as np
 from barc_sim.control.cruise_control import SPEED
 from barc_sim.control.lane import STEERING_LIMIT
 from barc_sim.control.speed import ACCELERATION_LIMIT, SPEED_REFERENCE
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, extra
 from barc_sim.simulation.closed_loop import LIMITS, check_arguments, plant_of
 from barc_sim.simulation.fast import Plants
 from barc_sim.vehicle.bicycles import LateralParameters
@@ -417,12 +417,7 @@ def onnx_policy(path: str | os.PathLike[str]) -> Callable[[Any], Any]:
     name = os.fspath(path)
     if not os.path.isfile(name):  # noqa: PTH113 (as it is given)
         raise UserError(f'{name!r} cannot be read: there is no such file')
-    try:
-        import onnxruntime  # noqa: PLC0415 (an extra)
-    except ImportError:
-        raise UserError(
-            f"{name!r} needs onnxruntime, which is not installed: pip install 'barc_sim[onnx]'"
-        ) from None
+    onnxruntime = extra('onnxruntime', repr(name), 'onnx')
     try:
         session = onnxruntime.InferenceSession(name, providers=['CPUExecutionProvider'])
         (given,) = session.get_inputs()

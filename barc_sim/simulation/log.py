@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import PID
-from barc_sim.errors import UserError
+from barc_sim.errors import extra
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -178,7 +178,7 @@ class Log:
         UserError
             where pandas is not installed.
         """
-        frame: pd.DataFrame = import_pandas().DataFrame(self.columns())
+        frame: pd.DataFrame = extra('pandas', 'to_frame', 'pandas').DataFrame(self.columns())
         units = {name: column.unit for name, column in self.declared.items()}
         own = {name: '' if name.startswith(LANE) else 'm/s²' for name in self.own_terms}
         frame.attrs['units'] = own | units
@@ -261,17 +261,6 @@ class TrackLog(Log):
         """The fastest lap [s] but the first, unless that is the only one; inf where none is."""
         times = self.lap_times
         return float(np.min(times[1:] if len(times) > 1 else times, initial=np.inf))
-
-
-def import_pandas() -> Any:  # noqa: ANN401 (a module)
-    """Return pandas; UserError where it is not installed."""
-    try:
-        import pandas as pd  # noqa: PLC0415 (an extra)
-    except ImportError:
-        raise UserError(
-            "to_frame needs pandas, which is not installed: pip install 'barc_sim[pandas]'"
-        ) from None
-    return pd
 
 
 def _declared(kind: type[Log]) -> Iterator[tuple[str, Column]]:

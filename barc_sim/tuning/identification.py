@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, extra
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Command, State, Vehicle
 from barc_sim.vehicle.plant import Actuator, Plant
@@ -34,7 +34,6 @@ _AT_REST = 0.25  #: [m/s]
 _WARM_UP = 1.0  #: [s] of a car in motion, whose earlier commands are unknown
 _SHORTEST = 2.0  #: [s] of a stretch without a gap
 _JUMP = 5.0  #: [m] from one state to the next: more is a return to the start
-_EDGE = 0.02  #: share of a step
 _STEPS = 30  #: of a search: what the logs show is found in fewer
 _WORST = 1e6  #: error of a car that no step can follow
 _NO_NOISE = 1e-6  #: errors below are those of rounding
@@ -54,7 +53,7 @@ class _Unknown(NamedTuple):
     lowest: float = -np.inf
 
 
-_SHARE = 1e-3  #: of a direction in which the errors do not change
+_BLIND = 1e-6  #: share of a parameter's direction in which the errors do not change
 _TOGETHER = 0.9  #: correlation of two parameters that are hard to separate
 _SIGNALS = ('v_x', 'psi_dot', 'v_y')
 _ALONG = {
@@ -185,7 +184,7 @@ def identify(
     >>> print(identify(log)['motor_delay'])
     0.13015 ± 0.00086 s
     """
-    optimize, special = _scipy()
+    special = extra('scipy.special', 'identify', 'identify')
     stretches = [each for log in logs for each in _stretches(log)]
     if not stretches:
         raise UserError(
@@ -196,29 +195,26 @@ def identify(
         servo = np.concatenate([[c.servo for c in each.commands] for each in stretches])
         seen = all(np.isfinite(each.measured).all() for each in stretches)
         steering = seen and sqrt(np.mean(servo**2)) > _STEERED
-    car = vehicle or Vehicle(), integrator
+    search = _Search(stretches, vehicle or Vehicle(), integrator, 3 if steering else 1)
     names = [*_ALONG, *(_ACROSS if steering else ())]
     lags = [name for name in names if name.endswith('_lag')]
-    start = {name: _UNKNOWN[name].start for name in names if name not in lags}
-    fit = _fit(stretches, start, car, optimize)
-    fit = _fit(stretches, fit.values, car, optimize, fit)
+    fit = search.begin({name: _UNKNOWN[name].start for name in names if name not in lags})
+    fit = search.fit(fit.values, fit)
     remarks = []
     for lag in lags:
         # A lag far shorter than a step acts as a delay does: it counts where it explains more than
         # any one number explains by chance (Schwarz, Annals of Statistics 6, 1978).
         delay = lag.replace('lag', 'delay')
         shorter = max(fit.values[delay] - _UNKNOWN[lag].start, 0.0)
-        with_lag = _fit(
-            stretches, fit.values | {delay: shorter, lag: _UNKNOWN[lag].start}, car, optimize, fit
-        )
+        with_lag = search.fit(fit.values | {delay: shorter, lag: _UNKNOWN[lag].start}, fit)
         n, cost = fit.errors.size, 0.5 * np.sum((fit.errors / _size(fit.errors)) ** 2)
         if n * np.log(cost / with_lag.cost) > np.log(n):
             fit = with_lag
         else:
             remarks.append(f'{lag} is not seen: there is none, or it counts as delay')
-    fit = _fit(stretches, fit.values, car, optimize, fit)
+    fit = search.fit(fit.values, fit)
     degrees = fit.errors.size - fit.slopes.shape[1]
-    spread = _inverse(fit.slopes) * (2.0 * fit.cost / degrees)
+    spread = covariance(fit.slopes) * (2.0 * fit.cost / degrees)
     half = special.stdtrit(degrees, 0.975) * np.sqrt(np.diag(spread))
     estimates = {
         name: Estimate(value, float(interval), _UNKNOWN[name].unit, _UNKNOWN[name].meaning)
@@ -226,14 +222,9 @@ def identify(
     }
     t = np.concatenate([each.t[each.first :] for each in stretches])
     measured = np.concatenate([each.measured[:, each.first :] for each in stretches], 1)
-    signals = {
-        signal: (t, values, values + errors)
-        for signal, values, errors in zip(_SIGNALS, measured, fit.errors, strict=False)
-    }
-    whiteness = {
-        signal: _whiteness(errors, special)
-        for signal, errors in zip(_SIGNALS, fit.errors, strict=False)
-    }
+    found = [*zip(_SIGNALS, measured, fit.errors, strict=False)]
+    signals = {signal: (t, values, values + errors) for signal, values, errors in found}
+    whiteness = {signal: _whiteness(errors, special) for signal, _, errors in found}
     remarks += [*_unidentified(estimates, spread), *_correlated(whiteness)]
     return Identified(estimates, signals, whiteness, tuple(remarks))
 
@@ -246,83 +237,65 @@ class _Fit(NamedTuple):
     slopes: Floats  #: of the weighted errors over the values and speeds
 
 
-def _fit(
-    stretches: Sequence[_Stretch],
-    start: Mapping[str, float],
-    car: tuple[Vehicle, str],
-    optimize: Any,  # noqa: ANN401 (a module)
-    before: _Fit | None = None,
-) -> _Fit:
-    """Fit the parameters that `start` names, and the first speed of each stretch in motion.
+class _Search:
+    """Fits what the plant predicts to the first `rows` signals of the stretches."""
 
-    Each signal is weighted by the errors of the fit `before`; without one, the first delays are the
-    best of a few.
-    """
-    names, n = [*start], sum(each.in_motion for each in stretches)
-    steps = np.array([*(_UNKNOWN[name].step for name in names), *[1e-5] * n])
-    low = np.array([*(_UNKNOWN[name].lowest for name in names), *[-np.inf] * n])
-    high = np.full(len(low), np.inf)
-    rows = 3 if 'yaw_inertia' in start else 1
-    weights = 1.0 / _size(before.errors) if before else np.ones((rows, 1))
-    owner = np.concatenate([np.full(len(s.commands) - s.first, i) for i, s in enumerate(stretches)])
-    owns = [np.tile(owner == i, rows) for i, s in enumerate(stretches) if s.in_motion]
+    def __init__(
+        self, stretches: Sequence[_Stretch], vehicle: Vehicle, integrator: str, rows: int
+    ) -> None:
+        self._stretches, self._car, self._rows = stretches, (vehicle, integrator), rows
 
-    def errors(p: Floats) -> Floats:
-        every = p.tolist()
-        values, speeds = dict(zip(names, every, strict=False)), iter(every[len(names) :])
-        parts = [
-            (each.predict(next(speeds) if each.in_motion else 0.0, values, *car) - each.measured)
-            for each in stretches
-        ]
-        kept = [part[:rows, each.first :] for part, each in zip(parts, stretches, strict=True)]
-        found: Floats = np.nan_to_num(np.concatenate(kept, 1), nan=_WORST)
-        return np.clip(found, -_WORST, _WORST)
+    def begin(self, values: dict[str, float]) -> _Fit:
+        """Return a first fit of the parameters with these values, and the best of a few delays."""
+        speeds = np.array([each.measured[0, 0] for each in self._stretches if each.in_motion])
 
-    def weighted(p: Floats) -> Floats:
-        return (errors(p) * weights).ravel()
+        def change(values: Mapping[str, float]) -> float:
+            """Return how much the errors change: unknown resistance has little part in it."""
+            errors = self._errors(values, speeds)
+            return float(np.sum((errors[:, _CHANGE:] - errors[:, :-_CHANGE]) ** 2))
 
-    def slopes(p: Floats) -> Floats:
-        at, shifts = weighted(p), np.where(p + steps > high, -steps, steps)
-        # A first speed moves the errors of its own stretch alone: all are moved at once.
-        m = len(names)
-        together = [np.where(np.arange(len(p)) < m, 0.0, shifts)] if n else []
-        moved = [weighted(p + row) - at for row in (*np.diag(shifts)[:m], *together)]
-        moved = [*moved[:m], *(np.where(own, moved[-1], 0.0) for own in owns)]
-        return np.stack(moved, 1) / shifts
+        for name in [name for name in values if name.endswith('_delay')]:
+            values = min((values | {name: delay} for delay in _DELAYS), key=change)
+        return self.fit(values, _Fit({}, speeds, 0.0, np.ones((self._rows, 1)), speeds))
 
-    def change(p: Floats) -> float:
-        """Return how much the errors change: unknown resistance has little part in it."""
-        at = errors(p)
-        return float(np.sum((at[:, _CHANGE:] - at[:, :-_CHANGE]) ** 2))
+    def fit(self, start: Mapping[str, float], before: _Fit) -> _Fit:
+        """Fit the parameters that `start` has, and the first speed of each stretch in motion.
 
-    measured = [each.measured[0, 0] for each in stretches if each.in_motion]
-    first = before.speeds if before else measured
-    p = np.array([*start.values(), *first])
-    delays = [i for i, name in enumerate(names) if name.endswith('_delay')]
-    for i in () if before else delays:
-        p = min((np.where(np.arange(len(p)) == i, delay, p) for delay in _DELAYS), key=change)
-    # Over a delay the prediction has a bend at each whole step, where a search would stick: it goes
-    # on in the next step as long as that is better.
-    ts = max(each.ts for each in stretches)
-    whole = {i: int(p[i] / ts + 1e-6) for i in delays}
-    cost, moves = np.inf, whole
-    while moves:
-        for i, k in (whole | moves).items():
-            low[i], high[i] = k * ts, (k + 1) * ts
-        # Not from a bend: there the search would hardly move.
-        begin = p.copy()
-        for i in delays:
-            begin[i] = p[i] if low[i] < p[i] < high[i] else (whole | moves)[i] * ts + 0.5 * ts
-        found = optimize.least_squares(
-            weighted, begin, slopes, (low, high), x_scale='jac', max_nfev=_STEPS
+        Each signal is weighted by the errors of the fit `before`.
+        """
+        names, weights, free = [*start], 1.0 / _size(before.errors), len(before.speeds)
+        steps = np.array([*(_UNKNOWN[name].step for name in names), *[1e-5] * free])
+        low = np.array([*(_UNKNOWN[name].lowest for name in names), *[-np.inf] * free])
+
+        def errors(p: Floats) -> Floats:
+            values = dict(zip(names, p.tolist(), strict=False))
+            return (self._errors(values, p[len(names) :]) * weights).ravel()
+
+        def slopes(p: Floats) -> Floats:
+            here = errors(p)
+            moved = [errors(p + step) - here for step in np.diag(steps)]
+            return np.stack(moved, 1) / steps  # type: ignore[no-any-return]
+
+        found = extra('scipy.optimize', 'identify', 'identify').least_squares(
+            errors,
+            np.array([*start.values(), *before.speeds]),
+            slopes,
+            (low, np.inf),
+            x_scale='jac',
+            max_nfev=_STEPS,
         )
-        if not found.cost < cost * (1.0 - 1e-9):
-            break
-        p, cost, jacobian, whole = found.x, float(found.cost), found.jac, whole | moves
-        beyond = {i: round((p[i] / ts - whole[i] - 0.5) / (1.0 - _EDGE)) for i in delays}
-        moves = {i: whole[i] + way for i, way in beyond.items() if way and whole[i] + way >= 0}
-    values = dict(zip(names, p.tolist(), strict=False))
-    return _Fit(values, p[len(names) :], cost, errors(p), jacobian)
+        values = dict(zip(names, found.x.tolist(), strict=False))
+        speeds = found.x[len(names) :]
+        return _Fit(values, speeds, float(found.cost), self._errors(values, speeds), found.jac)
+
+    def _errors(self, values: Mapping[str, float], speeds: Floats) -> Floats:
+        left, found = iter(speeds.tolist()), []
+        for each in self._stretches:
+            v = next(left) if each.in_motion else 0.0
+            errors = each.predict(v, values, *self._car) - each.measured
+            found.append(errors[: self._rows, each.first :])
+        every: Floats = np.nan_to_num(np.concatenate(found, 1), nan=_WORST)
+        return np.clip(every, -_WORST, _WORST)
 
 
 def _size(errors: Floats) -> Floats:
@@ -391,16 +364,14 @@ def _plant(
     )
 
 
-def _inverse(slopes: Floats) -> Floats:
+def covariance(slopes: Floats) -> Floats:
     """Return (JᵀJ)⁻¹; infinite on the diagonal for what has no influence of its own."""
     scale = np.linalg.norm(slopes, axis=0)
     scale[scale == 0.0] = 1.0
-    _, singular, directions = np.linalg.svd(slopes / scale, full_matrices=False)
-    seen = singular > 1e-9 * singular[0]
-    inverse = (directions[seen].T / singular[seen] ** 2) @ directions[seen]
-    blind = (abs(directions[~seen]) > _SHARE).any(axis=0)
-    inverse[blind, blind] = np.inf
-    found: Floats = inverse / np.outer(scale, scale)
+    inverse = np.linalg.pinv(slopes / scale, 1e-9)
+    found: Floats = inverse @ inverse.T / np.outer(scale, scale)
+    blind = np.diag(inverse @ slopes) < (1.0 - _BLIND) * scale
+    found[blind, blind] = np.inf
     return found
 
 
@@ -440,13 +411,3 @@ def _correlated(whiteness: Mapping[str, float]) -> list[str]:
         for signal, p in whiteness.items()
         if p < 0.01  # noqa: PLR2004
     ]
-
-
-def _scipy() -> tuple[Any, Any]:
-    try:
-        from scipy import optimize, special  # noqa: PLC0415 (an extra)
-    except ImportError:
-        raise UserError(
-            "identify needs SciPy, which is not installed: pip install 'barc_sim[identify]'"
-        ) from None
-    return optimize, special

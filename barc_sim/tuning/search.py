@@ -21,9 +21,8 @@ from barc_sim.control.speed import (
     as_controller,
     gain_parameters,
 )
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, extra
 from barc_sim.simulation.closed_loop import DISTANCE, LIMITS, check_arguments, simulate
-from barc_sim.simulation.log import import_pandas
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.road import Road
 
@@ -135,7 +134,7 @@ class Sweep(np.recarray):
 
     def to_frame(self) -> pd.DataFrame:
         """Return a DataFrame with a row for each loop; needs pandas."""
-        frame: pd.DataFrame = import_pandas().DataFrame(
+        frame: pd.DataFrame = extra('pandas', 'to_frame', 'pandas').DataFrame(
             {n: self[n].ravel() for n in self.dtype.names or ()}
         )
         return frame

@@ -294,7 +294,7 @@ class _Planned(LaneLaw):
 
     def __init__(self, code: RacelineCode) -> None:
         super().__init__()
-        self._code, self._solve = code, solver().solve
+        self._code, self._solve = code, solver()
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Callable[[float], float]
