@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 MAX_RECORD = 32 << 20  #: bytes, and those of a chunk unpacked
 MAX_METADATA = 2 << 20  #: bytes of a record of metadata
-MAX_KEPT = 16 << 20  #: bytes of a file's topics, metadata and attached files
+MAX_KEPT = 16 << 20  #: bytes of a bag's topics, metadata and attached files
 MAX_SCHEMA = 16 << 10  #: bytes of a definition that is parsed
 MAX_SCHEMAS = 32  #: definitions that are parsed
 MAX_ARRAY = 1000  #: numbers in an array of fixed length
@@ -49,6 +49,8 @@ class Budget:
         self._size = sum(file.lstat().st_size for file in files)
         self._seconds = max(8.0, self._size / (3 << 20))
         self._end = thread_time() + self._seconds if timed else inf
+        self._kept: set[int] = set()
+        self._kept_bytes = 0
         self.renew()
 
     def renew(self) -> None:
@@ -66,6 +68,15 @@ class Budget:
                 f'{str(self.file)!r} unpacks to more than a recording of its size can hold, or '
                 f'takes more than {self._seconds:.0f} s to read: name another bag'
             )
+
+    def keep(self, record: bytes) -> None:
+        """Charge a record that stays in memory, once for all files, with what Python adds."""
+        if (identity := hash(record)) not in self._kept:
+            self._kept.add(identity)
+            self._kept_bytes += len(record) + 1000
+        if self._kept_bytes > MAX_KEPT:
+            found = f'{self._kept_bytes} bytes of topics, metadata and attached files'
+            refuse(self.file, found, f'{MAX_KEPT}')
 
 
 def from_json(text: str) -> Any:  # noqa: ANN401 (any JSON)

@@ -102,10 +102,8 @@ class McapFile:
         self.damage = Damage()  #: without that of chunks until `messages` has read them
         self._bag = bag
         self._budget = budget
-        self._schemas: dict[int, Schema] = {}
-        self._definitions: dict[int, str] = {}  # of the schemas; topics share them
+        self._schemas: dict[int, tuple[str, str]] = {}  # type and definition
         self._channels: dict[int, Topic] = {}
-        self._kept = 0  # bytes
         self._whole = 0  # the end of the last whole record
         with self._records(messages=False) as records:
             for opcode, body in records:
@@ -176,40 +174,33 @@ class McapFile:
         ):
             return  # metadata would take several times its size
         record: Any = _DESCRIBING[opcode].read(ReadDataStream(BytesIO(body)))
-        bag = self._bag
-        if isinstance(record, Schema) and self._schemas.get(record.id) != record:
-            self._keep(len(record.data))
-            self._schemas[record.id] = record
-            self._definitions[record.id] = record.data.decode(errors='replace')
+        bag, keep = self._bag, self._budget.keep
+        if isinstance(record, Schema):
+            keep(body)
+            text = record.data.decode(errors='replace')
+            self._schemas[record.id] = record.name, bag.definitions.setdefault(text, text)
         elif isinstance(record, Channel) and (schema := self._schemas.get(record.schema_id)):
-            topic = Topic(
-                name=record.topic,
-                type=schema.name,
-                definition=self._definitions[schema.id],
-                type_hash=record.metadata.get('topic_type_hash', ''),
-                offered_qos=_offered_qos(record.metadata.get('offered_qos_profiles', '')),
+            keep(body)
+            self._channels[record.id] = bag.add(
+                Topic(
+                    name=record.topic,
+                    type=schema[0],
+                    definition=schema[1],
+                    type_hash=record.metadata.get('topic_type_hash', ''),
+                    offered_qos=_offered_qos(record.metadata.get('offered_qos_profiles', '')),
+                )
             )
-            if self._channels.get(record.id) != topic:
-                self._keep(len(body))
-            self._channels[record.id] = bag.topics[topic.name] = topic
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
-            self._keep(len(body))
+            keep(body)
             bag.metadata |= _checked(self.path, record.metadata)
         elif isinstance(record, Attachment):
-            self._keep(len(body))
+            keep(body)
             bag.attachments[record.name] = record.data
         elif isinstance(record, Statistics):
             self.has_summary = True
             if record.message_count:
                 start, end = record.message_start_time, record.message_end_time
                 bag.span += Span(start, end, record.message_count)
-
-    def _keep(self, size: int) -> None:
-        """Charge what stays in memory [B], and about as much as Python adds."""
-        self._kept += size + 1000
-        if self._kept > bounds.MAX_KEPT:
-            found = f'{self._kept} bytes of topics, metadata and attached files'
-            bounds.refuse(self.path, found, f'{bounds.MAX_KEPT}')
 
     def _in_chunk(self, chunk: Chunk) -> Iterator[Message]:
         """Yield the messages of a chunk, up to its damage."""
@@ -322,6 +313,7 @@ class Contents:
         """
         self.path = path
         self.topics: dict[str, Topic] = {}
+        self.definitions: dict[str, str] = {}  #: of their types; topics of all files share them
         self.counts: Counter[str] = Counter()
         self.span = Span()
         self.metadata: dict[str, str] = {}
@@ -334,6 +326,12 @@ class Contents:
     def damages(self) -> dict[str, Damage]:
         """By the damaged files' names."""
         return {file.path.name: file.damage for file in self.files if file.damage}
+
+    def add(self, topic: Topic) -> Topic:
+        """Add a topic; return it, or its equal in another file."""
+        if self.topics.get(topic.name) != topic:
+            self.topics[topic.name] = topic
+        return self.topics[topic.name]
 
     def complete(self) -> None:
         """Find topics and span in the messages where a file has no summary of them."""

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 _logger = logging.getLogger(__name__)
+_MAX_NAME = 60  #: characters of a topic in the name of its table: at most 240 bytes
 
 
 def convert(
@@ -57,17 +58,31 @@ def convert(
     if output.exists() or output.is_symlink():
         raise UserError(f'{str(output)!r} exists: name a new --output')
     output.mkdir(parents=True)
+    paths = dict(zip(names, _file_names(names), strict=True))
     tables: dict[str, Any] = {}
     with ExitStack() as files:
         for topic, cells in _rows(contents, names):
             if topic not in tables:
-                name = re.sub(r'[^\w.]', '_', topic.strip('/').replace('/', '.')).lstrip('.')
-                file = (output / f'{name}.csv').open('x', encoding='utf-8', newline='')
+                file = (output / paths[topic]).open('x', encoding='utf-8', newline='')
                 tables[topic] = csv.writer(files.enter_context(file))
                 tables[topic].writerow(cells)
             tables[topic].writerow(
                 json.dumps(each) if isinstance(each, list) else each for each in cells.values()
             )
+
+
+def _file_names(topics: Sequence[str]) -> Iterator[str]:
+    """Yield the name of each topic's table; where two would be the same, the later has a `_` more.
+
+    Letters of either case are the same, as on a Mac.
+    """
+    taken = set()
+    for topic in topics:
+        name = re.sub(r'[^\w.]', '_', topic.strip('/').replace('/', '.')).lstrip('.')[:_MAX_NAME]
+        while name.casefold() in taken:
+            name += '_'
+        taken.add(name.casefold())
+        yield f'{name}.csv'
 
 
 def _rows(contents: Contents, names: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -102,11 +102,20 @@ def accept_ros_args(parser: argparse.ArgumentParser) -> None:
     parser.epilog = f'{parser.epilog or ""} {_ROS_ARGS_HELP}'.strip()
 
 
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """Add the bag to read."""
+    parser.add_argument(
+        'bag',
+        nargs='?',
+        type=Path,
+        metavar='BAG',
+        help='its directory, or a file of it (the newest in ./bags)',
+    )
+
+
 def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the bag to read and, in it, the car."""
-    parser.add_argument(
-        'bag', nargs='?', type=Path, metavar='BAG', help='default: the newest in ./bags'
-    )
+    add_bag(parser)
     parser.add_argument(
         '--namespace', metavar='NS', help='the car, in a bag of several, as in /car1'
     )

@@ -6,6 +6,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from barc_sim.cli.parser import add_bag
 from barc_sim.errors import escaped
 from barc_sim.runs.options import add_topic_choice
 
@@ -21,7 +22,7 @@ def add_arguments_info(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Print what is in a bag of any ROS 2 recorder, as `ros2 bag info` does.'
     parser.epilog = 'It reads every message, so that it counts what can be read.'
-    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag, or a file')
+    add_bag(parser)
     parser.add_argument('--json', action='store_true', help='print JSON')
 
 
@@ -30,8 +31,9 @@ def run_info(options: Namespace) -> None:
     import json  # noqa: PLC0415 (not for --help)
 
     from barc_sim.bags.contents import describe  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.bags.reader import newest  # noqa: PLC0415
 
-    found = describe(options.bag)
+    found = describe(options.bag or newest())
     for line in [json.dumps(found, indent=2)] if options.json else _described(found):
         print(escaped(line))  # noqa: T201
 
@@ -58,7 +60,7 @@ def add_arguments_convert(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Convert a bag of any ROS 2 recorder to tables, a CSV file for each topic.'
     parser.epilog = 'For bags of ROS 1 and of sqlite3, there is `rosbags-convert`.'
-    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag, or a file')
+    add_bag(parser)
     parser.add_argument(
         '-o', '--output', type=Path, metavar='DIR', help='new folder (BAG_csv, here)'
     )
@@ -68,9 +70,11 @@ def add_arguments_convert(parser: Parser) -> None:
 def run_convert(options: Namespace) -> None:
     """Convert the bag, and print where it is."""
     from barc_sim.bags.convert import convert  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.bags.reader import newest  # noqa: PLC0415
 
-    output = options.output or Path(f'{options.bag.resolve().stem}_csv')
-    convert(options.bag, output, options.topics, options.exclude)
+    bag = options.bag or newest()
+    output = options.output or Path(f'{bag.resolve().stem}_csv')
+    convert(bag, output, options.topics, options.exclude)
     print(output)  # noqa: T201
 
 
@@ -80,7 +84,7 @@ def add_arguments_recover(parser: Parser) -> None:
         'Copy what can be read of a bag whose run was killed, with index, summary and '
         'metadata.yaml, for tools that need them.'
     )
-    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag, or a file')
+    add_bag(parser)
     parser.add_argument(
         '-o',
         '--output',
@@ -93,10 +97,12 @@ def add_arguments_recover(parser: Parser) -> None:
 def run_recover(options: Namespace) -> None:
     """Write the new bag and print what it holds."""
     from barc_sim.bags.convert import recover  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.bags.reader import newest  # noqa: PLC0415
 
-    bag = options.bag.resolve()
-    output = options.output or bag.with_name(f'{bag.stem}_recovered')
-    for line in _recovered(recover(options.bag, output)):
+    bag = options.bag or newest()
+    whole = bag.resolve()
+    output = options.output or whole.with_name(f'{whole.stem}_recovered')
+    for line in _recovered(recover(bag, output)):
         print(escaped(line))  # noqa: T201
     print(output)  # noqa: T201
 

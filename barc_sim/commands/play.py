@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from contextlib import ExitStack, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, number
+from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number
 from barc_sim.errors import UserError
 from barc_sim.runs.options import add_topic_choice
 
@@ -30,7 +28,7 @@ def add_arguments(parser: Parser) -> None:
         'of service and spacing, as `ros2 bag play` does.'
     )
     parser.epilog = 'Keys: space pauses and resumes, the right arrow steps one message, q ends.'
-    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag, or a file')
+    add_bag(parser)
     parser.add_argument(
         '-r',
         '--rate',
@@ -72,19 +70,19 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: Namespace) -> int:
     """Play the bag to its end or until a signal; return the exit code."""
-    from barc_sim.control.keyboard import Terminal  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.bags.reader import newest  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.control.keyboard import Terminal  # noqa: PLC0415
     from barc_sim.nodes.player import BagPlayer, Playback  # noqa: PLC0415
-    from barc_sim.ros.process import spin  # noqa: PLC0415
+    from barc_sim.ros.process import PLAYER_PROFILES, spin, use_profiles  # noqa: PLC0415
 
-    # Fast DDS sends in a thread of its own: a large message would delay those behind it.
-    os.environ.setdefault('RMW_FASTRTPS_PUBLICATION_MODE', 'ASYNCHRONOUS')
-    os.environ.setdefault('RMW_FASTRTPS_USE_QOS_FROM_XML', '0')  # which would hide it
+    use_profiles(profiles=PLAYER_PROFILES)
+    bag = options.bag or newest()
     playback = Playback(**{name: getattr(options, name) for name in Playback._fields})
     made: list[BagPlayer] = []
     with ExitStack() as end:
 
         def create() -> BagPlayer:
-            made.append(BagPlayer(options.bag, playback, _show))
+            made.append(BagPlayer(bag, playback, _show))
             with suppress(UserError):  # without a terminal there are no keys
                 end.enter_context(Terminal()).listen(made[0].on_key)
             return made[0]

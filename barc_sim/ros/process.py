@@ -32,6 +32,7 @@ _MAX_DOMAIN = 232  #: whose ports DDS can count
 _CONSOLE_FORMAT = '\r\x1b[K[{severity}] [{time}] [{name}]: {message}'
 
 _PROFILES = Path(__file__).with_name('fast_dds.xml')
+PLAYER_PROFILES = Path(__file__).with_name('fast_dds_player.xml')
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 #: Without it, rmw overrides how histories use memory. ROS's QoS settings win over the profiles
 #: either way.
@@ -98,10 +99,13 @@ def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
     return 1 if getattr(node, 'failure', None) else 0
 
 
-def use_profiles(environment: MutableMapping[str, str] = os.environ) -> None:
+def use_profiles(
+    environment: MutableMapping[str, str] = os.environ, profiles: Path = _PROFILES
+) -> None:
     """Set our profiles in `environment`, unless the user has set others there."""
-    if not any(name in environment for name in (*_VARIABLES, _USE_PROFILES)):
-        environment[_VARIABLES[0]] = str(_PROFILES)
+    is_ours = environment.get(_VARIABLES[0]) == str(_PROFILES)  # of a process that started this
+    if is_ours or not any(name in environment for name in (*_VARIABLES, _USE_PROFILES)):
+        environment[_VARIABLES[0]] = str(profiles)
         environment[_USE_PROFILES] = '1'
 
 

@@ -49,19 +49,22 @@ _POLICIES: Mapping[str, Any] = {
     'durability': DurabilityPolicy,
     'liveliness': LivelinessPolicy,
 }
+_INTERFACES = ('msg', 'srv', 'action')
 _DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
 
 
 def message_class(type_name: str) -> type[Any]:
     """Return the class of a type such as `std_msgs/msg/String`."""
-    try:
-        package, module, base = type_name.split('/')
-        return getattr(importlib.import_module(f'{package}.{module}'), base)  # type: ignore[no-any-return]
-    except (AttributeError, ImportError, TypeError, ValueError):
-        package = type_name.partition('/')[0]
+    package, *rest = type_name.split('/')
+    found: Any = None
+    if len(rest) == 2 and rest[0] in _INTERFACES:  # noqa: PLR2004
+        with suppress(AttributeError, ImportError, TypeError, ValueError):
+            found = getattr(importlib.import_module(f'{package}.{rest[0]}'), rest[1])
+    if not hasattr(found, 'get_fields_and_field_types'):  # a stranger may name any class
         raise UserError(
             f'the type {type_name} is not installed here: source the workspace of {package}'
-        ) from None
+        )
+    return found  # type: ignore[no-any-return]
 
 
 def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:

@@ -77,6 +77,16 @@ def test_info_prints_what_is_in_it(path: Path) -> None:
     assert 'Duration:  3.990000000 s' in out
 
 
+def test_without_a_name_the_newest_bag_is_meant(
+    ours: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / 'bags').symlink_to(ours.parent)
+    monkeypatch.chdir(tmp_path)
+    assert json.loads(printed('info', '--json'))['path'] == 'bags/ours'
+    assert printed('convert') == 'ours_csv\n'
+    assert printed('recover', '-o', 'whole').endswith('whole\n')
+
+
 def test_info_of_a_damaged_bag_counts_what_can_be_read(ours: Path, tmp_path: Path) -> None:
     whole = (ours / 'ours_0.mcap').read_bytes()
     file = tmp_path / 'cut.mcap'

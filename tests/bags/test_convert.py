@@ -78,6 +78,22 @@ def test_a_topic_becomes_a_csv_file(robot: Path, tmp_path: Path) -> None:
         assert [row['ranges'] for row in csv.DictReader(file)][1] == '[0.0, 1.0]'
 
 
+def test_topics_of_like_names_get_tables_of_their_own(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path)
+    topics = ('/a-b', '/a_b', '/A_b', '/a/b', '/a.b', '/' + 'é' * 300)
+    for k, name in enumerate(topics):
+        text = (7).to_bytes(4, 'little') + f'topic {k}'.encode() + b'\0'
+        topic = Topic(
+            name=name, type='a/msg/B', definition='string a', type_hash='', offered_qos=[]
+        )
+        writer.write([Message(topic, bytes([0, 1, 0, 0, 8, 0, 0, 0]) + text[4:], k, k, k)])
+    writer.close()
+    printed('convert', str(tmp_path), '-o', str(tmp_path / 'out'))
+    tables = {path.stem: path.read_text().split(',')[-1] for path in (tmp_path / 'out').iterdir()}
+    names = ('a_b', 'a_b_', 'A_b__', 'a.b', 'a.b_', 'é' * 60)
+    assert tables == {name: f'topic {k}\n' for k, name in enumerate(names)}
+
+
 def test_events_of_a_service_become_a_table(tmp_path: Path) -> None:
     part = 'a/srv/B_Request'
     text = f'uint8 SENT=1\n{part}[<=1] request\n{"=" * 80}\nMSG: {part}\nbool on\n'

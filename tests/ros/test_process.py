@@ -18,7 +18,7 @@ from command_line import barc
 
 import barc_sim
 from barc_sim.errors import UserError
-from barc_sim.ros.process import ros, sweep, use_profiles
+from barc_sim.ros.process import _PROFILES, PLAYER_PROFILES, ros, sweep, use_profiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -124,6 +124,15 @@ def test_profiles_are_set_where_there_are_none() -> None:
         'DYNAMIC',
         'DYNAMIC',
     ]
+
+
+def test_a_player_asks_subscriptions_often_what_they_have_received() -> None:
+    environment: dict[str, str] = {}
+    for profiles in (_PROFILES, PLAYER_PROFILES):  # as in a process that a run has started
+        use_profiles(environment, profiles)
+    root = ET.parse(environment['FASTRTPS_DEFAULT_PROFILES_FILE']).getroot()
+    (period,) = (each for each in root.iter() if each.tag.endswith('heartbeatPeriod'))
+    assert [float(each.text or 0.0) for each in period] == [0.0, 5e7]
 
 
 @pytest.mark.parametrize(
