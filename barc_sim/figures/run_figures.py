@@ -29,10 +29,10 @@ from barc_sim.figures.style import (
     SKY,
     STYLE,
     TERM_DASHES,
+    TERMS,
     after_run_up,
     limits,
     speed_limits,
-    term_colours,
     use_measurement,
 )
 from barc_sim.figures.track_figure import TRACK_SIZE, track_figure
@@ -177,9 +177,7 @@ def terms_figure(log: Log) -> Figure | None:
     figure = Figure(figsize=(9.6, 3.6), layout='constrained')
     axes = figure.subplots()
     axes.step(log.distance, log.motor, where='post', color=GREEN, lw=2.0, label='command')
-    for (name, color), dashes in zip(
-        term_colours(tuple(log.terms)).items(), cycle(TERM_DASHES), strict=False
-    ):
+    for name, color, dashes in zip(log.terms, cycle(TERMS), cycle(TERM_DASHES), strict=False):
         axes.step(
             log.distance,
             log.terms[name],

@@ -25,7 +25,7 @@ class Colour(NamedTuple):
 
 
 # Any two differ for readers of each kind of colour blindness, and contrast with the ground by 3:1
-# (tests/figures/test_style.py). A colour has one meaning, on figures and page: see below.
+# (tests/figures/test_style.py). A colour has one meaning, on figures and page.
 COLOURS = {
     'blue': Colour('#003F74', '#1B85F5'),
     'sky': Colour('#1F96F7', '#7DCDFB'),
@@ -36,21 +36,9 @@ COLOURS = {
     'brown': Colour('#4C2A00', '#EAE657'),
     'ink': Colour('#222222', '#E8ECF1'),
 }
-#: Names in `COLOURS` by the column of a log.
-QUANTITIES = {
-    'speed': 'blue',
-    'v_x': 'sky',
-    'reference': 'ink',
-    'motor': 'green',
-    'e_y': 'blue',
-    'e_psi': 'blue',
-    'servo': 'green',
-}
 #: Of a controller's terms, in the order in which it declares them; and their dashes.
 TERMS = ('vermillion', 'purple', 'orange', 'brown')
 TERM_DASHES = ((0.0, (8.0, 2.0)), (0.0, (2.0, 2.0)), (0.0, (8.0, 2.0, 2.0, 2.0)), (0.0, (4.0, 2.0)))
-#: Of the forces on the car; the motor's is that of its command. The others have names beside them.
-FORCES = {'motor': 'green', 'gravity': 'muted', 'drag': 'muted', 'friction': 'muted'}
 #: Of several runs in one figure.
 RUN_COLOURS = tuple(
     COLOURS[name].light for name in ('blue', 'vermillion', 'green', 'purple', 'orange', 'sky')
@@ -93,18 +81,15 @@ STYLE: list[str | dict[str, Any]] = [
 DASHES = (0.0, (5.0, 3.0))
 
 
-def term_colours(terms: tuple[str, ...]) -> dict[str, str]:
-    """Return the name of each term's colour."""
-    return {term: TERMS[i % len(TERMS)] for i, term in enumerate(terms)}
-
-
 def style_sheet() -> str:
     """Return the palette as the page's style sheet: a variable and a class for each colour."""
     variables = [
         f'  --{name}: light-dark({colour.light}, {colour.dark});'
         for name, colour in COLOURS.items()
     ]
-    classes = [f'.line-{name} {{ --line: var(--{name}); }}' for name in COLOURS]
+    terms = {f'term-{i}': name for i, name in enumerate(TERMS)}
+    variables += [f'  --{term}: var(--{name});' for term, name in terms.items()]
+    classes = [f'.line-{name} {{ --line: var(--{name}); }}' for name in (*COLOURS, *terms)]
     return '\n'.join([':root {', *variables, '}', *classes, ''])
 
 

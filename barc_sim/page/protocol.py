@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 from barc_sim.control.cruise_control import DEFAULT_TYPE, LANE_TYPES, TERMS, TYPES
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE, Gain
-from barc_sim.figures.style import FORCES, QUANTITIES, term_colours
 from barc_sim.figures.track_figure import Course, lap_rows
 from barc_sim.simulation.log import (
     COMMAND,
@@ -80,17 +79,6 @@ _OF_CAR = {
     'Noise': {'kp': 4.0, 'ki': 8.0, 'kd': 2.0, 'noise_v_x': 0.1},
     'Delay': {**_PI, 'kp': 10.0, 'motor_delay': 0.2},
     'Windup': {**_PI, 'acceleration_limit': 100.0, 'motor_limit': 6.0},
-}
-#: What to see, and to try next, with each preset.
-_ABOUT = {
-    'P': 'Each slope leaves an error: P needs one to give a command. Raise kp, then add ki.',
-    'PI': 'I removes the error on each slope, after a while. Raise ki: when does it swing?',
-    'PID': 'D brakes fast changes. Add noise to the car: what does D do with it?',
-    'Tuned': 'The RMS error of a lap is 0.021 m/s: kp and ki can halve it. Or begin with P.',
-    'Too much I': 'I corrects too late and too much: the speed swings. Raise kp, or lower ki.',
-    'Noise': 'D turns the noise into large commands. Lower kd: what becomes better, what worse?',
-    'Delay': 'The motor answers 0.2 s late, and the loop swings. Which gain must go down?',
-    'Windup': 'The motor is at its limit, and I grows on. Lower the limit of the controller to 6.',
 }
 BUTTONS = ('reset', 'reset_controller', 'finish')
 
@@ -228,8 +216,6 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
         'axles': [-simulator.get('l_r', 1.5), simulator.get('l_f', 1.5)],
         'mass': simulator.get('mass', Vehicle().mass),
         'terms': list(law.terms),
-        'colours': QUANTITIES | term_colours((*law.terms,)),
-        'forces': FORCES,
         'sliders': {
             name: {
                 'label': _label(name, gain),
@@ -241,7 +227,6 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
             for name, gain in run.sliders.items()
         },
         'presets': _presets(law),
-        'about': _ABOUT,
         'controller_type': next(
             (name for name, kind in TYPES.items() if type(law) is kind), DEFAULT_TYPE
         ),
@@ -262,15 +247,13 @@ _course = cache(Course.of)
 
 def track_facts(course: Course) -> dict[str, Any]:
     """Return the fields that turn the page into that of a track, with its centre line."""
-    terms = {f'steer_{name}': name for name in LaneLaw.terms}
     points = {
         name: [round(each, 6) for each in getattr(course, name).tolist()] for name in _OF_POINTS
     }
     return {
         'mode': 'track',
         'track': {**points, 'length': min(course.length, points['s'][-1]), 'width': course.width},
-        'terms': [*terms],
-        'colours': QUANTITIES | term_colours((*terms,)),
+        'terms': [f'steer_{name}' for name in LaneLaw.terms],
         'presets': {},
     }
 

@@ -12,7 +12,7 @@ import numpy as np
 from websockets.asyncio.server import broadcast
 
 from barc_sim.control.lane import LANE
-from barc_sim.figures.style import QUANTITIES, driven_road, term_colours
+from barc_sim.figures.style import driven_road
 from barc_sim.figures.track_figure import Course
 from barc_sim.page.feed import columns_in, rows_of
 from barc_sim.page.protocol import (
@@ -252,7 +252,6 @@ def replay(log: Log, title: str, other: tuple[Log, str] | None = None) -> list[s
         'road': road and road_facts(road),
         'columns': columns_in(log),
         'terms': list(log.terms),
-        'colours': QUANTITIES | term_colours((*log.terms,)),
         **(track_facts(Course.driven(log)) if isinstance(log, TrackLog) else {}),
         'replay': {'title': title, 'missed': int(np.count_nonzero(log.missed))},
         'laps': _laps(log),

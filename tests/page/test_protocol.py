@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from importlib import resources
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import pytest
@@ -174,7 +175,8 @@ def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_mo
 def test_what_the_default_gains_leave_to_improve_is_true_and_within_the_sliders() -> None:
     found = facts('acc', RunFacts())
     error = summary(simulate()).rms_error_after_run_up
-    assert f'{error:.3f} m/s: kp and ki can halve it' in found['about']['Tuned']
+    page = (resources.files('barc_sim.page') / 'web' / 'tuning.js').read_text('utf-8')
+    assert f'{error:.3f} m/s: kp and ki can halve it' in page
     better = {'kp': 70.0, 'ki': 400.0, 'kd': 0.0}
     assert all(value <= found['sliders'][name]['max'] for name, value in better.items())
     assert summary(simulate(**better)).rms_error_after_run_up < 0.5 * error

@@ -1,6 +1,8 @@
 // The lesson beside the picture: forces, the controller's equation, laps, and the end.
 
-import { copy, make, quote, reading, show } from './look.js';
+import {
+  copy, make, QUANTITIES, quote, reading, show, termColour,
+} from './look.js';
 
 const NAMES = { motor: 'Motor', gravity: 'Gravity', drag: 'Drag', friction: 'Friction' };
 
@@ -23,13 +25,13 @@ export class Lesson {
   }
 
   /** Prepare the forces and the controller's terms, each in its colour. */
-  prepare({ mode, forces, terms, colours }) {
+  prepare({ mode, terms }) {
     this.force = {};
-    this.forces.replaceChildren(...Object.entries(forces).map(([name, colour]) => {
+    this.forces.replaceChildren(...Object.entries(NAMES).map(([name, label]) => {
       this.force[name] = make('span', { id: `force-${name}` });
       return make(
-        'div', { className: `line-${colour}` },
-        make('dt', {}, NAMES[name] ?? name),
+        'div', { className: `line-${QUANTITIES[name]}` },
+        make('dt', {}, label),
         make('dd', {}, this.force[name], ' ', make('small', {}, 'N')),
       );
     }));
@@ -41,12 +43,12 @@ export class Lesson {
     this.limited = make('span', { className: 'limited', hidden: true });
     this.terms = terms;
     this.parts = terms.map((name, i) => make(
-      'span', {}, i ? '+\u2002' : '=\u2002', part(name, name.replace(/^steer_/, ''), colours[name]),
+      'span', {}, i ? '+\u2002' : '=\u2002', part(name, name.replace(/^steer_/, ''), termColour(i)),
     ));
     this.equation.replaceChildren(
       ...(mode === 'track'
-        ? [part('servo', 'steering', colours.servo), make('small', {}, 'rad')]
-        : [part('motor', 'command', colours.motor), make('small', {}, 'm/s²')]),
+        ? [part('servo', 'steering', QUANTITIES.servo), make('small', {}, 'rad')]
+        : [part('motor', 'command', QUANTITIES.motor), make('small', {}, 'm/s²')]),
       this.limited,
       ...this.parts,
     );

@@ -3,8 +3,16 @@
 const names = [
   'panel', 'line', 'grid', 'ink', 'muted', 'blue', 'sky', 'green', 'orange', 'purple',
   'vermillion', 'brown', 'air-high', 'air-low', 'earth', 'surface', 'ground', 'ground-line',
-  'ground-strong', 'slope',
+  'ground-strong', 'slope', 'term-0', 'term-1', 'term-2', 'term-3',
 ];
+
+/** The name in the palette of each quantity's colour; the terms have theirs in their order. */
+export const QUANTITIES = {
+  speed: 'blue', absolute_speed: 'blue', measured_speed: 'sky', reference: 'ink',
+  motor: 'green', acting: 'green', servo: 'green', e_y: 'blue', e_psi: 'blue',
+  gravity: 'muted', drag: 'muted', friction: 'muted', // named beside their arrows
+};
+export const termColour = (i) => `term-${i % 4}`;
 
 export const colours = {};
 

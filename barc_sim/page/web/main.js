@@ -8,7 +8,9 @@ import { Explorer } from './explorer.js';
 import { Goal } from './goal.js';
 import { History } from './history.js';
 import { Lesson } from './lesson.js';
-import { copy, make, reading, show, Surface, watchColours } from './look.js';
+import {
+  copy, make, QUANTITIES, reading, show, Surface, termColour, watchColours,
+} from './look.js';
 import { Player } from './player.js';
 import { Road } from './road.js';
 import { drawCourse, drawSide } from './side.js';
@@ -29,7 +31,7 @@ const element = (id) => document.getElementById(id);
 const history = new History();
 const clock = new Clock();
 const top = new TopView();
-let facts = { mode: 'acc', axles: [-1.5, 1.5], mass: 2000, road: null, forces: {}, tuning: {} };
+let facts = { mode: 'acc', axles: [-1.5, 1.5], mass: 2000, road: null, tuning: {} };
 let road = new Road(null);
 let [paused, plan] = [false, []];
 let ended = false;
@@ -52,8 +54,8 @@ const lesson = new Lesson();
 const goal = new Goal(stale);
 
 /** Prepare the charts for a mode and a controller's terms. */
-function prepareCharts({ mode, terms, colours }) {
-  const line = (column, width, more = {}) => ({ column, colour: colours[column], width, ...more });
+function prepareCharts({ mode, terms }) {
+  const line = (column, width, more = {}) => ({ column, colour: QUANTITIES[column], width, ...more });
   const acc = mode === 'acc';
   const onTrack = mode === 'track';
   [speedChart.span, commandChart.span] = SPANS[mode] ?? SPANS.else;
@@ -66,16 +68,16 @@ function prepareCharts({ mode, terms, colours }) {
     commandChart.lines = [line('servo', 1.5, { name: 'steering', dash: [6, 4] }), line('e_psi', 2.5)];
   } else if (acc) {
     speedChart.lines = [
-      line('measured_speed', 1, { colour: colours.v_x, name: 'measured', hidden: true }),
+      line('measured_speed', 1, { name: 'measured', hidden: true }),
       line('reference', 1.5, { dash: [6, 4] }), line('speed', 2.5),
     ];
   } else {
-    speedChart.lines = [line('absolute_speed', 2.5, { colour: colours.speed, name: 'speed' })];
+    speedChart.lines = [line('absolute_speed', 2.5, { name: 'speed' })];
   }
   if (!onTrack) {
     commandChart.lines = [
-      ...(acc ? terms.map((term, i) => line(term, 1.5, { dash: DASHES[i % 4] })).reverse() : []),
-      ...(acc ? [line('acting', 2.5, { colour: colours.motor, name: 'motor', dash: [2, 4] })] : []),
+      ...(acc ? terms.map((term, i) => line(term, 1.5, { colour: termColour(i), dash: DASHES[i % 4] })).reverse() : []),
+      ...(acc ? [line('acting', 2.5, { name: 'motor', dash: [2, 4] })] : []),
       // Its limits hold for the terms, too: the first proportional term would hide all else.
       line('motor', 2.5, { name: 'command', leads: true }),
     ];
@@ -136,11 +138,11 @@ const connection = new Connection({
     document.body.dataset.mode = fields.mode;
     showTitle();
     tuning.show(fields.sliders, fields.tuning);
-    tuning.offer(fields.presets, fields.about);
+    tuning.offer(fields.presets);
     commandChart.limit = fields.mode === 'acc' ? fields.tuning.motor_limit ?? 0 : 0;
     history.mass = fields.mass;
     element('finish').hidden = !fields.can_finish;
-    const prepared = JSON.stringify([fields.mode, fields.terms, fields.colours]);
+    const prepared = JSON.stringify([fields.mode, fields.terms]);
     if (prepared !== this.prepared) {
       this.prepared = prepared;
       prepareCharts(fields);

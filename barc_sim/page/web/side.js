@@ -2,7 +2,7 @@
 
 import { forcesOf } from './lesson.js';
 import {
-  circle, colours, fill, font, niceStep, reading, stroke,
+  circle, colours, fill, font, niceStep, QUANTITIES, reading, stroke,
 } from './look.js';
 
 const WHEEL = 0.36; // [m] radius
@@ -72,7 +72,7 @@ export function drawSide(surface, road, facts, state, ghosts) {
 }
 
 /** Draw each force from the car along the road, those of a direction above one another. */
-function drawForces(surface, [rear, front], scale, { forces, mass }, state) {
+function drawForces(surface, [rear, front], scale, { mass }, state) {
   const { context } = surface;
   const tips = [];
   const angle = Math.atan2(front[1] - rear[1], front[0] - rear[0]);
@@ -91,7 +91,7 @@ function drawForces(surface, [rear, front], scale, { forces, mass }, state) {
     const from = side * 2.4 * scale;
     const to = from + metres * scale;
     const head = Math.min(10, Math.abs(to - from));
-    context.strokeStyle = context.fillStyle = colours[forces[name]];
+    context.strokeStyle = context.fillStyle = colours[QUANTITIES[name]];
     const back = to - side * head;
     stroke(context, [from, y], [to - side * head * 0.8, y]);
     fill(context, [[to, y], [back, y - 0.6 * head], [back, y + 0.6 * head]]);
