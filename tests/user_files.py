@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.lab.files import FILES
 from barc_sim.lab.labs.hills import HILLS, HillsCode
-from barc_sim.lab.labs.identify import IdentifyCode
 from barc_sim.lab.labs.lane import LaneCode
 from barc_sim.lab.labs.raceline import RacelineCode
 from barc_sim.lab.user_code.code import UserCode, find_files
@@ -274,7 +273,7 @@ def program(e_y, e_psi, speed):
 """
 
 
-class LocalCode(HillsCode, LaneCode, RacelineCode, IdentifyCode):
+class LocalCode(HillsCode, LaneCode, RacelineCode):
     """User code that is called in this process: nothing stops an endless loop."""
 
     def __init__(self, code: Any) -> None:  # noqa: ANN401 (a UserCode, or what has its names)

@@ -270,7 +270,7 @@ def run_identify(options: Namespace) -> None:
         from barc_sim.figures.identification_figure import identification_figure  # noqa: PLC0415
 
         title = ', '.join(bag.resolve().name for bag in bags)
-        _save(path, identification_figure(found, title=title))
+        _save(path, identification_figure(found.signals, title=title))
 
 
 def add_arguments_raceline(parser: Parser) -> None:

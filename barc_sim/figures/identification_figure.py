@@ -11,20 +11,24 @@ from matplotlib.figure import Figure
 from barc_sim.figures.style import BLUE, INK, STYLE, VERMILLION
 
 if TYPE_CHECKING:
-    from barc_sim.tuning.identification import Identified
+    from collections.abc import Mapping
+
+    from barc_sim.simulation.log import Floats
 
 SIGNALS = {'v_x': 'Speed [m/s]', 'psi_dot': 'Yaw rate [rad/s]', 'v_y': 'Lateral speed [m/s]'}
 
 
 @style.context(STYLE)
-def identification_figure(found: Identified, *, title: str = '') -> Figure:
-    """Draw each signal, its prediction, and the error below; logs follow one another."""
-    n = len(found.signals)
+def identification_figure(
+    signals: Mapping[str, tuple[Floats, Floats, Floats]], *, title: str = ''
+) -> Figure:
+    """Draw signals by name as `Identified` has them, and the error below; logs follow in turn."""
+    n = len(signals)
     figure = Figure(figsize=(9.0, 1.2 + 3.2 * n), layout='constrained')
     figure.suptitle(title)
     panels = figure.subplots(2 * n, 1, sharex=True, height_ratios=[3.0, 1.2] * n, squeeze=False)
     for (name, (t, measured, predicted)), (above, below) in zip(
-        found.signals.items(), panels[:, 0].reshape(n, 2), strict=True
+        signals.items(), panels[:, 0].reshape(n, 2), strict=True
     ):
         # One log follows the other, without a line from the end of the first to the next.
         steps = np.diff(t, prepend=t[0])

@@ -32,7 +32,7 @@ beyond the limit | 85 |  | the command reaches 2.5 m/s², 2 m/s² are allowed; t
     return 2.0⏎    if -> return 2.5 if t < 4.0 else 2.0 if t < 6.0 else 0.0⏎    if
 a force | 80 |  | is it a force? Return an acceleration
     return 2.0⏎    if -> return 4000.0⏎    if
-no number of a car | 50 |  | beyond 1e+06 it is not a car
+no number of a car | 80 |  | the command reaches 1e+308 m/s²
     return 2.0⏎    if -> return 1e308⏎    if
 too fast | 85 |  | m/s, 15 m/s are allowed
     if t < 7.0 -> if t < 9.0

@@ -26,6 +26,7 @@ from barc_sim.lab.judge import (
 from barc_sim.lab.laws import read
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.lab.user_code.folder import BY_EYE
+from barc_sim.tuning.identification import covariance
 from barc_sim.vehicle.bike_model import Command, Vehicle
 from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.road import Road
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from barc_sim.lab.judge import Settings
-    from barc_sim.lab.laws import Floats, Inputs
+    from barc_sim.lab.laws import Floats, Inputs, Trial
 
 LABELS = {
     'commands.limits': 'Commands: within the limits',
@@ -53,18 +54,24 @@ LABELS = {
 TS = 0.02  #: [s]
 NOISE = 0.03  #: [m/s] of the measured speed
 _MAX_COMMAND, _MAX_SPEED = 2.0, 15.0  #: [m/s²] and [m/s]
-_NOT_A_CAR = 1e6  #: [m/s²]
-_STEPS = round(COMMANDS / TS)
+_FORCE = 100.0  #: [m/s²] A larger command is no acceleration of a car.
+_T = [k * TS for k in range(round(COMMANDS / TS))]  #: [s]
 _CARS = 5  #: hidden ones
-_TIMES = 1.96  #: standard deviations: 95 %
-_UNITS = {'drag': '1/m', 'friction': 'm/s²', 'delay': 's'}
-#: Intervals that a drive can give: full marks up to the first, none from the second on.
-_SHOWN = {'drag': (8e-6, 3e-5), 'friction': (1e-3, 5e-3), 'delay': (1e-3, 4e-3)}
-_STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the differences
+_SIGMAS = 1.96  #: standard deviations: 95 %
 _WRONG = 0.05  #: share by which a right estimate may be off
 _FULL_SHARE = 0.8  #: of the intervals that hold the truth, for full marks
 _WIDTH = (0.7, 3.0)  #: times the best possible interval
 _ONE_SIGMA = (0.35, 0.7)  #: the same, of one standard deviation
+_UNITS = {'drag': '1/m', 'friction': 'm/s²', 'delay': 's'}
+_STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the differences
+#: Intervals that a drive can give: full marks up to the first, none from the second on.
+_SHOWN = {'drag': (8e-6, 3e-5), 'friction': (1e-3, 5e-3), 'delay': (1e-3, 4e-3)}
+_ADVICE = {
+    'drag': 'it differs from friction only where the speed changes much: let the car roll from a '
+    'high speed to a low one',
+    'friction': 'let the car roll, at low speeds, too',
+    'delay': 'it shows where the command changes: change it often, and by much',
+}
 
 
 class Car(NamedTuple):
@@ -80,33 +87,21 @@ class Car(NamedTuple):
         mass = Vehicle().mass
         return Vehicle(air_drag_coeff=self.drag * mass, friction=self.friction * mass)
 
-    def drive(self, commands: Sequence[float]) -> Floats:
-        """Return the speeds [m/s] at which a car from a standstill gets each command."""
-        return _driven(self, tuple(commands))
-
     def intervals(self, commands: Sequence[float]) -> Floats:
         """Return the smallest interval of 95 % that these commands allow, for each parameter.
 
         It is the bound of Cramér and Rao; infinite for what the drive does not show.
         """
-        speeds = self.drive(commands)
-        slopes = np.array(
-            [
-                (self._replace(**{name: getattr(self, name) + step}).drive(commands) - speeds)
-                / step
-                for name, step in _STEP.items()
-            ]
-        )
-        scale = np.linalg.norm(slopes, axis=1)
-        if not scale.all() or np.linalg.matrix_rank(slopes.T / scale, tol=1e-6) < len(scale):
-            return np.full(len(scale), np.inf)
-        spread = np.diag(np.linalg.inv((slopes / scale[:, np.newaxis]) @ (slopes.T / scale)))
-        deviations: Floats = np.sqrt(spread) / scale
-        return _TIMES * NOISE * deviations
+        speeds = driven(self, tuple(commands))
+        moved = [self._replace(**{n: getattr(self, n) + step}) for n, step in _STEP.items()]
+        changes = np.column_stack([driven(car, tuple(commands)) - speeds for car in moved])
+        deviations: Floats = np.sqrt(np.diag(covariance(changes / [*_STEP.values()])))
+        return _SIGMAS * NOISE * deviations
 
 
 @lru_cache(64)
-def _driven(car: Car, commands: tuple[float, ...]) -> Floats:
+def driven(car: Car, commands: tuple[float, ...]) -> Floats:
+    """Return the speeds [m/s] at which a car from a standstill gets each command."""
     plant = Plant(road=Road.flat(), vehicle=car.vehicle, motor=Actuator(delay=car.delay))
     speeds = []
     for command in commands:
@@ -125,33 +120,32 @@ _HIDDEN = LAW.situations['estimate'][0]
 
 def car_of(name: str) -> Car:
     """Return the car of the student of this name."""
-    return Car(*(float(each[0]) for each in _HIDDEN.inputs(name, 1).values()))
+    return _cars(_HIDDEN.inputs(name, 1))[0]
+
+
+def _cars(inputs: Inputs) -> list[Car]:
+    return [Car(*each) for each in zip(*(inputs[name].tolist() for name in _TRUE), strict=True)]
 
 
 def measured(car: Car, commands: Sequence[float]) -> list[float]:
     """Return the measured speeds [m/s] of a drive."""
     noise = Random(str(car)).gauss  # noqa: S311 (a simulation, not a secret)
-    return [float(v) + noise(0.0, NOISE) for v in car.drive(commands)]
+    return [float(v) + noise(0.0, NOISE) for v in driven(car, tuple(commands))]
 
 
 @cache
-def _usual() -> tuple[float, ...]:
+def _usual() -> list[float]:
     """Return commands that show all: a coast-down, then a random sequence of two values."""
     draw = Random('commands').choice  # noqa: S311 (as above)
-    up, rolling, switching = [2.0] * 350, [0.0] * 1400, list[float]()
-    while len(switching) < _STEPS - 1750:
-        switching += [draw((-1.9, 2.0))] * 15
-    return (*up, *rolling, *switching[: _STEPS - 1750])
-
-
-def _times() -> list[float]:
-    return [k * TS for k in range(_STEPS)]
+    commands = [2.0] * 350 + [0.0] * 1400
+    while len(commands) < len(_T):
+        commands += [draw((-1.9, 2.0))] * 15
+    return commands[: len(_T)]
 
 
 def _drives(inputs: Inputs) -> list[list[Any]]:
     """Return the times, speeds and commands of each car."""
-    cars = zip(*(inputs[name].tolist() for name in _TRUE), strict=True)
-    return [[_times(), measured(Car(*car), _usual()), [*_usual()]] for car in cars]
+    return [[_T, measured(car, _usual()), _usual()] for car in _cars(inputs)]
 
 
 def _agree(got: Floats, right: Floats) -> bool:
@@ -170,20 +164,6 @@ FUNCTIONS = Functions(
 )
 
 
-class IdentifyCode(JudgedCode):
-    """A user's `identify.py`."""
-
-    def commands(self) -> list[float]:
-        """Return the commands [m/s²] of 60 s."""
-        found = self.call('functions', 'command', [[t] for t in _times()])
-        commands = numbers_of('command', found, _STEPS)
-        if (largest := max(map(abs, commands))) > _NOT_A_CAR:
-            raise UserError(
-                f'command returned {largest:.3g} m/s²: beyond {_NOT_A_CAR:g} it is not a car'
-            )
-        return commands
-
-
 def shown(car: Car, commands: Sequence[float], found: Sequence[float]) -> Evidence:
     """Return a drive of the student's car: three parameters, each with its interval."""
     rows, possible = [], car.intervals(commands)
@@ -200,41 +180,51 @@ def shown(car: Car, commands: Sequence[float], found: Sequence[float]) -> Eviden
 def _figure(car: Car, commands: Sequence[float], found: Sequence[float], title: str = '') -> Figure:
     """Draw the speed, what the estimated car predicts, and the residuals."""
     from barc_sim.figures.identification_figure import identification_figure  # noqa: PLC0415 (slow)
-    from barc_sim.tuning.identification import Identified  # noqa: PLC0415
 
-    predicted = Car(*(min(max(each, 0.0), 0.4) for each in found[::2])).drive(commands)
-    signals = {'v_x': (np.array(_times()), np.array(measured(car, commands)), predicted)}
-    return identification_figure(Identified({}, signals, {}, ()), title=title)
+    predicted = driven(Car(*(min(max(each, 0.0), 0.4) for each in found[::2])), tuple(commands))
+    speeds = np.array(_T), np.array(measured(car, commands)), predicted
+    return identification_figure({'v_x': speeds}, title=title)
 
 
-def _judge(code: IdentifyCode, settings: Settings, _: Collection[str]) -> Iterator[Finding]:
+def _judge(code: JudgedCode, settings: Settings, _: Collection[str]) -> Iterator[Finding]:
     """Yield a finding for each criterion; the cars are those of the seed and the name."""
+    car, commands, fault = car_of(''), _usual(), ''
     try:
-        name = str(code.call('name'))
-        commands = code.commands()
-        car, fault = car_of(name), ''
-        yield _limits(car, commands)
-        yield from _information(car, commands)
+        car = car_of(str(code.call('name')))
+        found = code.call('functions', 'command', [[t] for t in _T])
+        wanted = numbers_of('command', found, len(_T))
+        commands = np.clip(wanted, -_FORCE, _FORCE).tolist()
+        yield Finding('commands.limits', *_judge_limits(car, commands, max(map(abs, wanted))))
+        yield from _judge_information(car, commands)
     except UserError as error:
-        car, commands, fault = car_of(''), [*_usual()], str(error)
+        fault = str(error)
         yield from (Finding(each, 0.0, fault) for each in LABELS if each.startswith('commands'))
-    findings, trials = FUNCTIONS.judge(code, f'{settings.seed} {car}')
+    findings, (trial, *_rest) = FUNCTIONS.judge(code, f'{settings.seed} {car}')
     yield from findings
-    yield _intervals(trials[0].got, trials[0].inputs, trials[0].failure)
-    yield _residuals(code, car, commands, trials[0].failure or fault)
+    fault = trial.failure or fault
+    score, text = (0.0, trial.failure) if trial.failure else _judge_intervals(trial)
+    yield Finding('estimate.intervals', score, text)
+    text, drive = f'the plot of the residuals, and two sentences: {BY_EYE}', None
+    if not fault:
+        try:
+            found = code.rows('estimate', [[_T, measured(car, commands), commands]], len(_RESULTS))
+            drive = shown(car, commands, found[0])
+        except UserError as error:
+            text = f'{text} ({error})'
+    yield Finding('estimate.residuals', 0.0, text, drive, open=True)
 
 
-def _limits(car: Car, commands: Sequence[float]) -> Finding:
-    """Judge the size of the commands, and the speeds to which they lead."""
-    speeds, size = car.drive(commands), max(map(abs, commands))
+def _judge_limits(car: Car, commands: Sequence[float], size: float) -> tuple[float, str]:
+    """Judge the `size` [m/s²] of the largest command, and the speeds to which they lead."""
+    speeds = driven(car, tuple(commands))
     slow, fast = float(speeds.min()), float(speeds.max())
     faults = []
     if size > _MAX_COMMAND + 1e-9:
-        first = next(k for k, each in enumerate(commands) if abs(each) > _MAX_COMMAND + 1e-9)
-        force = ': is it a force? Return an acceleration' if size > 100.0 else ''  # noqa: PLR2004
+        first = int(np.argmax(np.abs(commands) > _MAX_COMMAND + 1e-9))
+        force = ': is it a force? Return an acceleration' if size > _FORCE else ''
         faults.append(
             f'the command reaches {size:.3g} m/s², {_MAX_COMMAND:g} m/s² are allowed; '
-            f'the first is at {first * TS:.2f} s{force}'
+            f'the first is at {_T[first]:.2f} s{force}'
         )
     if fast > _MAX_SPEED:
         faults.append(f'the car reaches {fast:.1f} m/s, {_MAX_SPEED:g} m/s are allowed')
@@ -243,39 +233,28 @@ def _limits(car: Car, commands: Sequence[float]) -> Finding:
     if not speeds.any():
         faults.append('the car does not move')
     text = '; '.join(faults) or f'at most {size:.3g} m/s², and {fast:.1f} m/s'
-    return Finding('commands.limits', max(1.0 - 0.5 * len(faults), 0.0), text)
+    return max(1.0 - 0.5 * len(faults), 0.0), text
 
 
-def _information(car: Car, commands: Sequence[float]) -> Iterator[Finding]:
+def _judge_information(car: Car, commands: Sequence[float]) -> Iterator[Finding]:
     """Judge what the commands show: the smallest interval that an estimate from them can have."""
-    advice = {
-        'drag': 'it differs from friction only where the speed changes much: let the car roll '
-        'from a high speed to a low one',
-        'friction': 'let the car roll, at low speeds, too',
-        'delay': 'it shows where the command changes: change it often, and by much',
-    }
-    clipped = [min(max(each, -_MAX_COMMAND), _MAX_COMMAND) for each in commands]
-    for (name, (full, zero)), best in zip(_SHOWN.items(), car.intervals(clipped), strict=True):
-        score = share(float(best), full, zero)
-        shown = f'at best ± {best:.2g} {_UNITS[name]}' if best < np.inf else 'not at all'
-        text = f'your commands show the {name} {shown} (± {full:g} is full marks)'
-        if score < 1.0:
-            text += f'; {advice[name]}'
-        yield Finding(f'commands.{name}', score, text)
+    possible = car.intervals(np.clip(commands, -_MAX_COMMAND, _MAX_COMMAND).tolist())
+    for (name, (full, zero)), best in zip(_SHOWN.items(), possible.tolist(), strict=True):
+        score = share(best, full, zero)
+        how = f'at best ± {best:.2g} {_UNITS[name]}' if best < np.inf else 'not at all'
+        text = f'your commands show the {name} {how} (± {full:g} is full marks)'
+        advice = f'; {_ADVICE[name]}' if score < 1.0 else ''
+        yield Finding(f'commands.{name}', score, text + advice)
 
 
 @np.errstate(all='ignore')  # of numbers of any size
-def _intervals(got: Any, cars: Inputs, failure: str) -> Finding:  # noqa: ANN401 (of a Trial)
+def _judge_intervals(trial: Trial) -> tuple[float, str]:
     """Judge whether the intervals hold the truth, and are no wider than need be."""
-    if failure:
-        return Finding('estimate.intervals', 0.0, failure)
-    best = np.array(
-        [Car(*car).intervals(_usual()) for car in zip(*(cars[name] for name in _TRUE), strict=True)]
-    ).T
-    errors = np.array([np.abs(got[name] - cars[f'true_{name}']) for name in Car._fields])
-    widths = np.array([got[f'{name}_interval'] for name in Car._fields])
-    inside, width = float(np.mean(errors <= widths)), float(np.median(widths / best))
-    low, high = _WIDTH
+    best = np.array([car.intervals(_usual()) for car in _cars(trial.inputs)])
+    errors = [trial.got[name] - trial.inputs[f'true_{name}'] for name in Car._fields]
+    widths = np.column_stack([trial.got[f'{name}_interval'] for name in Car._fields])
+    inside = float(np.mean(np.abs(np.column_stack(errors)) <= widths))
+    width, (low, high) = float(np.median(widths / best)), _WIDTH
     score = min(inside / _FULL_SHARE, 1.0) * (min(high / width, 1.0) if width > 0.0 else 0.0)
     text = f'{inside:.0%} of the intervals hold the truth; they are {width:.2g} times the smallest '
     text += 'that is possible'
@@ -283,28 +262,15 @@ def _intervals(got: Any, cars: Inputs, failure: str) -> Finding:  # noqa: ANN401
         text += '; an interval is below 0: return how far the truth may be off either way'
     elif _ONE_SIGMA[0] < width < _ONE_SIGMA[1]:
         score = min(score, 0.6)
-        text += f'; is it one standard deviation? {_TIMES:g} of them hold 95 %'
+        text += f'; is it one standard deviation? {_SIGMAS:g} of them hold 95 %'
     elif not low <= width <= high:
         text += '; too narrow: is it a variance?' if width < low else '; too wide'
-    return Finding('estimate.intervals', score, text)
-
-
-def _residuals(code: IdentifyCode, car: Car, commands: Sequence[float], fault: str) -> Finding:
-    """Return the finding that a person judges, with the estimate for the student's own car."""
-    text, drive = f'the plot of the residuals, and two sentences: {BY_EYE}', None
-    if not fault:
-        try:
-            row = [_times(), measured(car, commands), [*commands]]
-            (found,) = code.call('functions', 'estimate', [row])
-            drive = shown(car, commands, numbers_of('estimate', found, len(_RESULTS)))
-        except UserError as error:
-            text = f'{text} ({error})'
-    return Finding('estimate.residuals', 0.0, text, drive, open=True)
+    return score, text
 
 
 IDENTIFY = Lab(
     files.IDENTIFY,
-    IdentifyCode,
+    JudgedCode,
     {'identify': Part(LABELS, _judge)},
     by_eye=frozenset({'estimate.residuals'}),
 )
