@@ -74,10 +74,10 @@ class CarEnv(gymnasium.Env[Any, Any]):
         self._lap_times: tuple[float, ...] = ()
         if self._picture:
             self._picture.begin()
-        observation, info = self._observe(), self._info()
+        found = self._observe()
         if self._is_shown:
             self.render()
-        return observation, info
+        return found
 
     def step(self, action: Any) -> tuple[Floats, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """Go one step of the plant."""
@@ -88,7 +88,7 @@ class CarEnv(gymnasium.Env[Any, Any]):
         self._command = Command(motor, servo)
         plant.advance(self._command)
         self._steps += 1
-        observation, info = self._observe(), self._info()
+        observation, info = self._observe()
         s, e_y, v = self._s, info.get('e_y', 0.0), plant.state.v
         reward = task.reward(s - before, e_y, v)
         if self._is_shown:
@@ -110,39 +110,31 @@ class CarEnv(gymnasium.Env[Any, Any]):
         if self._picture:
             self._picture.close()
 
-    def _observe(self) -> Floats:
-        task, plant = self.task, self._plant
-        motion = plant.motion()
-        if is_noisy := plant.sensor.is_noisy:
-            motion, _ = plant.sensor.measure(motion)
-        x, y, psi, speed, _, _ = motion
-        motor, servo = self._command
-        track, near, e_y, e_psi = task.track, x, 0.0, 0.0
+    def _observe(self) -> tuple[Floats, dict[str, Any]]:
+        """Return the observation, and `info`."""
+        task, plant, track = self.task, self._plant, self.task.track
+        s, e_y, e_psi, _ = plant.frenet or (plant.state.x, 0.0, 0.0, 0.0)
+        info, speed, self._s = {'s': s}, plant.v_x, s
         if track:
-            found: Any = track.frenet(x, y, psi, self._near) if is_noisy else plant.on_track
-            near, e_y, e_psi = found[:3]
-        self._near, self._speed = near, speed
-        seen = task.speed - speed, e_y, e_psi, speed, motor, servo
-        return task.observe(seen, task.ahead(near))
-
-    def _info(self) -> dict[str, Any]:
-        plant = self._plant
-        if not (on_track := plant.on_track):
-            self._s = plant.state.x
-            return {'s': self._s}
-        self._s, e_y, _, _, _, lap, lap_time = on_track
-        if lap > self._lap:
-            began = self._steps * plant.ts - lap_time
-            if self._lap_began is not None:
-                self._lap_times = *self._lap_times, began - self._lap_began
-            self._lap, self._lap_began = lap, began
-        return {
-            's': self._s,
-            'e_y': e_y,
-            'lap': lap,
-            'lap_time': lap_time,
-            'lap_times': self._lap_times,
-        }
+            if plant.lap > self._lap:
+                began = self._steps * plant.ts - plant.lap_time
+                if self._lap_began is not None:
+                    self._lap_times = *self._lap_times, began - self._lap_began
+                self._lap, self._lap_began = plant.lap, began
+            info = {
+                's': s,
+                'e_y': e_y,
+                'lap': plant.lap,
+                'lap_time': plant.lap_time,
+                'lap_times': self._lap_times,
+            }
+        if task.is_noisy:
+            (s, y, psi, speed, _, _), _ = plant.sensor.measure(plant.motion())
+            if track:
+                s, e_y, e_psi, _ = track.frenet(s, y, psi, self._near)
+        self._near, self._speed = s, speed
+        seen = task.speed - speed, e_y, e_psi, speed, *self._command
+        return task.observe(seen, task.ahead(s)), info
 
 
 class CarVectorEnv(VectorEnv[Any, Any, Any]):

@@ -111,21 +111,23 @@ class Task:
                     f'ranges: {name} from {low:g} to {high:g} must be the other way round'
                 )
         self.noise = noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise)
+        self.is_noisy = any(self.noise) or 'noise' in self.ranges
         #: Whether episodes have plants of their own.
-        self.varies = bool(self.ranges or any(self.noise))
+        self.varies = bool(self.ranges or self.is_noisy)
         self.servo: Actuator | None = self._options.get('servo')
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
         like = self.plant({})
         self.road, self.track, self.ts = like.road, like.track, like.ts
         self.length = self.track.length if self.track else self.road.starts[-1]  # [m]
+        self.half_width = 0.5 * self.track.width if self.track else inf  # [m]
         self._options |= {'road': self.road, 'track': self.track}  # read once
         if track := self.track:
             self.ahead = _preview(track.starts, track.curvature, track.is_closed)
         else:
             self.ahead = _preview(self.road.starts, lambda x: radians(self.road.grade_deg(x)))
-        ahead = [2.0 / self.track.width if self.track else 0.5 * pi] * len(AHEAD)
-        known = {**self.limits, 'e_y': self.track.width if self.track else 0.0}
+        ahead = [1.0 / self.half_width if self.track else 0.5 * pi] * len(AHEAD)
+        known = {**self.limits, 'e_y': 2.0 * self.half_width}
         bounds = [known.get(name, bound) for name, bound in self.observed.items()]
         self.high = np.array([*bounds, *ahead])
         self._low, self._own = -self.high, itemgetter(*map(SEEN.index, self.observed))
@@ -165,10 +167,9 @@ class Task:
         """Return what `commands` does, of the action of one car; UserError: it is none."""
         try:
             shares = [1.0 if x > 1.0 else max(x, -1.0) for x in np.asarray(action).tolist()]
-            motor, servo = self.commands(shares)
-            if len(shares) == len(self.actions) and not isnan(servo + (motor or 0.0)):
-                return motor, servo
-        except (IndexError, TypeError, ValueError):
+            if len(shares) == len(self.actions) and not isnan(sum(shares)):
+                return self.commands(shares)
+        except (TypeError, ValueError):
             pass
         raise UserError(self.no_action.format(action))
 
@@ -221,7 +222,7 @@ class Task:
         """Return whether the car is off the track, or beyond the limits."""
         if not self.track:
             return (abs(v) > MAX_SPEED) | (s < BEHIND)
-        over = (abs(e_y) > 0.5 * self.track.width) | (abs(v) > MAX_SPEED)
+        over = (abs(e_y) > self.half_width) | (abs(v) > MAX_SPEED)
         return over if self.track.is_closed else over | (s >= self.length)
 
     def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401
@@ -309,8 +310,7 @@ class Lane(Task):
 
     def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
         """Return the reward of a step of `way` [m] that ended there."""
-        assert self.track  # noqa: S101 (as any but the hills)
-        return 1.0 - abs(e_y) / (0.5 * self.track.width)
+        return 1.0 - abs(e_y) / self.half_width
 
 
 class Race(Task):

@@ -22,7 +22,7 @@ ch. II.1.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import atan2, copysign, cos, hypot, sin
 from typing import Annotated, NamedTuple
 
@@ -45,7 +45,7 @@ limited(Vehicle)  # here: bike_model.py, as it is handed in, imports nothing of 
 
 #: Distance along the road [m] to incline [rad].
 Grade = Callable[[float], float]
-Vector = tuple[float, ...]
+Vector = Sequence[float]
 #: The derivative of a state by time, where nothing but the state changes in a step.
 Rates = Callable[[Vector], Vector]
 
@@ -61,14 +61,14 @@ def rk4(rates: Rates, state: Vector, ts: float) -> Vector:
     k2 = rates(_shifted(state, k1, 0.5 * ts))
     k3 = rates(_shifted(state, k2, 0.5 * ts))
     k4 = rates(_shifted(state, k3, ts))
-    return tuple(
+    return [
         value + ts / 6.0 * (a + 2.0 * b + 2.0 * c + d)
         for value, a, b, c, d in zip(state, k1, k2, k3, k4, strict=True)
-    )
+    ]
 
 
 def _shifted(state: Vector, rate: Vector, ts: float) -> Vector:
-    return tuple(value + ts * slope for value, slope in zip(state, rate, strict=True))
+    return [value + ts * slope for value, slope in zip(state, rate, strict=True)]
 
 
 INTEGRATORS = {'euler': euler, 'rk4': rk4}
@@ -151,6 +151,11 @@ class KinematicBicycle:
     #: `bike_model.motion`: the velocities follow from state and steering alone.
     motion = staticmethod(motion)
 
+    @staticmethod
+    def v_x(state: State, servo: float, vehicle: Vehicle) -> float:
+        """Return `motion`'s v_x [m/s] alone."""
+        return state.v * cos(slip_angle(servo, vehicle.l_f, vehicle.l_r))
+
 
 def _kinematic_rates(held: Command, grade: Grade, vehicle: Vehicle, direction: float) -> Rates:
     """Return the derivative of (x, y, psi, v): the equations of which `bikeFE` is a step."""
@@ -212,6 +217,13 @@ class DynamicBicycle:
         if self._dynamic(state):
             return self._motion(state)
         return self._kinematic.motion(state, servo, vehicle)
+
+    def v_x(self, state: State, servo: float, vehicle: Vehicle) -> float:
+        """Return `motion`'s v_x [m/s] alone."""
+        v_x = state.v * cos(self._beta)
+        if v_x > self.lateral.dynamic_above:
+            return v_x
+        return self._kinematic.v_x(state, servo, vehicle)
 
     def _dynamic(self, state: State) -> bool:
         return state.v * cos(self._beta) > self.lateral.dynamic_above

@@ -190,13 +190,14 @@ def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: flo
 
     The speed follows `next_speed`: resistance never pushes the vehicle backwards.
     """
-    x, y, psi, v, *_ = state
+    x, y, psi, v = state
     beta = slip_angle(command.servo, vehicle.l_f, vehicle.l_r)
+    way, direction = ts * v, psi + beta
     gravity_force = -vehicle.mass * vehicle.gravity * sin(theta)
     return State(
-        x + ts * v * cos(psi + beta),
-        y + ts * v * sin(psi + beta),
-        psi + ts * v / vehicle.l_r * sin(beta),
+        x + way * cos(direction),
+        y + way * sin(direction),
+        psi + way / vehicle.l_r * sin(beta),
         next_speed(v, command.motor, gravity_force, vehicle, ts),
     )
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.road import Signal
-    from barc_sim.vehicle.track import Track
+    from barc_sim.vehicle.track import Frenet, Track
 
     Floats = NDArray[np.float64]
 
@@ -352,8 +352,8 @@ class Plant:
         if isinstance(self._bicycle, DynamicBicycle):
             check_step(self._bicycle.lateral, self.vehicle, ts, integrator)
         self.track = track
-        self.on_track: TrackState | None = None
-        self._lap_began = 0.0  # [s]
+        self.frenet: Frenet | None = None  #: the pose on the track; None without one
+        self.lap, self.lap_time, self._lap_began = 0, 0.0, 0.0  #: as in `TrackState`, [s]
         if track:
             self.state = State(*track.place(0.0))
             self._locate(near=0.0)
@@ -361,7 +361,14 @@ class Plant:
     @property
     def distance(self) -> float:
         """The way so far [m]: along the track, or along the road."""
-        return self.on_track.s if self.on_track else self.state.x
+        return self.frenet.s if self.frenet else self.state.x
+
+    @property
+    def on_track(self) -> TrackState | None:
+        """Where the car is on its track; None without one."""
+        if not (self.frenet and self.track):
+            return None
+        return TrackState(*self.frenet, self.track.width, self.lap, self.lap_time)
 
     @property
     def period_ns(self) -> int:
@@ -394,6 +401,11 @@ class Plant:
         """Return the true state, with the velocities in the vehicle's frame."""
         return self._bicycle.motion(self.state, self.actuators.now.servo, self.vehicle)
 
+    @property
+    def v_x(self) -> float:
+        """The speed along the car's axis [m/s], of `motion`."""
+        return self._bicycle.v_x(self.state, self.actuators.now.servo, self.vehicle)
+
     def advance(self, command: Command) -> None:
         """Go one step with `command`."""
         held = self.actuators.advance(command)
@@ -404,8 +416,8 @@ class Plant:
             held = held._replace(motor=held.motor + force / self.vehicle.mass)
         self.state = self._bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)
         self._steps += 1
-        if self.on_track:
-            self._locate(self.on_track.s)
+        if self.frenet:
+            self._locate(self.frenet.s)
 
     def place(self, state: State, near: float | None = None) -> None:
         """Begin a run there, on a track `near` that s [m], with no command on its way."""
@@ -413,7 +425,7 @@ class Plant:
         self.actuators.stop()
         self._bicycle.reset()
         if self.track:
-            self.on_track = None
+            self.frenet = None
             self._locate(near)
 
     def _on_road(self, x: float) -> float:
@@ -431,16 +443,14 @@ class Plant:
 
     def _locate(self, near: float | None) -> None:
         """Find the car on the track, `near` that s [m]; where it was nowhere, a lap begins."""
-        track, state, t, before = self.track, self.state, self._steps * self.ts, self.on_track
+        track, state, t, before = self.track, self.state, self._steps * self.ts, self.frenet
         assert track  # noqa: S101 (a caller has checked)
-        found = track.frenet(state.x, state.y, state.psi, near)
-        s, e_y, e_psi, curvature = found
+        self.frenet = track.frenet(state.x, state.y, state.psi, near)
+        s = self.frenet.s
         lap = floor(s / track.length)
         if before is None:
-            lap, self._lap_began = max(lap, 0), t
-        elif lap > before.lap:
+            self.lap, self._lap_began = max(lap, 0), t
+        elif lap > self.lap:
             self._lap_began = t - (s - lap * track.length) / (s - before.s) * self.ts
-        else:
-            lap = before.lap
-        width = track.width
-        self.on_track = TrackState(s, e_y, e_psi, curvature, width, lap, t - self._lap_began)
+            self.lap = lap
+        self.lap_time = t - self._lap_began

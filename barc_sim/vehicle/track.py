@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     #: Of a segment: x, y [m], cosine and sine of its start, its curvature [1/m], half its turn.
     _Frame = tuple[float, float, float, float, float, float]
+    _Segment = tuple[float, float, float, float, _Frame]
 
 WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
@@ -219,15 +220,14 @@ class Track:
         n, length, is_closed = len(self.lengths), self.starts[-1], self.is_closed
         i, _ = self.segment(near)
         for _ in range(n):
-            start, end, arc = self._rows[i]
-            ahead, e_y = _project(arc, x, y)
+            start, end, heading, curvature, frame = self._rows[i]
+            ahead, e_y = _project(frame, x, y)
             s = start + ahead
             step = (s >= end) - (s < start)
             if not step or not (is_closed or 0 <= i + step < n):
                 break
             i = (i + step) % n
-        curvature = self.curvatures[i]
-        e_psi = remainder(psi - self._poses[i].psi - curvature * (s - start), _TURN)
+        e_psi = remainder(psi - heading - curvature * (s - start), _TURN)
         if is_closed:
             s += length * round((near - s) / length)
         return Frenet(s, e_y, e_psi, curvature)
@@ -241,10 +241,12 @@ class Track:
         return i, s - starts[i]
 
     @cached_property
-    def _rows(self) -> list[tuple[float, float, _Frame]]:
-        """Where each segment begins and ends [m], and its frame."""
+    def _rows(self) -> list[_Segment]:
+        """Where each segment begins and ends [m], its first heading, curvature, and frame."""
+        headings = [pose.psi for pose in self._poses]
         frames = map(_frame, self._poses, self.curvatures, self.lengths)
-        return [*zip(self.starts, self.starts[1:], frames, strict=False)]
+        columns = self.starts, self.starts[1:], headings, self.curvatures, frames
+        return [*zip(*columns, strict=False)]
 
     @cached_property
     def _table(self) -> Floats:
