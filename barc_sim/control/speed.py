@@ -76,7 +76,7 @@ def read_term(controller: object, name: str) -> float:
 def check_gains(controller: Tunable) -> None:
     """Raise UserError where a gain is beyond its limits."""
     for name, gain in controller.gains.items():
-        Parameter(name, gain.default, gain.meaning, gain.between).check(getattr(controller, name))
+        Parameter(name, gain.default, '', gain.between).check(getattr(controller, name))
 
 
 def take_gains(controller: Tunable, values: Mapping[str, float]) -> None:
@@ -104,51 +104,6 @@ NO_LIMIT = 1e6
 FIRST_DT = 0.02
 
 
-def pid_step(
-    reference: float,
-    measured: float,
-    previous: float,
-    integral: float,
-    dt: float,
-    kp: float,
-    ki: float,
-    kd: float,
-    low: float,
-    high: float,
-) -> tuple[float, float, float, float, bool]:
-    """Return output, P, I, D and whether the output is limited: one sample of the law of `PID`.
-
-    Parameters
-    ----------
-    reference, measured, previous
-        [m/s] wanted, measured and previously measured speed.
-    integral
-        [m/s²] I up to the previous sample.
-    dt
-        [s] since the previous sample; 0 for the first, to which `previous` does not matter.
-    kp, ki, kd, low, high
-        Gains, and limits of the output [m/s²].
-    """
-    error = reference - measured
-    proportional = kp * error
-    if dt > 0.0:
-        increment = ki * error * dt
-        derivative = -kd * (measured - previous) / dt
-    else:
-        increment = derivative = 0.0
-    output = proportional + integral + increment + derivative
-    saturated = False
-    if output > high:
-        output = high
-        saturated = True
-        increment = min(increment, 0.0)
-    elif output < low:
-        output = low
-        saturated = True
-        increment = max(increment, 0.0)
-    return output, proportional, integral + increment, derivative, saturated
-
-
 class PID:
     """A PID controller in parallel form, with limited output.
 
@@ -168,7 +123,7 @@ class PID:
     - A sample that is not finite has no effect on later ones: `u` follows it (NaN gives NaN), but
       I stands still, and the next sample counts as the first.
 
-    The arithmetic is `pid_step`. Gains and limits can be changed at any time.
+    Gains and limits can be changed at any time.
 
     Attributes
     ----------
@@ -247,22 +202,23 @@ class PID:
     ) -> float:
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
         dt = self.dt if dt is None else dt
-        previous, dt = (self.previous, dt) if self.previous is not None else (0.0, 0.0)
-        output, self.proportional, integral, self.derivative, self.saturated = pid_step(
-            speed_reference,
-            speed_current,
-            previous,
-            self.integral,
-            dt,
-            self.kp,
-            self.ki,
-            self.kd,
-            self.output_min,
-            self.output_max,
-        )
+        error = speed_reference - speed_current
+        self.proportional = self.kp * error
+        increment = self.derivative = 0.0
+        if self.previous is not None and dt > 0.0:
+            increment = self.ki * error * dt
+            self.derivative = -self.kd * (speed_current - self.previous) / dt
+        output = self.proportional + self.integral + increment + self.derivative
+        self.saturated = output > self.output_max or output < self.output_min
+        if output > self.output_max:
+            output = self.output_max
+            increment = min(increment, 0.0)
+        elif output < self.output_min:
+            output = self.output_min
+            increment = max(increment, 0.0)
         if isfinite(output):
-            self.integral = integral
-        self.previous = speed_current if isfinite(speed_reference - speed_current) else None
+            self.integral += increment
+        self.previous = speed_current if isfinite(error) else None
         return output
 
 

@@ -1,7 +1,7 @@
 """The laws once more, for speed: one loop in plain floats, and many cars in NumPy arrays.
 
-`_drive` has `pid_step` and `next_speed` written out, as a call costs as much as a law; `pid_log`
-makes a log of it. `PIDs` and `next_speeds` are the same laws in place, on arrays that stay in a
+`_drive` has `PID` and `next_speed` written out, as a call costs as much as a law; `pid_log` makes a
+log of it. `PIDs` and `next_speeds` are the same laws in place, on arrays that stay in a
 core's cache. `Plants` is `Plant` once more. Tests compare logs to the last bit, and `Plants` to
 rounding, as NumPy's functions differ from Python's in the last bit. Rare events (a limit reached, a
 car that stands or rolls back) are detected with one reduction and handled apart.
@@ -81,7 +81,7 @@ def _drive(
     for error in errors:
         if x >= end or x < begin:
             begin, end, gravity_force = _stretch(plant.road, vehicle, x)
-        # The controller: `pid_step`.
+        # The controller: `PID.acc_calculate`.
         measured = v + error
         deviation = reference - measured
         if interval > 0.0:
