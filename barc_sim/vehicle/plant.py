@@ -166,18 +166,26 @@ class Actuators:
     def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:
         """Begin at rest, in steps of `ts` seconds."""
         self.motor, self.servo = ActuatorState(motor, ts), ActuatorState(servo, ts)
+        self.is_ideal = motor == servo == Actuator()
         self.now = Command()  #: acceleration and steering at this instant
 
     def advance(self, command: Command) -> Command:
         """Go one step after `command`; return the mean acceleration and steering over it."""
+        if self.is_ideal:
+            self.now = command
+            return command
         mean = Command(self.motor.advance(command.motor), self.servo.advance(command.servo))
         self.now = Command(self.motor.value, self.servo.value)
         return mean
 
     def replace(self, motor: Actuator, servo: Actuator) -> None:
         """Work as these actuators from now on; commands on their way remain there."""
+        if self.is_ideal:  # the states have had no part so far
+            self.motor.hold(self.now.motor)
+            self.servo.hold(self.now.servo)
         self.motor.replace(motor)
         self.servo.replace(servo)
+        self.is_ideal = motor == servo == Actuator()
 
     def stop(self) -> None:
         """Set both to zero, and drop the waiting commands."""

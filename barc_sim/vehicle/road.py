@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import cos, isfinite, radians, sin
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     Places = TypeVar('Places', float, Floats)
 
 
+_Read = TypeVar('_Read')
 STEEPEST_DEG = 90.0
 _MAX_SIZE = 1 << 24  #: [B] of a file
 
@@ -119,18 +120,12 @@ class Road:
         """
         if name in ('lab', 'flat'):
             return cls.lab() if name == 'lab' else cls.flat()
-        path = Path(name)
-        try:
-            lines = read_lines(path)
-        except (OSError, ValueError):
-            raise UserError(
-                f"road {name!r} is neither 'lab', 'flat' nor a CSV file that can be read"
-            ) from None
-        try:
+
+        def read(lines: list[str]) -> Road:
             _, starts, grades_deg = read_pairs(lines, 'start_m,grade_deg')
             return cls(starts, grades_deg, name)
-        except (ValueError, csv.Error) as error:
-            raise UserError(f'road file {name!r} describes no road: {error}') from None
+
+        return read_named('road', name, ('lab', 'flat'), read)
 
     @classmethod
     def of(cls, road: Road | str | PathLike[str]) -> Road:
@@ -187,6 +182,23 @@ class Road:
 
         i = np.maximum(np.searchsorted(self.starts, s, side='right') - 1, 0)
         return [np.array(column)[i] for column in columns]
+
+
+def read_named(
+    what: str, name: str, known: Iterable[str], read: Callable[[list[str]], _Read]
+) -> _Read:
+    """Return what `read` makes of a file's lines; UserError: it is none, or none of the `known`."""
+    try:
+        lines = read_lines(Path(name))
+    except (OSError, ValueError):
+        names = ', '.join(map(repr, known))
+        raise UserError(
+            f'{what} {name!r} is neither {names} nor a CSV file that can be read'
+        ) from None
+    try:
+        return read(lines)
+    except (ValueError, csv.Error) as error:
+        raise UserError(f'{what} file {name!r} describes no {what}: {error}') from None
 
 
 def read_lines(path: Path) -> list[str]:

@@ -18,11 +18,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import accumulate, pairwise
 from math import atan2, cos, floor, hypot, isfinite, pi, remainder, sin, sqrt
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.road import read_lines, read_pairs
+from barc_sim.vehicle.road import read_named, read_pairs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -142,20 +141,14 @@ class Track:
         """
         if name in TRACKS:
             return cls._of_rows(TRACKS[name], name)
-        try:
-            lines = read_lines(Path(name))
-        except (OSError, ValueError):
-            known = ', '.join(map(repr, TRACKS))
-            raise UserError(
-                f'track {name!r} is neither {known} nor a CSV file that can be read'
-            ) from None
-        try:
+
+        def read(lines: list[str]) -> Track:
             if _CENTRE_LINE in ''.join(lines[:1]).replace(' ', ''):
                 return _read_centre_line(lines, name)
             _, lengths, radii = read_pairs(lines, 'length_m,radius_m')
             return cls._of_rows(zip(lengths, radii, strict=True), name)
-        except (ValueError, csv.Error) as error:
-            raise UserError(f'track file {name!r} describes no track: {error}') from None
+
+        return read_named('track', name, TRACKS, read)
 
     @classmethod
     def through(
@@ -258,18 +251,11 @@ class Track:
         columns = self.starts[:-1], middles, self.curvatures, x, y, psi, np.cos(psi), np.sin(psi)
         return np.column_stack(columns)
 
-    @cached_property
-    def _inner(self) -> Floats:
-        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
-
-        return np.array(self.starts[1:-1])
-
     def _segments(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
         s = s - np.floor(s / self.length) * self.length if self.is_closed else s
-        i = self._inner.searchsorted(s, side='right')
-        return i, s
+        return self._table[1:, 0].searchsorted(s, side='right'), s
 
     def _project_many(self, i: Any, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:  # noqa: ANN401
         """Return s, e_y and heading of the centre line in the frames of segments `i`."""

@@ -69,7 +69,7 @@ def test_live_parameters_change_a_car_that_drives() -> None:
     assert car.state.v == pytest.approx(0.08, abs=1e-4)
     assert car.actuators.motor.only_delays is False
     retune(DEFAULTS, car)
-    assert car.actuators.motor.is_ideal
+    assert car.actuators.is_ideal
 
 
 def test_a_limit_of_0_is_none() -> None:
