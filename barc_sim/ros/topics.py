@@ -9,6 +9,7 @@ from collections import defaultdict
 from contextlib import suppress
 from ctypes import c_size_t, c_void_p
 from dataclasses import dataclass, field
+from enum import Enum
 from struct import Struct
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +18,6 @@ from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import (
     DurabilityPolicy,
-    HistoryPolicy,
-    LivelinessPolicy,
     QoSCompatibility,
     QoSProfile,
     ReliabilityPolicy,
@@ -31,7 +30,7 @@ from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from rclpy.node import Node
     from rclpy.subscription import Subscription
@@ -43,14 +42,13 @@ if TYPE_CHECKING:
 
 _DEPTH = 1000  #: of a queue, where the bag has none: DDS does not send it to other processes
 _MAX_DEPTH = 2**31 - 1
-_POLICIES: Mapping[str, Any] = {
-    'history': HistoryPolicy,
-    'reliability': ReliabilityPolicy,
-    'durability': DurabilityPolicy,
-    'liveliness': LivelinessPolicy,
-}
 _INTERFACES = ('msg', 'srv', 'action')
-_DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
+_QOS = (
+    *('history', 'depth', 'reliability', 'durability', 'deadline', 'lifespan', 'liveliness'),
+    *('liveliness_lease_duration', 'avoid_ros_namespace_conventions'),
+)
+_BEST = ('best_effort', ReliabilityPolicy.BEST_EFFORT.value)
+_LATCHED = ('transient_local', DurabilityPolicy.TRANSIENT_LOCAL.value)
 
 
 def message_class(type_name: str) -> type[Any]:
@@ -72,60 +70,37 @@ def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
 
     Of subscriptions, the QoS that gets every message that one of them gets.
     """
-    return _joined([end.qos_profile for end in ends], depth, all)
+    offered = [end.qos_profile for end in ends]
+    return _profile(
+        depth,
+        reliable=all(each.reliability == ReliabilityPolicy.RELIABLE for each in offered),
+        latched=all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in offered),
+    )
 
 
 def offer(recorded: Sequence[Mapping[str, Any]]) -> QoSProfile:
     """Return the QoS of a publisher in place of the recorded ones, in rosbag2's terms.
 
-    Where these differ, it reaches every subscription that one of them reached.
+    It reaches every subscription that one of them reached, with as many messages for late ones.
+    Older bags have policies by number. UserError: it is no QoS.
     """
-    profiles = [profile(each) for each in recorded] or [QoSProfile(depth=_DEPTH)]
-    if all(each == profiles[0] for each in profiles):
-        return profiles[0]
-    return _joined(profiles, _DEPTH, any)
+    try:
+        depth = max((int(each.get('depth', 0)) for each in recorded), default=0)
+        return _profile(
+            min(depth, _MAX_DEPTH) or _DEPTH,
+            reliable=not recorded or any(each.get('reliability') not in _BEST for each in recorded),
+            latched=any(each.get('durability') in _LATCHED for each in recorded),
+        )
+    except (AttributeError, TypeError, ValueError) as error:
+        raise UserError(f'{[*recorded]!r} is no quality of service: {error}') from None
 
 
-def _joined(
-    profiles: Sequence[QoSProfile], depth: int, are: Callable[[Iterable[bool]], bool]
-) -> QoSProfile:
-    """Return a QoS that is reliable, or latched, if all or any of the profiles `are`."""
-    reliable = are(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
-    latched = are(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+def _profile(depth: int, *, reliable: bool, latched: bool) -> QoSProfile:
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
-
-
-def profile(values: Mapping[str, Any]) -> QoSProfile:
-    """Return a QoS in rosbag2's terms, of which any may be absent; UserError: it is none."""
-    made = QoSProfile(depth=_DEPTH)
-    try:
-        for name, value in values.items():
-            _set_policy(made, name, value)
-    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-        raise UserError(
-            f'{dict(values)!r} is no quality of service ({error!r}): write it as rosbag2 does, as '
-            'in {reliability: best_effort, depth: 10}'
-        ) from None
-    return made
-
-
-def _set_policy(made: QoSProfile, name: str, value: Any) -> None:  # noqa: ANN401 (as recorded)
-    if policies := _POLICIES.get(name):  # by number in older bags
-        member = policies(value) if isinstance(value, int) else policies[value.upper()]
-        if member.name != 'UNKNOWN':
-            setattr(made, name, member)
-    elif name == 'depth' and 0 <= value <= _MAX_DEPTH:
-        made.depth = int(value) or _DEPTH
-    elif name in _DURATIONS:
-        setattr(made, name, Duration(seconds=value['sec'], nanoseconds=value['nsec']))
-    elif name == 'avoid_ros_namespace_conventions':
-        made.avoid_ros_namespace_conventions = bool(value)
-    else:
-        raise ValueError(name)
 
 
 def describe(name: str, ends: Sequence[TopicEndpointInfo]) -> Topic:
@@ -147,22 +122,15 @@ def describe(name: str, ends: Sequence[TopicEndpointInfo]) -> Topic:
 
 
 def _as_metadata(profile: QoSProfile) -> dict[str, Any]:
-    return {
-        'history': profile.history.name.lower(),
-        'depth': profile.depth,
-        'reliability': profile.reliability.name.lower(),
-        'durability': profile.durability.name.lower(),
-        'deadline': _seconds(profile.deadline),
-        'lifespan': _seconds(profile.lifespan),
-        'liveliness': profile.liveliness.name.lower(),
-        'liveliness_lease_duration': _seconds(profile.liveliness_lease_duration),
-        'avoid_ros_namespace_conventions': profile.avoid_ros_namespace_conventions,
-    }
+    """Return a QoS as rosbag2 writes it."""
+    return {name: _plain(getattr(profile, name)) for name in _QOS}
 
 
-def _seconds(duration: Duration) -> dict[str, int]:
-    sec, nsec = divmod(duration.nanoseconds, 10**9)
-    return {'sec': sec, 'nsec': nsec}
+def _plain(value: Any) -> Any:  # noqa: ANN401 (a policy, a duration, a number)
+    if isinstance(value, Duration):
+        sec, nsec = divmod(value.nanoseconds, 10**9)
+        return {'sec': sec, 'nsec': nsec}
+    return value.name.lower() if isinstance(value, Enum) else value
 
 
 @dataclass
