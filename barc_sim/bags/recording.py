@@ -6,7 +6,6 @@ import os
 import shutil
 import time
 from dataclasses import dataclass
-from math import inf
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -39,8 +38,6 @@ class Recording:
     topics: re.Pattern[str] | None = None  #: record only topics whose name contains it
     exclude: re.Pattern[str] | None = None  #: record no topic whose name contains it
     include_hidden_topics: bool = False
-    max_bag_size: float = inf  #: [B] of a file
-    max_bag_duration: float = inf  #: [s] of a file
     depth: int = 10_000  #: queue length of a subscription: one second at 10,000 messages a second
     min_free_space: float = 64.0  #: [MiB] to leave free on the disk
     use_sim_time: bool = False  #: stamp messages with `/clock`
@@ -100,23 +97,16 @@ class Span:
 
 
 def information(
-    files: Mapping[str, Span], topics: Sequence[tuple[Topic, int]], custom: Mapping[str, str]
+    file: str, span: Span, topics: Sequence[tuple[Topic, int]], custom: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return a bag's metadata.
+    """Return the metadata of a bag of one `file`: `topics` with their numbers of messages.
 
-    Parameters
-    ----------
-    files
-        The span of each file, by its name.
-    topics
-        The topics, each with the number of its messages.
-    custom
-        The run's own metadata.
+    `custom` is the run's own metadata.
     """
     return {
         'version': 9,
         'storage_identifier': 'mcap',
-        **sum(files.values(), Span()).as_metadata(),
+        **span.as_metadata(),
         'topics_with_message_count': [
             {
                 'topic_metadata': {
@@ -132,8 +122,8 @@ def information(
         ],
         'compression_format': '',
         'compression_mode': '',
-        'relative_file_paths': list(files),
-        'files': [{'path': name, **span.as_metadata()} for name, span in files.items()],
+        'relative_file_paths': [file],
+        'files': [{'path': file, **span.as_metadata()}],
         'custom_data': dict(custom),
         'ros_distro': 'jazzy',
     }

@@ -10,9 +10,8 @@ import os
 import time
 import zlib
 from collections import Counter, defaultdict
-from math import inf
 from struct import Struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -191,65 +190,95 @@ def to_bytes(record: McapRecord) -> bytes:
     return data
 
 
-class BagFile:
-    """An MCAP file that is being written in chunks, each with a checksum.
+class BagWriter:
+    """Writes a bag of one file into an empty directory; not to be shared among threads.
 
-    What `commit` cannot write is kept for the next `commit`.
+    Messages reach the file in chunks of 768 KiB, each with a checksum, and at `flush`. `close`
+    writes metadata.yaml: a directory without it holds a bag whose run was killed, whole but for the
+    last chunk.
+
+    A method that raises OSError loses nothing: the data is kept, and `flush` tries again.
+
+    Parameters
+    ----------
+    directory
+        Where to write; the file in it is named after it, as rosbag2 does.
+    metadata
+        The run's own, kept in the file and in `custom_data` of metadata.yaml.
 
     Raises
     ------
-    OSError
+    UserError
         The file exists or cannot be made.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.span = Span()
-        self.appender = AtomicAppender(path)
-        self.finished = False
+    def __init__(self, directory: Path, *, metadata: Mapping[str, str] | None = None) -> None:
+        self.directory = directory
+        self.file = directory / f'{directory.absolute().name}_0.mcap'
+        self.closed = False
         self.counts: Counter[str] = Counter()  #: of the messages in finished chunks, by topic
-        self.on_disk: Counter[str] = Counter()  #: of those that the system has taken
-        self.topics: dict[int, Topic] = {}  #: by the ID of their channel
+        self._committed: Counter[str] = Counter()  # of those that the system has taken
+        self._span = Span()
+        self._metadata: dict[str, str] = {}
+        self._topics: dict[int, Topic] = {}  # by the ID of their channel
         self._channels: dict[str, int] = {}  # by topic
         self._schemas: dict[tuple[str, str], int] = {}
         self._chunk = ChunkBuilder()
         self._summary: defaultdict[int, list[bytes]] = defaultdict(list)  # records by opcode
         self._checksum = 0
-        self._put(MAGIC)
-        self._put(to_bytes(Header(profile='ros2', library='barc_sim')))
+        appender = None
+        try:
+            self._appender = appender = AtomicAppender(self.file)
+            self._put(MAGIC)
+            self._put(to_bytes(Header(profile='ros2', library='barc_sim')))
+            self.add_metadata(metadata or {})
+        except OSError as error:
+            if appender:
+                appender.close()
+            raise UserError(
+                f'the bag {str(self.file)!r} cannot be made ({error.strerror}): name another folder'
+            ) from error
 
-    def _put(self, data: bytes) -> None:
-        self._checksum = zlib.crc32(data, self._checksum)
-        self.appender.write(data)
+    @property
+    def in_place(self) -> bool:
+        """Whether the file is still where it was made."""
+        return self._appender.in_place
 
-    def add_metadata(self, entries: Mapping[str, str], name: str = METADATA_NAME) -> None:
-        """Add metadata of the run."""
-        data = to_bytes(Metadata(name=name, metadata=dict(entries)))
-        self._list(MetadataIndex(offset=self.appender.position, length=len(data), name=name))
-        self._put(data)
+    @property
+    def on_disk(self) -> dict[str, int]:
+        """The number of messages in the file, if it is still where it was made, by topic."""
+        return dict(self._committed) if self.in_place else {}
 
-    def attach(self, file: Attachment) -> None:
-        """Attach a file."""
-        record = to_bytes(file)
-        index = AttachmentIndex(
-            offset=self.appender.position,
-            length=len(record),
-            log_time=file.log_time,
-            create_time=file.create_time,
-            data_size=len(file.data),
-            name=file.name,
-            media_type=file.media_type,
-        )
-        self._list(index)
-        self._put(record)
+    def add_metadata(self, entries: Mapping[str, str]) -> None:
+        """Add metadata of the run; an entry replaces one of the same name."""
+        self._metadata.update(entries)
+        if entries:
+            self._put_metadata(METADATA_NAME, entries)
+        self.flush()
 
-    def _list(self, record: McapRecord) -> None:
-        """Add a record to the summary."""
-        data = to_bytes(record)
-        self._summary[data[0]].append(data)
+    def attach(self, files: Mapping[str, bytes]) -> None:
+        """Attach text files, by name."""
+        self._end_chunk()
+        for name, data in files.items():
+            # The time of its last change is unknown.
+            file = Attachment(0, time.time_ns(), name, 'text/plain', data)
+            record = to_bytes(file)
+            self._list(
+                AttachmentIndex(
+                    offset=self._appender.position,
+                    length=len(record),
+                    log_time=file.log_time,
+                    create_time=file.create_time,
+                    data_size=len(data),
+                    name=name,
+                    media_type=file.media_type,
+                )
+            )
+            self._put(record)
+        self.flush()
 
-    def add(self, messages: Iterable[MessageFields]) -> None:
-        """Append messages.
+    def write(self, messages: Iterable[MessageFields]) -> None:
+        """Append messages; those of one name have the same topic each time.
 
         MCAP has no times before 1970, which a stranger's clock may show: they become zero.
         """
@@ -260,7 +289,45 @@ class BagFile:
                 times = max(received, 0), max(published, 0)
             self._chunk.add(channel, data, number & 0xFFFF_FFFF, times)
             if self._chunk.size > CHUNK_SIZE:
-                self.end_chunk()
+                self._end_chunk()
+        self._commit()
+
+    def flush(self) -> None:
+        """Hand all data to the operating system: a kill of the process loses nothing then."""
+        self._end_chunk()
+        self._commit()
+
+    def close(self) -> None:
+        """Finish the bag and write metadata.yaml; a second call does nothing."""
+        if self.closed:
+            return
+        try:
+            self._end_chunk()
+            counted = [(topic, self.counts[topic.name]) for topic in self._topics.values()]
+            about = information(self.file.name, self._span, counted, self._metadata)
+            self._put_metadata('rosbag2', {'serialized_metadata': to_yaml(about)})
+            self._put(to_bytes(DataEnd(self._checksum)))
+            self._put_summary()
+            self._commit()
+            write_metadata(self.directory, about)
+        finally:
+            self.closed = True
+            self._appender.close()
+
+    def _put(self, data: bytes) -> None:
+        self._checksum = zlib.crc32(data, self._checksum)
+        self._appender.write(data)
+
+    def _list(self, record: McapRecord) -> None:
+        """Add a record to the summary."""
+        data = to_bytes(record)
+        self._summary[data[0]].append(data)
+
+    def _put_metadata(self, name: str, entries: Mapping[str, str]) -> None:
+        self._end_chunk()
+        data = to_bytes(Metadata(name=name, metadata=dict(entries)))
+        self._list(MetadataIndex(offset=self._appender.position, length=len(data), name=name))
+        self._put(data)
 
     def _register(self, topic: Topic) -> int:
         """Return the ID of a new channel."""
@@ -276,7 +343,7 @@ class BagFile:
                 )
             )
         id_ = self._channels[topic.name] = len(self._channels) + 1
-        self.topics[id_] = topic
+        self._topics[id_] = topic
         qos = to_yaml([dict(qos) for qos in topic.offered_qos]).rstrip()
         self._describe(
             Channel(
@@ -293,54 +360,42 @@ class BagFile:
         self._chunk.add_record(record)
         self._list(record)
 
-    def end_chunk(self) -> None:
+    def _end_chunk(self) -> None:
         """End the chunk in progress, so that it can be committed."""
         if counts := {id_: len(pairs) // 2 for id_, pairs in self._chunk.pairs.items()}:
-            data, index = self._chunk.build(self.appender.position)
+            data, index = self._chunk.build(self._appender.position)
             self._put(data)
             self._list(index)
             start, end = index.message_start_time, index.message_end_time
-            self.span += Span(start, end, sum(counts.values()))
-            self.counts.update({self.topics[id_].name: count for id_, count in counts.items()})
+            self._span += Span(start, end, sum(counts.values()))
+            self.counts.update({self._topics[id_].name: count for id_, count in counts.items()})
             self._chunk = ChunkBuilder()
 
-    def commit(self) -> None:
-        """Write the finished chunks, and close the file if it is finished."""
-        if self.appender.waiting:
-            self.appender.commit()
-            self.on_disk = self.counts.copy()  # a new object, as others read it in their threads
-        if self.finished:
-            self.appender.close()
-
-    def finish(self, information: Mapping[str, Any]) -> None:
-        """Add the summary after the last chunk, and the bag's metadata, which rosbag2 reads."""
-        if self.finished:
-            return
-        self.add_metadata({'serialized_metadata': to_yaml(information)}, 'rosbag2')
-        self._put(to_bytes(DataEnd(self._checksum)))
-        self._list(self._statistics())
-        self._put_summary()
-        self.finished = True
-
-    def _statistics(self) -> Statistics:
-        listed = Counter({opcode: len(records) for opcode, records in self._summary.items()})
-        return Statistics(
-            attachment_count=listed[Opcode.ATTACHMENT_INDEX],
-            channel_count=listed[Opcode.CHANNEL],
-            channel_message_counts={
-                id_: self.counts[topic.name] for id_, topic in self.topics.items()
-            },
-            chunk_count=listed[Opcode.CHUNK_INDEX],
-            message_count=self.span.count,
-            metadata_count=listed[Opcode.METADATA_INDEX],
-            message_start_time=self.span.start or 0,
-            message_end_time=self.span.end,
-            schema_count=listed[Opcode.SCHEMA],
-        )
+    def _commit(self) -> None:
+        """Write the finished chunks."""
+        if self._appender.waiting:
+            self._appender.commit()
+            self._committed = self.counts.copy()  # a new object, as other threads read it
 
     def _put_summary(self) -> None:
         """Write the summary, its records of one kind together, and how to find each kind."""
-        start, summary, offsets = self.appender.position, b'', b''
+        listed = Counter({opcode: len(records) for opcode, records in self._summary.items()})
+        self._list(
+            Statistics(
+                attachment_count=listed[Opcode.ATTACHMENT_INDEX],
+                channel_count=listed[Opcode.CHANNEL],
+                channel_message_counts={
+                    id_: self.counts[topic.name] for id_, topic in self._topics.items()
+                },
+                chunk_count=listed[Opcode.CHUNK_INDEX],
+                message_count=self._span.count,
+                metadata_count=listed[Opcode.METADATA_INDEX],
+                message_start_time=self._span.start or 0,
+                message_end_time=self._span.end,
+                schema_count=listed[Opcode.SCHEMA],
+            )
+        )
+        start, summary, offsets = self._appender.position, b'', b''
         for opcode, records in sorted(self._summary.items()):
             group = b''.join(records)
             offsets += to_bytes(SummaryOffset(opcode, start + len(summary), len(group)))
@@ -349,152 +404,3 @@ class BagFile:
         before_checksum = to_bytes(footer)[:-4]
         footer.summary_crc = zlib.crc32(summary + offsets + before_checksum)
         self._put(summary + offsets + to_bytes(footer) + MAGIC)
-
-
-class BagWriter:
-    """Writes a bag into an empty directory; not to be shared among threads.
-
-    Messages reach the file in chunks of 768 KiB, and at `flush`. `close` writes metadata.yaml: a
-    directory without it holds a bag whose run was killed, whole but for the last chunk.
-
-    A method that raises OSError loses nothing: the data is kept, and `flush` tries again.
-
-    Parameters
-    ----------
-    directory
-        Where to write; the files in it are named after it, as rosbag2 does.
-    metadata
-        The run's own, kept in the files and in `custom_data` of metadata.yaml.
-    max_size, max_duration
-        Of a file [B], [s]: a new one begins after the `write` that reaches one of them.
-
-    Raises
-    ------
-    UserError
-        The file exists or cannot be made.
-    """
-
-    def __init__(
-        self,
-        directory: Path,
-        *,
-        metadata: Mapping[str, str] | None = None,
-        max_size: float = inf,
-        max_duration: float = inf,
-    ) -> None:
-        self.directory = directory
-        self._max_size, self._max_duration = max_size, max_duration * 1e9
-        self._files: list[BagFile] = []
-        self._metadata: dict[str, str] = {}
-        self._first: int | None = None  # [ns] of the messages in the last file
-        self._is_full = False
-        self.closed = False
-        try:
-            self._begin_file()
-            self.add_metadata(metadata or {})
-        except OSError as error:
-            self._close_files()
-            path = directory / f'{directory.absolute().name}_0.mcap'
-            raise UserError(
-                f'the bag {str(path)!r} cannot be made ({error.strerror}): name another folder'
-            ) from error
-
-    @property
-    def file(self) -> Path:
-        """The file that is being written."""
-        return self._files[-1].path
-
-    @property
-    def in_place(self) -> bool:
-        """Whether the current file is still where it was made."""
-        return self._files[-1].appender.in_place
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """The number of messages given to `write` before the last `flush`, by topic."""
-        return dict(sum((file.counts for file in self._files), Counter()))
-
-    @property
-    def on_disk(self) -> dict[str, int]:
-        """The number of messages in the files that are still where they were made, by topic."""
-        there = (file for file in self._files if file.appender.in_place)
-        return dict(sum((file.on_disk for file in there), Counter()))
-
-    def add_metadata(self, entries: Mapping[str, str]) -> None:
-        """Add metadata of the run; an entry replaces one of the same name."""
-        self._metadata.update(entries)
-        if entries:
-            self._files[-1].end_chunk()
-            self._files[-1].add_metadata(entries)
-        self.flush()
-
-    def attach(self, files: Mapping[str, bytes]) -> None:
-        """Attach text files, by name, to the bag's current file."""
-        self._files[-1].end_chunk()
-        for name, data in files.items():
-            # The time of its last change is unknown.
-            self._files[-1].attach(Attachment(0, time.time_ns(), name, 'text/plain', data))
-        self.flush()
-
-    def write(self, messages: Sequence[MessageFields]) -> None:
-        """Append messages, at least one; those of one name have the same topic each time."""
-        try:
-            if self._is_full:
-                self.split()
-        finally:  # in the same file, if there cannot be another
-            self._files[-1].add(messages)
-        self._first = messages[0][2] if self._first is None else self._first
-        self._is_full = (
-            self._files[-1].appender.position >= self._max_size
-            or messages[-1][2] - self._first >= self._max_duration
-        )
-        self._commit()
-
-    def split(self) -> None:
-        """Continue in the next file."""
-        self._files[-1].end_chunk()
-        self._begin_file()
-        self._files[-2].finish(self._information())
-        self._files[-1].add_metadata(self._metadata)
-        self._commit()
-
-    def _begin_file(self) -> None:
-        name = f'{self.directory.absolute().name}_{len(self._files)}.mcap'
-        self._files.append(BagFile(self.directory / name))
-        self._first, self._is_full = None, False
-
-    def flush(self) -> None:
-        """Hand all data to the operating system: a kill of the process loses nothing then."""
-        self._files[-1].end_chunk()
-        self._commit()
-
-    def _commit(self) -> None:
-        for file in self._files:
-            file.commit()
-
-    def close(self) -> None:
-        """Finish the bag and write metadata.yaml; a second call does nothing."""
-        if self.closed:
-            return
-        try:
-            self._files[-1].end_chunk()
-            self._files[-1].finish(self._information())
-            self._commit()
-            write_metadata(self.directory, self._information())
-        finally:
-            self.closed = True
-            self._close_files()
-
-    def _close_files(self) -> None:
-        for file in self._files:
-            file.appender.close()
-
-    def _information(self) -> dict[str, Any]:
-        spans = {file.path.name: file.span for file in self._files}
-        topics: dict[str, Topic] = {}
-        for file in self._files:
-            for topic in file.topics.values():
-                topics.setdefault(topic.name, topic)
-        counts = self.counts
-        counted = [(topic, counts[name]) for name, topic in topics.items()]
-        return information(spans, counted, self._metadata)

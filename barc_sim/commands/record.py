@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Record every topic that a node publishes or subscribes to, until Ctrl-C.'
-    parser.epilog = (
-        'Services bag_recorder/pause, resume and split_bagfile, of the type std_srvs/srv/Trigger.'
-    )
+    parser.epilog = 'Services bag_recorder/pause and resume, of the type std_srvs/srv/Trigger.'
     parser.add_argument(
         '-o',
         '--output',

@@ -39,7 +39,7 @@ class BagRecorder(Node):
     nodes' constructors on.
 
     A thread of its own writes the messages. Spinning the node finds topics, and serves rosbag2's
-    names: `bag_recorder/pause`, `resume` and `split_bagfile`, all of the type Trigger.
+    names: `bag_recorder/pause` and `resume`, of the type Trigger.
 
     Parameters
     ----------
@@ -103,12 +103,8 @@ class BagRecorder(Node):
         self._start(root, path, attachments or {})
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
-        for name, respond in (
-            ('pause', partial(self._on_pause, on=True)),
-            ('resume', partial(self._on_pause, on=False)),
-            ('split_bagfile', self._on_split),
-        ):
-            self.create_service(Trigger, f'bag_recorder/{name}', respond)
+        for name, on in (('pause', True), ('resume', False)):
+            self.create_service(Trigger, f'bag_recorder/{name}', partial(self._on_pause, on=on))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
 
@@ -119,8 +115,6 @@ class BagRecorder(Node):
         self._writer = BagWriter(
             make_directory(path, root),
             metadata=self._metadata,
-            max_size=settings.max_bag_size,
-            max_duration=settings.max_bag_duration,
         )
         self._thread = WriterThread(
             self._writer, self._topics.take, settings.reserve, self._on_failure
@@ -232,11 +226,6 @@ class BagRecorder(Node):
     ) -> Trigger.Response:
         self._thread.paused = on
         response.success, response.message = True, 'paused' if on else 'recording'
-        return response
-
-    def _on_split(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._thread.do(lambda writer: writer.split())
-        response.success, response.message = True, str(self.path)
         return response
 
 

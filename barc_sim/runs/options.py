@@ -7,7 +7,6 @@ import re
 import sys
 from argparse import ArgumentTypeError
 from dataclasses import fields
-from math import inf
 from pathlib import Path
 
 from barc_sim.bags.recording import Recording
@@ -20,7 +19,6 @@ from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
 #: Those that `--help` shows; `--help-all` shows the others, too.
 USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--no-bag', '--quiet')
 _MAX_SIZE = 2.0**60  #: [B]
-_MAX_DURATION = 1e9  #: [s]
 #: The options of a run that need ROS, and the value with which each does not.
 _ROS_OPTIONS = {'no_controller': False, 'no_relay': False, 'network': False}
 
@@ -175,20 +173,6 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         '--include-hidden-topics',
         action='store_true',
         help="record topics with a name part that begins with '_', such as services' events",
-    )
-    group.add_argument(
-        '--max-bag-size',
-        type=number(1, _MAX_SIZE),
-        default=inf,
-        metavar='BYTES',
-        help='begin a new file of the bag at this size, exceeded by a chunk of 768 KiB at most',
-    )
-    group.add_argument(
-        '--max-bag-duration',
-        type=number(0.001, _MAX_DURATION),
-        default=inf,
-        metavar='S',
-        help='begin a new file of the bag after this time',
     )
     group.add_argument(
         '--min-free-space',

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,6 @@ import yaml
 from made_bags import QOS, VALUE
 from mcap.reader import SeekingReader
 from mcap.records import (
-    Attachment,
     Chunk,
     DataEnd,
     Footer,
@@ -25,10 +23,9 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.contents import files as bag_files
 from barc_sim.bags.messages import Message, Topic
 from barc_sim.bags.recording import METADATA_NAME, to_yaml
-from barc_sim.bags.writer import CHUNK_SIZE, AtomicAppender, BagFile, BagWriter
+from barc_sim.bags.writer import CHUNK_SIZE, AtomicAppender, BagWriter
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -165,47 +162,6 @@ def test_a_bag_is_never_overwritten(writer: BagWriter) -> None:
         BagWriter(writer.directory)
 
 
-@pytest.mark.parametrize(
-    'limits', [{'max_size': 2000.0}, {'max_duration': 250e-9}], ids=['size', 'duration']
-)
-def test_files_are_split_without_losing_a_message(tmp_path: Path, limits: dict[str, float]) -> None:
-    directory = tmp_path / 'run'
-    directory.mkdir()
-    writer = BagWriter(directory, metadata={'command': 'a b'}, **limits)
-    for k in range(1000):
-        write(writer, (VALUE, OTHER)[k % 2], k)
-        if k % 50 == 0:
-            writer.flush()
-    writer.close()
-    files = bag_files(directory)
-    assert len(files) > 3
-    times = []
-    for file in files:
-        mcap_doctor.check(file)
-        with file.open('rb') as stream:
-            reader = SeekingReader(stream)
-            times += [message.log_time for _, _, message in reader.iter_messages()]
-            assert next(iter(reader.iter_metadata())).metadata == {'command': 'a b'}
-    assert times == list(range(1000, 2000))
-    assert [file.name for file in files] == metadata(writer)['relative_file_paths']
-    assert sum(file['message_count'] for file in metadata(writer)['files']) == 1000
-    with AnyReader([directory]) as reader:
-        assert reader.message_count == 1000
-
-
-def test_a_next_file_that_cannot_be_made_loses_nothing(tmp_path: Path) -> None:
-    directory = tmp_path / 'run'
-    directory.mkdir()
-    (directory / 'run_1.mcap').mkdir()
-    writer = BagWriter(directory, max_size=1)
-    for k in range(10):
-        with suppress(FileExistsError):
-            write(writer, VALUE, k)
-    writer.close()
-    mcap_doctor.check(directory / 'run_0.mcap')
-    assert metadata(writer)['message_count'] == 10
-
-
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     return tmp_path / 'bag' / 'file'
@@ -257,19 +213,17 @@ def random_messages(seed: int) -> Iterator[tuple[int, bytes, int, int, int]]:
         yield number % 3, random.bytes(random.integers(8, 400)), received, published, number
 
 
-def make(path: Path) -> None:
-    file = BagFile(path)
+def make(directory: Path) -> Path:
+    writer = BagWriter(directory)
     for seed in (1, 2):
-        for index, *message in random_messages(seed):
-            file.add([Message(TOPICS[index], *message)])
-        file.end_chunk()
-        file.add_metadata({'seed': str(seed)})
-        file.attach(Attachment(3, 0, 'notes', 'text/plain', b'wet'))
-    file.finish({'version': 9})
-    file.commit()
+        writer.write([Message(TOPICS[index], *rest) for index, *rest in random_messages(seed)])
+        writer.add_metadata({'seed': str(seed)})
+        writer.attach({'notes': b'wet'})
+    writer.close()
+    return writer.file
 
 
-def make_with_mcap(path: Path) -> None:
+def make_with_mcap(path: Path, information: object) -> None:
     with path.open('wb') as stream:
         writer = Writer(stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
         writer.start('ros2', 'barc_sim')
@@ -290,8 +244,8 @@ def make_with_mcap(path: Path) -> None:
                 writer.add_message(channels[index], received, data, published, number)
             writer.flush()
             writer.add_metadata(METADATA_NAME, {'seed': str(seed)})
-            writer.add_attachment(3, 0, 'notes', 'text/plain', b'wet')
-        writer.add_metadata('rosbag2', {'serialized_metadata': to_yaml({'version': 9})})
+            writer.add_attachment(0, 3, 'notes', 'text/plain', b'wet')
+        writer.add_metadata('rosbag2', {'serialized_metadata': to_yaml(information)})
         writer.finish()
 
 
@@ -304,10 +258,13 @@ def all_records(path: Path) -> list[McapRecord]:
         ]
 
 
-def test_a_file_has_the_records_that_mcaps_own_writer_writes(tmp_path: Path) -> None:
-    ours, theirs = tmp_path / 'ours.mcap', tmp_path / 'theirs.mcap'
-    make(ours)
-    make_with_mcap(theirs)
+def test_a_file_has_the_records_that_mcaps_own_writer_writes(
+    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('time.time_ns', lambda: 3)  # of the attachments
+    ours, theirs = make(directory), tmp_path / 'theirs.mcap'
+    text = (directory / 'metadata.yaml').read_text(encoding='utf-8')
+    make_with_mcap(theirs, yaml.safe_load(text)['rosbag2_bagfile_information'])
     mcap_doctor.check(ours)
     expected = all_records(theirs)
     assert sum(isinstance(record, Chunk) for record in expected) == 4

@@ -47,7 +47,7 @@ def test_help_of_a_run_fits_on_one_screen_and_all_is_in_help_all(
     assert len(shown.splitlines()) <= 24
     assert '--mirrors' not in shown
     everything = barc(name, '--help-all').stdout
-    assert {'--mirrors', '--max-bag-size', '--ros-args'} <= {*everything.split()}
+    assert {'--mirrors', '--min-free-space', '--ros-args'} <= {*everything.split()}
 
 
 def test_every_command_has_a_module_and_every_module_a_command() -> None:
