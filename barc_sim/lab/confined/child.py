@@ -1,7 +1,14 @@
-"""The process for a submission: it calls its functions as requests ask.
+"""The process for a submission: it confines itself, then calls functions as requests ask.
 
-A script that `process.py` starts without site-packages and with an empty environment. Requests and
-replies are lines of JSON: `{"serial": 1, "do": NAME, "arguments": […]}` gets
+A script that `process.py` starts without site-packages and with an empty environment. Landlock, the
+kernel's own sandbox, refuses files, TCP, signals and abstract sockets. A seccomp filter refuses all
+system calls but those below, with EPERM: new processes and threads, signals, sockets, ptrace,
+io_uring, mounts, keys, and the calls of later kernels. What the kernel lacks or refuses is an
+OSError. Both are written by hand. The library landlock on PyPI has had only development releases
+since 2022, and refuses neither networks nor signals; those for seccomp (pyseccomp, for one) need
+libseccomp from the system, which is not on every machine.
+
+Requests and replies are lines of JSON: `{"serial": 1, "do": NAME, "arguments": […]}` gets
 `{"serial": 1, "result": …}` or `{"serial": 1, "error": TEXT}`. The first reply, with the serial 0,
 comes unasked: the process is confined. It has no score, no rubric and no law of the vehicle or of
 control: what a submission finds or changes here can only change its own results.
@@ -12,13 +19,20 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import platform
 import signal
+import stat
 import sys
+import sysconfig
+from contextlib import suppress
+from errno import ENOTTY, EPERM
+from os import O_RDONLY, O_RDWR, O_TRUNC, O_WRONLY
 from pathlib import Path
+from struct import pack
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Sequence
     from types import FrameType
 
 
@@ -102,7 +116,7 @@ def _limit(memory: int, parent: int) -> None:
 def _confine(ruleset: int, program: bytes) -> None:
     """Allow only the files of a Landlock `ruleset`, and the system calls of a seccomp `program`."""
     _called('prctl', _SET_NO_NEW_PRIVS, 1, 0, 0, 0)
-    _called('syscall', _RESTRICT_SELF, ruleset, 0)
+    _landlock(_RESTRICT_SELF, ruleset, 0)
     os.close(ruleset)
     buffer = ctypes.create_string_buffer(program, len(program))
     filter_program = _FilterProgram(len(program) // _INSTRUCTION, ctypes.addressof(buffer))
@@ -113,12 +127,194 @@ class _FilterProgram(ctypes.Structure):
     _fields_ = (('length', ctypes.c_ushort), ('filter', ctypes.c_void_p))
 
 
-def _called(function: str, number: int, *arguments: int) -> None:
+def _landlock(number: int, *arguments: bytes | int | None) -> int:
+    """Make a call of Landlock."""
+    try:
+        return _called('syscall', number, *arguments)
+    except OSError as error:
+        raise OSError(error.errno, f'no Landlock here: {error.strerror}') from None
+
+
+def _called(function: str, number: int, *arguments: bytes | int | None) -> int:
     """Call a function of the C library; its integers are pointers, sizes and flags."""
-    wide = [ctypes.c_ulong(value) for value in arguments]
-    if getattr(ctypes.CDLL(None, use_errno=True), function)(number, *wide) < 0:
+    wide = [ctypes.c_ulong(each) if isinstance(each, int) else each for each in arguments]
+    result: int = getattr(ctypes.CDLL(None, use_errno=True), function)(number, *wide)
+    if result < 0:
         error = ctypes.get_errno()
         raise OSError(error, f'{function} {number} failed: {os.strerror(error)}')
+    return result
+
+
+# Landlock. Its calls have the same numbers on all architectures.
+_CREATE_RULESET, _ADD_RULE = 444, 445
+_VERSION = 1
+_PATH_BENEATH = 1
+_WRITE_FILE, _READ_FILE, _READ_DIR = 1 << 1, 1 << 2, 1 << 3
+# What each version can refuse: of files, of TCP, of signals and abstract sockets.
+_FILES = {1: 0x1FFF, 2: 0x3FFF, 3: 0x7FFF, 4: 0x7FFF, 5: 0xFFFF}
+_TCP = 0b11
+_TCP_SINCE = 4
+_SCOPES = 0b11
+_SCOPES_SINCE = 6
+_OTHER_PACKAGES = {'site-packages', 'dist-packages'}
+
+
+def _ruleset(folder: Path, numpy: Path, version: int) -> int:
+    """Return the descriptor of a ruleset that allows to read `folder`, Python and NumPy.
+
+    Nothing may be written but to /dev/null, and nothing connected to. Of Landlock it uses what the
+    `version` has.
+    """
+    attributes = pack(
+        '=QQQ',
+        _FILES[min(version, max(_FILES))],
+        _TCP if version >= _TCP_SINCE else 0,
+        _SCOPES if version >= _SCOPES_SINCE else 0,
+    )
+    ruleset = _landlock(_CREATE_RULESET, attributes, len(attributes), 0)
+    library = Path(os.__file__).parent
+    try:
+        for path in (folder, numpy, numpy.with_name('numpy.libs'), *_python(library)):
+            _allow(ruleset, path, _READ_FILE | _READ_DIR)
+        _allow(ruleset, library, _READ_DIR)  # imports list it
+        _allow(ruleset, Path(os.devnull), _READ_FILE | _WRITE_FILE)
+    except BaseException:
+        os.close(ruleset)
+        raise
+    return ruleset
+
+
+def abi() -> int:
+    """Return the version of the kernel's Landlock, from 1 on."""
+    return _landlock(_CREATE_RULESET, None, 0, _VERSION)
+
+
+def _allow(ruleset: int, path: Path, access: int) -> None:
+    try:
+        descriptor = os.open(path, os.O_PATH | os.O_CLOEXEC)
+    except OSError:
+        return
+    try:
+        if not stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            access &= ~_READ_DIR
+        _landlock(_ADD_RULE, ruleset, _PATH_BENEATH, pack('=Qi', access, descriptor), 0)
+    finally:
+        os.close(descriptor)
+
+
+def _python(library: Path) -> list[Path]:
+    """Return what Python reads: nothing of other packages, such as barc_sim itself.
+
+    The folder of the standard library can contain other packages: its parts are named one by one.
+    """
+    parts = [path for path in library.iterdir() if path.name not in _OTHER_PACKAGES]
+    extensions = Path(str(sysconfig.get_config_var('DESTSHARED') or library / 'lib-dynload'))
+    return [*parts, extensions, *_shared_libraries()]
+
+
+def _shared_libraries() -> list[Path]:
+    """Return the shared libraries, file by file: on some systems their folders hold packages."""
+    folders = {Path(sys.base_prefix, 'lib')}
+    with Path('/proc/self/maps').open(encoding='utf-8', errors='replace') as maps:
+        for line in maps:
+            path = Path(line.split(maxsplit=5)[-1].rstrip())
+            if path.name.startswith(('libc.', 'libc-', 'libm.', 'libstdc++.')):
+                folders.add(path.parent)
+    found = [path for folder in sorted(folders) for path in folder.glob('*.so*')]
+    return [Path('/etc/ld.so.cache'), *found]
+
+
+# Seccomp.
+_KILL_PROCESS = 0x80000000
+_ERRNO = 0x00050000
+_ALLOW = 0x7FFF0000
+_LOAD, _JUMP_IF_EQUAL, _RETURN, _AND = 0x20, 0x15, 0x06, 0x54
+_NUMBER, _ARCHITECTURE, _ARGUMENTS = 0, 4, 16  # offsets in struct seccomp_data
+# Before Linux 6.2 Landlock lets a file that may be read be emptied, unless the call asks to write.
+_NO_MODE = O_WRONLY | O_RDWR  # neither to read nor to write; also the mask of the access modes
+_EMPTYING = (O_RDONLY | O_TRUNC, _NO_MODE | O_TRUNC)
+_FLAGS = {'open': 1, 'openat': 2}  # the argument with them
+#: A younger architecture lacks some of them.
+_ALLOWED = """
+    read write close readv writev pread64 lseek access faccessat faccessat2 close_range
+    stat fstat lstat newfstatat statx readlink readlinkat getcwd getdents64 dup dup2 dup3
+    poll ppoll select pselect6
+    brk mmap mprotect munmap mremap madvise
+    rt_sigaction rt_sigprocmask rt_sigreturn sigaltstack
+    exit exit_group futex set_robust_list rseq sched_yield sched_getaffinity
+    nanosleep clock_nanosleep clock_gettime clock_getres gettimeofday time times setitimer
+    getpid getppid gettid getuid geteuid getgid getegid getrlimit getrusage
+    uname sysinfo getrandom
+"""
+
+
+#: The architectures: their names in the tables of system calls, and their numbers in seccomp_data.
+MACHINES = {'x86_64': ('x86_64', 0xC000003E), 'aarch64': ('arm64', 0xC00000B7)}
+
+
+def call_numbers(machine: str, calls: Iterable[str]) -> dict[str, int]:
+    """Return the numbers of those system calls that a machine has."""
+    from system_calls import NotSupportedSystemCall, syscalls  # noqa: PLC0415 (no site-packages yet)
+
+    tables, found = syscalls(), {}
+    for call in calls:
+        with suppress(NotSupportedSystemCall):
+            found[call] = int(tables.get(call, MACHINES[machine][0]))
+    return found
+
+
+def call_filter(machine: str = '') -> bytes:
+    """Return the filter for `machine`, by default this one, as an array of `sock_filter`."""
+    machine = machine or platform.machine()
+    if machine not in MACHINES:
+        raise OSError(
+            f'there is no filter of system calls for a {machine!r} machine, '
+            f'only for {" and ".join(MACHINES)}'
+        )
+    return b''.join(
+        [
+            _instruction(_LOAD, _ARCHITECTURE),
+            _instruction(_JUMP_IF_EQUAL, MACHINES[machine][1], if_equal=1),
+            _instruction(_RETURN, _KILL_PROCESS),
+            _instruction(_LOAD, _NUMBER),
+            # As for a file that is no terminal.
+            _instruction(_JUMP_IF_EQUAL, call_numbers(machine, ['ioctl'])['ioctl'], otherwise=1),
+            _instruction(_RETURN, _ERRNO | ENOTTY),
+            *_opening(machine),
+            *_if_one_of([*call_numbers(machine, _ALLOWED.split()).values()]),
+            _instruction(_RETURN, _ERRNO | EPERM),
+            _instruction(_RETURN, _ALLOW),
+        ]
+    )
+
+
+def _if_one_of(values: Sequence[int]) -> list[bytes]:
+    """Return the instructions that skip the one after them if the value is one of `values`."""
+    return [
+        _instruction(_JUMP_IF_EQUAL, value, if_equal=len(values) - i)
+        for i, value in enumerate(values)
+    ]
+
+
+def _opening(machine: str) -> list[bytes]:
+    """Return the instructions that allow `open` and `openat`, except to empty files."""
+    instructions = []
+    for call, number in call_numbers(machine, _FLAGS).items():
+        body = [
+            _instruction(_LOAD, _ARGUMENTS + 8 * _FLAGS[call]),
+            _instruction(_AND, _NO_MODE | O_TRUNC),
+            *_if_one_of(_EMPTYING),
+            _instruction(_RETURN, _ALLOW),
+            _instruction(_RETURN, _ERRNO | EPERM),
+        ]
+        jump = _instruction(_JUMP_IF_EQUAL, number, otherwise=len(body))
+        instructions += [jump, *body]
+    return instructions
+
+
+def _instruction(code: int, operand: int, *, if_equal: int = 0, otherwise: int = 0) -> bytes:
+    """Return a `sock_filter`; the jumps are counted from the next instruction on."""
+    return pack('=HBBI', code, if_equal, otherwise, operand)
 
 
 def _answer(handler: Callable[..., Any], serial: int, do: str, arguments: list[Any]) -> bytes:
@@ -161,14 +357,18 @@ def _main() -> None:
     try:
         path = [*sys.path]
         sys.path += start['packages']
-        import numpy  # noqa: F401, ICN001, PLC0415 (a submission may import it, and no other)
+        import numpy  # noqa: ICN001, PLC0415 (a submission may import it, and no other)
 
         handler = _handler(start['call'])
+        ruleset, program = 0, b''
+        if start['landlock']:
+            own = Path(numpy.__file__).resolve().parent
+            ruleset, program = _ruleset(Path(), own, start['landlock']), call_filter()
         _forget_packages(path)
         if sys.platform == 'linux':
             _limit(start['memory'], start['parent'])
-        if start['ruleset'] is not None:
-            _confine(start['ruleset'], bytes.fromhex(start['program']))
+        if start['landlock']:
+            _confine(ruleset, program)
     except Exception as error:  # noqa: BLE001 (the grader prints it)
         os.write(replies, json.dumps({'serial': 0, 'error': _text(error)}).encode() + b'\n')
         sys.exit(1)

@@ -20,7 +20,8 @@ import barc_sim
 from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.confined import process
-from barc_sim.lab.confined.process import MACHINES, Limits, call_filter, call_numbers, check
+from barc_sim.lab.confined.child import MACHINES, call_filter, call_numbers
+from barc_sim.lab.confined.process import Limits, check
 from barc_sim.lab.labs.hills import HillsCode
 
 if TYPE_CHECKING:
@@ -227,7 +228,7 @@ def test_without_the_sandbox_only_the_limits_hold(folder: Callable[..., Path]) -
 
 def test_a_kernel_without_landlock_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
     # A number that no kernel gives to a system call.
-    monkeypatch.setattr('barc_sim.lab.confined.process._CREATE_RULESET', 100_000)
+    monkeypatch.setattr('barc_sim.lab.confined.child._CREATE_RULESET', 100_000)
 
     with pytest.raises(UserError, match=r'no Landlock here.*--unconfined'):
         check(sandbox=True)
