@@ -1,199 +1,362 @@
-"""A lab as a value, and how its user code is judged: calls, functions, drives, and findings.
+"""How user code is judged: a lab's laws with the mistakes in them, and what is found by these.
 
-It uses no ROS, no clock and only seeded random numbers: a score is the same on every machine.
+A lab has its laws in text files such as `labs/bike.txt`. After a description come texts in
+capitals, then the right formulas, indented. Each section has a topic, and mistakes: a line for the
+sentence, then the wrong formulas, indented. `name in x y` after a topic repeats its section with
+each of these values for `{name}`; texts are put in in the same way. Formulas are Python over arrays
+of NumPy.
+
+A mistake is thus a wrong program of a few lines. It is named if it gives the same numbers as the
+user's code, for the same inputs.
+
+The section `Inputs` has a number for each input, or a range. Each entry of a section `Situations`
+has a name, the results that it tests, and the inputs that are others there.
+
+This uses no ROS, no clock and only seeded random numbers: a score is the same on every machine.
 Tolerances are far above the differences between maths libraries, and far below any mistake.
 """
 
 from __future__ import annotations
 
-import time
+import re
 from collections import Counter
-from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
-from math import isfinite
+from functools import cache, partial
+from itertools import product
+from math import inf
+from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from barc_sim.errors import UserError, one_line, without_addresses
-from barc_sim.lab.confined.process import Ended, Failed, Limits, Process
-from barc_sim.lab.files import ChosenGains, UserCodeError, files_in
-from barc_sim.lab.laws import Judge, close, run
+from barc_sim.errors import UserError
+from barc_sim.lab.confined.process import Limits
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
+    from types import CodeType
 
     from matplotlib.figure import Figure
-    from typing_extensions import Self
 
-    from barc_sim.lab.files import Handout
-    from barc_sim.lab.laws import Agree, Index, Inputs, Law, Trial
+    from barc_sim.lab.confined.process import JudgedCode
+    from barc_sim.lab.files import ChosenGains, Handout
+
+    Formulas = Mapping[str, str]
+    Inputs = Mapping[str, 'Floats']
+    Case = tuple[Inputs, 'Floats']  # what a function got, and one of its results
+    Index = tuple[int, ...]
+    Agree = Callable[['Floats', 'Floats'], bool]
+
+Floats = NDArray[np.float64]
+Range = tuple[float, float]  #: uniform between the two
+
+_FUNCTIONS = {**vars(np), 'atan': np.arctan}  #: of the formulas
+_SAMPLE = 100  #: inputs with which mistakes are tried
+#: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
+_TOLERANCE = 1e-9
 
 
-_MAX_PHRASES = 20
-_MAX_ENDS = 3  # a function that has ended its process, or looped, so often is not called again
-#: The user's name for what a request calls.
-_CALLED = {'make_lane': 'Lane', 'steer': 'Lane', 'relay_commands': 'relay'} | dict.fromkeys(
-    ('make_pid', 'steps'), 'PID'
-)
+class Mistake(NamedTuple):
+    """A mistake in a law: a common one, or one that has no formulas."""
+
+    topic: str  #: of one common mistake
+    sentence: str  #: what to check, as the user reads it
+    formulas: Formulas  #: the wrong ones, by quantity
+    kind: str  #: the sentence as the file has it: one mistake, made in several results
 
 
-class JudgedCode:
-    """A user's files in `folder`, called in a process confined to it; a lab adds what it calls.
+class Situation(NamedTuple):
+    """Inputs of a law, and the results that they test."""
 
-    Each failure is a UserCodeError. If a call ends the process, the next one uses a new process.
-    All calls together have `Limits.total` seconds; after that each one fails.
-    """
+    name: str
+    tests: Collection[str]
+    values: Mapping[str, float | Range]  #: of each input
 
-    def __init__(self, folder: Path, limits: Limits | None = None, *, sandbox: bool = True) -> None:
-        """Use the files in `folder`; the process starts at the first call."""
-        self._folder = folder
-        self._limits = limits or Limits()
-        self._sandbox = sandbox
-        self._process: Process | None = None
-        self._left = self._limits.total
-        self._ends: Counter[str] = Counter()
-        self._reasons: dict[str, str] = {}
-        self._printed = b''
-        self._gains: ChosenGains | None = None
+    def inputs(self, seed: int | str, count: int) -> dict[str, Floats]:
+        """Return `count` values of each input, the same for the same seed."""
+        # A string seeds the generator alike in every version of Python.
+        uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
+        rows = [
+            [uniform(*each) if isinstance(each, tuple) else each for each in self.values.values()]
+            for _ in range(count)
+        ]
+        return dict(zip(self.values, np.array(rows).T, strict=True))
 
-    def __enter__(self) -> Self:
-        """Return the code; its process ends with the block."""
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        """End the process."""
-        self.close()
+@dataclass(frozen=True)
+class Law:
+    """The right formulas of what a user's function computes, and the wrong ones."""
 
-    def has(self, part: str) -> bool:
-        """Return whether there is the file of this part."""
-        return part in files_in(self._folder)
+    formulas: Formulas
+    mistakes: tuple[Mistake, ...]  #: the likelier ones first
+    situations: Mapping[str, tuple[Situation, ...]] = field(default_factory=dict)
+    functions: Mapping[str, Callable[..., Any]] = field(default_factory=dict)  #: of the formulas
 
-    def rows(self, name: str, rows: Sequence[Sequence[Any]], size: int) -> list[Any]:
-        """Return what a user's function returns for each row of arguments: `size` numbers."""
-        found = self.call('functions', name, rows)
-        return rows_of(name, found, len(rows), size)
+    def compute(self, inputs: Inputs, changes: Formulas | None = None) -> dict[str, Floats]:
+        """Return all quantities; `changes` replace formulas, and inputs before they are used."""
+        changes, values = changes or {}, dict(inputs)
+        first = {name: each for name, each in changes.items() if name in inputs}
+        later = {name: each for name, each in changes.items() if name not in inputs}
+        for name, formula in {**first, **self.formulas, **later}.items():
+            names = {**_FUNCTIONS, **self.functions}
+            values[name] = np.asarray(eval(_compiled(formula), names, values), np.float64)  # noqa: S307 (ours)
+        return values
 
-    def chosen_gains(self) -> ChosenGains | None:
-        """Return the gains that `controller.py`, once loaded, chooses; None if it has none."""
-        with suppress(KeyError, TypeError, ValueError, OverflowError):
-            kp, ki, kd, origin = self._notes()['gains']
-            gains = ChosenGains(float(kp), float(ki), float(kd), one_line(str(origin), 100))
-            if all(map(isfinite, gains[:3])):
-                self._gains = gains  # they stay known when the process has ended
-        return self._gains
-
-    def tolerated(self) -> tuple[str, ...]:
-        """Return what was tolerated in the files that are loaded, a phrase each."""
-        phrases = self._notes().get('tolerated')
-        known = phrases[:_MAX_PHRASES] if isinstance(phrases, (list, tuple)) else ()
-        return tuple(one_line(str(phrase)) for phrase in known)
-
-    def line_of(
-        self, do: str, arguments: Sequence[Any], values: Iterable[float], others: Iterable[float]
-    ) -> str:
-        """Return the file and line that first gives one of the `values` to a name in a request.
-
-        Values that are among the `others` do not count. Where no line does, it is the one that
-        returns; empty if that is not known.
-        """
-        try:
-            lines = [(str(at), float(value)) for at, value in self.call('lines', do, *arguments)]
-        except (UserCodeError, TypeError, ValueError):
-            return ''
-        usual = np.array([0.0, 1.0, *others])
-        wrong = np.array([v for v in values if not np.isclose(v, usual, 1e-12, 0.0).any()])
-        near = (at for at, value in lines if np.isclose(value, wrong, 1e-9, 0.0).any())
-        return one_line(next(near, lines[-1][0] if lines else ''), 100)
-
-    def _notes(self) -> dict[str, Any]:
-        try:
-            notes = self.call('notes')
-        except UserCodeError:
-            return {}
-        return notes if isinstance(notes, dict) else {}
-
-    @property
-    def printed(self) -> str:
-        """The first output of the processes that have ended."""
-        text = without_addresses(self._printed[: self._limits.output].decode(errors='replace'))
-        return f'{text}\n[and more]' if len(self._printed) > self._limits.output else text
-
-    def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
-        """Return the result of a request.
-
-        Raises
-        ------
-        UserCodeError
-            if the function fails or ends its process.
-        """
-        function = self._called(do, *arguments)
-        if self._ends[function] >= _MAX_ENDS:
-            raise UserCodeError(self._reasons[function])
-        if self._left <= 0.0:
-            raise UserCodeError(self._out_of_time())
-        if do == 'notes' and self._process is None:
-            return {}
-        if self._process is None:
-            self._process = Process(self._folder, self._limits, sandbox=self._sandbox)
-        began = time.monotonic()
-        try:
-            return self._process.request(do, *arguments, wait=min(self._limits.wait, self._left))
-        except Failed as error:
-            if 'is there an endless loop' in str(error):  # each such call takes all of its time
-                self._ends[function] += 1
-                self._reasons[function] = str(error)
-            raise UserCodeError(str(error)) from None
-        except Ended as error:
-            self.close()
-            if time.monotonic() - began >= self._left:
-                raise UserCodeError(self._out_of_time()) from None
-            self._ends[function] += 1
-            self._reasons[function] = f'{function}: the process that called it {error}'
-            raise UserCodeError(self._reasons[function]) from None
-        finally:
-            self._left -= time.monotonic() - began
-
-    def _called(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
-        if do == 'lines':
-            return self._called(*arguments)
-        return str(arguments[0]) if do == 'functions' else _CALLED.get(do, do)
-
-    def _out_of_time(self) -> str:
-        return (
-            f'the code has used up the {self._limits.total:g} s that it has in all; does it '
-            'sleep, or wait for something?'
+    def changed(self, inputs: Inputs, mistake: Mistake, at: Sequence[int]) -> list[float]:
+        """Return the values that a mistake changes, at an index of the inputs."""
+        shape = np.broadcast_shapes(*(np.shape(values) for values in inputs.values()))
+        wrong, right = self.compute(inputs, mistake.formulas), self.compute(inputs)
+        values = (
+            [float(np.broadcast_to(made[name], shape)[tuple(at)]) for made in (wrong, right)]
+            for name in right
         )
+        return [mine for mine, usual in values if mine != usual]
 
-    def close(self) -> None:
-        """End the process, if there is one."""
-        if self._process is not None:
-            self._process.close()
-            self._printed += self._process.printed
-            self._process = None
+    def explain(
+        self, cases: Mapping[str, Case], wrong: Iterable[str], agree: Agree
+    ) -> dict[str, Mistake]:
+        """Return the mistake that explains each wrong result, where one does.
+
+        Of several it is the one that explains the most results, right ones included.
+
+        Parameters
+        ----------
+        cases
+            What the user's function got, and what it returned, by result; right ones, too.
+        wrong
+            The names of the wrong ones.
+        agree
+            Whether two arrays are the same results.
+        """
+
+        def explains(mistake: Mistake, name: str) -> bool:
+            inputs, got = cases[name]
+            made = self.compute(inputs, mistake.formulas)[name]
+            return agree(got, np.broadcast_to(made, got.shape))
+
+        found: dict[str, Mistake] = {}
+        made = [(each, [name for name in cases if explains(each, name)]) for each in self.mistakes]
+        for mistake, names in sorted(made, key=lambda each: -len(each[1])):
+            found |= {n: mistake for n in wrong if n in names and n not in found}
+        return found
+
+
+class Trial(NamedTuple):
+    """What user code returned for the inputs of a law."""
+
+    name: str  #: of the situation
+    tests: Collection[str]  #: the results that it tests
+    inputs: Inputs
+    got: Mapping[str, Floats]  #: by result; NaN where the code failed
+    failure: str = ''
+
+
+def close(got: Floats, expected: Floats) -> bool:
+    """Return whether `got` is finite, and equals `expected` to rounding."""
+    with np.errstate(invalid='ignore', over='ignore'):
+        near = np.abs(got - expected) <= _TOLERANCE * np.maximum(1.0, np.abs(expected))
+    return bool(np.all(near & np.isfinite(got)))
+
+
+_PROPORTIONAL = 1e-6  #: relative error of a result that is the right one but for a factor
+_FACTOR, _SIGN = 0.4, 0.6  #: of a result's points; see `Judge.loss`
+_ABSENT = 'Absent'  #: A topic that begins so is of results that are not there: each counts.
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Judges what user code returned by a law."""
+
+    law: Law
+    agree: Agree  #: whether two arrays are the same results
+    #: Returns a call as text, of a trial and an index.
+    call: Callable[[Trial, Index], str]
+    #: Returns the line in which a call gives one of these values to a name; empty if none does.
+    line: Callable[[Trial, str, Index, list[float]], str]
+    min_loss: float  #: of a result that is wrong
+
+    def is_right(self, trial: Trial, name: str) -> bool:
+        """Return whether a result is right."""
+        return self.agree(trial.got[name], self.law.compute(trial.inputs)[name])
+
+    def loss(self, trials: Iterable[Trial], name: str) -> float:
+        """Return how wrong a result is, from 0 to 1.
+
+        It is the mean of the trials that test it, and that of all others. A factor that is off by
+        little costs little, another one more, a sign most; what is absent, or has nothing to do
+        with the right result, costs all. A state is judged by its change.
+        """
+        tested, others = [0.0], [0.0]
+        for trial in trials:
+            old = trial.inputs.get(name.removesuffix('_next'), 0.0)
+            right = self.law.compute(trial.inputs)[name]
+            loss = 0.0 if self.is_right(trial, name) else _loss(trial.got[name] - old, right - old)
+            (tested if name in trial.tests else others).append(loss)
+        shares = (sum(each) / max(len(each) - 1, 1) for each in (tested, others))
+        loss = 1.0 - (1.0 - next(shares)) * (1.0 - next(shares))
+        return float(max(loss, self.min_loss)) if loss else 0.0
+
+    def judge(self, trials: Sequence[Trial], names: Iterable[str]) -> dict[str, tuple[float, str]]:
+        """Return how right each result is, from 0 to 1, and the sentence on the mistake in it.
+
+        It loses as much as it is wrong; for one known mistake no more than for a sign. A mistake in
+        several results counts once: each of them loses its share.
+        """
+        own = {name: [trial for trial in trials if name in trial.got] for name in names}
+        losses = {name: loss for name in own if (loss := self.loss(own[name], name))}
+        causes = self.causes(trials, [*losses]) if losses else {}
+        times = Counter(cause.kind for cause in causes.values())
+        verdicts = dict.fromkeys(own, (1.0, ''))
+        placed: dict[str, str] = {}  # one mistake has one line
+        for name, cause in causes.items():
+            absent = cause.topic.startswith(_ABSENT)
+            share = losses[name] / (1 if absent else times[cause.kind])
+            most = _SIGN if cause.topic and not absent else 1.0
+            text = placed.setdefault(cause.sentence, self.placed(own[name], name, cause))
+            verdicts[name] = 1.0 - min(share, most), text
+        return verdicts
+
+    def causes(self, trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Mistake]:
+        """Return for each wrong result the failure, the mistake, or its largest error."""
+        causes: dict[str, Mistake] = {}
+        cases: dict[str, Case] = {}
+        for name in {name: 0 for trial in trials for name in trial.got}:
+            own = [trial for trial in trials if name in trial.got]
+            failed = [trial for trial in own if trial.failure]
+            if len(failed) == len(own):
+                causes[name] = Mistake(_ABSENT, failed[0].failure, {}, '')
+            elif failed:
+                text = f'{failed[0].failure} ({failed[0].name})'
+                causes[name] = Mistake('', text, {}, text)
+            else:
+                cases[name] = _joined(own, name)
+        named = self.law.explain(cases, [name for name in wrong if name in cases], self.agree)
+        return {
+            name: causes.get(name) or named.get(name) or self._largest_error(trials, name)
+            for name in wrong
+        }
+
+    def placed(self, trials: Sequence[Trial], name: str, cause: Mistake) -> str:
+        """Return the sentence of a mistake after the file and line of it, if these are known.
+
+        It is the first line that gives a value of the wrong law to a name, and where there is none
+        the one that returns.
+        """
+        # The last one is the most general.
+        trial = next((each for each in reversed(trials) if not self.is_right(each, name)), None)
+        if trial is None or trial.failure:
+            return cause.sentence
+        index = self._largest(trial, name)
+        wrong = [*self.law.changed(trial.inputs, cause, index), float(trial.got[name][index])]
+        line = self.line(trial, name, index, wrong)
+        return f'{line}: {cause.sentence}' if line else cause.sentence
+
+    def _errors(self, trial: Trial, name: str) -> Floats:
+        return np.abs(trial.got[name] - self.law.compute(trial.inputs)[name])
+
+    def _largest(self, trial: Trial, name: str) -> Index:
+        """Return the index of the largest error."""
+        errors = self._errors(trial, name)
+        return tuple(map(int, np.unravel_index(errors.argmax(), errors.shape)))
+
+    def _largest_error(self, trials: Sequence[Trial], name: str) -> Mistake:
+        """Return a mistake that names where a result is wrong, and its largest error."""
+        own = [trial for trial in trials if name in trial.got]
+        bad = [trial for trial in own if not self.is_right(trial, name)]
+        where = f' in: {", ".join(trial.name for trial in bad)}' if len(bad) < len(own) else ''
+        trial = max(bad, key=lambda each: self._errors(each, name).max())
+        index = self._largest(trial, name)
+        got, right = trial.got[name][index], self.law.compute(trial.inputs)[name][index]
+        text = (
+            f'{name} is wrong{where}. The largest error: {self.call(trial, index)} gave '
+            f'{got:.9g}, expected {right:.9g}'
+        )
+        return Mistake('', text, {}, text)
+
+
+def _loss(got: Floats, right: Floats) -> float:
+    size = float(np.vdot(right, right))
+    factor = float(np.vdot(got, right)) / size if size else 0.0
+    if factor and np.abs(got - factor * right).max() <= _PROPORTIONAL * np.abs(got).max():
+        return min(abs(factor - 1.0), _FACTOR) if factor > 0.0 else _SIGN
+    error = float(np.sqrt(np.vdot(got - right, got - right) / size)) if size else inf
+    return min(error, 1.0) if error >= 0.0 else 1.0
+
+
+def _joined(trials: Sequence[Trial], name: str) -> Case:
+    """Return what the code got and returned in several trials, of many calls some."""
+    step = max(sum(len(trial.got[name]) for trial in trials) // _SAMPLE, 1)
+    inputs = {
+        key: np.concatenate([trial.inputs[key] for trial in trials])[::step]
+        for key in trials[0].inputs
+    }
+    return inputs, np.concatenate([trial.got[name] for trial in trials])[::step]
+
+
+def read_law(file: Path, **values: object) -> Law:
+    """Return the law in a file, with `values` put in."""
+    head, *sections = file.read_text(encoding='utf-8').split('\n# ')
+    right: dict[str, str] = {}
+    mistakes: list[Mistake] = []
+    inputs: dict[str, float | Range] = {}
+    situations: dict[str, tuple[Situation, ...]] = {}
+    for line in head.splitlines():
+        name, equals, text = line.strip().partition(' = ')
+        if equals:
+            target: dict[str, Any] = right if line.startswith(' ') else values
+            target[name] = text.format_map(values)
+    for section in sections:
+        title, _, text = section.partition('\n')
+        topic, *loops = title.split('; ')
+        if topic == 'Inputs':
+            inputs = _ranges(next(_entries(text, values)).formulas)
+        elif topic == 'Situations':
+            situations[loops[0]] = tuple(_situations(_entries(text, values), inputs))
+        else:
+            for chosen in product(*map(_choices, loops)):
+                if len({value for _, value in chosen}) == len(loops):
+                    entries = _entries(text, {**values, **dict(chosen)})
+                    mistakes += (each._replace(topic=topic) for each in entries)
+    return Law(right, tuple(mistakes), situations)
+
+
+def _choices(loop: str) -> list[tuple[str, str]]:
+    """Return the name and each value of a loop."""
+    name, _, values = loop.partition(' in ')
+    return [(name, value) for value in values.split()]
+
+
+def _entries(text: str, values: Mapping[str, object]) -> Iterator[Mistake]:
+    """Yield the entries of a section, with `values` put in."""
+    for entry in re.split(r'\n(?! )', text.strip()):
+        kind, *lines = entry.splitlines()
+        formulas = (line.strip().format_map(values).partition(' = ') for line in lines)
+        wrong = {name: formula for name, _, formula in formulas}
+        yield Mistake('', kind.format_map(values), wrong, kind)
+
+
+def _ranges(formulas: Formulas) -> dict[str, float | Range]:
+    return {name: eval(each, dict(_FUNCTIONS)) for name, each in formulas.items()}  # noqa: S307 (ours)
+
+
+def _situations(
+    entries: Iterable[Mistake], inputs: Mapping[str, float | Range]
+) -> Iterator[Situation]:
+    for entry in entries:
+        name, _, tests = entry.sentence.partition('; ')
+        yield Situation(name, tests.split(), {**inputs, **_ranges(entry.formulas)})
+
+
+@cache
+def _compiled(formula: str) -> CodeType:
+    return compile(formula, formula, 'eval')
 
 
 def share(value: float, full: float, zero: float) -> float:
     """Return the share of the points: 1 up to `full`, 0 from `zero` on, linear in between."""
     return min(max(0.0, (zero - value) / (zero - full)), 1.0)  # of NaN 0
-
-
-def rows_of(function: str, found: Any, rows: int, columns: int) -> list[Any]:  # noqa: ANN401
-    """Return rows of numbers: the process can send anything."""
-    if not isinstance(found, list) or len(found) != rows:
-        raise UserCodeError(f'{function} returned something else than {rows} rows of numbers')
-    return [tuple(numbers_of(function, row, columns)) for row in found]
-
-
-def numbers_of(function: str, found: Any, size: int) -> list[float]:  # noqa: ANN401
-    """Return `size` finite numbers that a function returned."""
-    if not isinstance(found, (list, tuple)) or len(found) != size:
-        raise UserCodeError(f'{function} returned something else than {size} numbers')
-    if not all(type(value) is float and isfinite(value) for value in found):
-        raise UserCodeError(f'{function} returned numbers that are not finite')
-    return [*found]
 
 
 @dataclass(frozen=True)
@@ -374,19 +537,24 @@ class Functions:
             for each in trials
         ]
         findings = []
-        for name, verdict in judge.judge(judged, self.criteria).items():
+        for name, (score, message) in judge.judge(judged, self.criteria).items():
             cases = self.count * sum(name in trial.got for trial in trials)
-            message = verdict.message or f'right in all {cases:,} cases'
-            findings.append(Finding(self.criteria[name], verdict.score, message))
+            right = f'right in all {cases:,} cases'
+            findings.append(Finding(self.criteria[name], score, message or right))
         return findings, trials
 
-    def _trials(self, code: JudgedCode, name: str, seed: int | str) -> list[Trial]:
-        """Return what a function returns in its situations."""
-
-        def call(inputs: Inputs) -> list[Any]:
-            return code.rows(name, self._rows(name, inputs), len(self.results[name]))
-
-        return run(call, self.results[name], self.law.situations[name], seed, self.count)
+    def _trials(self, code: JudgedCode, name: str, seed: int | str) -> Iterator[Trial]:
+        """Call a function in each of its situations; yield what it returns."""
+        results = self.results[name]
+        for situation in self.law.situations[name]:
+            inputs = situation.inputs(seed, self.count)
+            found, failure = np.full((len(results), self.count), np.nan), ''
+            try:
+                found = np.array(code.rows(name, self._rows(name, inputs), len(results))).T
+            except UserError as error:
+                failure = str(error)
+            got = dict(zip(results, found, strict=True))
+            yield Trial(situation.name, situation.tests, inputs, got, failure)
 
     def _rows(self, name: str, inputs: Inputs) -> list[list[Any]]:
         if self.arguments:

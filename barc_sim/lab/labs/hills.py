@@ -26,10 +26,21 @@ import numpy as np
 from barc_sim.control.speed import KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab import files
+from barc_sim.lab.confined.process import numbers_of
 from barc_sim.lab.files import ChosenGains
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, judged, numbers_of
+from barc_sim.lab.judge import (
+    Evidence,
+    Finding,
+    Functions,
+    Judge,
+    Lab,
+    Part,
+    Table,
+    Trial,
+    judged,
+    read_law,
+)
 from barc_sim.lab.labs import relay
-from barc_sim.lab.laws import Judge, Trial, read
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import DISTANCE, Progress, closed_loop
 from barc_sim.simulation.metrics import summary
@@ -41,8 +52,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.judge import Judged, Settings, Thresholds
-    from barc_sim.lab.laws import Floats, Index
+    from barc_sim.lab.judge import Floats, Index, Judged, Settings, Thresholds
     from barc_sim.simulation.log import Log
 
 
@@ -55,7 +65,7 @@ MODEL_LABELS = {
     'model.v': 'Model: speed v',
 }
 _LAB = Vehicle()
-BIKE = read(
+BIKE = read_law(
     Path(__file__).with_name('bike.txt'),
     GRAVITY=GRAVITY,
     MASS=_LAB.mass,
@@ -264,7 +274,7 @@ def _before(values: Floats) -> Floats:
 
 
 PID_LAW = replace(
-    read(Path(__file__).with_name('pid.txt')),
+    read_law(Path(__file__).with_name('pid.txt')),
     functions={
         'total': partial(np.cumsum, axis=-1),
         'before': _before,

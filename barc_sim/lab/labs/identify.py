@@ -12,18 +12,8 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab import files
-from barc_sim.lab.judge import (
-    Evidence,
-    Finding,
-    Functions,
-    JudgedCode,
-    Lab,
-    Part,
-    Table,
-    numbers_of,
-    share,
-)
-from barc_sim.lab.laws import read
+from barc_sim.lab.confined.process import JudgedCode, numbers_of
+from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, read_law, share
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.tuning.identification import covariance
@@ -36,8 +26,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.judge import Settings
-    from barc_sim.lab.laws import Floats, Inputs, Trial
+    from barc_sim.lab.judge import Floats, Inputs, Settings, Trial
 
 LABELS = {
     'commands.limits': 'Commands: within the limits',
@@ -111,7 +100,7 @@ def driven(car: Car, commands: tuple[float, ...]) -> Floats:
 
 
 LAW = replace(
-    read(Path(__file__).with_name('identify.txt')),
+    read_law(Path(__file__).with_name('identify.txt')),
     functions={'rint': np.rint, 'floor': np.floor, 'ceil': np.ceil},
 )
 _TRUE = tuple(f'true_{name}' for name in Car._fields)

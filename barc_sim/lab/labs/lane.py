@@ -19,18 +19,8 @@ import numpy as np
 from barc_sim.control.lane import STEERING_LIMIT, LaneController, LaneLaw, LaneLQR, steady_turn
 from barc_sim.errors import UserError
 from barc_sim.lab import files
-from barc_sim.lab.judge import (
-    Evidence,
-    Finding,
-    Functions,
-    JudgedCode,
-    Lab,
-    Part,
-    Table,
-    numbers_of,
-    share,
-)
-from barc_sim.lab.laws import read
+from barc_sim.lab.confined.process import JudgedCode, numbers_of
+from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, read_law, share
 from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
 from barc_sim.simulation.log import TrackLog
@@ -43,8 +33,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.judge import Settings
-    from barc_sim.lab.laws import Floats
+    from barc_sim.lab.judge import Floats, Settings
     from barc_sim.vehicle.plant import Plant
 
 
@@ -68,7 +57,7 @@ _FORMULAS: Mapping[str, Callable[..., Floats]] = {
     'sqrt': np.sqrt,
     'arcsin': np.arcsin,
 }
-LAW = replace(read(Path(__file__).with_name('lane.txt'), L_F=L_F, L_R=L_R), functions=_FORMULAS)
+LAW = replace(read_law(Path(__file__).with_name('lane.txt'), L_F=L_F, L_R=L_R), functions=_FORMULAS)
 _RESULTS = {
     'straight_errors': ('straight_e_y', 'straight_e_psi'),
     'arc_errors': ('arc_e_y', 'arc_e_psi'),

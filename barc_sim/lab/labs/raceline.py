@@ -19,16 +19,8 @@ from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, LaneLQR, speed_profil
 from barc_sim.control.planning import lap_time, racing_line, solver
 from barc_sim.errors import UserError
 from barc_sim.lab import files
-from barc_sim.lab.judge import (
-    Evidence,
-    Finding,
-    JudgedCode,
-    Lab,
-    Part,
-    Table,
-    judged,
-    share,
-)
+from barc_sim.lab.confined.process import JudgedCode
+from barc_sim.lab.judge import Evidence, Finding, Lab, Part, Table, judged, share
 from barc_sim.lab.labs.lane import describe, drive_errors, drive_law, hidden_track
 from barc_sim.lab.user_code.adapters import line_through
 from barc_sim.lab.user_code.code import POINTS
@@ -42,8 +34,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.judge import Settings
-    from barc_sim.lab.laws import Floats
+    from barc_sim.lab.judge import Floats, Settings
     from barc_sim.simulation.log import TrackLog
 
 LABELS = {

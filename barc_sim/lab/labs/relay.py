@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.errors import UserError
-from barc_sim.lab.judge import Finding, JudgedCode, rows_of
+from barc_sim.lab.confined.process import JudgedCode, rows_of
+from barc_sim.lab.judge import Finding
 from barc_sim.lab.user_code.folder import BY_EYE, MAX_COMMANDS, NOT_WRITTEN, Command, TimedTwist
 from barc_sim.vehicle.parameters import PARAMETERS
 

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from barc_sim.lab.judge import Mistake, Trial, close
 from barc_sim.lab.labs import hills, lane
 from barc_sim.lab.labs.hills import BIKE, EQUATIONS, PID_LAW, agree, factor_of, wandering
-from barc_sim.lab.laws import Mistake, Trial, close
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
-    from barc_sim.lab.judge import Functions
-    from barc_sim.lab.laws import Law
+    from barc_sim.lab.judge import Functions, Law
 
 
 def drawn(law: Law) -> dict[str, Any]:

@@ -23,7 +23,7 @@ LOOK = """
 import gc, os, sys
 
 def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
-    rooms = ('vehicle', 'control', 'simulation', 'lab.judge', 'lab.laws', 'lab.labs', 'lab.grade')
+    rooms = ('vehicle', 'control', 'simulation', 'lab.judge', 'lab.labs', 'lab.grade')
     rooms = tuple(f'barc_sim.{room}' for room in rooms)
     print([name for name in sys.modules if name.startswith(rooms)])
     modules = [str(getattr(each, '__module__', '')) for each in gc.get_objects()]

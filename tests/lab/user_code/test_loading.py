@@ -10,8 +10,8 @@ import pytest
 from user_files import load, load_folder
 
 from barc_sim.errors import UserError
+from barc_sim.lab.confined.process import JudgedCode
 from barc_sim.lab.files import FILES, UserCodeError
-from barc_sim.lab.judge import JudgedCode
 from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
