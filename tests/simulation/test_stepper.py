@@ -184,16 +184,6 @@ def test_lock_step_steps_on_the_answer_to_the_present_state_only() -> None:
     assert engine.stamp == START + PERIOD
 
 
-def test_in_real_time_the_answered_state_is_stepped_at_the_deadline() -> None:
-    engine = started()
-    engine.answer(1.0)
-    assert engine.stepper.states == 1
-    engine.deadline()
-    assert engine.stepper.states == 2
-    assert engine.speed == pytest.approx(0.02, rel=1e-3)
-    assert (engine.stepper.missed, engine.stepper.slipped) == (0, 0)
-
-
 def test_missed_command_is_counted_and_the_last_one_holds() -> None:
     engine = started()
     engine.answer(1.0)

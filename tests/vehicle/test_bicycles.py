@@ -82,10 +82,6 @@ def test_error_falls_with_the_order(name: str, order: int) -> None:
     assert log2(turned(name, 256) / turned(name, 512)) == pytest.approx(order, abs=0.02)
 
 
-def test_euler_takes_the_slope_at_the_beginning() -> None:
-    assert INTEGRATORS['euler'](lambda at: (at[1], 5.0), (1.0, 2.0), 0.5) == [2.0, 4.5]
-
-
 # The dynamic bicycle
 
 TS = 0.005

@@ -97,14 +97,6 @@ def test_resistance_only_ever_slows_whatever_command_and_gravity_do(
         assert v_next == unresisted
 
 
-def test_coasting_car_comes_to_rest_and_stays() -> None:
-    vehicle = Vehicle(mass=1000.0, friction=700.0)
-    at_rest = drive(20.0, TS, v=5.0, vehicle=vehicle)
-    assert at_rest.v == 0.0
-    assert at_rest.x > 0.0
-    assert drive(21.0, TS, v=5.0, vehicle=vehicle) == at_rest
-
-
 # Symmetries
 
 
