@@ -1,6 +1,6 @@
 """Model predictive control of the lane, and of lane and speed: the laws, their gains and terms.
 
-What they compute is in `planning`, which needs NumPy: `--help` lists the gains without it.
+The program of the lane is in `planning`, which needs NumPy: `--help` lists the gains without it.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.control.lane import Curvature
+
+_LOOKS = 80  #: of the curvature on the way to a stop
 
 
 class MPC(LaneLaw):
@@ -82,13 +84,19 @@ class MPC(LaneLaw):
 class SpeedMPC(MPC):
     """Plans the speed, too: as fast as limits of the accelerations allow, `top_speed` at most.
 
+    The square of the speed is linear in the acceleration over the distance. The fastest plan up to
+    the way to a stop is thus known without a search: the car brakes where it has to, as late as it
+    can::
+
+        (v²)' = 2 a        v² |κ| ≤ lateral        |a| ≤ longitudinal        v ≤ top_speed
+
     `acceleration` [m/s²] is the first of the plan, which drives in place of the speed controller.
 
     Examples
     --------
     >>> from barc_sim import SpeedMPC, lap
     >>> print(f'{lap(SpeedMPC(lateral=3.2), "oval", laps=2).best:.2f} s')
-    25.39 s
+    25.38 s
     """
 
     gains: Mapping[str, Gain] = {
@@ -101,3 +109,22 @@ class SpeedMPC(MPC):
     lateral: float
     longitudinal: float
     acceleration = 0.0
+
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
+        """Return the front angle [rad], and set `acceleration` [m/s²]."""
+        began = thread_time()
+        gain = 2.0 * self.longitudinal
+        look = max(self.top_speed**2 / (gain * _LOOKS), 0.25)
+        bends = [abs(curvature(k * look)) for k in range(_LOOKS + 3)]
+        # A turn begins and ends between two points, and counts for both. It also counts one point
+        # early: the car brakes for the next point, and so nears the turn's speed exponentially.
+        bends = [*map(max, bends, bends[1:], bends[2:], bends[3:])]
+        limits = (self.lateral / max(bend, self.lateral / self.top_speed**2) for bend in bends)
+        allowed = min(limit + gain * look * k for k, limit in enumerate(limits))
+        limit = self.longitudinal
+        self.acceleration = max(-limit, min((allowed - speed * abs(speed)) / (2.0 * look), limit))
+        steer = super().steer_calculate(e_y, e_psi, speed, curvature)
+        self.solve_time = thread_time() - began
+        return steer

@@ -15,19 +15,14 @@ with the limits of the angle and of its rate. Behind the last step is the cost o
 algebraic Riccati equation: the first command is that LQR's where no limit, no lag and no weight of
 the change matter (Rawlings, Mayne, Diehl, "Model Predictive Control", 2.5).
 
-Where the speed is planned, too, its square is linear in the acceleration over the distance, and the
-plan reaches as far as the way to a stop::
-
-    (v²)' = 2 a        v² |κ| ≤ lateral        |a| ≤ longitudinal        v ≤ top_speed
-
-The model of the lane has the present speed all the way.
+The model has the present speed all the way.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from functools import lru_cache
-from math import exp, inf
+from math import exp
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,14 +52,8 @@ _STEP = 0.05  #: [m] of the integral over a lap
 HORIZON = 20  #: steps of an MPC
 _SLOWEST = 0.1  #: [m/s] A slower car counts as one of this speed.
 _LAG = 0.05  #: [m] λ is rounded to multiples, so that few programs have to be made
-_LOOKS = 4  #: of the curvature in a step of the speed
-_ONE, _ONES = np.eye(HORIZON), np.ones(HORIZON)
+_ONE = np.eye(HORIZON)
 _CHANGE = _ONE - np.eye(HORIZON, k=-1)
-_SUM = np.tril(np.ones((HORIZON, HORIZON)))
-_SUMS = _SUM.T @ _SUM
-_LEAST = np.concatenate([-_ONES, -inf * _ONES])
-#: daqp's codes of limits: those of the second half may be broken where there is no other way.
-_SOFT = np.repeat(np.array([0, 8], np.intc), HORIZON)
 
 
 def solver() -> Any:  # noqa: ANN401 (a function without types)
@@ -167,7 +156,7 @@ class Planner:
     """The quadratic program of an MPC at each state, with the past commands that it needs."""
 
     def __init__(self, law: Any) -> None:  # noqa: ANN401 (it imports this module)
-        """Begin at rest, with the gains of an MPC, to which acceleration and terms go, too."""
+        """Begin at rest, with the gains of an MPC, to which its terms go, too."""
         self._law, self._solve = law, solver()
         self._servo = self._latest = 0.0  # [rad] the angle, and the command before
         self._sent: deque[float] = deque()  # the commands on their way
@@ -180,8 +169,6 @@ class Planner:
         law = self._law
         v, actuator = max(abs(speed), _SLOWEST), Actuator(lag=law.lag, rate=law.rate)
         start, state = self._where_it_acts(actuator, e_y, e_psi, v, curvature)
-        if 'top_speed' in law.gains:
-            law.acceleration = self._acceleration(v, curvature)
         command = self._plan(state, start, v, curvature)
         self._latest = min(max(command, -STEERING_LIMIT), STEERING_LIMIT)
         self._sent.append(self._latest)
@@ -241,32 +228,6 @@ class Planner:
         self._commands = np.full(n, self._latest) if law.infeasible else commands
         return float(self._commands[0])
 
-    def _acceleration(self, v: float, curvature: Curvature) -> float:
-        """Return the first acceleration [m/s²] of the fastest plan from the speed `v` on."""
-        law, n, top = self._law, HORIZON, self._law.top_speed**2
-        step = max(1.0, top / (2.0 * law.longitudinal * n))
-        look = step / _LOOKS
-        bends = np.abs([curvature(k * look) for k in range((n + 1) * _LOOKS + 1)])
-        bends = np.maximum(bends[:-1], bends[1:])
-        limits = (law.lateral / np.maximum(bends, law.lateral / top)).reshape(n + 1, -1)
-        near, allowed = limits[0], limits.min(1)
-        allowed = np.minimum(allowed[:-1], allowed[1:])
-        # Within the first step, the way to an arc counts, not to the step's end.
-        ways = step / (look * np.maximum(np.arange(_LOOKS), 1.0))
-        allowed[0] = min(allowed[0], v * v + float(((near - v * v) * ways).min()))
-        # In shares: of `longitudinal`, and of the square of the top speed.
-        gain = 2.0 * step * law.longitudinal / top
-        missing = (v * v - allowed) / top
-        shares, *_ = self._solve(
-            gain**2 * _SUMS + 1e-3 * _ONE,
-            gain * _SUM.T @ missing,
-            _SUM,
-            np.concatenate([_ONES, -missing / gain]),
-            _LEAST,
-            _SOFT,
-        )
-        return float(law.longitudinal * shares[0])
-
 
 @lru_cache(256)
 def _program(
@@ -294,7 +255,7 @@ def _program(
         path[:, k] = now[:2]
         path[1, k, heading + min(k + 1, n - 1)] -= 1.0
     weighted = step * np.array([[[q_e_y]], [[q_e_psi]]]) * path
-    weighted[:, -1] = _cost_to_go(q_e_y, q_e_psi, step, length, l_r) @ path[:, -1]
+    weighted[:, -1] = cost_to_go(q_e_y, q_e_psi, step, length, l_r) @ path[:, -1]
     by_all = path[:, :, :n].reshape(-1, n).T @ weighted.reshape(2 * n, -1)
     by_all[:, :n] += step * _ONE + q_change * _CHANGE.T @ _CHANGE
     by_all[:, steer:heading] -= step * _ONE
@@ -302,28 +263,17 @@ def _program(
 
 
 @lru_cache(8)
-def _cost_to_go(q_e_y: float, q_e_psi: float, step: float, length: float, l_r: float) -> Floats:
-    """Return the matrix of the cost of e_y and e_psi behind the last step, without lag."""
-    a = np.array([[1.0, step], [0.0, 1.0]])
-    b = step / length * np.array([[l_r + 0.5 * step], [1.0]])
-    return riccati(a, b, step * np.diag([q_e_y, q_e_psi]), step)
+def cost_to_go(q_e_y: float, q_e_psi: float, step: float, length: float, l_r: float) -> Floats:
+    """Return the matrix of the cost of e_y and e_psi behind the last step, without lag.
 
-
-def riccati(a: Floats, b: Floats, weights: Floats, weight: float) -> Floats:
-    """Return the solution of the discrete algebraic Riccati equation of one input, by doubling.
-
-    Chu, Fan, Lin, Wang, "Structure-preserving algorithms for periodic discrete-time algebraic
-    Riccati equations", Int. J. Control 77, 2004.
+    It solves the discrete algebraic Riccati equation, by doubling (Chu, Fan, Lin, Wang, Int. J.
+    Control 77, 2004).
     """
-    g, h, one = b @ b.T / weight, weights, np.eye(len(a))
-    for _ in range(60):
+    one, a = np.eye(2), np.array([[1.0, step], [0.0, 1.0]])
+    b = step / length * np.array([[l_r + 0.5 * step], [1.0]])
+    g, h, change = b @ b.T / step, step * np.diag([q_e_y, q_e_psi]), one
+    while np.abs(change).max() > 1e-14 * np.abs(h).max():
         inverse = np.linalg.inv(one + g @ h)
-        a, g, h, before = (
-            a @ inverse @ a,
-            g + a @ inverse @ g @ a.T,
-            h + a.T @ h @ inverse @ a,
-            h,
-        )
-        if np.allclose(h, before, rtol=1e-14, atol=0.0):
-            break
+        change = a.T @ h @ inverse @ a
+        a, g, h = a @ inverse @ a, g + a @ inverse @ g @ a.T, h + change
     return h
