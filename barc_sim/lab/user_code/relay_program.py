@@ -374,7 +374,7 @@ class RelayWorld(World):
         self._note_topics()
         self.published -= {'rosout', 'parameter_events', _ECU}
         while self._ecu_sub.queue:
-            self._ecu_sub.run()
+            self._on_command(self._ecu_sub.queue.popleft())
 
 
 class LiveRelay(RelayWorld):

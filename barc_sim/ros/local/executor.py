@@ -249,6 +249,8 @@ def not_async(callback: Any) -> Any:
 class Timer:
     """Calls back by the wall, or by simulated time; a late one leaves out what has passed."""
 
+    queue = None  #: nothing arrives
+
     def __init__(self, node: Any, period: int, callback: Any) -> None:
         self.node, self.callback, self.timer_period_ns = node, not_async(callback), period
         self.due = inf  #: [ns]; infinity: it is cancelled
@@ -259,13 +261,12 @@ class Timer:
         if self.node.executor is not None:
             self.node.executor.expect(due)
 
-    def run(self) -> Any:
+    def run(self) -> None:
         """Call back, if it is still time."""
         now, period = self._now(), self.timer_period_ns
-        if now < self.due:
-            return None
-        self._set(self.due + period * (1 + (now - self.due) // period) if period else now)
-        return self.callback()
+        if now >= self.due:
+            self._set(self.due + period * (1 + (now - self.due) // period) if period else now)
+            self.callback()
 
     def reset(self) -> None:
         self._set(self._now() + self.timer_period_ns)
@@ -363,7 +364,11 @@ class Executor:
             self.ready += [timer for timer in timers if timer.due <= now]
             self._soonest = min((timer.due for timer in timers if timer.due > now), default=inf)
         if self.ready:
-            self.ready.popleft().run()
+            receiver = self.ready.popleft()
+            if receiver.queue is None:
+                receiver.run()  # a timer
+            elif receiver.queue:
+                receiver.callback(receiver.queue.popleft())
             return True
         self.waits = True
         try:

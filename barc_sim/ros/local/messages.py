@@ -34,7 +34,6 @@ _SERVICES = {
     'std_srvs/Empty': ('', ''),
     'std_srvs/SetBool': ('bool data', _RESULT),
     'std_srvs/Trigger': ('', _RESULT),
-    'rcl_interfaces/GetParameters': ('string[] names', 'ParameterValue[] values'),
     'rcl_interfaces/SetParameters': ('Parameter[] parameters', 'SetParametersResult[] results'),
 }
 

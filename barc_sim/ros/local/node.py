@@ -118,10 +118,6 @@ class _Entity:
             if executor.waits:
                 executor.awake.set()
 
-    def run(self) -> Any:
-        """Call back with the oldest of what has arrived."""
-        return self.callback(self.queue.popleft()) if self.queue else None
-
     def destroy(self) -> None:
         self.queue.clear()
 
@@ -157,14 +153,6 @@ class Publisher(_Entity):
 
 class Subscription(_Entity):
     raw = False
-
-
-class Service(_Entity):
-    def run(self) -> None:
-        if self.queue:
-            request, client, future = self.queue.popleft()
-            response = self.callback(request, self.kind.Response())
-            client.offer((future, response.__copy__()))
 
 
 class Client(_Entity):
@@ -220,7 +208,7 @@ class Node(Parameters):
         self._namespace = f'/{_checked(space) if space else ""}'
         self.publishers: list[Publisher] = []
         self.subscriptions: list[Subscription] = []
-        self.services: list[Service] = []
+        self.services: list[_Entity] = []
         self.clients: list[Client] = []
         self.timers: list[Timer] = []
         self.guards: list[GuardCondition] = []
@@ -316,9 +304,15 @@ class Node(Parameters):
                     made.offer(msg.__serialize__() if made.raw else msg.__copy__(), number)
         return made
 
-    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **_: Any) -> Service:
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **_: Any) -> _Entity:
         name, qos = self.resolve_service_name(srv_name), qos_profile_system_default
-        self.services.append(Service(self, name, srv_type, qos, callback))
+        answer = not_async(callback)
+
+        def on_request(arrived: tuple[Any, Client, Future]) -> None:
+            request, client, future = arrived
+            client.offer((future, answer(request, srv_type.Response()).__copy__()))
+
+        self.services.append(_Entity(self, name, srv_type, qos, on_request))
         return self.services[-1]
 
     def create_client(self, srv_type: Any, srv_name: str, **_: Any) -> Client:

@@ -260,16 +260,9 @@ class Parameters:
         self._after.insert(0, callback)
 
     def serve(self) -> None:
-        """Serve the parameters under rclpy's names."""
-        get, set_ = _interface('GetParameters', 'srv'), _interface('SetParameters', 'srv')
-        self.create_service(get, '~/get_parameters', self._on_get_request)
-        self.create_service(set_, '~/set_parameters', self._on_set_request)
-
-    def _on_get_request(self, request: Any, response: Any) -> Any:
-        if all(map(self.has_parameter, request.names)):
-            found = self.get_parameters(request.names)
-            response.values = [each.get_parameter_value() for each in found]
-        return response
+        """Serve the setting of parameters under rclpy's name."""
+        kind = _interface('SetParameters', 'srv')
+        self.create_service(kind, '~/set_parameters', self._on_set_request)
 
     def _on_set_request(self, request: Any, response: Any) -> Any:
         for each in request.parameters:

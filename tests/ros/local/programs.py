@@ -22,7 +22,7 @@ from rcl_interfaces.msg import (
     ParameterEvent,
     SetParametersResult,
 )
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import SetParameters
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
@@ -207,12 +207,10 @@ def parameters_over_services(node: Node) -> None:
     for value in (3.0, 'x'):
         message = Parameter('kp', value=value).to_parameter_msg()
         print(call(SetParameters, 'set_parameters', SetParameters.Request(parameters=[message])))
-    print(call(GetParameters, 'get_parameters', GetParameters.Request(names=['kp'])).values)
     node.declare_parameter('names', ['a'])
     message = Parameter('names', value=['b', 'c']).to_parameter_msg()
     call(SetParameters, 'set_parameters', SetParameters.Request(parameters=[message]))
     print(type(node.get_parameter('names').value), node.get_parameter('names').value)
-    print(call(GetParameters, 'get_parameters', GetParameters.Request(names=['kp', 'x'])).values)
     executor.shutdown()
     other.destroy_node()
 
