@@ -129,8 +129,9 @@ class PeerWatch:
         commanders = {bytes(end.endpoint_gid) for end in ends}
         stands_still = states == self._states
         if not states:
-            topic = self._node.resolve_topic_name(names.ECU)
-            self._warn(f'waiting for a controller that publishes {topic}')
+            if not ends:
+                topic = self._node.resolve_topic_name(names.ECU)
+                self._warn(f'waiting for a controller that publishes {topic}')
         elif waits and stands_still:
             self._warn(f'waiting for the command that answers state {states - 1}')
             if commanders - self._reached:

@@ -59,9 +59,6 @@ _PERIOD = 0.02  #: [s] between two polls
 #: [s] after a state at which to poll: its command has come by then, and the next step is far.
 _AFTER = 0.006
 _MAX_VALUE = 1e12  #: in any unit: beyond, a value is invalid, and a sum may not be finite
-#: [ns] without a state, by the wall clock and by the stamps, after which time has been set anew.
-_STILL = NANOSECONDS
-_STEP = 20_000_000  #: [ns] that the page shows in place of such a jump
 _WINDOW = 4  #: calls over which the real-time factor is measured
 
 
@@ -107,8 +104,7 @@ class Feed:
         for received, state in self._drained(STATE):
             stamp, values = to_nanoseconds(state.header.stamp), _STATE(state)
             if _is_valid(values):
-                first = stamp if self._first is None else self._first
-                self._first = first + self._stood_still(received, stamp)
+                self._first = stamp if self._first is None else self._first
                 rows.append(self._row(stamp, values))
                 self._newest = received, stamp
                 self.seen += 1
@@ -120,13 +116,6 @@ class Feed:
         arrived = self._arrived[topic]
         for _ in range(len(arrived)):
             yield arrived.popleft()
-
-    def _stood_still(self, received: int, stamp: int) -> int:
-        """Return by how much [ns] stamps have jumped, as a reset after a pause makes them."""
-        if self._newest is None:
-            return 0
-        waited, passed = received - self._newest[0], stamp - self._newest[1]
-        return passed - _STEP if min(waited, passed) > _STILL else 0
 
     def _row(self, stamp: int, values: tuple[float, ...]) -> bytes:
         for topic, waiting in self._waiting.items():

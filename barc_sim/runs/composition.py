@@ -281,11 +281,10 @@ class Run:
         if is_failure:
             self.fail(str(error))
         if self.recorder and keeps_bag:
-            steppers = [each.stepper for each in self.simulators]
             self.recorder.add_metadata(
                 {
-                    'steps': str(sum(each.states for each in steppers)),
-                    'missed_deadlines': str(sum(each.missed for each in steppers)),
+                    'steps': str(sum(each.stepper.states for each in self.simulators)),
+                    'missed_deadlines': str(self.missed),
                     'slipped_periods': str(self.slipped),
                 }
             )
@@ -317,6 +316,16 @@ class Run:
         if self.failure:
             report(f'barc {self.options.mode}', self.failure)
         return 1 if self.failure or (recorder and recorder.failure) else 0
+
+    @property
+    def late(self) -> str:
+        """The sentence on what was late."""
+        return f'missed deadlines {self.missed}, clock slips {self.slipped}'
+
+    @property
+    def missed(self) -> int:
+        """Commands that missed their deadline, of all cars."""
+        return sum(each.stepper.missed for each in self.simulators)
 
     @property
     def slipped(self) -> int:

@@ -77,7 +77,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
         if program and program.poll() is not None:
             name = inputs.user_code.relay.path.name
             raise UserError(f'the relay {name} has ended with exit code {program.returncode}')
-    return run.end(lambda: _print_result(run))
+    return run.end(lambda: print(run.late))  # noqa: T201
 
 
 @contextmanager
@@ -145,9 +145,3 @@ def _show(line: Display, relay: Relay | None, t: float, seen: Observation) -> No
     """Show a state, with the driver's input where it is known."""
     request = relay.driver.request if relay else None
     line.show(seen.true.x, partial(drive_line, t, seen.true.v_x, seen.acting.servo, request))
-
-
-def _print_result(run: Run) -> None:
-    """Print how many deadlines were missed and periods slipped."""
-    missed = sum(each.stepper.missed for each in run.simulators)
-    print(f'missed deadlines {missed}, clock slips {run.slipped}')  # noqa: T201

@@ -169,6 +169,12 @@ def test_waits_for_a_controller_with_one_warning(world: World, capfd: Capture) -
     assert log.count(sentence) == 1
 
 
+def test_controller_that_is_there_is_not_waited_for(world: World, capfd: Capture) -> None:
+    world.driver()
+    world.simulator().peers.check()  # as where the nodes took a second to be made
+    assert 'waiting' not in capfd.readouterr().err
+
+
 def test_new_controller_receives_the_state_that_waits_for_its_answer(world: World) -> None:
     world.driver()
     simulator = world.simulator(check_period=OFTEN, realtime_factor=LOCK_STEP)

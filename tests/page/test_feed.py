@@ -12,7 +12,6 @@ from barc_sim.control.speed import LQR
 from barc_sim.page.feed import Feed, columns_in, rows_of
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.vehicle.parameters import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,38 +39,6 @@ def add(feed: Feed, *states: Any, at: int | None = None, **others: Any) -> Any: 
 def table(data: bytes) -> dict[str, Any]:
     columns = np.frombuffer(data, '<f8').reshape(-1, len(COLUMNS)).T
     return dict(zip(COLUMNS, columns, strict=True))
-
-
-def driven(*states: tuple[float, int, int]) -> dict[str, list[float]]:
-    """Return the columns of states, one poll each: distance [m], reception and stamp [ns]."""
-    feed = Feed()
-    for x, at, stamp in states:
-        add(feed, message(stamp, **AT_REST | {'x': x, 'v_x': 8.0}), at=at)
-    return {name: column.tolist() for name, column in table(feed.history()).items()}
-
-
-def test_a_reset_after_a_pause_leaves_no_gap_and_begins_a_lap() -> None:
-    gap = 9 * NANOSECONDS
-    states = [
-        (60.0, 0, 1),
-        (60.16, STEP, 1 + STEP),
-        (0.0, gap, gap),
-        (0.16, gap + STEP, gap + STEP),
-    ]
-    columns = driven(*states)
-    assert columns['t'] == pytest.approx([0.0, 0.02, 0.04, 0.06])
-    assert columns['lap'] == [0.0, 0.0, 1.0, 1.0]
-
-
-def test_states_that_are_left_out_in_lock_step_are_time_that_has_passed() -> None:
-    columns = driven((0.0, 0, 0), (25.6, STEP, 160 * STEP))
-    assert columns['t'] == pytest.approx([0.0, 3.2])
-    assert columns['lap'] == [0.0, 0.0]
-
-
-def test_a_pause_without_a_reset_is_a_step() -> None:
-    columns = driven((8.0, 0, 0), (8.16, 5 * NANOSECONDS, STEP))
-    assert columns['t'] == pytest.approx([0.0, 0.02])
 
 
 def test_what_never_came_is_nan_and_the_measurement_counts_as_true() -> None:

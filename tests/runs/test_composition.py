@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +14,7 @@ import yaml
 
 pytest.importorskip('rclpy')
 
-from command_line import acc, bag_of, messages
+from command_line import acc, bag_of, messages, printed
 from rosbags.highlevel import AnyReader
 
 import barc_sim
@@ -21,6 +23,7 @@ from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.simulation.metrics import laps_of
 
 if TYPE_CHECKING:
     import subprocess
@@ -80,6 +83,25 @@ def test_run_in_real_time_is_the_rollout_as_far_as_no_deadline_was_missed(tmp_pa
             return
         assert_same(run, expected, rows=int(run.missed.argmax()))
     pytest.skip('this machine missed a deadline in each of 3 runs')
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_each_lap_is_the_run_of_one_lap_and_has_a_row(tmp_path: Path) -> None:
+    words = ('--realtime-factor', 'max', '--distance', '30', '--laps', '2')
+    out = printed('acc', *words, '--bag-dir', str(tmp_path / 'bags'))
+    rows = re.findall(
+        r'^ +(\d)  +0\.0 to +30\.2 m +0\.\d+ +0\.\d+ +0\.3% +1\.00', out, re.MULTILINE
+    )
+    assert rows == ['1', '2']
+    path = bag.newest(tmp_path / 'bags')
+    log, single = bag.read(path), closed_loop(distance=30.0)
+    numbers = np.array(laps_of(log)[1])
+    for number in range(2):
+        assert_same(replace(log.map(lambda c: c[numbers == number]), t=single.t), single)  # noqa: B023 (called at once)
+    parameters = yaml.safe_load(bag.info(path)['parameters'])
+    assert parameters['/vehicle_simulator']['ros__parameters']['laps'] == 2
+    printed('report', str(path), '-o', str(tmp_path / 'report.html'))
+    assert 'lap 2, 0.0 to 30.2 m' in (tmp_path / 'report.html').read_text()
 
 
 # The bag

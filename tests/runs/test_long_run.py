@@ -28,7 +28,7 @@ import sys
 import time
 
 from barc_sim.runs.composition import Run
-from barc_sim.runs.car import Car
+from barc_sim.runs.cruise_control import Car
 from barc_sim.run import main
 
 last, folder = int(sys.argv[1]), sys.argv[2]
