@@ -97,7 +97,7 @@ class Run:
         UserError: the bag cannot be made.
         """
         self.options, self.inputs, self._stop = options, inputs, stop
-        self.nodes: list[Any] = []  #: those that `spin` adds; the recorder is the first
+        self.nodes: list[Any] = []  #: the recorder is the first
         self.simulators: list[VehicleSimulator] = []
         self.finished = Future()  #: done when every simulator has finished
         self.failure: str | None = None
@@ -166,14 +166,8 @@ class Run:
         for simulator in self.simulators:
             simulator.finish()
 
-    def spin(self, executor: Executor) -> None:
-        """Spin until `finished`, and then until mirrors and pages have the last state.
-
-        In lock-step they may be behind: a simulator does not wait for them.
-        """
-        for node in self.nodes:
-            executor.add_node(node)
-        executor.spin_until_future_complete(self.finished)
+    def await_readers(self, executor: Executor) -> None:
+        """Spin until mirrors and pages have the last state: in lock-step they may be behind."""
         for simulator in self.simulators:
             executor.remove_node(simulator)
         end = time.monotonic() + _READING_TIMEOUT

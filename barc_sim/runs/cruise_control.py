@@ -53,7 +53,10 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
         run.show(cars[0].display)
 
         with new_executor() as executor:
-            run.spin(executor)
+            for node in run.nodes:
+                executor.add_node(node)
+            executor.spin_until_future_complete(run.finished)
+            run.await_readers(executor)
 
         if failures := [failure for car in cars if (failure := car.failure)]:
             run.fail(f'{"; ".join(failures)}: the run has ended')

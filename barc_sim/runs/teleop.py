@@ -73,7 +73,10 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
         if program:
             Thread(target=_follow, args=(program, run), daemon=True).start()
         with new_executor() as executor:
-            run.spin(executor)
+            for node in run.nodes:
+                executor.add_node(node)
+            executor.spin_until_future_complete(run.finished)
+            run.await_readers(executor)
         if program and program.poll() is not None:
             name = inputs.user_code.relay.path.name
             raise UserError(f'the relay {name} has ended with exit code {program.returncode}')

@@ -55,7 +55,10 @@ class TimedRun(Display):
         stop.then(self.run.finish)
         executor = executor or QuickExecutor(num_threads=NUM_THREADS)
         with self.run:
-            self.run.spin(executor)
+            for node in self.run.nodes:
+                executor.add_node(node)
+            executor.spin_until_future_complete(self.run.finished)
+            self.run.await_readers(executor)
             executor.shutdown()
 
     def timing(self) -> dict[str, float]:
