@@ -45,14 +45,13 @@ def run_plot(options: Namespace) -> None:
     log = bag.log(options.namespace)
     directory = source if source.is_dir() else source.parent
     title = directory.resolve().name
-    draw, size = run_figures.figure_of(log, bag.info)
-    window = style.window(size, title) if options.show or not path else None
+    window = style.window(title) if options.show or not path else None
     if options.show and not window:
         raise UserError(
             'cannot open a window for --show: there is no display, or no GUI toolkit such as '
             'tkinter; use --save FILE'
         )
-    figure = draw(log, title=title, figure=window)
+    figure = run_figures.run_figure(log, bag.info, title, window)
     if not window and not path:
         check_plain(directory)
         path = directory / 'speed.png'

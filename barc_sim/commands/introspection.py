@@ -111,7 +111,7 @@ def run_graph(options: Namespace) -> None:
     path = target(options.save, _FORMATS) if options.save is not None else None
     graph, title = _graph_of_bag(options.bag) if options.bag else _graph_of_system()
     print(escaped('\n'.join(lines(graph))))  # noqa: T201
-    window = None if path else style.window((9.0, 7.0), title)
+    window = None if path else style.window(title)
     figure = graph_figure(graph, title, window)
     if window:
         style.show()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from functools import partial
 from io import BytesIO
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
@@ -35,13 +34,13 @@ from barc_sim.figures.style import (
     speed_limits,
     use_measurement,
 )
-from barc_sim.figures.track_figure import TRACK_SIZE, track_figure
+from barc_sim.figures.track_figure import track_figure
 from barc_sim.simulation import metrics
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import laps_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import SubFigure
@@ -49,7 +48,6 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import Log
 
-SIZE, DRIVE_SIZE = (9.6, 8.4), (9.6, 9.6)  #: [inch]
 _POSITION = 'Position along the road [m]'
 JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.
 _SHOWN = 120  # characters of a setting
@@ -88,9 +86,8 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     on_track = [log for log in logs if isinstance(log, TrackLog)]
     title = ''.join(labels) if len(logs) == 1 else ''
     if len(on_track) == len(logs):
-        figure = NotebookFigure(figsize=TRACK_SIZE)
-        return track_figure(*on_track, labels=names, title=title, figure=figure)
-    return speed_figure(*logs, labels=names, title=title, figure=NotebookFigure(figsize=SIZE))
+        return track_figure(*on_track, labels=names, title=title, figure=NotebookFigure())
+    return speed_figure(*logs, labels=names, title=title, figure=NotebookFigure())
 
 
 @style.context(STYLE)
@@ -105,10 +102,11 @@ def speed_figure(
 
     The error is that after the run-up; without a controller's reference (NaN), and in a shorter
     run, there is none. Several runs have a line each, with their `labels`. `title` and `settings`
-    are the two lines of the heading. `figure` is empty.
+    are the two lines of the heading. `figure` is empty, and gets its size here.
     """
     runs = [_broken(use_measurement(log)) for log in logs]
-    figure = figure or Figure(figsize=SIZE)
+    figure = figure or Figure()
+    figure.set_size_inches(9.6, 8.4)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
     heights = [4, 1.8, 1.4, 1.6] if any(map(has_error, runs)) else [4, 1.4, 1.6]
     speed, *error, grade, command = figure.subplots(
@@ -148,15 +146,13 @@ def _name_position(axes: Axes, *logs: Log) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
 
 
-def figure_of(
-    log: Log, info: Mapping[str, str]
-) -> tuple[Callable[..., Figure], tuple[float, float]]:
-    """Return the function that draws a run with this metadata, and the figure's size [inch]."""
+def run_figure(log: Log, info: Mapping[str, str], title: str, figure: Figure | None) -> Figure:
+    """Draw a run with this metadata as fits it: over the road, on its track, or from above."""
     if isinstance(log, TrackLog):
-        return partial(track_figure, settings=settings(info)), TRACK_SIZE
+        return track_figure(log, title=title, settings=settings(info), figure=figure)
     if is_by_hand(log):
-        return drive_figure, DRIVE_SIZE
-    return partial(speed_figure, settings=settings(info)), SIZE
+        return drive_figure(log, title=title, figure=figure)
+    return speed_figure(log, title=title, settings=settings(info), figure=figure)
 
 
 def settings(info: Mapping[str, str]) -> str:
@@ -293,7 +289,8 @@ def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> 
     lines are broken.
     """
     log = use_measurement(log)
-    figure = figure or Figure(figsize=DRIVE_SIZE)
+    figure = figure or Figure()
+    figure.set_size_inches(9.6, 9.6)
     figure.set_layout_engine('constrained')
     jumps = np.hypot(np.diff(log.distance), np.diff(log.across)) > JUMP
     speed = (_without_jumps(log.speed, jumps), BLUE, 'Speed [m/s]')

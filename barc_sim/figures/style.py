@@ -149,15 +149,15 @@ def reading(value: float, digits: int, unit: str) -> str:
     return f'{round(value, digits) + 0.0:.{digits}f}{unit}'.replace('-', '\N{MINUS SIGN}')
 
 
-def window(size: tuple[float, float], title: str) -> Figure | None:
-    """Return an empty figure of `size` [inch] in a window; None if no window can be opened.
+def window(title: str) -> Figure | None:
+    """Return an empty figure in a window; None if no window can be opened.
 
     `show` shows it.
     """
     from matplotlib import pyplot as plt  # noqa: PLC0415 (chooses a backend: not for saving)
 
     try:
-        figure = plt.figure(title, figsize=size)
+        figure = plt.figure(title)
     except ImportError:  # the backend that the user has chosen cannot run here
         return None
     if figure.canvas.required_interactive_framework is None:

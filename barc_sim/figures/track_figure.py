@@ -158,7 +158,8 @@ def track_figure(
             curve._replace(name=name, line={'color': color, 'lw': 1.6})
             for curve, name, color in looks
         ]
-    figure = figure or Figure(figsize=TRACK_SIZE)
+    figure = figure or Figure()
+    figure.set_size_inches(TRACK_SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.06)
     grid = figure.add_gridspec(4, 2, width_ratios=[1.0, 1.25])
     seen, table = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3, 0])

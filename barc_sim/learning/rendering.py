@@ -38,7 +38,7 @@ class Picture:
         self._task, self._in_window = task, in_window
         self.begin()
         self._title = type(task).__name__
-        self._window = style.window(SIZE, self._title) if in_window else None
+        self._window = style.window(self._title) if in_window else None
         if self._window:
             self._window.canvas.mpl_connect('close_event', lambda _: self.close())
         elif in_window:

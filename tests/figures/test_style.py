@@ -116,7 +116,7 @@ def test_without_a_display_there_is_no_window(backend: str | None) -> None:
         for name, value in os.environ.items()
         if name not in {'DISPLAY', 'WAYLAND_DISPLAY', 'MPLBACKEND'}
     }
-    script = 'from barc_sim.figures import style; print(style.window((4, 3), str()))'
+    script = 'from barc_sim.figures import style; print(style.window(str()))'
     result = subprocess.run(
         [sys.executable, '-c', script],
         env=environment | ({'MPLBACKEND': backend} if backend else {}),

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
-from barc_sim.figures.run_figures import figure_of, plot
+from barc_sim.figures.run_figures import plot, run_figure
 from barc_sim.figures.style import BLUE
 from barc_sim.figures.track_figure import Course, track_figure
 from barc_sim.figures.views import SIZE, TopView, view_of
@@ -84,8 +84,8 @@ def test_every_run_has_a_figure(log: TrackLog) -> None:
     unfinished = log.map(lambda column: column[:300])
     one = log.map(lambda column: column[:1])
     for run in (log, unfinished, one):
-        draw, size = figure_of(run, {'track': 'L', 'lane': 'stanley', 'kp': '30.0'})
-        figure = draw(run, title='2026-11-21_12-00-00', figure=Figure(figsize=size))
+        info = {'track': 'L', 'lane': 'stanley', 'kp': '30.0'}
+        figure = run_figure(run, info, '2026-11-21_12-00-00', None)
         FigureCanvasAgg(figure).draw()
         words = [text for text in figure.findobj(Text) if text.get_text()]
         assert 'track L · lane stanley · kp 30.0' in [word.get_text() for word in words]

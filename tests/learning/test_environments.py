@@ -57,8 +57,8 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Return the windows that open, each without a display; none is shown at once."""
     windows: list[Figure] = []
 
-    def window(size: tuple[float, float], _: str) -> Figure:
-        windows.append(Figure(size))
+    def window(_: str) -> Figure:
+        windows.append(Figure())
         return windows[-1]
 
     monkeypatch.setattr(style, 'window', window)
