@@ -11,7 +11,7 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from barc_sim.control.speed import KD, KI, KP, speed_controller
+from barc_sim.control.speed import speed_controller
 from barc_sim.errors import UserError
 from barc_sim.learning.tasks import TASKS, Task
 from barc_sim.simulation.fast import PIDs
@@ -167,19 +167,16 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
 
     def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Floats, Any]:
         """Begin an episode with each car; those that come later begin by chance."""
-        n, task, limit = self.num_envs, self.task, self.task.limits['motor']
+        n, task = self.num_envs, self.task
         if seed is not None or not self._generators:
             first = np_random(seed)[1] if seed is None else seed
             self._generators = [np_random(first + i)[0] for i in range(n)]
         self._plants = task.batch(n)
-        self._pids = PIDs(-limit, limit, task.ts, KP, KI, -KD, *np.zeros((2, n)))
-        self._interval: Any = 0.0
+        self._pids = PIDs(n, speed_controller(limit=task.limits['motor']), task.ts)
         self._motor, self._servo, self._near = np.zeros((3, n))
         self._over = np.zeros(n, np.bool_)
         self._begin(np.arange(n), options)
-        observation = self._observe()
-        self._pids.previous[:] = self._speed
-        return observation, self._info()
+        return self._observe(), self._info()
 
     def step(self, actions: Any) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:  # noqa: ANN401
         """Go one step with each car; those whose episode is over begin a new one instead."""
@@ -189,8 +186,7 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
             raise UserError(task.no_action.format(actions))
         motor, servo = task.commands(shares)
         if motor is None:
-            motor = self._pids.control(self._speed, task.speed, self._interval)
-        self._interval = task.ts
+            motor = self._pids.control(task.speed, self._speed)
         self._motor, self._servo = motor, servo + 0.0 * motor
         before = plants.s if task.track else plants.x
         plants.advance(self._motor, self._servo)
@@ -202,11 +198,8 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         rewards = task.reward(s - before, e_y, plants.v)
         terminated = task.is_over(s, e_y, plants.v)
         truncated = plants.steps >= self._max_steps
-        if restarted.size:
-            self._pids.previous[restarted] = self._speed[restarted]
-            self._interval = np.where(self._over, 0.0, task.ts)
-            rewards[restarted] = 0.0
-            terminated[restarted] = truncated[restarted] = False
+        rewards[restarted] = 0.0
+        terminated[restarted] = truncated[restarted] = False
         self._over = terminated | truncated
         return observation, rewards, terminated, truncated, self._info()
 
@@ -227,7 +220,8 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
             levels = [task.noise._replace(v_x=level) for level in speeds]
             plants.make_noise(cars, levels, (shares[4] * 2.0**53).astype(np.int64).tolist())
         plants.place(cars, task.pose(start), start)
-        self._pids.integral[cars] = self._motor[cars] = self._servo[cars] = 0.0
+        self._pids.reset(cars)
+        self._motor[cars] = self._servo[cars] = 0.0
         self._near[cars] = start['s']
 
     def _observe(self) -> Floats:

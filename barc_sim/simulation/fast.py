@@ -10,9 +10,8 @@ car that stands or rolls back) are detected with one reduction and handled apart
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass
 from itertools import chain, islice, repeat
-from math import cos, inf, isfinite, sin
+from math import cos, inf, isfinite, nan, sin
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -195,41 +194,30 @@ def _speed_errors(sensor: Sensor, blocks: list[Floats]) -> Iterator[list[float]]
 _DRAWN = 64  #: measurements whose noise is drawn at once
 
 
-@dataclass
 class PIDs:
-    """`PID` for many cars; an array has an element for each, of a number all have the same."""
+    """`PID` for many cars, by the law of one."""
 
-    low: float  #: [m/s²] limits of the output
-    high: float
-    dt: float  #: [s]
-    kp: Floats | float
-    ki: Floats | float
-    minus_kd: Floats | float
-    integral: Floats  #: [m/s²]
-    previous: Floats  #: [m/s] the latest measurement; before the first step the present one
+    def __init__(self, n: int, like: PID, dt: float) -> None:
+        """Start at rest, in intervals of `dt` seconds."""
+        self._like, self._dt = like, dt
+        self._integral, self._previous = np.zeros((2, n))
+        self.reset(np.arange(n))
 
-    def control(
-        self, measured: Floats, reference: Floats | float, interval: Floats | float
-    ) -> Floats:
-        """Return the commands [m/s²]; `interval` is `dt`, or 0 where nothing is integrated yet."""
+    def reset(self, cars: Cars) -> None:
+        """Forget the past of these cars: the next call is their first."""
+        self._integral[cars], self._previous[cars] = 0.0, nan
+
+    def control(self, reference: float, measured: Floats) -> Floats:
+        """Return the commands [m/s²] for speeds in m/s."""
+        like, first = self._like, np.isnan(self._previous)
         error = reference - measured
-        increment: Floats = self.ki * error
-        increment *= interval
-        derivative = measured - self.previous
-        derivative *= self.minus_kd
-        derivative /= self.dt
-        wanted = self.kp * error
-        for term in (self.integral, increment, derivative):
-            wanted += term
-        command: Floats = np.minimum(wanted, self.high)
-        np.maximum(command, self.low, out=command)
-        wanted -= command
-        wanted *= increment
-        into_limit = wanted > 0.0
-        if into_limit.any():
-            increment[into_limit] = 0.0
-        self.integral += increment
-        self.previous[:] = measured
+        increment = np.where(first, 0.0, like.ki * error * self._dt)
+        derivative = np.where(first, 0.0, -like.kd * (measured - self._previous) / self._dt)
+        output = like.kp * error + self._integral + increment + derivative
+        command: Floats = np.minimum(np.maximum(output, like.output_min), like.output_max)
+        increment[(output - command) * increment > 0.0] = 0.0  # further into the limit
+        self._integral += increment
+        self._previous[:] = measured
         return command
 
 
