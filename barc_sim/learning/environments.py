@@ -213,7 +213,7 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         plants.vary(cars, drawn)
         if 'delay' in drawn:
             plants.motor.delay_some(cars, drawn['delay'])
-            if not task.servo:
+            if task.delays_servo:
                 plants.servo.delay_some(cars, drawn['delay'])
         if any(task.noise) or 'noise' in drawn:
             speeds = drawn.get('noise', np.full(len(cars), task.noise.v_x)).tolist()

@@ -24,8 +24,8 @@ from barc_sim.simulation.closed_loop import LIMITS, check_arguments, plant_of
 from barc_sim.simulation.fast import Plants
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle
-from barc_sim.vehicle.parameters import ROWS, SERVO
-from barc_sim.vehicle.plant import Actuator, NoiseLevels
+from barc_sim.vehicle.parameters import ROWS
+from barc_sim.vehicle.plant import NoiseLevels
 from barc_sim.vehicle.track import Pose
 
 if TYPE_CHECKING:
@@ -114,7 +114,8 @@ class Task:
         self.is_noisy = any(self.noise) or 'noise' in self.ranges
         #: Whether episodes have plants of their own.
         self.varies = bool(self.ranges or self.is_noisy)
-        self.servo: Actuator | None = self._options.get('servo')
+        #: Whether `delay` is that of the servo, too.
+        self.delays_servo = 'servo' not in given
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
         like = self.plant({})
@@ -146,17 +147,7 @@ class Task:
 
     def batch(self, n: int) -> Plants:
         """Return the plants of `n` cars."""
-        like, options = self.plant({}), self._options
-        delay = options['delay']
-        servo = self.servo or (SERVO._replace(delay=delay) if self.track else Actuator())
-        lateral = (options.get('lateral') or LateralParameters()) if self.is_dynamic else None
-        most = max(self.ranges.get('delay', (delay,)))
-        return Plants(n, like, Actuator(delay=delay), servo, lateral, most)
-
-    @property
-    def is_dynamic(self) -> bool:
-        """Whether the tyres can slip."""
-        return bool(self._options['dynamics'] == 'dynamic')
+        return Plants(n, self.plant({}), max(self.ranges.get('delay', (0.0,))))
 
     def draw(self, shares: Any) -> dict[str, Any]:  # noqa: ANN401 (numbers or arrays)
         """Return the numbers of an episode, by name, at these shares of `ranges`."""

@@ -315,20 +315,14 @@ class Plants:
     All arrays have an element for each car.
     """
 
-    def __init__(
-        self,
-        n: int,
-        like: Plant,
-        motor: Actuator,
-        servo: Actuator,
-        lateral: LateralParameters | None,
-        max_delay: float = 0.0,
-    ) -> None:
-        """Make `n` plants on road or track of one, dynamic where `lateral`; `place` starts them."""
-        self.ts, self.track, self.road = like.ts, like.track, like.road
-        self.vehicle, self._lateral = like.vehicle, lateral
-        self.motor = Actuators(n, motor, self.ts, max_delay)
-        self.servo = Actuators(n, servo, self.ts, max_delay)
+    def __init__(self, n: int, like: Plant, max_delay: float) -> None:
+        """Make `n` plants like one, whose actuators never delay by more; `place` starts them."""
+        self.ts, self.track, self.road, self.vehicle = like.ts, like.track, like.road, like.vehicle
+        self._lateral: LateralParameters | None = getattr(like.bicycle, 'lateral', None)
+        self.motor, self.servo = (
+            Actuators(n, state.actuator, self.ts, max_delay)
+            for state in (like.actuators.motor, like.actuators.servo)
+        )
         self.x, self.y, self.psi, self.v, self._beta, self._psi_dot = np.zeros((6, n))
         self.s, self.e_y, self.e_psi, self.lap, self.lap_began = np.zeros((5, n))
         self.steps = np.zeros(n, np.intp)  #: since each was placed

@@ -119,7 +119,7 @@ class ActuatorState:
     @property
     def only_delays(self) -> bool:
         """Whether commands act unchanged, though later."""
-        return self._actuator == Actuator(delay=self._actuator.delay)
+        return self.actuator == Actuator(delay=self.actuator.delay)
 
     def replace(self, actuator: Actuator) -> None:
         """Work as `actuator` from now on; commands on their way remain there.
@@ -127,7 +127,7 @@ class ActuatorState:
         Where the delay is shorter, the oldest of them are dropped; where it is longer, the one that
         acts now acts meanwhile.
         """
-        self._actuator = actuator
+        self.actuator = actuator
         self.is_ideal = actuator == Actuator()  #: each command takes effect at once
         whole, self.early = in_steps(actuator.delay, self._ts)
         size = whole + 2
@@ -143,11 +143,11 @@ class ActuatorState:
         newer = self._cut(self._queue[1])
         early = self.early
         if not early:
-            self.value, mean = self._actuator.respond(self.value, newer, self._ts)
+            self.value, mean = self.actuator.respond(self.value, newer, self._ts)
             return mean + 0.0
         older = self._cut(self._queue[0])
-        self.value, mean = self._actuator.respond(self.value, older, early * self._ts)
-        self.value, late = self._actuator.respond(self.value, newer, (1.0 - early) * self._ts)
+        self.value, mean = self.actuator.respond(self.value, older, early * self._ts)
+        self.value, late = self.actuator.respond(self.value, newer, (1.0 - early) * self._ts)
         return early * mean + (1.0 - early) * late
 
     def hold(self, value: float) -> None:
@@ -156,7 +156,7 @@ class ActuatorState:
         self._queue.extend([value] * len(self._queue))
 
     def _cut(self, command: float) -> float:
-        limit = self._actuator.limit
+        limit = self.actuator.limit
         return command if -limit <= command <= limit else copysign(limit, command)
 
 
@@ -167,22 +167,24 @@ class Actuators:
         """Begin at rest, in steps of `ts` seconds."""
         self.motor, self.servo = ActuatorState(motor, ts), ActuatorState(servo, ts)
         self.is_ideal = motor == servo == Actuator()
-        self.now = Command()  #: acceleration and steering at this instant
+
+    @property
+    def now(self) -> Command:
+        """Acceleration and steering at this instant."""
+        return Command(self.motor.value, self.servo.value)
 
     def advance(self, command: Command) -> Command:
         """Go one step after `command`; return the mean acceleration and steering over it."""
         if self.is_ideal:
-            self.now = command
+            self.motor.value, self.servo.value = command
             return command
-        mean = Command(self.motor.advance(command.motor), self.servo.advance(command.servo))
-        self.now = Command(self.motor.value, self.servo.value)
-        return mean
+        return Command(self.motor.advance(command.motor), self.servo.advance(command.servo))
 
     def replace(self, motor: Actuator, servo: Actuator) -> None:
         """Work as these actuators from now on; commands on their way remain there."""
-        if self.is_ideal:  # the states have had no part so far
-            self.motor.hold(self.now.motor)
-            self.servo.hold(self.now.servo)
+        if self.is_ideal:  # the queues have had no part so far
+            self.motor.hold(self.motor.value)
+            self.servo.hold(self.servo.value)
         self.motor.replace(motor)
         self.servo.replace(servo)
         self.is_ideal = motor == servo == Actuator()
@@ -191,7 +193,6 @@ class Actuators:
         """Set both to zero, and drop the waiting commands."""
         self.motor.hold(0.0)
         self.servo.hold(0.0)
-        self.now = Command()
 
 
 @limited
@@ -356,9 +357,9 @@ class Plant:
         self.force, self.disturbance = force, disturbance
         self._steps = 0
         self.actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
-        self._bicycle = bicycle(dynamics, integrator, model, lateral)
-        if isinstance(self._bicycle, DynamicBicycle):
-            check_step(self._bicycle.lateral, self.vehicle, ts, integrator)
+        self.bicycle = bicycle(dynamics, integrator, model, lateral)
+        if isinstance(self.bicycle, DynamicBicycle):
+            check_step(self.bicycle.lateral, self.vehicle, ts, integrator)
         self.track = track
         self.frenet: Frenet | None = None  #: the pose on the track; None without one
         self.lap, self.lap_time, self._lap_began = 0, 0.0, 0.0  #: as in `TrackState`, [s]
@@ -390,9 +391,9 @@ class Plant:
         return (
             type(self) is Plant
             and not self.track
-            and self._bicycle.is_lab
+            and self.bicycle.is_lab
             and not (self.force or self.disturbance)
-            and self.state.psi == actuators.now.servo == 0.0
+            and self.state.psi == actuators.servo.value == 0.0
             and actuators.motor.only_delays
             and not any(actuators.servo.waiting)
         )
@@ -407,12 +408,12 @@ class Plant:
 
     def motion(self) -> Motion:
         """Return the true state, with the velocities in the vehicle's frame."""
-        return self._bicycle.motion(self.state, self.actuators.now.servo, self.vehicle)
+        return self.bicycle.motion(self.state, self.actuators.servo.value, self.vehicle)
 
     @property
     def v_x(self) -> float:
         """The speed along the car's axis [m/s], of `motion`."""
-        return self._bicycle.v_x(self.state, self.actuators.now.servo, self.vehicle)
+        return self.bicycle.v_x(self.state, self.actuators.servo.value, self.vehicle)
 
     def advance(self, command: Command) -> None:
         """Go one step with `command`."""
@@ -422,7 +423,7 @@ class Plant:
             if self.disturbance:
                 force += self.disturbance(self._steps * self.ts, self.distance)
             held = held._replace(motor=held.motor + force / self.vehicle.mass)
-        self.state = self._bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)
+        self.state = self.bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)
         self._steps += 1
         if self.frenet:
             self._locate(self.frenet.s)
@@ -431,7 +432,7 @@ class Plant:
         """Begin a run there, on a track `near` that s [m], with no command on its way."""
         self.state, self._steps = state, 0
         self.actuators.stop()
-        self._bicycle.reset()
+        self.bicycle.reset()
         if self.track:
             self.frenet = None
             self._locate(near)
