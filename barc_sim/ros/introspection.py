@@ -146,12 +146,10 @@ class GraphObserver:
         """
         for _ in range(_ATTEMPTS):
             future = send()
-            end = time.monotonic() + _RESPONSE_PATIENCE
-            while time.monotonic() < end:
-                rclpy.spin_once(self.node, timeout_sec=_POLL_PERIOD)
-                if future.done():
-                    return future.result()
-                self.pause(0.0)
+            rclpy.spin_until_future_complete(self.node, future, timeout_sec=_RESPONSE_PATIENCE)
+            if future.done():
+                return future.result()
+            self.pause(0.0)
         raise UserError(f'{node} does not respond: it is busy or it hangs; check it, and try again')
 
 

@@ -18,10 +18,8 @@ from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import (
     DurabilityPolicy,
-    QoSCompatibility,
     QoSProfile,
     ReliabilityPolicy,
-    qos_check_compatible,
 )
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 
@@ -103,6 +101,11 @@ def _profile(depth: int, *, reliable: bool, latched: bool) -> QoSProfile:
     )
 
 
+def _strength(end: TopicEndpointInfo | Subscription) -> tuple[Any, Any]:
+    """Return reliability and durability of a publisher or subscription."""
+    return end.qos_profile.reliability, end.qos_profile.durability
+
+
 def describe(name: str, ends: Sequence[TopicEndpointInfo]) -> Topic:
     """Return a bag's record of the topic, from its publishers; from subscriptions without any."""
     type_name, text = ends[0].topic_type, ''
@@ -150,15 +153,6 @@ class RecordedTopic:
         """Whether it has had a publisher."""
         return bool(self.topic.offered_qos or self.route)
 
-    def matches(self, publisher: TopicEndpointInfo, *, exactly: bool) -> bool:
-        """Return whether a subscription matches the publisher's QoS, and requests all of it."""
-        offered, requested = publisher.qos_profile, [s.qos_profile for s in self.subscriptions]
-        if exactly:
-            strength = (offered.reliability, offered.durability)
-            return strength in [(each.reliability, each.durability) for each in requested]
-        found = (qos_check_compatible(offered, each)[0] for each in requested)
-        return any(each != QoSCompatibility.ERROR for each in found)
-
     def lost(self) -> dict[str, int] | None:
         """Return the number of lost messages, by the publisher's node; None where unknown."""
         if self.losses.unnumbered:
@@ -173,10 +167,10 @@ class RecordedTopic:
 class TopicSubscriptions:
     """Subscribes to the topics of a recording, and takes the messages of all publishers.
 
-    A publisher that offers less than the first ones did gets a subscription of its own, which
-    requests less; the subscription of the others stays as it is. A topic that others subscribe to
-    is subscribed to before it has a publisher, with their QoS: a publisher may send one message and
-    end before it is discovered.
+    Each QoS that publishers of a topic offer gets a subscription that requests all of it: one that
+    offers less costs the others nothing. A topic that others subscribe to is subscribed to before
+    it has a publisher, with their QoS: a publisher may send one message and end before it is
+    discovered.
     """
 
     def __init__(self, node: Node, recording: Recording) -> None:
@@ -260,14 +254,13 @@ class TopicSubscriptions:
     def _begun(
         self, name: str, recorded: RecordedTopic | None, publishers: Sequence[TopicEndpointInfo]
     ) -> RecordedTopic:
-        """Return a topic that has a subscription for each of its publishers."""
+        """Return a topic that has a subscription of each QoS that its publishers offer."""
         recorded = recorded or RecordedTopic(describe(name, publishers))
-        is_new = not recorded.begun
-        if is_new:
+        if not recorded.begun:
             recorded.topic = describe(name, publishers)
-        unmatched = [each for each in publishers if not recorded.matches(each, exactly=is_new)]
-        if unmatched:
-            qos = request(unmatched, self._depth)
+        missing = {*map(_strength, publishers)} - {*map(_strength, recorded.subscriptions)}
+        for reliability, durability in sorted(missing):  # the strongest first
+            qos = QoSProfile(depth=self._depth, reliability=reliability, durability=durability)
             subscription = self._create(name, message_class(recorded.topic.type), qos)
             with self._lock:
                 recorded.subscriptions.append(subscription)
