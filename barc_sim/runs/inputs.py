@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _STEERING = ('lane', 'lane_gain')
 _DRIVING = (*PID.gains, 'gain', 'controller_type', 'controller', 'identify')
 _OF_TRACK = (*_STEERING, 'speed_profile')
+_OF_SPEED = (*PID.gains, 'gain', 'reference', 'speed')
 _OF_CONTROLLER = (*_DRIVING, *_OF_TRACK, 'policy', 'acceleration_limit', 'reference')
 
 
@@ -98,6 +99,7 @@ def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | No
         (not track, _OF_TRACK, (), on_track),
         (not (track or code.model or code.controller), (), ('lane', 'raceline'), on_track),
         (another, ('controller_type',), (), f'{ours} --lab or --controller gives another: {one}'),
+        (code.identify, _OF_SPEED, ('controller',), f'and identify.py both drive: {one}'),
         (code.lane and named_law, ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
         (given('reference'), ('speed_profile',), (), f'and --reference both give the speed: {one}'),
         (given('policy'), driven, driven, f'and --policy both drive: {one}'),
@@ -167,7 +169,8 @@ def _policy(options: Namespace, inputs: Inputs) -> Policy:
             continue
         if 'motor' in policy.task.actions:
             why = 'and --policy both drive: give one of the two only'
-            _refuse(options, inputs.user_code, _DRIVING, _DRIVING, why)
+            names = (*_DRIVING, 'reference', 'speed_profile')
+            _refuse(options, inputs.user_code, names, _DRIVING, why)
         if options.speed is None:
             options.speed = policy.task.speed
         return policy

@@ -168,12 +168,15 @@ def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
         ('--controller none.py', 'cannot be read: No such file'),
         ('--lab rospy', 'controller.py defines no PID'),
         ('--relay broken/controller.py', '--relay'),
+        ('--lab identify --kp 3', '--kp and identify.py both drive: give one of the two only'),
+        ('--lab identify --speed 3', '--speed and identify.py both drive'),
     ],
 )
 def test_files_that_cannot_be_used_leave_nothing(tmp_path: Path, options: str, words: str) -> None:
     lab(tmp_path / 'broken', controller='def (')
     lab(tmp_path / 'rospy', controller='import rospy\n')
     lab(tmp_path / 'empty')
+    lab(tmp_path / 'identify', identify='def command(t): return 1.0\n')
     done = barc('acc', '-q', *options.split())
     assert (done.returncode, done.stdout) == (2, '')
     assert words in done.stderr

@@ -164,10 +164,10 @@ def test_lab_4_from_the_template_to_the_grade(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert 'write raceline.py' in done('new', '--lab', '4', 'my_line')
-    assert '0 of 9 criteria are met in full' in barc('check', 'my_line').stdout
+    assert '0 of 8 criteria are met in full' in barc('check', 'my_line').stdout
     (tmp_path / 'my_line' / 'raceline.py').write_text(RACELINE)
     checked = done('check', 'my_line')
-    assert '9 of 9 criteria are met in full: 90 of 100 points, 10 still open' in checked
+    assert '8 of 8 criteria are met in full: 90 of 100 points, 10 still open' in checked
     assert (tmp_path / 'my_line' / 'check.png').is_file()
 
     # The drive is along the line: of a car in the middle of L, |e_y| would be 1.8 m.

@@ -132,6 +132,7 @@ def test_an_onnx_file_steers_as_the_function_that_it_holds(tmp_path: Path) -> No
         ('--track L --policy lane.py --lane lqr', '--lane and --policy both drive: give one of'),
         ('--track L --policy text.py --lab lab', 'lane.py and --policy both drive'),
         ('--track L --policy race.py --ki 1', '--ki and --policy both drive'),
+        ('--policy hills.py --reference speeds.csv', '--reference and --policy both drive'),
         ('--policy text.py --lab lab', 'controller.py and --policy both drive'),
         ('--policy lane.py --kp 1', '--kp and --policy both drive'),
         ('--policy lane.py --no-controller', '--policy and --no-controller: give one'),
@@ -143,6 +144,7 @@ def test_what_cannot_drive_is_refused_in_a_sentence(
     (tmp_path / 'lane.py').write_text(LANE.replace('*ahead', 'a, b, c, d'), 'utf-8')
     (tmp_path / 'text.py').write_text('def policy(observation): return ["left"]', 'utf-8')
     (tmp_path / 'race.py').write_text(RACE, 'utf-8')
+    (tmp_path / 'hills.py').write_text(HILLS, 'utf-8')
     (tmp_path / 'lab').mkdir()
     (tmp_path / 'lab' / 'controller.py').write_text(LAB_CONTROLLER, 'utf-8')
     (tmp_path / 'lab' / 'lane.py').write_text(LAB_LANE, 'utf-8')
