@@ -313,7 +313,7 @@ def _draw_table(
     table = axes.table(
         [[name, *lap.cells] for name, (_, lap) in zip(names, rows, strict=True)],
         colLabels=[heading, *LAP_HEADINGS],
-        colWidths=(0.28, 0.15, 0.21, 0.21, 0.15),
+        colWidths=(0.26, 0.16, 0.17, 0.17, 0.24),
         cellLoc='right',
         edges='open',
         loc='upper center',

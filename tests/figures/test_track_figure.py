@@ -57,7 +57,7 @@ def test_laps_are_those_of_the_log(log: TrackLog) -> None:
     figure = track_figure(log)
     (table,) = figure.axes[1].tables
     shown = [table[k, 1].get_text().get_text() for k in (1, 2, 3)]
-    assert shown == [f'{each:.2f}' for each in log.lap_times]
+    assert shown == [f'{each:.2f} s' for each in log.lap_times]
     (across,) = [line for line in figure.axes[2].lines if to_hex(line.get_color()) == BLUE.lower()]
     np.testing.assert_array_equal(across.get_ydata(), log.e_y[rows])
 

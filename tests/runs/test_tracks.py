@@ -87,8 +87,9 @@ def test_laps_follow_one_another_and_are_listed(tmp_path: Path) -> None:
     profile = speed_profile(Track.named('oval'), 12.0, 3.2, 2.0)
     expected = lap(LaneLQR(), 'oval', speed=profile, laps=2, road='lab')
     assert log == expected
-    times = re.findall(r'^\d +([\d.]+) +([\d.]+) +([\d.]+) +\d+%$', printed, re.MULTILINE)
-    assert [time for time, *_ in times] == [f'{time:.2f}' for time in expected.lap_times]
+    row = r'^\d +([\d.]+) s +[\d.]+ m +[\d.]+ m +\d+% at its limit$'
+    times = re.findall(row, printed, re.MULTILINE)
+    assert times == [f'{time:.2f}' for time in expected.lap_times]
     assert f'best lap {expected.best:.2f} s' in printed
 
 
@@ -108,7 +109,7 @@ def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
     done = call('acc', '--engine', 'local', '--track', 'circle', '--lab', '.', *FAST, cwd=tmp_path)
     assert done.returncode == 1
     assert 'the car left the track to the right at 10.4 m: the run' in done.stderr
-    assert re.search(r'^not finished +\d+\.\d\d', done.stdout, re.MULTILINE)
+    assert re.search(r'^not finished +\d+\.\d\d s', done.stdout, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
