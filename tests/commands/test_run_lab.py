@@ -167,6 +167,7 @@ def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
         ('--model broken/controller.py', 'controller.py, line 1: syntax error'),
         ('--controller none.py', 'cannot be read: No such file'),
         ('--lab rospy', 'controller.py defines no PID'),
+        ('--lab line', 'raceline.py is for a track'),
         ('--relay broken/controller.py', '--relay'),
         ('--lab identify --kp 3', '--kp and identify.py both drive: give one of the two only'),
         ('--lab identify --speed 3', '--speed and identify.py both drive'),
@@ -175,6 +176,7 @@ def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
 def test_files_that_cannot_be_used_leave_nothing(tmp_path: Path, options: str, words: str) -> None:
     lab(tmp_path / 'broken', controller='def (')
     lab(tmp_path / 'rospy', controller='import rospy\n')
+    lab(tmp_path / 'line', raceline='def line(x, y, psi, half): return 0.0 * x\n')
     lab(tmp_path / 'empty')
     lab(tmp_path / 'identify', identify='def command(t): return 1.0\n')
     done = barc('acc', '-q', *options.split())

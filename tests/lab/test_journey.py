@@ -127,84 +127,60 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     assert 'gains: kp 10, ki 20, kd 0.1 (controller.py, line 15)' in results['output']
 
 
+#: By lab: a right file, its criteria here, the one that a person judges, and what submit prints.
+LABS = {
+    '3': ('lane.py', LANE, 10, 'lane.delay', r'3 laps; e_y at most 0.1\d m'),
+    # Along the line: of a car in the middle of L, |e_y| would be 1.8 m.
+    '4': ('raceline.py', RACELINE, 8, 'line.gain', r'3 laps; e_y at most 0.1\d m'),
+    '5': ('identify.py', IDENTIFY, 8, 'estimate.residuals', r'course +[\d.]+ m in [\d.]+ s\n'),
+}
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures('confinement')
-def test_lab_3_from_the_template_to_the_grade(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize('number', LABS)
+def test_a_later_lab_from_the_template_to_the_grade(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert 'write lane.py' in done('new', '--lab', '3', 'my_lane')
-    fresh = barc('check', 'my_lane')
+    file, right, count, by_eye, drive = LABS[number]
+    assert f'write {file}' in done('new', '--lab', number, 'mine')
+    fresh = barc('check', 'mine')
     assert fresh.returncode == 1
-    assert '0 of 10 criteria are met in full: 0 of 100 points, 10 still open' in fresh.stdout
+    assert f'0 of {count} criteria are met in full: 0 of 100 points, 10 still open' in fresh.stdout
 
-    (tmp_path / 'my_lane' / 'lane.py').write_text(LANE)
-    checked = done('check', 'my_lane')
-    assert '10 of 10 criteria are met in full: 90 of 100 points, 10 still open' in checked
-    assert (tmp_path / 'my_lane' / 'check.png').is_file()
-    (tmp_path / 'my_lane' / 'description.md').write_text('The delay adds an error in each turn.')
-    summary = done('submit', 'my_lane')
+    (tmp_path / 'mine' / file).write_text(right)
+    checked = done('check', 'mine')
+    assert f'{count} of {count} criteria are met in full: 90 of 100 points, 10 still' in checked
+    assert (tmp_path / 'mine' / 'check.png').is_file()
+    (tmp_path / 'mine' / 'description.md').write_text('It is as expected.')
+    summary = done('submit', 'mine')
     assert 'missing' not in summary
-    assert re.search(r'3 laps; e_y at most 0.1\d m', summary)
+    assert re.search(drive, summary)
 
     (tmp_path / 'class').mkdir()
-    (tmp_path / 'my_lane.zip').rename(tmp_path / 'class' / 'ada.zip')
+    (tmp_path / 'mine.zip').rename(tmp_path / 'class' / 'ada.zip')
     assert 'Score   90.00 of 90' in done('grade', 'class', '--jobs', '1')
-    by_hand = tmp_path / 'grades' / 'ada.zip' / 'by_hand.yaml'
-    by_hand.write_text('points:\n  lane.delay: 8 and the phase?\n')
+    grades = tmp_path / 'grades' / 'ada.zip'
+    assert 'data:image/png' in (grades / 'report.html').read_text()
+    (grades / 'by_hand.yaml').write_text(f'points:\n  {by_eye}: 8 and why?\n')
     assert 'By eye  8.00 of 10' in done('grade', 'class', '--jobs', '1')
-    results = json.loads(by_hand.with_name('results.json').read_text())
-    assert results['score'] == 98.0
+    assert json.loads((grades / 'results.json').read_text())['score'] == 98.0
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures('confinement')
-def test_lab_4_from_the_template_to_the_grade(
+def test_the_car_of_a_name_is_identified_from_its_drive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert 'write raceline.py' in done('new', '--lab', '4', 'my_line')
-    assert '0 of 8 criteria are met in full' in barc('check', 'my_line').stdout
-    (tmp_path / 'my_line' / 'raceline.py').write_text(RACELINE)
-    checked = done('check', 'my_line')
-    assert '8 of 8 criteria are met in full: 90 of 100 points, 10 still open' in checked
-    assert (tmp_path / 'my_line' / 'check.png').is_file()
-
-    # The drive is along the line: of a car in the middle of L, |e_y| would be 1.8 m.
-    (tmp_path / 'my_line' / 'description.md').write_text('It gains time in the turns.')
-    summary = done('submit', 'my_line')
-    assert 'missing' not in summary
-    assert re.search(r'3 laps; e_y at most 0.1\d m', summary)
-    refused = barc('acc', '--lab', 'my_line', *FAST)
-    assert (refused.returncode, 'raceline.py is for a track' in refused.stderr) == (2, True)
-    (tmp_path / 'class').mkdir()
-    (tmp_path / 'my_line.zip').rename(tmp_path / 'class' / 'ada.zip')
-    assert 'Score   90.00 of 90' in done('grade', 'class', '--jobs', '1')
-    assert 'data:image/png' in (tmp_path / 'grades' / 'ada.zip' / 'report.html').read_text()
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures('confinement')
-def test_lab_5_from_the_template_to_the_grade(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert 'write identify.py' in done('new', '--lab', '5', 'my_car')
-    assert '0 of 8 criteria' in barc('check', 'my_car').stdout
-    template = (tmp_path / 'my_car' / 'identify.py').read_text()
+    done('new', '--lab', '5', 'mine')
+    template = (tmp_path / 'mine' / 'identify.py').read_text()
     script = template[template.index("if __name__ == '__main__'") :]
-    (tmp_path / 'my_car' / 'identify.py').write_text(f'{IDENTIFY}\n\n{script}')
-    checked = done('check', 'my_car')
-    assert '8 of 8 criteria are met in full: 90 of 100 points, 10 still open' in checked
-    assert checked.count('holds the truth') == 3
-    assert (tmp_path / 'my_car' / 'check.png').is_file()
-
-    # The drive is one of the car of that name, with the noise of the lab.
-    done('acc', '--road', 'flat', '--distance', '0', '--lab', 'my_car', *FAST)
-    log = read(newest())
-    assert log.t[-1] == pytest.approx(60.0)
+    (tmp_path / 'mine' / 'identify.py').write_text(f'{IDENTIFY}\n\n{script}')
+    done('acc', '--road', 'flat', '--distance', '0', '--lab', 'mine', *FAST)
+    assert read(newest()).t[-1] == pytest.approx(60.0)
     ended = subprocess.run(
-        [sys.executable, 'my_car/identify.py', str(newest())],
+        [sys.executable, 'mine/identify.py', str(newest())],
         capture_output=True,
         text=True,
         check=True,
@@ -212,12 +188,3 @@ def test_lab_5_from_the_template_to_the_grade(
     found = [float(each) for each in re.findall(r'[-\d.e]+(?=\))', ended.stdout)]
     car = car_of('Ada Lovelace')
     assert np.all(np.abs(np.array(found[::2]) - car) <= 2.0 * np.array(found[1::2]))
-
-    (tmp_path / 'my_car' / 'description.md').write_text('They look like noise alone.')
-    summary = done('submit', 'my_car')
-    assert 'missing' not in summary
-    assert 'RMS' not in summary  # the commands hold no speed
-    (tmp_path / 'class').mkdir()
-    (tmp_path / 'my_car.zip').rename(tmp_path / 'class' / 'ada.zip')
-    assert 'Score   90.00 of 90' in done('grade', 'class', '--jobs', '1')
-    assert 'data:image/png' in (tmp_path / 'grades' / 'ada.zip' / 'report.html').read_text()
