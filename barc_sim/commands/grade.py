@@ -95,11 +95,12 @@ def run(options: Namespace) -> int:
     students = classroom.read_roster(options.roster) if options.roster else []
     folders = {path: out if alone else _folder(out, path) for path in paths}
     hands = {path: grade.entered(folder, points) for path, folder in folders.items()}
+    empty = grade.nothing_entered(points).encode()
     check(sandbox=not options.unconfined)
     limits = Limits(total=options.time_limit)
     with processes(options.jobs) as executor:
         outcomes = grade_all(executor, hands, points, limits, sandbox=not options.unconfined)
-        grades, failures, interrupted = _collect(outcomes, out, folders)
+        grades, failures, interrupted = _collect(outcomes, out, folders, empty)
     found = classroom.entries(grades, failures, students)
     files = {}
     if not alone:  # then the files of a class may be there
@@ -130,16 +131,18 @@ def _folder(out: Path, submission: Path) -> Path:
 
 
 def _collect(
-    outcomes: Iterable[_Outcome], out: Path, folders: dict[Path, Path]
+    outcomes: Iterable[_Outcome], out: Path, folders: dict[Path, Path], empty: bytes
 ) -> tuple[dict[str, Grade], dict[str, str], bool]:
-    """Write the files of each submission as it finishes; also return whether Ctrl-C came."""
+    """Write the files of each submission as it finishes; also return whether Ctrl-C came.
+
+    The file for points by hand is written `empty`, where there is none.
+    """
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
     from rich.progress import track  # noqa: PLC0415
 
     stderr = Console(stderr=True)
     grades: dict[str, Grade] = {}
     failures: dict[str, str] = {}
-    written = {folder: _written(folder / BY_HAND) for folder in folders.values()}
     try:
         for path, outcome in track(
             outcomes, 'Grading', len(folders), console=stderr, transient=True
@@ -148,11 +151,9 @@ def _collect(
             if isinstance(outcome, str):
                 failures[folder.name] = outcome
                 continue
-            grade = outcome._replace(files={})
-            files = {**outcome.files}
-            # Of a submission alone there is none; a new entry counts the next time.
-            if folder == out or _written(folder / BY_HAND) != written[folder]:
-                files.pop(BY_HAND, None)
+            grade, files = outcome._replace(files={}), {**outcome.files}
+            if folder != out and not (folder / BY_HAND).exists():  # not of a submission alone
+                files[BY_HAND] = empty
             with _uninterrupted():  # a submission has all of its files, and a row, or none
                 for name, data in files.items():
                     _write(out, folder / name, data)
@@ -176,11 +177,6 @@ def _uninterrupted() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
     if came:
         raise KeyboardInterrupt
-
-
-def _written(path: Path) -> int:
-    """Return when a file was written last [ns]; 0 if it is not there."""
-    return path.stat().st_mtime_ns if path.exists() else 0
 
 
 def _write(out: Path, path: Path, data: bytes) -> None:

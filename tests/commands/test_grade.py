@@ -253,13 +253,11 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
         path.write_bytes(data)
 
     monkeypatch.setattr(grade, '_write', write)
-    done = Grade(
-        'ada', '', 0, '', (), files={'report.html': b'1', 'results.json': b'2', BY_HAND: b''}
-    )
+    done = Grade('ada', '', 0, '', (), files={'report.html': b'1', 'results.json': b'2'})
     path = tmp_path / 'ada'
     outcomes = [(path, done), (path, done)]
     grades, _, interrupted = grade._collect(  # noqa: SLF001 (at that very moment)
-        outcomes, tmp_path, {path: tmp_path}
+        outcomes, tmp_path, {path: tmp_path}, b''
     )
     assert ([each.name for each in grades.values()], interrupted) == (['ada'], True)
     assert sorted(file.name for file in tmp_path.iterdir()) == ['report.html', 'results.json']
@@ -272,13 +270,13 @@ def test_a_name_that_is_no_utf_8_has_a_folder_and_a_row(tmp_path: Path) -> None:
 
 def test_what_is_entered_while_a_class_is_graded_stays(tmp_path: Path) -> None:
     entered = tmp_path / 'ada' / BY_HAND
-    done = Grade('ada', '', 0, '', (), files={'report.html': b'1', BY_HAND: b'points:'})
+    done = Grade('ada', '', 0, '', (), files={'report.html': b'1'})
 
     def outcomes() -> Iterator[tuple[Path, Grade | str]]:
         entered.parent.mkdir()
         entered.write_text('comment: well driven')
         yield Path('ada'), done
 
-    grade._collect(outcomes(), tmp_path, {Path('ada'): entered.parent})  # noqa: SLF001 (meanwhile)
+    grade._collect(outcomes(), tmp_path, {Path('ada'): entered.parent}, b'points:')  # noqa: SLF001 (meanwhile)
     assert entered.read_text() == 'comment: well driven'
     assert (entered.parent / 'report.html').exists()

@@ -54,6 +54,7 @@ def test_everything_is_in_the_zip(lab: Path) -> None:
         names = archive.namelist()
         summary = archive.read('summary.txt').decode()
         assert archive.read('controller.py') == CONTROLLER.encode()
+        assert b'--bag-dir' not in archive.read('report.html')
     wanted = {
         *OWN, 'report.html', 'teleop.html', 'summary.txt', 'drive.mp4',
         'course/metadata.yaml',

@@ -96,14 +96,6 @@ class Process:
         except Ended as error:
             raise Unconfined(f'the process {error}') from None
 
-    def __enter__(self) -> Self:
-        """Return the process; it ends with the block."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End the process."""
-        self.close()
-
     def request(self, do: str, *arguments: object, wait: float) -> Any:  # noqa: ANN401 (JSON)
         """Return the reply to a request within `wait` [s]: any value of JSON."""
         self._serial += 1
@@ -386,11 +378,8 @@ def check(*, sandbox: bool) -> None:
             )
         return
     try:
-        with (
-            tempfile.TemporaryDirectory() as folder,
-            Process(Path(folder), Limits(), sandbox=sandbox),
-        ):
-            pass
+        with tempfile.TemporaryDirectory() as folder:
+            Process(Path(folder), Limits(), sandbox=sandbox).close()
     except Unconfined as error:
         raise UserError(
             f'submissions cannot be confined on this machine ({error}): grade on Linux 5.13 or '

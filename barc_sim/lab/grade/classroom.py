@@ -61,7 +61,6 @@ _HEADERS = {
 }
 _BINS = 10  # of the distribution
 _MISTAKES = 8  # rows
-_SHORT = 30  # characters of a clause that needs the next one
 # Where a message begins with a call and a line of code.
 _PLACE = re.compile(r'^(call \d+, after [\d.]+ s on the road: )?([\w .()-]+\.py, line \d+: )?')
 # What a spreadsheet takes for a formula, after any separator that it splits at.
@@ -485,10 +484,6 @@ def _mistakes(grades: Iterable[Grade]) -> list[tuple[str, str, int]]:
 
 
 def _in_general(message: str) -> str:
-    """Return the beginning of a message, without what differs between submissions."""
-    # Brackets after a word, but not those of a formula.
-    words = re.sub(r'(?<=[\w°]) \([^()*+/=]*\)', '', _PLACE.sub('', message))
-    first, *others = re.split(r'; |: |\. ', words)
-    if others and len(first) < _SHORT:
-        first = f'{first}: {others[0]}'
-    return one_line(re.sub(r'(?<![\w*])\d[\d.,]*\b', '\N{HORIZONTAL ELLIPSIS}', first), 90)
+    """Return the beginning of a message, without what differs between submissions: its numbers."""
+    general = re.sub(r'(?<![\w*])\d[\d.,]*\b', '\N{HORIZONTAL ELLIPSIS}', _PLACE.sub('', message))
+    return one_line(general, 90)

@@ -1,8 +1,7 @@
 """The points of a submission: its rubric, what a person enters, and its report.
 
 Rubrics and a person's points are YAML. The file of these stands beside a report: `grade` writes it
-once, with the computed points as comments, and then only reads it. It is written again only while
-nothing is entered in it.
+once, with nothing entered, and then only reads it.
 """
 
 from __future__ import annotations
@@ -37,6 +36,10 @@ if TYPE_CHECKING:
 
     _Read = Callable[[str, object], Any]
 
+_HEAD = """\
+# Yours: barc grade reads this file each time, and keeps what you enter.
+# Points that you write replace the computed ones: 4.5, or 4.5 and a comment.
+"""
 _T = TypeVar('_T')
 _LABS = (HILLS, LANE, RACELINE, IDENTIFY)
 #: Every criterion, with its name for readers, in the order of a report.
@@ -110,6 +113,12 @@ def entered(folder: Path, rubric: Rubric) -> ByHand:
     """Return what is entered in the file in `folder`; nothing without one; or a UserError."""
     path = folder / BY_HAND
     return _read(repr(str(path)), path, partial(_by_hand, rubric)) if path.exists() else ByHand()
+
+
+def nothing_entered(rubric: Rubric) -> str:
+    """Return the text of a file in which nothing is entered."""
+    lines = [f'  {name}:  # of {worth:g}\n' for name, worth in rubric.points.items()]
+    return f'{_HEAD}comment:\npoints:\n{"".join(lines)}'
 
 
 def _by_hand(rubric: Rubric, values: object) -> ByHand:
@@ -215,10 +224,6 @@ _KEYS: dict[str, _Read] = {
 }
 
 
-_HEAD = """\
-# Yours: barc grade reads this file each time, and keeps what you enter.
-# Points that you write replace the computed ones: 4.5, or 4.5 and a comment.
-"""
 _DPI = 100
 
 
@@ -333,8 +338,6 @@ def report(
     computed = grade(submission, rubric, limits, sandbox=sandbox)
     found = _merged(computed, hand, rubric)
     files = {'results.json': gradescope(found).encode(), 'report.html': page(found).encode()}
-    if not hand:
-        files[BY_HAND] = _empty(computed).encode()
     items = tuple(item._replace(evidence=None) for item in found.items)
     return found._replace(items=items, files=files)
 
@@ -350,16 +353,6 @@ def _merged(grade: Grade, hand: ByHand, rubric: Rubric) -> Grade:
         items[name] = computed._replace(points=points, message=message, open=False)
     order = tuple(items[name] for name in rubric.points if name in items)
     return grade._replace(items=order, comment=hand.comment)
-
-
-def _empty(grade: Grade) -> str:
-    """Return the text of a file in which nothing is entered."""
-    lines = [
-        f'  {item.criterion}:  # {"open" if item.open else f"{item.points:g}"} of '
-        f'{item.max_points:g}\n'
-        for item in grade.items
-    ]
-    return f'{_HEAD}comment:\npoints:\n{"".join(lines)}'
 
 
 def page(grade: Grade) -> str:
