@@ -90,14 +90,11 @@ def others_here(domain: int) -> bool:
 
 def _taken(node: Node, topic: str) -> UserError:
     """Return the error of a second publisher of `topic`."""
-    name, here, domain = node.resolve_topic_name(topic), '', ''
-    if has_dds():
-        number = node.context.get_domain_id()
-        here = f' in ROS domain {number}'
-        domain = f' or a domain (ROS_DOMAIN_ID={number + 1})'
+    name, dds = node.resolve_topic_name(topic), has_dds()
+    here = f' in ROS domain {node.context.get_domain_id()}' if dds else ''
     return UserError(
         f'another simulator publishes {name}{here}: give this one a namespace '
-        f'(--ros-args -r __ns:=/car2){domain} of its own'
+        f'(--ros-args -r __ns:=/car2){" or a ROS_DOMAIN_ID" if dds else ""} of its own'
     )
 
 

@@ -297,6 +297,18 @@ def test_a_second_type_of_a_topic_is_named_and_costs_the_first_nothing(
     ]
 
 
+def test_what_a_publisher_has_kept_is_recorded_beside_one_that_keeps_nothing(
+    ros: Context, tmp_path: Path
+) -> None:
+    talker = Node('talker', context=ros)
+    talker.create_publisher(Float64, 'value', 10)
+    talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
+    recorder = BagRecorder(tmp_path, context=ros)
+    wait_for(lambda: recorder.counts.get('/value') == 1)
+    recorder.destroy_node()
+    talker.destroy_node()
+
+
 def test_a_publisher_in_place_of_one_that_has_gone_is_recorded(
     recorder: BagRecorder, talker: Node
 ) -> None:
