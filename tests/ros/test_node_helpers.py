@@ -124,16 +124,6 @@ def test_another_process_and_its_claim_are_known_until_it_is_killed(
     claim(node, 'z_vhcl').close()
 
 
-def test_topics_of_other_namespaces_are_free_however_long(ros: Context) -> None:
-    namespaces = ['', 'a', 'b', *(letter * 150 for letter in 'ab')]
-    nodes = [Node('car', namespace=namespace, context=ros) for namespace in namespaces]
-    held = [claim(node, 'z_vhcl') for node in nodes]
-    with pytest.raises(UserError):
-        claim(nodes[-1], 'z_vhcl')
-    for one in held:
-        one.close()
-
-
 #: A subscription that is created later receives what was published before.
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
