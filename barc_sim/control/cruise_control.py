@@ -138,7 +138,7 @@ class CruiseControl:
         """
         self._refuse, self._warn = refuse, warn
         self.controller = as_controller(controller or _chosen(declare, _TYPE, TYPES))
-        self._see = getattr(controller, 'see', lambda _: None)  # its place, of a policy
+        self._see = getattr(controller, 'see', None)  # takes its place: of a policy
         self.lane: LaneKeeping | None = None
         if track:
             self.lane = LaneKeeping(lane or _chosen(declare, _LANE_TYPE, LANE_TYPES), track)
@@ -229,7 +229,8 @@ class CruiseControl:
         if self.lane:
             steering, x = self.lane.steer(x, y, psi, speed), self.lane.place.s
         reference = self.reference((stamp - self._start) / NANOSECONDS, x)
-        self._see(x)
+        if self._see:
+            self._see(x)
         acceleration = float(self.controller.acc_calculate(reference, speed, dt))
         if self.lane:
             acceleration = self.lane.acceleration(acceleration)
