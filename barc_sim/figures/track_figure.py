@@ -96,12 +96,12 @@ class Course(NamedTuple):
 
 
 def lap_length(log: TrackLog) -> float:
-    """Return the length of a lap [m], inf where none was finished: s grows evenly over the line."""
-    crossed = np.flatnonzero(np.diff(log.lap) == 1.0)[-1:] + 1
-    for i in crossed:
-        share = log.lap_time[i] / (log.t[i] - log.t[i - 1])
-        return float((log.s[i] - share * (log.s[i] - log.s[i - 1])) / log.lap[i])
-    return np.inf
+    """Return the length of a lap [m], inf where none was finished."""
+    crossed = np.flatnonzero(np.diff(log.lap) == 1.0) + 1
+    if not len(crossed):
+        return np.inf
+    i = crossed[-1]  # the line was passed between two states
+    return float(np.interp(log.t[i] - log.lap_time[i], log.t, log.s) / log.lap[i])
 
 
 class _Curve(NamedTuple):
