@@ -215,7 +215,7 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
             plants.motor.delay_some(cars, drawn['delay'])
             if task.delays_servo:
                 plants.servo.delay_some(cars, drawn['delay'])
-        if any(task.noise) or 'noise' in drawn:
+        if task.is_noisy:
             speeds = drawn.get('noise', np.full(len(cars), task.noise.v_x)).tolist()
             levels = [task.noise._replace(v_x=level) for level in speeds]
             plants.make_noise(cars, levels, (shares[4] * 2.0**53).astype(np.int64).tolist())

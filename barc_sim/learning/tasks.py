@@ -25,7 +25,6 @@ from barc_sim.simulation.fast import Plants
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.parameters import ROWS
-from barc_sim.vehicle.plant import NoiseLevels
 from barc_sim.vehicle.track import Pose
 
 if TYPE_CHECKING:
@@ -46,13 +45,9 @@ BEHIND = -10.0  #: [m] So does that of a car that rolls so far back, before the 
 _START_E_PSI = 0.2  #: [rad] either way
 #: The options of `simulate` and `lap` that an environment has.
 OPTIONS = 'road', 'track', 'vehicle', 'dynamics', 'lateral', 'noise', 'delay', 'servo', 'ts'
-_DEFAULTS = {'dynamics': 'kinematic', 'noise': 0.0, 'delay': 0.0}
+_PARAMETERS = *Vehicle._fields, *LateralParameters._fields
 #: What may be drawn anew for each episode, and its limits.
-_VARIED = {
-    **{name: ROWS[name] for name in (*Vehicle._fields, *LateralParameters._fields)},
-    'noise': LIMITS['noise'],
-    'delay': LIMITS['delay'],
-}
+_VARIED = {name: (ROWS | LIMITS)[name] for name in (*_PARAMETERS, 'noise', 'delay')}
 
 
 #: What a car measures, and its latest command: speed to hold less the measured one [m/s], e_y [m],
@@ -96,21 +91,19 @@ class Task:
         self.speed = self.default_speed if speed is None else speed
         SPEED.check(self.speed, 'speed')
         given = {name: each for name, each in options.items() if each not in (None, '')}
-        self._options: dict[str, Any] = {**_DEFAULTS, **self.course, **given}
-        noise = self._options['noise']
-        check_arguments(noise=noise, acceleration_limit=acceleration_limit)
+        check_arguments(acceleration_limit=acceleration_limit)
         self.limits = {'motor': acceleration_limit, 'servo': STEERING_LIMIT}
+        self._options: dict[str, Any] = {**self.course, **given}
+        like = self.plant({})
+        self.road, self.track, self.ts = like.road, like.track, like.ts
+        self.noise = like.sensor.noise
+        self._options |= {'road': self.road, 'track': self.track}  # read once
         self.ranges = dict(ranges or {})
         for name, (low, high) in self.ranges.items():
             if name not in _VARIED:
                 raise UserError(f'ranges: {name!r} must be one of {", ".join(_VARIED)}')
             for value in (low, high):
                 _VARIED[name].check(value, f'ranges: {name}')
-            if low > high:
-                raise UserError(
-                    f'ranges: {name} from {low:g} to {high:g} must be the other way round'
-                )
-        self.noise = noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise)
         self.is_noisy = any(self.noise) or 'noise' in self.ranges
         #: Whether episodes have plants of their own.
         self.varies = bool(self.ranges or self.is_noisy)
@@ -118,11 +111,8 @@ class Task:
         self.delays_servo = 'servo' not in given
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
-        like = self.plant({})
-        self.road, self.track, self.ts = like.road, like.track, like.ts
         self.length = self.track.length if self.track else self.road.starts[-1]  # [m]
         self.half_width = 0.5 * self.track.width if self.track else inf  # [m]
-        self._options |= {'road': self.road, 'track': self.track}  # read once
         if track := self.track:
             self.ahead = _preview(track.starts, track.curvature, track.is_closed)
         else:

@@ -454,10 +454,7 @@ class Plants:
         cos_psi, sin_psi = np.cos(self.psi), np.sin(self.psi)
         push = motor - car.gravity * sine - front * np.sin(servo) / car.mass + v_y * turn
         after = v_x + ts * (push - resistance(v, car) / car.mass)  # type: ignore[arg-type]
-        if after.min() < 0.0:
-            after = np.where(
-                after < 0.0, np.maximum(after, np.minimum(v_x + ts * push, 0.0)), after
-            )
+        after = np.maximum(after, np.minimum(v_x + ts * push, 0.0))  # as in `next_speeds`
         aside = v_y + ts * ((front * cosine + rear) / car.mass - v_x * turn)
         turn_after = turn + ts * ((car.l_f * front * cosine - car.l_r * rear) / tyres.yaw_inertia)
         beta, speed = np.arctan2(aside, after), np.sqrt(after * after + aside * aside)
