@@ -1,7 +1,7 @@
 """Wrong and unusual programs of Lab 5: the remark, its line, and the points.
 
-A program is a right one, and what is
-replaced in it. All have 90 points at most: 10 are judged by eye.
+A program is a right one, and what is replaced in it. All have 90 points at most: 10 are judged by
+eye.
 """
 
 from __future__ import annotations
@@ -26,8 +26,6 @@ PROGRAMS = read_programs("""
 right | 90 |  | right in all 5 cases
 no excitation | 50 |  | the car does not move
     if t < 7.0: -> return 0.0⏎    if t < 7.0:
-a constant command | 72 |  | the delay at best ± 0.01
-    if t < 7.0: -> return 0.2⏎    if t < 7.0:
 beyond the limit | 85 |  | the command reaches 2.5 m/s², 2 m/s² are allowed; the first is at 0.00 s
     return 2.0⏎    if -> return 2.5 if t < 4.0 else 2.0 if t < 6.0 else 0.0⏎    if
 a force | 80 |  | is it a force? Return an acceleration
@@ -42,8 +40,6 @@ too short | 50 |  | returned None; expected a finite number
     return 2.0 * ( -> return None if t > 50.0 else 2.0 * (
 no command | 50 | raise | command is not written yet (TODO)
     if t < 7.0: -> raise NotImplementedError⏎    if t < 7.0:
-no estimate | 40 | raise | estimate is not written yet (TODO)
-    t, v, a = -> raise NotImplementedError⏎    t, v, a =
 friction by no mass | 83 |  | friction is multiplied by the mass
     friction, half[1] -> 2000 * friction, 2000 * half[1]
 swapped | 66 |  | drag and friction are swapped
@@ -59,8 +55,6 @@ drag that grows with v | 65 |  | drag is wrong
     smooth**2 -> smooth
 one standard deviation | 84 |  | is it one standard deviation?
     1.96 * -> 1.0 *
-a variance | 78 |  | too narrow
-    1.96 * -> spread *
 no interval | 75 |  | too narrow
     1.96 * -> 0.0 *
 three numbers | 40 | def estimate | six finite numbers

@@ -48,14 +48,6 @@ def test_resistance_and_motor_are_found_within_their_intervals() -> None:
     assert not any('delay' in remark for remark in found.remarks)
 
 
-@pytest.mark.slow
-def test_two_logs_tell_more_than_one() -> None:
-    """The intervals of two drives are narrower, by about the square root of two."""
-    one, two = identify(drive(seed=2)), identify(drive(seed=2), drive(seed=3))
-    for name in ('drag_per_mass', 'motor_delay'):
-        assert 0.5 < two[name].interval / one[name].interval < 0.9
-
-
 def test_a_log_without_noise_gives_the_delay_exactly() -> None:
     """It is no multiple of the step."""
     found = identify(simulate(controller=PRBS(), road='flat', distance=30.0, delay=0.053))
