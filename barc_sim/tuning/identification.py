@@ -148,13 +148,10 @@ class _Stretch:
         return found
 
 
-def identify(
-    *logs: Log,
-    vehicle: Vehicle | None = None,
-    integrator: str = 'euler',
-    steering: bool | None = None,
-) -> Identified:
+def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'euler') -> Identified:
     """Return the parameters of the car that made the logs, each with its interval of 95 %.
+
+    Servo, tyres and yaw inertia are among them where the car steered.
 
     Parameters
     ----------
@@ -165,8 +162,6 @@ def identify(
         Its mass and lengths; the lab's where it is not given.
     integrator
         'euler', the default of the simulator, or 'rk4' for a real car.
-    steering
-        Whether to fit servo, tyres and yaw inertia, too; where the car steered, unless given.
 
     Raises
     ------
@@ -191,10 +186,9 @@ def identify(
             f'none of {len(logs)} logs has {_SHORTEST:g} s of states with commands and no gap: '
             'expected the log of a drive'
         )
-    if steering is None:
-        servo = np.concatenate([[c.servo for c in each.commands] for each in stretches])
-        seen = all(np.isfinite(each.measured).all() for each in stretches)
-        steering = seen and sqrt(np.mean(servo**2)) > _STEERED
+    servo = np.concatenate([[c.servo for c in each.commands] for each in stretches])
+    seen = all(np.isfinite(each.measured).all() for each in stretches)
+    steering = seen and sqrt(np.mean(servo**2)) > _STEERED
     search = _Search(stretches, vehicle or Vehicle(), integrator, 3 if steering else 1)
     names = [*_ALONG, *(_ACROSS if steering else ())]
     lags = [name for name in names if name.endswith('_lag')]
