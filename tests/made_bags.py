@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.messages import Message, Topic, definition
+from barc_sim.bags.messages import Message, Topic, definition, topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LANE
 from barc_sim.control.speed import PID
@@ -20,6 +20,7 @@ from barc_sim.simulation.log import (
     PID_STATE,
     columns_of,
 )
+from barc_sim.simulation.stepper import parameters as simulator_parameters
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,18 +32,7 @@ PERIOD = 20_000_000
 TYPES = get_typestore(Stores.EMPTY)
 for _name in MESSAGE_TYPES.values():
     TYPES.register(get_types_from_msg(definition(_name), _name))
-FOREVER = {'sec': 9223372036, 'nsec': 854775807}
-QOS = {
-    'history': 'unknown',
-    'depth': 0,
-    'reliability': 'reliable',
-    'durability': 'volatile',
-    'deadline': FOREVER,
-    'lifespan': FOREVER,
-    'liveliness': 'automatic',
-    'liveliness_lease_duration': FOREVER,
-    'avoid_ros_namespace_conventions': False,
-}
+(QOS,) = topic('/clock', 'rosgraph_msgs/msg/Clock').offered_qos
 #: A topic of one number.
 VALUE = Topic(
     name='/value',
@@ -59,31 +49,7 @@ GRAPH = json.dumps(
         'subscriptions': [['/ecu', '/vehicle_simulator'], ['/z_vhcl', '/controller']],
     }
 )
-SIMULATOR: dict[str, Any] = {
-    'mass': 2000.0,
-    'air_drag_coeff': 0.01308,
-    'friction': 0.01711,
-    'l_f': 1.5,
-    'l_r': 1.5,
-    'gravity': 9.8,
-    'rate': 50.0,
-    'road': 'lab',
-    'command_timeout': 0.0,
-    'timeout_braking': 8.0,
-    'seed': 0,
-    'integrator': 'euler',
-    'dynamics': 'kinematic',
-    'yaw_inertia': 2500.0,
-    'front_stiffness': 60000.0,
-    'rear_stiffness': 60000.0,
-    'dynamic_above': 1.0,
-    **{f'noise_{name}': 0.0 for name in ('s', 'ey', 'epsi', 'v_x', 'v_y', 'psi_dot')},
-    **{
-        f'{name}_{part}': 0.0
-        for name in ('motor', 'servo')
-        for part in ('delay', 'lag', 'rate_limit', 'limit')
-    },
-}
+SIMULATOR = {each.name: each.default for each in simulator_parameters()}
 CONTROLLER: dict[str, Any] = {
     'kp': 30.0,
     'ki': 200.0,
@@ -93,14 +59,13 @@ CONTROLLER: dict[str, Any] = {
 }
 
 
-def parameters(
-    simulator: Mapping[str, Any] | None = None, controller: Mapping[str, Any] | None = CONTROLLER
-) -> str:
-    """Return the parameters of a run, with what `simulator` changes, as its bag has them."""
-    nodes = {'/vehicle_simulator': {'ros__parameters': SIMULATOR | dict(simulator or {})}}
-    if controller is not None:
-        nodes['/controller'] = {'ros__parameters': dict(controller)}
-    return yaml.safe_dump(nodes)
+#: The parameters of a run, as its bag has them.
+PARAMETERS = yaml.safe_dump(
+    {
+        '/vehicle_simulator': {'ros__parameters': SIMULATOR},
+        '/controller': {'ros__parameters': CONTROLLER},
+    }
+)
 
 
 def encoded(log: Log, k: int, topic: str) -> bytes:
@@ -134,21 +99,15 @@ def fill(writer: BagWriter, log: Log, namespace: str = '') -> None:
     """Write the messages of a log as the recorder does, in chunks."""
     unused = CONTROLLER_STATE if log.terms.keys() == PID.terms.keys() else PID_STATE
     topics = {
-        name: Topic(
-            name=f'{namespace}/{name}',
-            type=kind,
-            definition=definition(kind),
-            type_hash='',
-            offered_qos=[],
-        )
+        name: topic(f'{namespace}/{name}', kind)
         for name, kind in MESSAGE_TYPES.items()
         if name != unused and {*columns_of(name).values()} <= log.declared.keys()
     }
     for k in range(len(log)):
         now = 10**18 + k * PERIOD
-        for name, topic in topics.items():
+        for name, each in topics.items():
             data = encoded(log, k, name)
-            writer.write([Message(topic, data, now + 5, now, k)])
+            writer.write([Message(each, data, now + 5, now, k)])
         if k % 8 == 0:
             writer.flush()
 
@@ -162,7 +121,7 @@ def make(
     """Make the bag of a run; return its directory."""
     directory.mkdir()
     writer = BagWriter(
-        directory, metadata={'parameters': parameters(), 'graph': GRAPH} | dict(metadata or {})
+        directory, metadata={'parameters': PARAMETERS, 'graph': GRAPH} | dict(metadata or {})
     )
     writer.attach(attachments or {})
     fill(writer, log)

@@ -14,7 +14,9 @@ from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, TrackState, ZDynBk
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.bags import names
 from barc_sim.bags.messages import to_nanoseconds
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
     Capture = pytest.CaptureFixture[str]
 
 LOCK_STEP = 0.0
+#: As rclpy's and rclcpp's time sources subscribe.
+CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 OFTEN = 0.02  #: [s] between two checks of the peers
 
 
@@ -77,12 +81,20 @@ class World:
         node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, names.QOS)
         return commands
 
-    def received(self, message_type: type[Any], topic: str) -> list[Any]:
+    def received(self, message_type: type[Any], topic: str, qos: Any = names.QOS) -> list[Any]:  # noqa: ANN401
         """Return a list that grows by each message."""
         messages: list[Any] = []
         node = self.add(Node('listener', context=self.context))
-        node.create_subscription(message_type, topic, messages.append, names.QOS)
+        node.create_subscription(message_type, topic, messages.append, qos)
         return messages
+
+    def call(self, kind: Any, service: str, **request: Any) -> None:  # noqa: ANN401
+        """Call a service, which succeeds."""
+        client = self.add(Node('caller', context=self.context)).create_client(kind, service)
+        self.until(client.service_is_ready)
+        future = client.call_async(kind.Request(**request))
+        self.until(future.done)
+        assert future.result().success
 
 
 @pytest.fixture
@@ -147,6 +159,38 @@ def test_the_place_on_the_track_waits_at_its_reader_when_the_state_comes(world: 
     assert (last.e_y, last.header.frame_id) == (0.0, 'map')
     assert simulator.values['servo_lag'] == 0.1
     assert simulator.road.grades_deg == (0.0,)
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'expected'),
+    [
+        ({}, 0),
+        ({'clock': True}, 1),
+        ({'realtime_factor': 5.0}, 1),
+        ({'realtime_factor': 0.5}, 1),
+        ({'realtime_factor': 0.0}, 1),
+    ],
+)
+def test_clock_is_published_at_another_factor_or_on_request(
+    world: World, parameters: dict[str, Any], expected: int
+) -> None:
+    assert world.simulator(**parameters).count_publishers('/clock') == expected
+
+
+def test_clock_is_that_of_the_states_and_is_repeated_while_it_stands(world: World) -> None:
+    times = world.received(Clock, '/clock')
+    world.driver(partial(command, 1.0))
+    world.simulator(realtime_factor=5.0, check_period=OFTEN)
+    world.until(lambda: len(times) > 5)
+    world.call(SetBool, 'vehicle_simulator/pause', data=True)
+    late = world.received(Clock, '/clock', CLOCK_QOS)
+    world.until(lambda: len(late) > 5)
+    assert {to_nanoseconds(each.clock) for each in late} == {stamps(world.states)[-1]}
+    world.call(SetBool, 'vehicle_simulator/pause', data=False)
+    world.until(lambda: times[-1] != late[0])
+    world.until(lambda: len({to_nanoseconds(each.clock) for each in times}) > 20)
+    told = sorted({to_nanoseconds(each.clock) for each in times})
+    assert told[:20] == stamps(world.states)[:20]
 
 
 # Who drives
@@ -227,16 +271,6 @@ def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: Wo
 # Services
 
 
-def reset(world: World) -> None:
-    """Reset the simulator through its service."""
-    node = world.add(Node('caller', context=world.context))
-    client = node.create_client(Trigger, 'vehicle_simulator/reset')
-    world.until(client.service_is_ready)
-    future = client.call_async(Trigger.Request())
-    world.until(future.done)
-    assert future.result().success
-
-
 def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None:
     calls: list[int] = []
 
@@ -249,7 +283,7 @@ def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None
     controller.create_service(Trigger, '~/reset', on_reset)
     simulator = world.simulator(realtime_factor=LOCK_STEP)
     world.until(lambda: len(world.states) >= 10)
-    reset(world)
+    world.call(Trigger, 'vehicle_simulator/reset')
     world.until(lambda: bool(calls))
     world.until(lambda: simulator.stepper.states > calls[0] + 5)
     world.until(lambda: len(world.states) == simulator.stepper.states)
@@ -282,7 +316,7 @@ def test_reset_continues_without_the_controllers_answer(world: World, capfd: Cap
     simulator = world.simulator(realtime_factor=LOCK_STEP)
     world.until(lambda: len(world.states) >= 5)
     capfd.readouterr()  # it has not answered before the first state, either
-    reset(world)
+    world.call(Trigger, 'vehicle_simulator/reset')
     before = simulator.stepper.states
     world.until(lambda: simulator.stepper.states > before + 3)
     assert capfd.readouterr().err.count('has not answered its reset') == 1
