@@ -48,12 +48,18 @@ def _described(found: dict[str, Any]) -> Iterator[str]:
     yield f'Messages:  {found["messages"]}'
     for topic in found['topics']:
         yield f'{topic["messages"]:9} {topic["name"]} [{topic["type"]}]'
-    for name, damage in found['damages'].items():
-        chunks = damage['unreadable_chunks']
-        yield f'{name} is damaged: {chunks} chunks and {damage["unread"]} bytes cannot be read'
+    yield from _damages(found['damages'])
     for name, text in (*found['losses'].items(), *found['metadata'].items()):
         if name not in ('parameters', 'graph'):  # long
             yield f'{name}: {" ".join(text.split())}'
+
+
+def _damages(found: dict[str, dict[str, int]]) -> Iterator[str]:
+    for name, damage in found.items():
+        if chunks := damage['unreadable_chunks']:
+            yield f'{name}: {chunks} damaged chunks are left out'
+        if damage['unfinished']:
+            yield f'{name}: is unfinished; {damage["unread"]} bytes at its end cannot be read'
 
 
 def add_arguments_convert(parser: Parser) -> None:
@@ -109,11 +115,7 @@ def run_recover(options: Namespace) -> None:
 
 def _recovered(contents: Contents) -> Iterator[str]:
     """Yield the lines of the summary: damages, messages by topic."""
-    for name, damage in contents.damages.items():
-        if damage.unreadable_chunks:
-            yield f'{name}: {damage.unreadable_chunks} damaged chunks were left out'
-        if damage.unfinished:
-            yield f'{name}: was unfinished; {damage.unread} bytes at its end could not be read'
+    yield from _damages({name: vars(damage) for name, damage in contents.damages.items()})
     for name, count in sorted(contents.counts.items()):
         yield f'{count:9} {name}'
     yield f'{contents.span.count:9} messages in {contents.span.duration / 1e9:.3f} s'

@@ -211,7 +211,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     'many definitions': (packed(long_definition, 300_000), ''),
     'one long definition': (one_definition_of_many, 'has no states of a car'),
-    'a large attachment': (large_attachment, 'was unfinished'),
+    'a large attachment': (large_attachment, 'is unfinished'),
     'long code': (long_code, ''),
     'an upright road': (upright, 'has a grade of'),
 }
