@@ -92,7 +92,7 @@ def test_three_tasks_from_the_templates_to_the_report(home: Path) -> None:
     (file,) = bag.glob('*.mcap')
     file.write_bytes(file.read_bytes()[:-1000])  # as if killed
     (bag / 'metadata.yaml').unlink()
-    assert 'was unfinished' in done(home, 'recover', str(bag))
+    assert 'is unfinished' in done(home, 'recover', str(bag))
 
 
 def test_grade_refuses_to_run_code_that_it_cannot_confine(home: Path) -> None:

@@ -6,7 +6,7 @@ A new node of ours has its topics here, and its line in `NODES`.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from barc_sim.bags import bounds
@@ -86,8 +86,6 @@ NODES = {
 EVERYONES = ('/rosout', '/parameter_events')
 
 Link = tuple[str, str]
-#: The part of the user's code that a node of ours runs.
-_PARTS = {'vehicle_simulator': 'model', 'controller': 'controller', 'relay': 'relay'}
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,6 @@ class NodeGraph:
     topics: dict[str, str]  #: the type of each
     publications: tuple[Link, ...]  #: node and topic
     subscriptions: tuple[Link, ...]  #: topic and node
-    code: dict[str, str] = field(default_factory=dict)  #: the user's file of each part
 
     def to_json(self) -> str:
         """Return the graph as JSON."""
@@ -114,7 +111,6 @@ class NodeGraph:
                 topics={_name(topic): _name(kind) for topic, kind in values['topics'].items()},
                 publications=_links(values['publications']),
                 subscriptions=_links(values['subscriptions']),
-                code={part: _name(file) for part, file in values.get('code', {}).items()},
             )
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(f'no graph: {error!r}') from None
@@ -138,17 +134,5 @@ def _links(pairs: Iterable[tuple[object, object]]) -> tuple[Link, ...]:
 
 
 def purposes(graph: NodeGraph) -> list[tuple[str, str]]:
-    """Return each node with its purpose and the user's file; empty for a node that is not ours.
-
-    A node that is not ours and commands is the user's relay, where a file of one was named.
-    """
-    commanding = {node for node, topic in graph.publications if topic.endswith(f'/{ECU}')}
-    rows = []
-    for name in graph.nodes:
-        node = name.rpartition('/')[2]
-        about = NODES.get(node, '')
-        part = _PARTS.get(node) if about else 'relay' if name in commanding else None
-        code = graph.code.get(part or '')
-        words = [about, f'code: {code}' if code else '']
-        rows.append((name, '; '.join(filter(None, words))))
-    return rows
+    """Return each node with its purpose; empty for a node that is not ours."""
+    return [(name, NODES.get(name.rpartition('/')[2], '')) for name in graph.nodes]

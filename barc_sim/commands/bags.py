@@ -31,11 +31,16 @@ def run_info(options: Namespace) -> None:
     import json  # noqa: PLC0415 (not for --help)
 
     from barc_sim.bags.contents import describe  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.bags.reader import newest  # noqa: PLC0415
 
-    found = describe(options.bag or newest())
+    found = describe(_bag(options))
     for line in [json.dumps(found, indent=2)] if options.json else _described(found):
         print(escaped(line))  # noqa: T201
+
+
+def _bag(options: Namespace) -> Path:
+    from barc_sim.bags.reader import newest  # noqa: PLC0415 (slow: not for --help)
+
+    return options.bag or newest()
 
 
 def _described(found: dict[str, Any]) -> Iterator[str]:
@@ -76,9 +81,8 @@ def add_arguments_convert(parser: Parser) -> None:
 def run_convert(options: Namespace) -> None:
     """Convert the bag, and print where it is."""
     from barc_sim.bags.convert import convert  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.bags.reader import newest  # noqa: PLC0415
 
-    bag = options.bag or newest()
+    bag = _bag(options)
     output = options.output or Path(f'{bag.resolve().stem}_csv')
     convert(bag, output, options.topics, options.exclude)
     print(output)  # noqa: T201
@@ -103,9 +107,8 @@ def add_arguments_recover(parser: Parser) -> None:
 def run_recover(options: Namespace) -> None:
     """Write the new bag and print what it holds."""
     from barc_sim.bags.convert import recover  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.bags.reader import newest  # noqa: PLC0415
 
-    bag = options.bag or newest()
+    bag = _bag(options)
     whole = bag.resolve()
     output = options.output or whole.with_name(f'{whole.stem}_recovered')
     for line in _recovered(recover(bag, output)):

@@ -112,10 +112,7 @@ class BagRecorder(Node):
         """Begin the bag in the directory `path`, or in a new one of the folder `root`."""
         settings = self._recording
         check_space(path or root, settings.reserve)
-        self._writer = BagWriter(
-            make_directory(path, root),
-            metadata=self._metadata,
-        )
+        self._writer = BagWriter(make_directory(path, root), metadata=self._metadata)
         self._thread = WriterThread(
             self._writer, self._topics.take, settings.reserve, self._on_failure
         )
@@ -210,11 +207,8 @@ class BagRecorder(Node):
         """Record the waiting messages and finish the bag; a second call does nothing."""
         if not self.stopped:
             self._add_graph()
-        self._thread.close(self._final_metadata)
+        self._thread.close(lambda: losses_as_metadata(self.lost, self.left_out))
         self._topics.close()
-
-    def _final_metadata(self) -> dict[str, str]:
-        return losses_as_metadata(self.lost, self.left_out)
 
     def destroy_node(self) -> None:
         """Close the bag and destroy the node."""

@@ -8,7 +8,6 @@ import shutil
 import sys
 import time
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import partial
 from platform import platform, python_version
 from typing import TYPE_CHECKING, Any
@@ -201,8 +200,7 @@ class Run:
         self._stop.then(self.finish)
 
     def _record_graph(self, recorder: BagRecorder) -> None:
-        graph = replace(node_graph(recorder), code=self.inputs.user_code.files)
-        recorder.add_metadata({'graph': graph.to_json()})
+        recorder.add_metadata({'graph': node_graph(recorder).to_json()})
 
     def _add_mirrors(self) -> None:
         from barc_sim.nodes.mirror import MirrorNode  # noqa: PLC0415 (only if wanted)

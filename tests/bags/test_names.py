@@ -1,4 +1,4 @@
-"""The graph with the purposes of its nodes."""
+"""The graph of nodes and topics that a bag has."""
 
 from __future__ import annotations
 
@@ -7,28 +7,7 @@ import json
 import pytest
 from made_bags import GRAPH
 
-from barc_sim.bags.names import NODES, NodeGraph, purposes
-
-
-def test_our_own_nodes_have_a_purpose() -> None:
-    graph = NodeGraph(('/car2/controller', '/rviz'), {}, (), ())
-    ours, foreign = purposes(graph)
-    assert ours == ('/car2/controller', NODES['controller'])
-    assert foreign == ('/rviz', '')
-
-
-def test_the_users_relay_is_named_as_a_function_and_as_a_node_of_its_own() -> None:
-    code = {'relay': 'mine.py'}
-    graph = NodeGraph(('/controller', '/relay', '/rviz'), {}, (), (), code)
-    about = dict(purposes(NodeGraph.from_json(graph.to_json())))
-    assert about == {
-        '/controller': NODES['controller'],
-        '/relay': f'{NODES["relay"]}; code: mine.py',
-        '/rviz': '',
-    }
-    links = (('/keys', '/cmd_vel'), ('/own', '/ecu'))
-    graph = NodeGraph(('/keys', '/own'), {}, links, (), code)
-    assert purposes(graph) == [('/keys', ''), ('/own', 'code: mine.py')]
+from barc_sim.bags.names import NodeGraph
 
 
 @pytest.mark.parametrize(
