@@ -234,11 +234,6 @@ def test_topics_have_types_and_counts_nodes_and_their_quality_of_service() -> No
     assert 'Reliability: RELIABLE\n' in subscription
 
 
-@pytest.mark.usefixtures('endpoints', 'impatient')
-def test_topic_without_endpoints_is_one_sentence() -> None:
-    assert refused('topics', 'ecus').endswith(': there is no topic /ecus: did you mean /ecu?')
-
-
 TELEOP = {'/vehicle_simulator', '/relay', '/bag_recorder'}
 TOPICS = {'/cmd_vel', '/ecu', '/z_vhcl', '/ez_vhcl', '/environment'}
 
