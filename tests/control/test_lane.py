@@ -151,6 +151,15 @@ def test_a_profile_is_as_fast_as_its_limits_allow() -> None:
     assert np.abs(log.speed_error[log.t > 8.0]).max() < 0.1
 
 
+def test_a_profile_does_not_depend_on_where_a_lap_begins() -> None:
+    oval = Track.named('oval')
+    (straight, arc, *_), bend = oval.lengths, oval.curvatures[1]
+    later = Track((5.0, straight - 10.0, arc, straight, arc, 5.0), (0.0, 0.0, bend, 0.0, bend, 0.0))
+    profile, shifted = (speed_profile(each, 30.0, 3.2, 2.0) for each in (oval, later))
+    for s in np.linspace(0.0, oval.length, 200).tolist():
+        assert shifted(0.0, s) == pytest.approx(profile(0.0, s + 5.0))
+
+
 def test_a_profile_brakes_over_several_segments_and_an_open_track_has_free_ends() -> None:
     track = Track((10.0, 10.0, 10.0, pi * 6.0), (0.0, 0.0, 0.0, 1.0 / 6.0))
     profile = speed_profile(track, maximum=30.0, across=6.0, along=2.0)
