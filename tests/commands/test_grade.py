@@ -24,7 +24,7 @@ from barc_sim.commands import grade
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import check
 from barc_sim.lab.files import BY_HAND
-from barc_sim.lab.grade.grade import Grade
+from barc_sim.lab.grade.grade import Grade, Rubric
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -253,7 +253,7 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
         path.write_bytes(data)
 
     monkeypatch.setattr(grade, '_write', write)
-    done = Grade('ada', '', 0, '', (), files={'report.html': b'1', 'results.json': b'2'})
+    done = Grade('ada', Rubric({}), (), files={'report.html': b'1', 'results.json': b'2'})
     path = tmp_path / 'ada'
     outcomes = [(path, done), (path, done)]
     grades, _, interrupted = grade._collect(  # noqa: SLF001 (at that very moment)
@@ -270,7 +270,7 @@ def test_a_name_that_is_no_utf_8_has_a_folder_and_a_row(tmp_path: Path) -> None:
 
 def test_what_is_entered_while_a_class_is_graded_stays(tmp_path: Path) -> None:
     entered = tmp_path / 'ada' / BY_HAND
-    done = Grade('ada', '', 0, '', (), files={'report.html': b'1'})
+    done = Grade('ada', Rubric({}), (), files={'report.html': b'1'})
 
     def outcomes() -> Iterator[tuple[Path, Grade | str]]:
         entered.parent.mkdir()

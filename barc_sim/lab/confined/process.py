@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
+from collections import defaultdict
 from contextlib import suppress
 from importlib.util import find_spec
 from math import inf, isfinite
@@ -230,8 +230,7 @@ class JudgedCode:
         self._sandbox = sandbox
         self._process: Process | None = None
         self._left = self._limits.total
-        self._ends: Counter[str] = Counter()
-        self._reasons: dict[str, str] = {}
+        self._ends: defaultdict[str, list[str]] = defaultdict(list)  # the reasons, by function
         self._printed = b''
         self._gains: ChosenGains | None = None
 
@@ -306,8 +305,8 @@ class JudgedCode:
             if the function fails or ends its process.
         """
         function = self._called(do, *arguments)
-        if self._ends[function] >= _MAX_ENDS:
-            raise UserCodeError(self._reasons[function])
+        if len(ends := self._ends[function]) >= _MAX_ENDS:
+            raise UserCodeError(ends[-1])
         if self._left <= 0.0:
             raise UserCodeError(self._out_of_time())
         if do == 'notes' and self._process is None:
@@ -319,16 +318,14 @@ class JudgedCode:
             return self._process.request(do, *arguments, wait=min(self._limits.wait, self._left))
         except Failed as error:
             if 'is there an endless loop' in str(error):  # each such call takes all of its time
-                self._ends[function] += 1
-                self._reasons[function] = str(error)
+                ends.append(str(error))
             raise UserCodeError(str(error)) from None
         except Ended as error:
             self.close()
             if time.monotonic() - began >= self._left:
                 raise UserCodeError(self._out_of_time()) from None
-            self._ends[function] += 1
-            self._reasons[function] = f'{function}: the process that called it {error}'
-            raise UserCodeError(self._reasons[function]) from None
+            ends.append(f'{function}: the process that called it {error}')
+            raise UserCodeError(ends[-1]) from None
         finally:
             self._left -= time.monotonic() - began
 

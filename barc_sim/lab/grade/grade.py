@@ -247,9 +247,7 @@ class Grade(NamedTuple):
     """The points of a submission, with its notes and output, and the files of its report."""
 
     name: str
-    title: str  #: the rubric's
-    seed: int
-    visibility: str
+    rubric: Rubric
     items: tuple[Item, ...]
     notes: tuple[str, ...] = ()
     printed: str = ''  #: the first output of its code
@@ -309,9 +307,7 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     findings = {finding.criterion: finding for finding in found.findings}
     return Grade(
         name=submission.name,
-        title=rubric.title,
-        seed=rubric.settings.seed,
-        visibility=rubric.visibility,
+        rubric=rubric,
         items=tuple(
             Item(
                 name,
@@ -336,22 +332,22 @@ def report(
 ) -> Grade:
     """Grade a submission, with the files of its report; what is entered by hand counts."""
     computed = grade(submission, rubric, limits, sandbox=sandbox)
-    found = _merged(computed, hand, rubric)
+    found = _merged(computed, hand)
     files = {'results.json': gradescope(found).encode(), 'report.html': page(found).encode()}
     items = tuple(item._replace(evidence=None) for item in found.items)
     return found._replace(items=items, files=files)
 
 
-def _merged(grade: Grade, hand: ByHand, rubric: Rubric) -> Grade:
+def _merged(grade: Grade, hand: ByHand) -> Grade:
     """Return the grade with what is entered in place of what was computed."""
     items = {item.criterion: item for item in grade.items}
     for name, (points, comment) in hand.points.items():
-        computed = items.get(name) or Item(name, 0.0, rubric.points[name], '', open=True)
+        computed = items.get(name) or Item(name, 0.0, grade.rubric.points[name], '', open=True)
         was = 'open' if computed.open else f'{computed.points:g}'
         texts = (comment, f'by hand (computed: {was})', computed.message)
         message = '; '.join(filter(None, texts))
         items[name] = computed._replace(points=points, message=message, open=False)
-    order = tuple(items[name] for name in rubric.points if name in items)
+    order = tuple(items[name] for name in grade.rubric.points if name in items)
     return grade._replace(items=order, comment=hand.comment)
 
 
@@ -382,7 +378,7 @@ def gradescope(grade: Grade) -> str:
             'max_score': item.max_points,
             'output': item.message,
             'output_format': 'text',
-            'visibility': grade.visibility,
+            'visibility': grade.rubric.visibility,
         }
         # Open ones have none.
         | ({} if item.open else {'score': item.points, 'status': item.status})
@@ -399,9 +395,9 @@ def gradescope(grade: Grade) -> str:
             [*grade.notes, *(f'{name}: {text}' for name, text in remarks.items() if text)]
         ),
         'output_format': 'text',
-        'visibility': grade.visibility,
+        'visibility': grade.rubric.visibility,
         'stdout_visibility': 'hidden',
         'tests': tests,
-        'extra_data': {'seed': grade.seed, 'sha256': grade.hashes},
+        'extra_data': {'seed': grade.rubric.settings.seed, 'sha256': grade.hashes},
     }
     return json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False) + '\n'

@@ -21,6 +21,7 @@ RUBRIC = Rubric(
     {'model.x': 3.0, 'loop.lab_road': 7.0, 'relay.rate': 5.0},
     Settings(seed=1),
     'The lab',
+    'after_due_date',
     optional=frozenset({'relay.rate'}),
 )
 
@@ -29,9 +30,7 @@ def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Gr
     runs = Evidence(Table('', (), ()), lambda _: Figure())
     return Grade(
         name=text,
-        title='The lab',
-        seed=1,
-        visibility='after_due_date',
+        rubric=RUBRIC,
         items=(
             Item('model.x', points, 3.0, text),
             Item('loop.lab_road', 7.0, 7.0, text, evidence=runs if drawn else None),
@@ -80,7 +79,7 @@ def test_the_html_report_needs_no_network() -> None:
 def grade_of(name: str, points: float, message: str = 'wrong', third: float | None = None) -> Grade:
     items = [Item('model.x', points, 3.0, message), Item('loop.lab_road', 7.0, 7.0, '')]
     items += [] if third is None else [Item('relay.rate', third, 5.0, '', open=third < 0.0)]
-    return Grade(name, '', 0, '', tuple(items))
+    return Grade(name, RUBRIC, tuple(items))
 
 
 def listed(*grades: Grade, **failures: str) -> list[classroom.Entry]:

@@ -271,11 +271,6 @@ def test_what_is_printed_goes_where_it_is_wanted(
     assert capsys.readouterr().out == ''
 
 
-def test_a_missing_product_is_asked_for(tmp_path: Path) -> None:
-    with pytest.raises(UserCodeError, match=r'not callable: is a \* missing'):
-        model(tmp_path, 'return [y * x(y) + psi(v), 0, 0, 0]')(*ROW)
-
-
 def test_no_sentence_names_an_address_or_the_folder(tmp_path: Path) -> None:
     with pytest.raises(UserCodeError) as caught:
         model(tmp_path, 'return object()')(*ROW)
