@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _STEERING = ('lane', 'lane_gain')
 _DRIVING = (*PID.gains, 'gain', 'controller_type', 'controller', 'identify')
 _OF_TRACK = (*_STEERING, 'speed_profile')
-_OF_SPEED = (*PID.gains, 'gain', 'reference', 'speed')
+_OF_SPEED = (*PID.gains, 'gain', 'controller_type', 'reference', 'speed', 'speed_profile')
 _OF_CONTROLLER = (*_DRIVING, *_OF_TRACK, 'policy', 'acceleration_limit', 'reference')
 
 
@@ -94,15 +94,21 @@ def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | No
     one, given = 'give one of the two only', vars(options).get
     on_track, ours = 'is for a track: give one, as in --track L', "names one of barc_sim's, and"
     named_law, another = isinstance(given('lane'), str), code.controller or code.identify
-    driven = _STEERING if track else _DRIVING
+    driven, both = _STEERING if track else _DRIVING, f'both drive: {one}'
     for applies, names, parts, why in (
         (not track, _OF_TRACK, (), on_track),
         (not (track or code.model or code.controller), (), ('lane', 'raceline'), on_track),
         (another, ('controller_type',), (), f'{ours} --lab or --controller gives another: {one}'),
-        (code.identify, _OF_SPEED, ('controller',), f'and identify.py both drive: {one}'),
+        (code.identify, _OF_SPEED, ('controller',), f'and identify.py {both}'),
+        (
+            given('lane') == 'speed-mpc',
+            _OF_SPEED,
+            ('controller',),
+            f'and speed-mpc {both}',
+        ),
         (code.lane and named_law, ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
         (given('reference'), ('speed_profile',), (), f'and --reference both give the speed: {one}'),
-        (given('policy'), driven, driven, f'and --policy both drive: {one}'),
+        (given('policy'), driven, driven, f'and --policy {both}'),
         (given('no_controller'), _OF_CONTROLLER, (), f'and --no-controller: {one}'),
         (given('no_relay'), ('relay',), (), f'and --no-relay: {one}'),
     ):

@@ -123,6 +123,7 @@ def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
         ('--track L --lane pid', "'pid' is neither 'lqr', 'stanley', 'pure-pursuit', 'mpc'"),
         ('--track L --lane-gain k=1', 'the law lqr has no such gain; expected one of q_e_y, q_e_'),
         ('--track L --lane-gain q_e_y=0', 'q_e_y: 0 is not a number from 1e-06 to 1000'),
+        ('--track L --lane speed-mpc --speed 6', '--speed and speed-mpc both drive: give one of'),
         ('--track L --lane lqr --lab .', '--lab gives lane.py: give one of the two only'),
         (
             '--track L --lab . --lane-gain k=1',
