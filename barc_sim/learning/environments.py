@@ -188,15 +188,14 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         if motor is None:
             motor = self._pids.control(task.speed, self._speed)
         self._motor, self._servo = motor, servo + 0.0 * motor
-        before = plants.s if task.track else plants.x
+        before = plants.s
         plants.advance(self._motor, self._servo)
         restarted = np.flatnonzero(self._over)
         if restarted.size:
             self._begin(restarted)
         observation = self._observe()
-        s, e_y = (plants.s, plants.e_y) if task.track else (plants.x, plants.y)
-        rewards = task.reward(s - before, e_y, plants.v)
-        terminated = task.is_over(s, e_y, plants.v)
+        rewards = task.reward(plants.s - before, plants.e_y, plants.v)
+        terminated = task.is_over(plants.s, plants.e_y, plants.v)
         truncated = plants.steps >= self._max_steps
         rewards[restarted] = 0.0
         terminated[restarted] = truncated[restarted] = False
@@ -226,21 +225,20 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
 
     def _observe(self) -> Floats:
         task, plants = self.task, self._plants
-        x, y, psi, speed, *_ = plants.measure()
-        self._speed: Any = speed
-        found: Any = (x, 0.0, 0.0)
-        if task.track:
-            found = plants.s, plants.e_y, plants.e_psi
-            if plants.is_noisy:
-                found = task.track.frenet(x, y, psi, self._near)[:3]
-        self._near, e_y, e_psi = found
-        seen = task.speed - speed, e_y, e_psi, speed, self._motor, self._servo
-        return task.observe(seen, task.ahead(self._near))
+        s, e_y, e_psi = plants.s, plants.e_y, plants.e_psi
+        measured: Any = plants.measure()
+        if task.is_noisy:
+            s, y, psi, *_ = measured
+            if task.track:
+                s, e_y, e_psi, _ = task.track.frenet(s, y, psi, self._near)  # type: ignore[assignment]
+        self._near, self._speed = s, measured.v_x
+        seen = task.speed - self._speed, e_y, e_psi, self._speed, self._motor, self._servo
+        return task.observe(seen, task.ahead(s))
 
     def _info(self) -> dict[str, Any]:
         plants = self._plants
         if not self.task.track:
-            return {'s': plants.x.copy()}
+            return {'s': plants.s.copy()}
         return {
             's': plants.s.copy(),
             'e_y': plants.e_y.copy(),

@@ -385,6 +385,8 @@ class Plants:
         self.steps += 1
         if self.track:
             self._locate()
+        else:
+            self.s = self.x
 
     def measure(self) -> Motion:
         """Return what is measured of position, heading and v_x; the other velocities are zero."""
@@ -407,10 +409,10 @@ class Plants:
         """Return the sine of the incline."""
         if len(self.road.grades_deg) == 1:
             return self.road.at(0.0).sin_theta
-        way = self.x if not self.track else self.s
+        s = self.s
         if self.track and self.track.is_closed:
-            way = way % self.track.length
-        return self.road.at(way).sin_theta
+            s = s % self.track.length
+        return self.road.at(s).sin_theta
 
     def _tangent(self, servo: Floats) -> Floats:
         """Return the tangent of the kinematic bicycle's slip angle."""
