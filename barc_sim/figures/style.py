@@ -1,4 +1,7 @@
-"""The look of figures and page: palette, Matplotlib style, limits, readings; the road; windows."""
+"""What figures and page share: palette, style, limits, readings; road and track; windows.
+
+It imports Matplotlib where a window opens alone, so that the live page starts without.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from barc_sim.simulation.log import Log
+    from barc_sim.simulation.log import Log, TrackLog
+    from barc_sim.vehicle.track import Track
+
+    Floats = NDArray[np.float64]
 
 
 class Colour(NamedTuple):
@@ -53,6 +59,7 @@ GREY = '#9A9A9A'
 EARTH = '#E4E1DA'
 SURFACE = '#7D776A'
 
+_SPACING = 0.5  #: [m] between two points of a track that is drawn
 #: Figures look the same with any matplotlibrc.
 STYLE: list[str | dict[str, Any]] = [
     'default',
@@ -117,6 +124,52 @@ def driven_road(log: Log) -> Road | None:
     grades = np.append(grade[0], grade[change + 1])
     apart = np.append(np.diff(starts) > 0.0, True)
     return Road(starts[apart], grades[apart])
+
+
+class Course(NamedTuple):
+    """The centre line of a track as points, from the finish line on; arrays of shape `(n,)`."""
+
+    s: Floats  #: [m] along it
+    x: Floats  #: [m]
+    y: Floats  #: [m]
+    psi: Floats  #: [rad] its heading
+    curvature: Floats  #: [1/m] from there on, positive to the left
+    length: float  #: [m] of a lap; inf where the track is open, or was not driven to its end
+    width: float  #: [m]
+
+    @classmethod
+    def of(cls, track: Track) -> Course:
+        """Return the points of a track."""
+        s = np.linspace(0.0, track.length, round(track.length / _SPACING) + 1)
+        s = np.union1d(s[:-1], track.starts[:-1])
+        x, y, psi = map(np.asarray, track.place(s))
+        length = track.length if track.is_closed else np.inf
+        return cls(s, x, y, psi, track.curvature(s), length, track.width).closed()
+
+    @classmethod
+    def driven(cls, log: TrackLog) -> Course:
+        """Return the centre line of a track as far as a run has driven along it."""
+        x, y, heading = use_measurement(log).true_pose
+        psi = heading - log.e_psi
+        length = log.lap_length
+        first = np.flatnonzero(log.s < min(length, log.s[0] + length))
+        s, unique = np.unique(log.s[first], return_index=True)
+        rows = first[unique]
+        e_y, psi = log.e_y[rows], psi[rows]
+        x, y = x[rows] + e_y * np.sin(psi), y[rows] - e_y * np.cos(psi)
+        return cls(s, x, y, psi, log.curvature[rows], length, float(log.width[0])).closed()
+
+    def closed(self) -> Course:
+        """Return a lap with its first point once more at the end."""
+        if not np.isfinite(self.length):
+            return self
+        s, x, y, psi, curvature = (np.append(each, each[0]) for each in self[:5])
+        s[-1] = self.length
+        return Course(s, x, y, psi, curvature, self.length, self.width)
+
+    def beside(self, e_y: float) -> tuple[Floats, Floats]:
+        """Return the line so far to the left of the centre line [m]."""
+        return self.x - e_y * np.sin(self.psi), self.y + e_y * np.cos(self.psi)
 
 
 def limits(values: NDArray[np.float64], *, share: float, minimum: float) -> tuple[float, float]:

@@ -23,6 +23,7 @@ from barc_sim.figures.style import (
     MUTED,
     RUN_COLOURS,
     STYLE,
+    Course,
     limits,
     use_measurement,
 )
@@ -35,73 +36,16 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.simulation.log import TrackLog
-    from barc_sim.simulation.metrics import TrackLap, TrackLaps
+    from barc_sim.simulation.metrics import TrackLap
     from barc_sim.vehicle.track import Track
 
     Floats = NDArray[np.float64]
 
 TRACK_SIZE = (12.0, 7.6)  #: [inch]
 TRACK_GROUND = '#F1F1EE'
-_SPACING = 0.5  #: [m] between two points of a track that is drawn
-_MOST_LAPS = 8  #: in the table
 _BENT = 0.9  #: share of a lap in arcs from which they are not shaded, as on a racing line
 _OTHER = '#A9B4BD'  #: of the laps beside the best
 _SHOWN_LINE: dict[str, Any] = {'color': BLUE, 'lw': 1.8}
-
-
-class Course(NamedTuple):
-    """The centre line of a track as points, from the finish line on; arrays of shape `(n,)`."""
-
-    s: Floats  #: [m] along it
-    x: Floats  #: [m]
-    y: Floats  #: [m]
-    psi: Floats  #: [rad] its heading
-    curvature: Floats  #: [1/m] from there on, positive to the left
-    length: float  #: [m] of a lap; inf where the track is open, or was not driven to its end
-    width: float  #: [m]
-
-    @classmethod
-    def of(cls, track: Track) -> Course:
-        """Return the points of a track."""
-        s = np.linspace(0.0, track.length, round(track.length / _SPACING) + 1)
-        s = np.union1d(s[:-1], track.starts[:-1])
-        x, y, psi = map(np.asarray, track.place(s))
-        length = track.length if track.is_closed else np.inf
-        return cls(s, x, y, psi, track.curvature(s), length, track.width).closed()
-
-    @classmethod
-    def driven(cls, log: TrackLog) -> Course:
-        """Return the centre line of a track as far as a run has driven along it."""
-        x, y, heading = use_measurement(log).true_pose
-        psi = heading - log.e_psi
-        length = lap_length(log)
-        first = np.flatnonzero(log.s < min(length, log.s[0] + length))
-        s, unique = np.unique(log.s[first], return_index=True)
-        rows = first[unique]
-        e_y, psi = log.e_y[rows], psi[rows]
-        x, y = x[rows] + e_y * np.sin(psi), y[rows] - e_y * np.cos(psi)
-        return cls(s, x, y, psi, log.curvature[rows], length, float(log.width[0])).closed()
-
-    def closed(self) -> Course:
-        """Return a lap with its first point once more at the end."""
-        if not np.isfinite(self.length):
-            return self
-        s, x, y, psi, curvature = (np.append(each, each[0]) for each in self[:5])
-        s[-1] = self.length
-        return Course(s, x, y, psi, curvature, self.length, self.width)
-
-    def beside(self, e_y: float) -> tuple[Floats, Floats]:
-        """Return the line so far to the left of the centre line [m]."""
-        return self.x - e_y * np.sin(self.psi), self.y + e_y * np.cos(self.psi)
-
-
-def lap_length(log: TrackLog) -> float:
-    """Return the length of a lap [m], inf where none was finished."""
-    crossed = np.flatnonzero(np.diff(log.lap) == 1.0) + 1
-    if not len(crossed):
-        return np.inf
-    i = crossed[-1]  # the line was passed between two states
-    return float(np.interp(log.t[i] - log.lap_time[i], log.t, log.s) / log.lap[i])
 
 
 class _Curve(NamedTuple):
@@ -124,7 +68,7 @@ def _laps_of(log: TrackLog) -> list[_Curve]:
     """Return all laps of a run, the best one in front."""
     laps, numbers = track_laps_of(log)
     shown, known = laps.best or laps.current, {lap.number: lap for lap in laps.finished}
-    length = lap_length(log)
+    length = log.lap_length
     curves = []
     for number in (*sorted({*numbers} - {shown.number}), shown.number):
         of_lap = log.map(partial(np.compress, np.equal(numbers, number)))
@@ -168,7 +112,7 @@ def track_figure(
     course = Course.driven(log)
     _draw_map(seen, course, curves)
     if alone:
-        rows = [(f'lap {lap.number + 1}', lap) for lap in lap_rows(track_laps_of(log)[0])]
+        rows = [(f'lap {lap.number + 1}', lap) for lap in track_laps_of(log)[0].rows]
     else:
         rows = [(curve.name, curve.lap) for curve in curves]
     _draw_table(table, '' if alone else 'best lap of', rows, curves[-1].lap if alone else None)
@@ -293,15 +237,6 @@ def line_figure(track: Track, line: Track, *speeds: Callable[[float, float], flo
     above.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
     below.set(ylabel='Curvature [1/m]', xlabel='Place along the centre line [m]')
     return figure
-
-
-def lap_rows(laps: TrackLaps) -> list[TrackLap]:
-    """Return the laps of a table: the finished ones, and the present one where there is no other.
-
-    Of many, these are the last, and the best.
-    """
-    rows = laps.finished[-_MOST_LAPS:] or [laps.current]
-    return rows if laps.best is None or laps.best in rows else [laps.best, *rows[1:]]
 
 
 def _draw_table(

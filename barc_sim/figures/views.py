@@ -33,13 +33,14 @@ from barc_sim.figures.style import (
     STYLE,
     SURFACE,
     VERMILLION,
+    Course,
     driven_road,
     limits,
     reading,
     speed_limits,
     use_measurement,
 )
-from barc_sim.figures.track_figure import Course, draw_course
+from barc_sim.figures.track_figure import draw_course
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import track_laps_of
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from barc_sim.figures import style
-from barc_sim.figures.track_figure import Course
+from barc_sim.figures.style import Course
 from barc_sim.figures.views import SIZE, frames, view_of
 from barc_sim.simulation.closed_loop import log_of_rows
 from barc_sim.simulation.log import LANE_STATE, columns_of

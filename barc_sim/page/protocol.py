@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 from barc_sim.control.cruise_control import DEFAULT_TYPE, LANE_TYPES, TERMS, TYPES
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE, Gain
-from barc_sim.figures.track_figure import Course, lap_rows
+from barc_sim.figures.style import Course
 from barc_sim.simulation.log import (
     COMMAND,
     ENVIRONMENT,
@@ -320,7 +320,7 @@ def track_lap_facts(
         'current': fields(laps.current),
         'last': fields(last),
         'best': fields(laps.best),
-        'table': [fields(lap) for lap in lap_rows(laps)],
+        'table': [fields(lap) for lap in laps.rows],
     }
 
 

@@ -12,8 +12,7 @@ import numpy as np
 from websockets.asyncio.server import broadcast
 
 from barc_sim.control.lane import LANE
-from barc_sim.figures.style import driven_road
-from barc_sim.figures.track_figure import Course
+from barc_sim.figures.style import Course, driven_road
 from barc_sim.page.feed import columns_in, rows_of
 from barc_sim.page.protocol import (
     Drive,

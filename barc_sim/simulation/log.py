@@ -250,6 +250,15 @@ class TrackLog(Log):
         return self.e_y
 
     @property
+    def lap_length(self) -> float:
+        """Length of a lap [m], inf where none was finished."""
+        crossed = np.flatnonzero(np.diff(self.lap) == 1.0) + 1
+        if not len(crossed):
+            return np.inf
+        i = crossed[-1]  # the line was passed between two states
+        return float(np.interp(self.t[i] - self.lap_time[i], self.t, self.s) / self.lap[i])
+
+    @property
     def lap_times(self) -> Floats:
         """Times of the finished laps [s]; one begins and ends between two states."""
         first = np.flatnonzero(np.diff(self.lap, prepend=-1.0))

@@ -30,6 +30,7 @@ _MAX_STATES = 500_000  #: of the present lap that count; then the older half is 
 _JUMP = 0.5  #: [m] beyond what its speed allows: the car was put somewhere else
 _WHOLE = 0.9  #: share of the longest lap from which a lap can be the best
 _MAX_LAPS = 10_000  #: that are kept: those of three days
+_MAX_ROWS = 8  #: of a table of laps
 _MAX_INTERVAL = 1.0  #: [s] between two states of a recorded run, unless time was set anew
 _NEAR = 1e-6  #: [m], [m/s] within which the car is at rest at its start
 #: Headings of the figures of a lap of a track, `TrackLap.cells`.
@@ -311,6 +312,12 @@ class TrackLaps:
         n = max(self._states, 1)
         figures = sqrt(self._squares / n), self._maximum, self._at_limit / n
         return TrackLap(self._number, self._start, self._end, False, *figures)
+
+    @property
+    def rows(self) -> list[TrackLap]:
+        """The laps of a table: the last finished ones and the best; else the present one."""
+        rows = self.finished[-_MAX_ROWS:] or [self.current]
+        return rows if self.best is None or self.best in rows else [self.best, *rows[1:]]
 
     @property
     def best(self) -> TrackLap | None:

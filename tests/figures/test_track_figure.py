@@ -14,8 +14,8 @@ from matplotlib.text import Text
 
 from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
 from barc_sim.figures.run_figures import plot, run_figure
-from barc_sim.figures.style import BLUE
-from barc_sim.figures.track_figure import Course, track_figure
+from barc_sim.figures.style import BLUE, Course
+from barc_sim.figures.track_figure import track_figure
 from barc_sim.figures.views import SIZE, TopView, view_of
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.metrics import track_laps_of

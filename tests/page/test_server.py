@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import http.client
 import socket
+import subprocess
+import sys
 from contextlib import ExitStack, suppress
 from threading import Event
 from typing import TYPE_CHECKING, Any
@@ -94,6 +96,12 @@ def test_page_is_served_on_this_machine_with_a_strict_content_policy(server: Vie
     assert "default-src 'none'" in headers['Content-Security-Policy']
     assert headers['X-Content-Type-Options'] == 'nosniff'
     assert body.startswith(b'<!DOCTYPE html>')
+
+
+def test_it_starts_without_matplotlib_which_takes_half_a_second() -> None:
+    program = 'import sys, barc_sim.page.run_page; print("matplotlib" in sys.modules)'
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, check=True)
+    assert done.stdout.strip() == b'False'
 
 
 @pytest.mark.parametrize(
