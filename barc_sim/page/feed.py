@@ -70,7 +70,6 @@ class Feed:
 
     def __init__(self) -> None:
         """Begin without states."""
-        self.seen = 0  #: number of states taken
         self.laps = Laps()  #: those of the run so far
         self.track_laps = TrackLaps()
         self.plan: list[tuple[float, float]] = []  #: [m] of the way that the steering plans
@@ -84,11 +83,9 @@ class Feed:
         self._newest: tuple[int, int] | None = None  # reception and stamp [ns] of a state
         self._window: deque[tuple[int, int]] = deque(maxlen=_WINDOW)
 
-    def take(self, topic: str, message: Any, received: int | None = None) -> None:  # noqa: ANN401
-        """Keep a message, `received` [ns], now; from any thread."""
-        if topic == STATE:
-            message = (received or time.time_ns(), message)
-        self._arrived[topic].append(message)
+    def take(self, topic: str, message: Any) -> None:  # noqa: ANN401 (of the topic's type)
+        """Keep a message, which has arrived now; from any thread."""
+        self._arrived[topic].append((time.time_ns(), message))
 
     def poll(self) -> bytes:
         """Return the rows of the new states, each with the latest samples that are not newer.
@@ -97,7 +94,7 @@ class Feed:
         """
         for topic in (*FIELDS, CONTROLLER_STATE):
             waiting = self._waiting[PID_STATE if topic == CONTROLLER_STATE else topic]
-            for message in self._drained(topic):
+            for _, message in self._drained(topic):
                 if values := _values_of(topic, message):
                     waiting.append((to_nanoseconds(message.header.stamp), values))
         rows = []
@@ -107,12 +104,11 @@ class Feed:
                 self._first = stamp if self._first is None else self._first
                 rows.append(self._row(stamp, values))
                 self._newest = received, stamp
-                self.seen += 1
         self._history.extend(rows)
         return b''.join(rows)
 
-    def _drained(self, topic: str) -> Iterator[Any]:
-        """Yield what has arrived, while another thread may append to it."""
+    def _drained(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Yield what has arrived and when [ns], while another thread may append to it."""
         arrived = self._arrived[topic]
         for _ in range(len(arrived)):
             yield arrived.popleft()

@@ -26,13 +26,13 @@ def message(stamp: int, **fields: float) -> Any:  # noqa: ANN401 (of no type of 
     return SimpleNamespace(header=header, **fields)
 
 
-def add(feed: Feed, *states: Any, at: int | None = None, **others: Any) -> Any:  # noqa: ANN401
-    """Return the columns of the rows of `states`, by name; each received at its stamp, or `at`."""
+def add(feed: Feed, *states: Any, **others: Any) -> Any:  # noqa: ANN401
+    """Return the columns of the rows of `states`, by name."""
     for topic, messages in others.items():
         for each in messages:
             feed.take(topic, each)
     for state in states:
-        feed.take('z_vhcl', state, state.header.stamp.nanosec if at is None else at)
+        feed.take('z_vhcl', state)
     return table(feed.poll())
 
 
