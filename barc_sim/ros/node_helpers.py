@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from barc_sim.errors import Parameter
 
 Message = TypeVar('Message')
-_RECOUNT_NS = 100_000_000
+_RECOUNT_NS = 500_000_000
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
@@ -135,7 +135,7 @@ class Subscribed:
         self._found: set[Publisher] = set()
 
     def at(self, stamp_ns: int) -> set[Publisher]:
-        """Return the publishers with subscriptions, asked anew each 0.1 s of the stamps."""
+        """Return the publishers with subscriptions, asked anew each 0.5 s of the stamps."""
         if stamp_ns // _RECOUNT_NS != self._window:
             self._window = stamp_ns // _RECOUNT_NS
             self._found = {pub for pub in self._node.publishers if pub.get_subscription_count()}
