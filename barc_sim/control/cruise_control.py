@@ -8,7 +8,7 @@ from __future__ import annotations
 from math import isfinite, nan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.control.excitation import PRBS, CoastDown, Steps
+from barc_sim.control.excitation import PRBS, CoastDown, SineSteer, Steps
 from barc_sim.control.lane import LANE, LaneKeeping, LaneLQR, PurePursuit, Stanley, speed_profile
 from barc_sim.control.mpc import MPC, SpeedMPC
 from barc_sim.control.speed import (
@@ -52,6 +52,7 @@ LANE_TYPES: Mapping[str, type[LaneLaw]] = {
     'pure-pursuit': PurePursuit,
     'mpc': MPC,
     'speed-mpc': SpeedMPC,
+    'sine-steer': SineSteer,
 }
 DEFAULT_LANE = 'lqr'
 #: The gains of all of them, by name.

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import pty
 import shlex
-import signal
-import subprocess
-import sys
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -105,27 +100,3 @@ def test_an_own_controller_is_tuned(tmp_path: Path) -> None:
 )
 def test_what_cannot_be_done_is_one_sentence(args: list[str], complaint: str) -> None:
     assert complaint in refused('tune', *QUICK, *args)
-
-
-def test_ctrl_c_in_a_terminal_ends_the_search_without_a_traceback() -> None:
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'barc_sim', 'tune', '--distance', '5000'],
-        stdout=subprocess.PIPE,
-        stderr=theirs,
-    )
-    os.close(theirs)
-    seen = b''
-    while b'minimum cost' not in seen:
-        seen += os.read(ours, 4096)
-    process.send_signal(signal.SIGINT)
-    try:
-        while data := os.read(ours, 4096):
-            seen += data
-    except OSError:  # Linux: the other end is closed
-        pass
-    out, _ = process.communicate()
-    os.close(ours)
-    assert (process.returncode, out) == (130, b'')
-    assert b'Traceback' not in seen
-    assert b'Error' not in seen
