@@ -35,20 +35,17 @@ UNNUMBERED = 2**64 - 1
 class Recording:
     """The settings of a recording."""
 
-    topics: re.Pattern[str] | None = None  #: record only topics whose name contains it
+    topics: re.Pattern[str] | None = None  #: record only topics whose name contains it, hidden too
     exclude: re.Pattern[str] | None = None  #: record no topic whose name contains it
-    include_hidden_topics: bool = False
     depth: int = 10_000  #: queue length of a subscription: one second at 10,000 messages a second
     min_free_space: float = 64.0  #: [MiB] to leave free on the disk
     use_sim_time: bool = False  #: stamp messages with `/clock`
 
     def wants(self, topic: str) -> bool:
         """Return whether to record a topic, given its full name."""
-        if '/_' in topic and not self.include_hidden_topics:
-            return False
         if self.exclude and self.exclude.search(topic):
             return False
-        return not self.topics or bool(self.topics.search(topic))
+        return bool(self.topics.search(topic)) if self.topics else '/_' not in topic
 
     @property
     def reserve(self) -> int:

@@ -164,15 +164,10 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         '--topics',
         type=pattern,
         metavar='REGEX',
-        help='record only topics whose name contains it',
+        help="record only topics whose name contains it, also hidden ones, as '/_service_event'",
     )
     group.add_argument(
         '--exclude', type=pattern, metavar='REGEX', help='record no topic whose name contains it'
-    )
-    group.add_argument(
-        '--include-hidden-topics',
-        action='store_true',
-        help="record topics with a name part that begins with '_', such as services' events",
     )
     group.add_argument(
         '--min-free-space',

@@ -24,10 +24,7 @@ def parse(*arguments: str) -> Recording:
         (('--topics', '^/ecu$|rosout'), {'/ecu', '/rosout'}),
         (('--exclude', '^/car2'), {'/ecu', '/rosout'}),
         (('--topics', 'ecu', '--exclude', '^/car2'), {'/ecu'}),
-        (
-            ('--include-hidden-topics',),
-            {'/ecu', '/car2/ecu', '/rosout', '/_hidden', '/arm/_action/status'},
-        ),
+        (('--topics', '/_'), {'/_hidden', '/arm/_action/status'}),
     ],
 )
 def test_topics_are_chosen_by_regular_expressions(
