@@ -15,6 +15,7 @@ from rosbags.convert.converter import convert
 from barc_sim.bags.contents import Contents, types_of
 from barc_sim.bags.messages import Message, Topic, topic
 from barc_sim.bags.writer import BagWriter
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -118,6 +119,22 @@ def test_chunks_of_each_compression_are_read(tmp_path: Path, compression: Compre
             writer.add_message(channel, k, bytes([0, 1, 0, 0, 1]), k)
         writer.finish()
     assert [message.received for message in Contents(tmp_path).messages()] == [*range(100)]
+
+
+def test_what_is_kept_is_bounded_for_all_files_of_a_bag(
+    parts: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('barc_sim.bags.bounds.MAX_KEPT', 20_000)
+    for k in range(20):  # what they repeat counts once
+        shutil.copy(*parts[0].glob('*.mcap'), tmp_path / f'run_{k}.mcap')
+    assert sum(1 for _ in Contents(tmp_path).messages()) == 20 * 220
+    for k in range(20, 40):
+        writer = BagWriter(tmp_path)
+        writer.attach({'notes': bytes([k]) * 100})
+        writer.close()
+        writer.file.rename(tmp_path / f'run_{k}.mcap')
+    with pytest.raises(UserError, match='bytes of topics, metadata and attached files'):
+        Contents(tmp_path)
 
 
 def test_a_message_that_unpacks_to_too_much_is_left_as_it_is(tmp_path: Path) -> None:
