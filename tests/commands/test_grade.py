@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from bombs import BOMBS
 from user_files import CONTROLLER, MODEL
 
 from barc_sim.__main__ import main as barc
@@ -280,3 +281,54 @@ def test_what_is_entered_while_a_class_is_graded_stays(tmp_path: Path) -> None:
     grade._collect(outcomes(), tmp_path, {Path('ada'): entered.parent}, b'points:')  # noqa: SLF001 (meanwhile)
     assert entered.read_text() == 'comment: well driven'
     assert (entered.parent / 'report.html').exists()
+
+
+#: Honest submissions, right and wrong ones.
+_HONEST = {
+    **{f'right_{k}': {'bike_model': MODEL, 'controller': CONTROLLER} for k in range(5)},
+    **{f'model_{k}': {'bike_model': MODEL} for k in range(4)},
+    'wrong_sign': {'bike_model': MODEL.replace('ts * (a', 'ts * (-a'), 'controller': CONTROLLER},
+    'slow': {'controller': CONTROLLER.replace('error =', 'sum(range(300)); error =')},
+    'prints': {'controller': CONTROLLER.replace('error =', 'print(dt); error =')},
+    'syntax_error': {'bike_model': 'def bikeFE(:', 'controller': CONTROLLER},
+    'template': {'bike_model': 'def bikeFE(x, y):\n    raise NotImplementedError'},
+    'half': {'controller': CONTROLLER.replace('self.ki', '0.5 * self.ki')},
+}
+_TAKES_ALL = '_all = [bytearray(1 << 24) for _ in range(50)]\n'
+_HOSTILE_CODE = {
+    'loops': {'bike_model': 'while True: pass', 'controller': 'while True: pass'},
+    'sleeps': {'bike_model': 'import time\ntime.sleep(1000)'},
+    'eats': {'bike_model': _TAKES_ALL + MODEL, 'controller': 'x = [0] * 10**12'},
+    'crashes': {'bike_model': 'import ctypes\nctypes.string_at(0)'},
+    '=cmd|calc!A1': {'bike_model': ATTACKS['kill_parent'].replace('\n        ', '\n') + MODEL},
+    'class.csv': {'bike_model': 'import os\nos._exit(0)'},
+    '\x1b[2J\nright_0,100': {'controller': _WRITE_EVERYWHERE},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)  # 45 gradings
+@pytest.mark.usefixtures('graded')  # where code can be confined
+def test_the_honest_half_of_a_class_gets_what_it_gets_alone(tmp_path: Path) -> None:
+    folder, out = tmp_path / 'class', tmp_path / 'grades'
+    for name, files in (_HONEST | _HOSTILE_CODE).items():
+        (folder / name).mkdir(parents=True)
+        for stem, text in files.items():
+            (folder / name / f'{stem}.py').write_text(text)
+    for name, (made, _) in BOMBS.items():
+        (folder / f'{name}.zip').write_bytes(made())
+    os.mkfifo(folder / 'pipe.zip')
+    (folder / 'links').symlink_to('/')
+    (folder / 'device.zip').symlink_to('/dev/zero')
+    (folder / 'empty').mkdir()
+    assert len([*folder.iterdir()]) == 2 * len(_HONEST) == 30
+
+    code = barc(['grade', str(folder), '--out', str(out), '--jobs', '2', '--time-limit', '30'])
+
+    rows = [*csv.DictReader(io.StringIO((out / 'class.csv').read_text()))]
+    assert (code, len(rows)) == (0, 30)
+    for name in _HONEST:
+        alone = tmp_path / 'alone' / name
+        assert barc(['grade', str(folder / name), '--out', str(alone), '--time-limit', '30']) == 0
+        for file in ('results.json', 'report.html'):
+            assert (alone / file).read_bytes() == (out / name / file).read_bytes()
