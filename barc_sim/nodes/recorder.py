@@ -124,7 +124,7 @@ class BagRecorder(Node):
 
     def _on_timer(self) -> None:
         self.announce()
-        if not self.stopped:
+        if not self._writer.closed:
             self.discover()
             self._add_graph()
 
@@ -189,11 +189,6 @@ class BagRecorder(Node):
         """Stamp messages with `/clock`, once there is one."""
         self._thread.use_sim_time = True
 
-    @property
-    def stopped(self) -> bool:
-        """Whether the bag is finished."""
-        return self._writer.closed
-
     def add_metadata(self, entries: Mapping[str, str]) -> None:
         """Add metadata of the run to the bag; an entry replaces one of the same name."""
         self._metadata.update(entries)
@@ -205,7 +200,7 @@ class BagRecorder(Node):
 
     def close(self) -> None:
         """Record the waiting messages and finish the bag; a second call does nothing."""
-        if not self.stopped:
+        if not self._writer.closed:
             self._add_graph()
         self._thread.close(lambda: losses_as_metadata(self.lost, self.left_out))
         self._topics.close()

@@ -72,19 +72,13 @@ def bench(benches: Callable[..., Bench]) -> Bench:
     return benches(Bench)
 
 
-def spin_for(bench: Bench, seconds: float) -> None:
-    """Spin for so long: how long a key counts as held is a matter of time."""
-    end = time.monotonic() + seconds
-    bench.until(lambda: time.monotonic() > end)
-
-
 def test_a_press_drives_then_coasts_once_and_falls_silent(bench: Bench) -> None:
     bench.type(b'w')
     bench.until(lambda: COAST in bench.received)
     assert bench.changes == [UP, COAST]
     assert bench.received.count(UP) > 5
-    count = len(bench.received)
-    spin_for(bench, 0.3)
+    count, end = len(bench.received), time.monotonic() + 0.3
+    bench.until(lambda: time.monotonic() > end)
     assert len(bench.received) == count
 
 
