@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-#: Of a Fast DDS identifier (GID): vendor, host, half of the process's number, a random number.
-_PROCESS = slice(8)
+# Parts of a Fast DDS identifier (GID).
+_PROCESS = slice(8)  #: vendor, host, half of the process's number, a random number
+_PARTICIPANT = slice(12)
 
 
 def node_graph(node: Node) -> NodeGraph:
@@ -118,6 +119,12 @@ def all_own(node: Node, ends: Iterable[TopicEndpointInfo]) -> bool:
     """Return whether `ends` belong to nodes of this process, as `node` does."""
     own = (_own_gid(node) or b'') if has_dds() else None
     return own is None or all(bytes(end.endpoint_gid)[_PROCESS] == own[_PROCESS] for end in ends)
+
+
+def of_participant(node: Node, ends: Iterable[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
+    """Return those of `ends` that belong to nodes in the DDS participant of `node`."""
+    own = (_own_gid(node) or b'')[_PARTICIPANT]
+    return [end for end in ends if bytes(end.endpoint_gid)[_PARTICIPANT] == own]
 
 
 def _own_gid(node: Node) -> bytes | None:

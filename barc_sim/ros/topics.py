@@ -26,6 +26,7 @@ from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 from barc_sim.bags.messages import Topic, definition
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
+from barc_sim.ros.peers import of_participant
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -210,11 +211,18 @@ class TopicSubscriptions:
         """Subscribe to a topic as its subscribers do; return why that is impossible."""
         try:
             if ends := self._node.get_subscriptions_info_by_topic(name):
-                kind = message_class(ends[0].topic_type)
+                kind = message_class(self._type_of(ends))
                 self._begin(name, kind, request(ends, self._depth))
         except (RuntimeError, UserError) as error:  # of rcl: this process has another type
             return error
         return None
+
+    def _type_of(self, ends: Sequence[TopicEndpointInfo]) -> str:
+        """Return the type of this participant, where DDS takes no second one; else the first."""
+        several = len({end.topic_type for end in ends}) > 1
+        own = of_participant(self._node, ends) if several else []
+        type_name: str = (*own, *ends)[0].topic_type
+        return type_name
 
     def _begin(self, name: str, message_type: type[Any], qos: QoSProfile) -> None:
         """Subscribe to a topic without a publisher."""
@@ -226,11 +234,11 @@ class TopicSubscriptions:
     def _subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
         """Subscribe to all publishers of a topic.
 
-        Where publishers do not agree on the topic's type, the first one's counts.
+        Those of another type are left out.
         """
         recorded = self._topics.get(name)
         types = {publisher.topic_type for publisher in publishers}
-        type_name = recorded.topic.type if recorded else publishers[0].topic_type
+        type_name = recorded.topic.type if recorded else self._type_of(publishers)
         for other in types - {type_name}:
             self._leave_out(f'{name} as {other}', f'its type is {type_name}')
         try:

@@ -297,6 +297,18 @@ def test_a_second_type_of_a_topic_is_named_and_costs_the_first_nothing(
     ]
 
 
+def test_of_two_publishers_types_that_of_the_same_process_is_recorded(
+    stranger: Node, recorder: BagRecorder, talker: Node
+) -> None:
+    stranger.create_publisher(ColorRGBA, 'value', 10)
+    wait_for(lambda: talker.count_publishers('value') == 1)
+    publisher = talker.create_publisher(Float64, 'value', LATCHED)
+    publisher.publish(Float64())
+    wait_for(lambda: recorder.discover() or recorder.counts.get('/value') == 1)
+    why = 'its type is std_msgs/msg/Float64'
+    assert recorder.left_out == {'/value as std_msgs/msg/ColorRGBA': why}
+
+
 def test_what_a_publisher_has_kept_is_recorded_beside_one_that_keeps_nothing(
     ros: Context, tmp_path: Path
 ) -> None:
