@@ -35,10 +35,10 @@ def estimate(t, v, a):
     raise NotImplementedError
 
 
-if __name__ == '__main__':  # after a drive: python identify.py BAG
+if __name__ == '__main__':  # after a drive: python identify.py BAG...; the last counts
     import sys
 
     from barc_sim import read_bag
 
-    log = read_bag(sys.argv[1])
+    log = read_bag(sys.argv[-1])
     print(estimate(log.t.tolist(), log.v_x.tolist(), log.motor.tolist()))
