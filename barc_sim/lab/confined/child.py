@@ -86,8 +86,11 @@ def _handler(seconds: float) -> Callable[..., Any]:
 def _forget_packages(path: list[str]) -> None:
     """Make it impossible to import more of barc_sim, or of what is installed beside it."""
     sys.path[:] = path
-    for name, module in sys.modules.items():
-        if name.partition('.')[0] == 'barc_sim' and hasattr(module, '__path__'):
+    for name, module in [*sys.modules.items()]:
+        package = name.partition('.')[0]
+        if package == 'system_calls':  # used up: the filter is made
+            del sys.modules[name]
+        elif package == 'barc_sim' and hasattr(module, '__path__'):
             module.__path__ = []
     sys.path_importer_cache.clear()
 

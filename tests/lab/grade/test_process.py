@@ -51,6 +51,10 @@ REFUSED = {
         'ModuleNotFoundError',
     ),
     'import another package': ('import yaml; 1 + yaml.load(1)', 'ModuleNotFoundError'),
+    'import what confines it': (
+        'import system_calls; 1 + len(system_calls.syscalls())',
+        'ModuleNotFoundError',
+    ),
     'read its neighbour': ("open('../neighbour/bike_model.py')", 'Permission denied'),
     'read passwords': ("open('/etc/passwd')", 'Permission denied'),
     'list the submissions': ("os.listdir('..')", 'Permission denied'),
