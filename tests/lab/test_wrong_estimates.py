@@ -28,9 +28,9 @@ no excitation | 50 |  | the car does not move
     if t < 7.0: -> return 0.0⏎    if t < 7.0:
 beyond the limit | 85 |  | the command reaches 2.5 m/s², 2 m/s² are allowed; the first is at 0.00 s
     return 2.0⏎    if -> return 2.5 if t < 4.0 else 2.0 if t < 6.0 else 0.0⏎    if
-a force | 80 |  | is it a force? Return an acceleration
+a force | 80 |  | is it a force? Return an acceleration; the car reaches 4343.2 m/s
     return 2.0⏎    if -> return 4000.0⏎    if
-no number of a car | 80 |  | the command reaches 1e+308 m/s²
+no number of a car | 50 |  | beyond 1e+06 it is not a car
     return 2.0⏎    if -> return 1e308⏎    if
 too fast | 85 |  | m/s, 15 m/s are allowed
     if t < 7.0 -> if t < 9.0

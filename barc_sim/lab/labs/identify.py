@@ -43,7 +43,7 @@ LABELS = {
 TS = 0.02  #: [s]
 NOISE = 0.03  #: [m/s] of the measured speed
 _MAX_COMMAND, _MAX_SPEED = 2.0, 15.0  #: [m/s²] and [m/s]
-_FORCE = 100.0  #: [m/s²] A larger command is no acceleration of a car.
+_FORCE, _NOT_A_CAR = 100.0, 1e6  #: [m/s²] A larger command is a force; none can be driven.
 _T = [k * TS for k in range(round(COMMANDS / TS))]  #: [s]
 _CARS = 5  #: hidden ones
 _SIGMAS = 1.96  #: standard deviations: 95 %
@@ -180,10 +180,8 @@ def _judge(code: JudgedCode, settings: Settings, _: Collection[str]) -> Iterator
     car, commands, fault = car_of(''), _usual(), ''
     try:
         car = car_of(str(code.call('name')))
-        found = code.call('functions', 'command', [[t] for t in _T])
-        wanted = numbers_of('command', found, len(_T))
-        commands = np.clip(wanted, -_FORCE, _FORCE).tolist()
-        yield Finding('commands.limits', *_judge_limits(car, commands, max(map(abs, wanted))))
+        commands = _commands(code)
+        yield Finding('commands.limits', *_judge_limits(car, commands))
         yield from _judge_information(car, commands)
     except UserError as error:
         fault = str(error)
@@ -203,9 +201,17 @@ def _judge(code: JudgedCode, settings: Settings, _: Collection[str]) -> Iterator
     yield Finding('estimate.residuals', 0.0, text, drive, open=True)
 
 
-def _judge_limits(car: Car, commands: Sequence[float], size: float) -> tuple[float, str]:
-    """Judge the `size` [m/s²] of the largest command, and the speeds to which they lead."""
-    speeds = driven(car, tuple(commands))
+def _commands(code: JudgedCode) -> list[float]:
+    """Return the commands [m/s²] of 60 s; a UserError if no car can drive with them."""
+    commands = numbers_of('command', code.call('functions', 'command', [[t] for t in _T]), len(_T))
+    if (size := max(map(abs, commands))) > _NOT_A_CAR:
+        raise UserError(f'command returned {size:.3g} m/s²: beyond {_NOT_A_CAR:g} it is not a car')
+    return commands
+
+
+def _judge_limits(car: Car, commands: Sequence[float]) -> tuple[float, str]:
+    """Judge the size of the commands, and the speeds to which they lead."""
+    speeds, size = driven(car, tuple(commands)), max(map(abs, commands))
     slow, fast = float(speeds.min()), float(speeds.max())
     faults = []
     if size > _MAX_COMMAND + 1e-9:
