@@ -1,6 +1,6 @@
 """What figures and page share: palette, style, limits, readings; road and track; windows.
 
-It imports Matplotlib where a window opens alone, so that the live page starts without.
+Matplotlib is imported only where a window opens: the live page starts without it.
 """
 
 from __future__ import annotations
@@ -152,8 +152,9 @@ class Course(NamedTuple):
         x, y, heading = use_measurement(log).true_pose
         psi = heading - log.e_psi
         length = log.lap_length
-        first = np.flatnonzero(log.s < min(length, log.s[0] + length))
-        s, unique = np.unique(log.s[first], return_index=True)
+        first = np.flatnonzero(log.s < log.s[0] + length)
+        s = np.mod(log.s, length) if np.isfinite(length) else log.s  # a bag may begin in any lap
+        s, unique = np.unique(s[first], return_index=True)
         rows = first[unique]
         e_y, psi = log.e_y[rows], psi[rows]
         x, y = x[rows] + e_y * np.sin(psi), y[rows] - e_y * np.cos(psi)
@@ -164,7 +165,7 @@ class Course(NamedTuple):
         if not np.isfinite(self.length):
             return self
         s, x, y, psi, curvature = (np.append(each, each[0]) for each in self[:5])
-        s[-1] = self.length
+        s[-1] += self.length
         return Course(s, x, y, psi, curvature, self.length, self.width)
 
     def beside(self, e_y: float) -> tuple[Floats, Floats]:
