@@ -77,6 +77,12 @@ export class History {
     return this.at(row + 1, 'lap') !== this.at(row, 'lap');
   }
 
+  /** Return whether the car is where it was at `row` when the next lap begins: at a finish line. */
+  goesOn(row) {
+    const moved = (name) => this.at(row + 1, name) - this.at(row, name);
+    return Math.hypot(moved('x'), moved('y')) < NEAR;
+  }
+
   /** Return the first row of the lap of `row`. */
   lapStart(row) {
     const lap = this.at(row, 'lap');
@@ -98,8 +104,7 @@ export class History {
     for (const name of this.columns) state[name] = this.at(row, name);
     // Over the finish line the car goes on, but not its place in the lap.
     const jumps = row + 1 < this.count && this.jumps(row);
-    const goesOn = jumps && Math.hypot(this.at(row + 1, 'x') - state.x, this.at(row + 1, 'y') - state.y) < NEAR;
-    if (row + 1 < this.count && (!jumps || goesOn)) {
+    if (row + 1 < this.count && (!jumps || this.goesOn(row))) {
       const span = this.at(row + 1, 't') - state.t;
       const share = Math.min(Math.max((t - state.t) / span, 0), 1);
       for (const name of jumps ? MOVING.filter((each) => each !== 'place') : MOVING) {

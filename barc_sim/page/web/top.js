@@ -92,7 +92,7 @@ function drawPath(context, history, state, toScreen) {
   const end = history.row(state.t);
   for (let row = Math.max(0, end - PATH); row <= end; row += 1) {
     const [x, y] = [history.at(row, 'x'), history.at(row, 'y')];
-    const jumps = row < end && history.jumps(row) && !history.track;
+    const jumps = row < end && history.jumps(row) && !history.goesOn(row);
     if (pen && !jumps && Math.hypot(x - lastX, y - lastY) < 0.25) continue;
     if (pen) context.lineTo(...toScreen(x, y));
     else context.moveTo(...toScreen(x, y));
