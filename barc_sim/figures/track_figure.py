@@ -248,8 +248,9 @@ def _draw_table(
     table = axes.table(
         [[name, *lap.cells] for name, (_, lap) in zip(names, rows, strict=True)],
         colLabels=[heading, *LAP_HEADINGS],
-        colWidths=(0.26, 0.16, 0.17, 0.17, 0.24),
+        colWidths=(0.25, 0.15, 0.16, 0.17, 0.27),
         cellLoc='right',
+        colLoc='right',
         edges='open',
         loc='upper center',
     )
