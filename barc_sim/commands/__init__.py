@@ -33,7 +33,7 @@ GROUPS = {
         'recover': 'copy the bag of a killed run into a whole one',
     },
     'ROS': {
-        'topics': 'list topics, their publishers, subscribers and rates',
+        'topics': 'list topics, their types, publishers and subscribers',
         'echo': 'print the messages of a topic',
         'param': 'list, read and set the parameters of running nodes',
         'show': 'print the definition of a message or service',

@@ -1,10 +1,9 @@
 """The laws once more, for speed: one loop in plain floats, and many cars in NumPy arrays.
 
 `_drive` has `PID` and `next_speed` written out, as a call costs as much as a law; `pid_log` makes a
-log of it. `PIDs` and `next_speeds` are the same laws in place, on arrays that stay in a
-core's cache. `Plants` is `Plant` once more. Tests compare logs to the last bit, and `Plants` to
-rounding, as NumPy's functions differ from Python's in the last bit. Rare events (a limit reached, a
-car that stands or rolls back) are detected with one reduction and handled apart.
+log of it. `PIDs`, `next_speeds` and `Plants` are the same laws over arrays. Tests compare logs to
+the last bit, and `Plants` to rounding, as NumPy's functions differ from Python's in the last bit.
+A car that stands or rolls back is rare: one reduction finds it, and it is handled apart.
 """
 
 from __future__ import annotations
