@@ -24,6 +24,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.bags import names
 from barc_sim.bags.messages import to_nanoseconds
+from barc_sim.cli.parser import MAX_PORT
+from barc_sim.errors import Parameter, UserError
 from barc_sim.page.feed import DEPTH, Feed
 from barc_sim.page.protocol import (
     CONTROLLER,
@@ -36,6 +38,7 @@ from barc_sim.page.protocol import (
     node_of,
 )
 from barc_sim.page.run_page import RunPage
+from barc_sim.ros.node_helpers import declare
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,6 +46,7 @@ if TYPE_CHECKING:
     from barc_sim.page.protocol import Request
     from barc_sim.page.run_page import OnDone
 
+MODES = ('acc', 'teleop')
 _TYPES = {
     names.STATE: ZDynBkMdl,
     names.STATE_ERROR: EZDynBkMdl,
@@ -90,16 +94,24 @@ class ViewNode(Node):
         run: RunFacts = RunFacts(),  # noqa: B008 (immutable)
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        """Serve the page of `mode`, 'acc' or 'teleop', at `host` and `port`; 0: any that is free.
+        """Serve the page; `mode`, `host` and `port` are defaults of the parameters.
 
         `run` has what no topic carries; without it the page has no sliders, and learns the road.
 
         Raises
         ------
         UserError
-            The address cannot be used.
+            A parameter is invalid, or the port cannot be used.
         """
         super().__init__('view', **options)
+        parameters = [
+            Parameter('mode', mode, "what the page shows: 'acc' or 'teleop'"),
+            Parameter('host', host, 'the address to serve the page at'),
+            Parameter('port', port, 'its port; 0: any that is free', (0, MAX_PORT)),
+        ]
+        values = declare(self, [each._replace(read_only=True) for each in parameters])
+        if values['mode'] not in MODES:
+            raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
         self.latest = 0  #: the stamp [ns] of the newest state
         self._cmd_vel_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
         self._feed = Feed()
@@ -107,7 +119,8 @@ class ViewNode(Node):
             self.create_subscription(kind, topic, self._taking(topic), DEPTH)
         self.create_subscription(Path, names.PREDICTION, self._on_plan, names.QOS_NEWEST)
         self._calls = {name: self.create_client(kind, name) for name, kind in _SERVICES.items()}
-        self.page = RunPage(mode, host, port, run, self._feed, self._drive, self._request)
+        address = values['host'], values['port']
+        self.page = RunPage(values['mode'], *address, run, self._feed, self._drive, self._request)
         self.url = self.page.url
 
     def _taking(self, topic: str) -> Callable[[Any], None]:

@@ -19,6 +19,7 @@ from rclpy.node import Node
 from barc_sim.bags import names
 from barc_sim.control.cruise_control import TYPES
 from barc_sim.control.speed import ACCELERATION_LIMIT
+from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
@@ -66,6 +67,16 @@ def test_plan_of_the_steering_reaches_the_page(ros: Context) -> None:
         wait_for(plans.get_subscription_count)
         plans.publish(Path(poses=[PoseStamped(pose=pose)]))
         assert wait(socket, lambda each: bool(each.get('plan')))['plan'] == [[1.235, -2.0]]
+
+
+def test_a_view_alone_takes_its_mode_and_address_as_parameters(ros: Context) -> None:
+    given = overrides(mode='teleop', host='127.0.0.2')
+    view = ViewNode(context=ros, parameter_overrides=given)
+    with spinning(ros, view), connect_page(view.url) as socket:
+        assert view.url.startswith('http://127.0.0.2:')
+        assert wait(socket, 'hello')['mode'] == 'teleop'
+    with pytest.raises(UserError, match="mode 'drive' of the view must be 'acc' or 'teleop'"):
+        ViewNode(context=ros, parameter_overrides=overrides(mode='drive'))
 
 
 def test_changes_from_either_side_are_shown_in_a_namespace(ros: Context) -> None:
