@@ -43,7 +43,7 @@ not closed | 78 |  | the lap is closed
     range(2 * n, 0, -1) -> range(n - 1, 0, -1)
 speeds of another track | 70 |  | profile(1.455) gave
     return [v**0.5 -> return [5.0
-the centre line | 60 |  | that of the centre line
+the centre line | 56 |  | that of the centre line
     n = bounded(J, bends, half)⏎    return -> n = 0.0 * x⏎    return
 the other side | 50 |  | positive is to the left
     return n⏎⏎⏎def predict -> return -n⏎⏎⏎def predict
@@ -57,6 +57,8 @@ no line | 45 | raise | line is not written yet (TODO)
     x, y, psi = np.array -> raise NotImplementedError⏎    x, y, psi = np.array
 no half step | 84 | b1 = | b1 misses d**2 / (2 * L)
     + d**2 / (2 * L) -> + 0.0
+the wrong way | 84 |  | put right; now: the car leaves the track
+    b1, d / L] -> -b1, -d / L]
 half of H | 84 |  | H is half of what it must be
     np.append(H -> np.append(H / 2
 an indefinite H | 75 |  | H must be positive definite
@@ -98,7 +100,7 @@ def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
     points = sum(RUBRIC.points_for(each) for each in findings if not each.open)
     points += sum(RUBRIC.points[each] for each in RUBRIC.points if each not in criteria)
     points -= 0.0 if 'line.gain' in criteria else 10.0
-    assert points == pytest.approx(program.points, abs=5.0), remarks
+    assert points == pytest.approx(program.points, abs=4.0), remarks
     if program.line:
         remark = next(m for m in remarks.splitlines() if program.sentence in m)
         (number,) = re.findall(r'raceline\.py, line (\d+)', remark)
