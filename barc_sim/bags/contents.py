@@ -76,9 +76,13 @@ def files(path: Path) -> list[Path]:
     there = [*path.iterdir()] if path.is_dir() else [path]
     found = [file for file in there if file.suffix == '.mcap' and not file.name.startswith('.')]
     if not found and any(file.suffix in _CONVERTIBLE for file in there):
+        # It reads a folder with metadata.yaml, or plain files one by one.
+        is_whole = path.is_dir() and (path / 'metadata.yaml').exists()
+        plain = [] if is_whole else sorted(file for file in there if file.suffix == '.db3')
+        sources = plain or [path if path.is_dir() else path.parent]
         raise UserError(
             f'{str(path)!r} is a bag of sqlite3, or of compressed files: make one of MCAP with '
-            f'`rosbags-convert --src {shlex.quote(str(path))} --dst NEW --dst-storage mcap`'
+            f'`rosbags-convert --src {shlex.join(map(str, sources))} --dst NEW --dst-storage mcap`'
         )
     if not path.is_dir():
         return [path.resolve() if path.is_symlink() else path]

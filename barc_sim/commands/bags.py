@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def add_arguments_info(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Print what is in a bag of any ROS 2 recorder, as `ros2 bag info` does.'
+    parser.description = 'Print what is in an MCAP bag of any recorder, as `ros2 bag info` does.'
     parser.epilog = 'It reads every message, so that it counts what can be read.'
     add_bag(parser)
     parser.add_argument('--json', action='store_true', help='print JSON')
@@ -69,7 +69,7 @@ def _damages(found: dict[str, dict[str, int]]) -> Iterator[str]:
 
 def add_arguments_convert(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Convert a bag of any ROS 2 recorder to tables, a CSV file for each topic.'
+    parser.description = 'Convert an MCAP bag of any recorder to tables, a CSV file for each topic.'
     parser.epilog = 'For bags of ROS 1 and of sqlite3, there is `rosbags-convert`.'
     add_bag(parser)
     parser.add_argument(

@@ -24,7 +24,7 @@ _CLOCK_RATE = 40.0  #: [Hz] as in ros2 bag play
 def add_arguments(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Publish the messages of a bag of any ROS 2 recorder on their topics, with their quality '
+        'Publish the messages of an MCAP bag of any recorder on their topics, with their quality '
         'of service and spacing, as `ros2 bag play` does.'
     )
     parser.epilog = 'Keys: space pauses and resumes, the right arrow steps one message, q ends.'

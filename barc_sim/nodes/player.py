@@ -76,7 +76,7 @@ class BagPlayer(Node):
     Parameters
     ----------
     path
-        The bag, of any recorder.
+        The bag, of MCAP and of any recorder.
     playback
         What to play, and how.
     show

@@ -166,8 +166,13 @@ def test_a_bag_of_sqlite3_is_named_with_what_converts_it(
 ) -> None:
     made, back = tmp_path / 'my bag', tmp_path / 'back'
     convert(parts, made, 'sqlite3', 9, compression, 'file', None, None, (), (), (), ())
-    for path in (made, *made.glob('*.db3*')):
+    (file,) = made.glob('*.db3*')
+    assert f"--src '{made}' --dst" in refused('info', str(made))
+    if not compression:  # as if the recorder was killed
+        (made / 'metadata.yaml').unlink()
+    source = made if compression else file
+    for path in (made, file):
         line = refused('info', str(path))
-        assert f"`rosbags-convert --src '{path}' --dst NEW --dst-storage mcap`" in line
-    convert([made], back, 'mcap', 9, None, None, None, None, (), (), (), ())  # its program's
+        assert f"`rosbags-convert --src '{source}' --dst NEW --dst-storage mcap`" in line
+    convert([source], back, 'mcap', 9, None, None, None, None, (), (), (), ())  # its program's
     assert sum(1 for _ in Contents(back).messages()) == 440
