@@ -1,4 +1,4 @@
-"""Starts the process of a submission, and talks to it in lines of JSON, with deadlines."""
+"""Starts a submission's process, and calls its functions by lines of JSON, with deadlines."""
 
 from __future__ import annotations
 
