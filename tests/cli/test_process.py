@@ -75,11 +75,15 @@ ALIASES = 'a0: &a0 {x: 1}\n' + ''.join(
 
 
 @pytest.mark.parametrize(
-    ('text', 'reason'), [('[' * 20_000, 'maximum recursion depth'), (ALIASES, 'an alias')]
+    ('text', 'reason'),
+    [
+        ('[' * 20_000, 'maximum recursion depth'),
+        (ALIASES, 'an alias'),
+        ('[1]', 'no names with values'),
+        ('5: 3', "'5' does not stand below ros__parameters"),
+    ],
 )
-def test_parameters_that_expand_for_ever_are_refused(
-    text: str, reason: str, tmp_path: Path
-) -> None:
+def test_a_file_that_holds_no_parameters_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / 'values.yaml').write_text(text)
     done = limited(*LOCAL, '--ros-args', '--params-file', 'values.yaml', cwd=tmp_path)
     assert reason in sentence(done)

@@ -86,16 +86,20 @@ def _of_file(file: Path) -> Iterator[_Rule]:
 
     try:
         text = read_regular(file, MAX_TEXT).decode()
-        for path, value in _flat(from_yaml(text), ''):
-            node, _, name = path.partition('/ros__parameters/')
+        for path, value in _flat(from_yaml(text) or {}, ''):
+            node, below, name = path.partition('/ros__parameters/')
+            if not below:
+                raise ValueError(f'{path!r} does not stand below ros__parameters')  # noqa: TRY301
             yield _Rule(node, name.replace('/', '.'), value)
-    except (OSError, ValueError, AttributeError) as error:
+    except (OSError, ValueError) as error:
         raise RuntimeError(f'Error parsing the parameters in {str(file)!r}: {error}') from None
 
 
-def _flat(tree: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+def _flat(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    if not isinstance(tree, dict):
+        raise ValueError('no names with values')  # noqa: TRY004 (a file's, as YAML's own errors)
     for name, value in tree.items():
-        path = f'{prefix}/{name}' if prefix else name
+        path = f'{prefix}/{name}' if prefix else f'{name}'
         if isinstance(value, dict):
             yield from _flat(value, path)
         else:
