@@ -64,7 +64,7 @@ def _damages(found: dict[str, dict[str, int]]) -> Iterator[str]:
         if chunks := damage['unreadable_chunks']:
             yield f'{name}: {chunks} damaged chunks are left out'
         if damage['unfinished']:
-            yield f'{name} is unfinished: {damage["unread"]} bytes at its end cannot be read'
+            yield f'{name} is unfinished or damaged: {damage["unread"]} bytes at its end are unread'
 
 
 def add_arguments_convert(parser: Parser) -> None:

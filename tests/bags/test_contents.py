@@ -104,7 +104,7 @@ def test_info_of_a_damaged_bag_counts_what_can_be_read(ours: Path, tmp_path: Pat
     file.write_bytes(whole[: len(whole) * 9 // 10])
     out = printed('info', str(file)).splitlines()
     assert 'Messages:  220' in out  # the first file's; its summary is gone
-    assert any(line.startswith('cut.mcap is unfinished: ') for line in out)
+    assert any(line.startswith('cut.mcap is unfinished or damaged: ') for line in out)
     assert {'lost_messages: 2', 'command: test'} <= {*out}
 
 

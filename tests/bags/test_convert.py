@@ -195,7 +195,7 @@ def test_full_disk_leaves_nothing_behind(killed: Path, monkeypatch: pytest.Monke
 
 def test_command_prints_what_was_recovered(killed: Path) -> None:
     assert printed('recover', str(killed)).splitlines() == [
-        'run_0.mcap is unfinished: 0 bytes at its end cannot be read',
+        'run_0.mcap is unfinished or damaged: 0 bytes at its end are unread',
         '     1000 /value',
         '     1000 messages in 0.000 s',
         f'{killed}_recovered',
