@@ -175,8 +175,11 @@ class Run:
                 return
             executor.spin_once(timeout_sec=0.1)
 
-    def show(self, display: Display | None) -> None:
-        """Add what shows the run, describe it in the bag, and prepare to spin: call it last."""
+    def prepare(self, display: Display | None) -> None:
+        """Add mirrors and pages, describe the run in the bag, and end it at a stop signal.
+
+        Call it when all other nodes are there; `display` is closed at the end.
+        """
         options = self.options
         self._display = display
         self._print(f'engine     {_ENGINES[options.engine]}')

@@ -50,7 +50,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
         cars = [add_car(run, number) for number in range(options.cars)]
         if not options.quiet:
             cars[0].display = Display(cars[0].simulator.stepper.distance)
-        run.show(cars[0].display)
+        run.prepare(cars[0].display)
 
         with new_executor() as executor:
             for node in run.nodes:

@@ -66,7 +66,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
             keyboard = run.add(partial(Keyboard, terminal))
             keyboard.finished.add_done_callback(lambda _: run.finish())
             simulator.finished.add_done_callback(lambda _: terminal.close())
-        run.show(line)
+        run.prepare(line)
         if terminal and not options.quiet:
             print(_HELP)  # noqa: T201
 

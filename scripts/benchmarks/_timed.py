@@ -41,7 +41,7 @@ class TimedRun(Display):
         self.car = add_car(self.run, 0)
         self.in_lock_step = not self.car.simulator.values['realtime_factor']
         self.car.display = self
-        self.run.show(None)
+        self.run.prepare(None)
 
     def show(self, *_: object) -> None:
         """Note that a state was published now."""
