@@ -447,8 +447,8 @@ class Stepper:
         """Begin the next lap, or end the run after the last."""
         if not self._ends:
             self.laps += 1
-            if self._plant.on_track:
-                self.laps = self._plant.on_track.lap
+            if self._plant.track:
+                self.laps = self._plant.lap
             elif self.laps != self._laps:
                 self._restart(f'lap {self.laps} is driven: the road begins anew')
                 return
