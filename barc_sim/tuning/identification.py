@@ -384,10 +384,10 @@ def _unidentified(estimates: Mapping[str, Estimate], covariance: Floats) -> Iter
     """Yield a sentence for each parameter that the logs do not show."""
     names, deviations = [*estimates], np.sqrt(np.diag(covariance))
     for i, (name, (value, interval, unit, _)) in enumerate(estimates.items()):
-        if name.endswith('_delay') or interval < 0.5 * abs(value):
-            continue
         if not interval < np.inf:
             yield f'{name} cannot be identified: nothing that was measured depends on it alone'
+            continue
+        if name.endswith('_delay') or interval < 0.5 * abs(value):
             continue
         together = covariance[i] / (deviations[i] * deviations)
         together[i] = 0.0

@@ -64,6 +64,14 @@ def test_the_labs_own_resistance_cannot_be_told() -> None:
         assert any(remark.startswith(f'{name} cannot be identified') for remark in found.remarks)
 
 
+def test_a_delay_that_no_command_shows_is_named() -> None:
+    """A constant command does not show it."""
+    log = drive(seed=1)
+    log.motor[:] = 0.0
+    remarks = identify(log).remarks
+    assert any(remark.startswith('motor_delay cannot be identified') for remark in remarks)
+
+
 @pytest.mark.slow
 def test_tyres_and_yaw_inertia_are_found_where_the_car_steered() -> None:
     """Servo, too: the steering of this drive has a delay and a lag."""
