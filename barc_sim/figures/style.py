@@ -149,6 +149,8 @@ class Course(NamedTuple):
     @classmethod
     def driven(cls, log: TrackLog) -> Course:
         """Return the centre line of a track as far as a run has driven along it."""
+        known = np.isfinite(log.s)  # a recorder may see states before the first place
+        log = log.map(lambda column: column[known])
         x, y, heading = use_measurement(log).true_pose
         psi = heading - log.e_psi
         length = log.lap_length
