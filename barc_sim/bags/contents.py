@@ -37,7 +37,7 @@ from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
     from pathlib import Path
     from typing import BinaryIO
 
@@ -372,18 +372,6 @@ class Contents:
             return data
         self._budget.charge(len(whole))
         return whole
-
-
-def selected(
-    names: Sequence[str], topics: Sequence[re.Pattern[str]], exclude: Sequence[re.Pattern[str]]
-) -> list[str]:
-    """Return the names that contain one of `topics`, by default all, and none of `exclude`."""
-    return [
-        name
-        for name in names
-        if (not topics or any(each.search(name) for each in topics))
-        and not any(each.search(name) for each in exclude)
-    ]
 
 
 def types_of(topic: Topic) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -31,21 +31,33 @@ BAG_DIR = Parameter(
 UNNUMBERED = 2**64 - 1
 
 
+def selected(
+    names: Sequence[str], topics: Sequence[re.Pattern[str]], exclude: Sequence[re.Pattern[str]]
+) -> list[str]:
+    """Return the names that contain one of `topics`, by default all, and none of `exclude`."""
+    return [
+        name
+        for name in names
+        if (not topics or any(each.search(name) for each in topics))
+        and not any(each.search(name) for each in exclude)
+    ]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Recording:
     """The settings of a recording."""
 
-    topics: re.Pattern[str] | None = None  #: record only topics whose name contains it, hidden too
-    exclude: re.Pattern[str] | None = None  #: record no topic whose name contains it
+    #: See `selected`; with `topics`, hidden ones are recorded, too.
+    topics: Sequence[re.Pattern[str]] = field(default_factory=list)
+    exclude: Sequence[re.Pattern[str]] = field(default_factory=list)
     depth: int = 10_000  #: queue length of a subscription: one second at 10,000 messages a second
     min_free_space: float = 64.0  #: [MiB] to leave free on the disk
     use_sim_time: bool = False  #: stamp messages with `/clock`
 
     def wants(self, topic: str) -> bool:
         """Return whether to record a topic, given its full name."""
-        if self.exclude and self.exclude.search(topic):
-            return False
-        return bool(self.topics.search(topic)) if self.topics else '/_' not in topic
+        is_hidden = '/_' in topic and not self.topics
+        return not is_hidden and bool(selected([topic], self.topics, self.exclude))
 
     @property
     def reserve(self) -> int:

@@ -20,7 +20,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from barc_sim.bags.contents import Contents, selected
+from barc_sim.bags.contents import Contents
+from barc_sim.bags.recording import selected
 from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import to_header
 from barc_sim.ros.peers import others_here

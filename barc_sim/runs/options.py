@@ -160,15 +160,7 @@ def page_of(options: argparse.Namespace) -> str:
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a recording, in a group of their own."""
     group = parser.add_argument_group('recording')
-    group.add_argument(
-        '--topics',
-        type=pattern,
-        metavar='REGEX',
-        help="record only topics whose name contains it, also hidden ones, as '/_service_event'",
-    )
-    group.add_argument(
-        '--exclude', type=pattern, metavar='REGEX', help='record no topic whose name contains it'
-    )
+    add_topic_choice(group, 'record', ", also hidden ones, as '/_service_event'")
     group.add_argument(
         '--min-free-space',
         type=number(0, _MAX_SIZE / 2**20),
@@ -178,16 +170,18 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_topic_choice(parser: argparse.ArgumentParser, verb: str) -> None:
-    """Add `--topics` and `--exclude` of a command that reads a bag."""
+def add_topic_choice(parser: argparse._ActionsContainer, verb: str, hidden: str = '') -> None:
+    """Add `--topics` and `--exclude`; each can be given several times."""
     for names, what in ((('--topics',), 'only'), (('-x', '--exclude'), 'no')):
         parser.add_argument(
             *names,
             type=pattern,
             nargs='+',
+            action='extend',
             default=[],
-            metavar='TOPIC',
-            help=f'{verb} {what} topics whose name contains one of these patterns',
+            metavar='REGEX',
+            help=f'{verb} {what} topics whose name contains one of these patterns'
+            + hidden * (what == 'only'),
         )
 
 

@@ -24,6 +24,7 @@ def parse(*arguments: str) -> Recording:
         (('--topics', '^/ecu$|rosout'), {'/ecu', '/rosout'}),
         (('--exclude', '^/car2'), {'/ecu', '/rosout'}),
         (('--topics', 'ecu', '--exclude', '^/car2'), {'/ecu'}),
+        (('--exclude', '^/car2', '--exclude', 'rosout'), {'/ecu'}),
         (('--topics', '/_'), {'/_hidden', '/arm/_action/status'}),
     ],
 )
