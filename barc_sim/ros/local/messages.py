@@ -165,6 +165,8 @@ class _Field:
             self._refuse('a set or sequence')
         if self._is_fixed and len(value) != self._bound:
             self._refuse(f'a set or sequence with length {self._bound}')
+        if self._bound and len(value) > self._bound:
+            self._refuse(f'a set or sequence with length <= {self._bound}')
         if isinstance(value, array.array) and value.typecode == self._code:
             return self._of(value)
         return self._of([self._copy_one(each) for each in _plain(value)])

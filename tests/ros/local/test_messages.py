@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -129,6 +130,16 @@ def test_what_rclpy_would_assert_is_refused_where_it_is_published(
         setattr(theirs(check_fields=True), field, value)
     with pytest.raises(AssertionError, match=f"'{field}'"):
         ours(**{field: value}).__copy__()
+
+
+@pytest.mark.parametrize('which', [0, 1])
+def test_a_bounded_sequence_holds_no_more_than_its_bound(which: int) -> None:
+    message, item = (
+        both(f'rcl_interfaces/{name}')[which] for name in ('ParameterDescriptor', 'IntegerRange')
+    )
+    options = {} if which else {'check_fields': True}
+    with pytest.raises(AssertionError, match=r"'integer_range' .* <= 1"):
+        copy(message(integer_range=[item(), item()], **options))
 
 
 def test_a_single_float_is_rounded_where_it_is_sent() -> None:
