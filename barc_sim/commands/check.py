@@ -144,7 +144,7 @@ def _print_table(console: Console, header: Sequence[str], rows: Iterable[Iterabl
     """Print a table; the first and the last column are text, the others numbers."""
     from rich.table import Table  # noqa: PLC0415
 
-    table = Table(*header, box=None, pad_edge=False, show_header=console.is_terminal)
+    table = Table(*header, box=None, pad_edge=False)
     for column in table.columns[:-1]:
         column.no_wrap = True
     for column in table.columns[1:-1]:

@@ -56,7 +56,10 @@ def test_a_rubric_of_another_lab_is_refused(folder: Path) -> None:
 def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
     (folder / 'controller.py').write_text(RIGHT, encoding='utf-8')
     lines = printed('check', str(folder)).splitlines()
-    assert lines[0] == 'model.x             9 / 9  right in all 2,750 cases'
+    assert lines[:2] == [
+        'criterion          points  finding',
+        'model.x             9 / 9  right in all 2,750 cases',
+    ]
     assert lines[-2:] == [
         '8 of 8 criteria are met in full: 100 of 100 points',
         str(folder / 'check.png'),
@@ -67,7 +70,8 @@ def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
 def test_not_all_met_is_exit_code_1_and_the_reasons(wrong: Path) -> None:
     out = printed('check', str(wrong), '--no-plot', code=1)
     assert ': I is always 0: is ki used, and is each error' in out
-    assert '100 m   30°  2.163 m/s  2.448 m/s  2.44 m/s too slow' in out
+    assert 'from   grade        RMS    at most  the speed\n' in out
+    assert '100 m    30°  2.163 m/s  2.448 m/s  2.44 m/s too slow' in out
     assert 'your code printed:\n  [red]called\n' in out
     assert '… and more' in out
     assert '5 of 8 criteria are met in full: ' in out
