@@ -122,7 +122,7 @@ class Road:
             return cls.lab() if name == 'lab' else cls.flat()
 
         def read(lines: list[str]) -> Road:
-            _, starts, grades_deg = read_pairs(lines, 'start_m,grade_deg')
+            _, starts, grades_deg = read_columns(lines, 'start_m,grade_deg')
             return cls(starts, grades_deg, name)
 
         return read_named('road', name, ('lab', 'flat'), read)
@@ -206,28 +206,28 @@ def read_lines(path: Path) -> list[str]:
     return read_regular(path, _MAX_SIZE).decode('utf-8-sig').splitlines()
 
 
-def read_pairs(lines: list[str], *headers: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
-    """Return the header of a CSV file, one of `headers`, and its two columns of numbers.
+def read_columns(lines: list[str], *headers: str) -> tuple[Any, ...]:
+    """Return the header of a CSV file, one of `headers`, and its columns of numbers.
 
-    Blank lines and lines beginning with `#` are passed over.
+    Blank lines and lines beginning with `#` are passed over; the header may follow a `#`.
     """
-    content = [line for line in lines if line.strip() and line.lstrip()[0] != '#']
+    read = (line.lstrip('# ') if line.lstrip('# ') in headers else line for line in lines)
+    content = [line for line in read if line.strip() and line.lstrip()[0] != '#']
     first, *rows = [*csv.reader(content)] or [[]]
     header = ','.join(column.strip() for column in first)
     if header not in headers:
         raise ValueError(f'its header is {header!r}, not {" or ".join(map(repr, headers))}')
     if not rows:
         raise ValueError('it has no numbers below its header')
-    left, right = zip(*(_numbers(row, header) for row in rows), strict=True)
-    return header, left, right
+    return header, *zip(*(_numbers(row, header) for row in rows), strict=True)
 
 
-def _numbers(row: list[str], header: str) -> tuple[float, float]:
+def _numbers(row: list[str], header: str) -> list[float]:
+    names = header.split(',')
     try:
-        left, right = (float(cell) for cell in row)
+        return [float(cell) for cell, _ in zip(row, names, strict=True)]
     except ValueError:
-        raise ValueError(f'{",".join(row)!r} must be two numbers, {header}') from None
-    return left, right
+        raise ValueError(f'{",".join(row)!r} must be {len(names)} numbers, {header}') from None
 
 
 #: Of time since the start [s] and place along the road [m].
@@ -291,7 +291,7 @@ def signal(given: object, row: Parameter, column: str) -> Signal:
     except (OSError, ValueError):
         raise UserError(f'{row.name} {name!r} is no CSV file that can be read') from None
     try:
-        header, points, values = read_pairs(lines, *(f'{over},{column}' for over in _OVER))
+        header, points, values = read_columns(lines, *(f'{over},{column}' for over in _OVER))
         for value in values:
             row.check(value)
     except (ValueError, csv.Error) as error:

@@ -11,20 +11,19 @@ These hold for a straight, too, where s = a, and lose no digits where κ is smal
 
 from __future__ import annotations
 
-import csv
 from bisect import bisect_right
 from cmath import phase
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import accumulate, pairwise
+from itertools import chain, pairwise
 from math import atan2, cos, floor, hypot, isfinite, pi, remainder, sin, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.road import read_named, read_pairs
+from barc_sim.vehicle.road import read_columns, read_named
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
     from os import PathLike
 
     import numpy as np
@@ -33,15 +32,13 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.road import Places
 
     Floats = NDArray[np.float64]
-    #: Of a segment: x, y [m], cosine and sine of its start, its curvature [1/m], half its turn.
-    _Frame = tuple[float, float, float, float, float, float]
-    _Segment = tuple[float, float, float, float, _Frame]
 
 WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
 _TOLERANCE = 0.05  #: [m] A fitted arc passes the points of a file within this.
 _MIN_POINTS, _MAX_POINTS = 3, 10_000  #: of a file with a centre line
-_CENTRE_LINE, _SPEED = 'x_m,y_m,w_tr_right_m,w_tr_left_m', ',speed_mps'
+_SEGMENTS, _CENTRE_LINE = 'length_m,radius_m', 'x_m,y_m,w_tr_right_m,w_tr_left_m'
+_RACING_LINE = f'{_CENTRE_LINE},speed_mps'
 
 
 class Pose(NamedTuple):
@@ -62,6 +59,39 @@ class Frenet(NamedTuple):
     e_y: float  #: [m] to the left of the centre line
     e_psi: float  #: [rad] heading less that of the centre line, from -π to π
     curvature: float  #: [1/m] of the centre line there, positive to the left
+
+
+class _Segment(NamedTuple):
+    """A segment with the frame of its start; arrays, of many."""
+
+    start: float  #: [m] along the track
+    end: float  #: [m]
+    x: float  #: [m] of its start
+    y: float  #: [m]
+    psi: float  #: [rad] its heading there, with cosine and sine
+    cosine: float
+    sine: float
+    curvature: float  #: [1/m]
+    half: float  #: [rad] of its turn
+
+    @classmethod
+    def at(cls, start: float, pose: Pose, length: float, curvature: float) -> _Segment:
+        """Return the segment that begins `start` m along the track, at `pose`."""
+        frame = *pose, cos(pose.psi), sin(pose.psi)
+        return cls(start, start + length, *frame, curvature, 0.5 * curvature * length)
+
+    def project(self, x: float, y: float) -> tuple[float, float]:
+        """Return s and e_y [m] of a point, beyond the ends of the segment, too."""
+        start, _, x_0, y_0, _, cosine, sine, curvature, half = self
+        dx, dy = x - x_0, y - y_0
+        a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
+        e_y, turned = beside_arc(curvature, a, b)
+        if curvature:
+            a = (half + remainder(turned - half, _TURN)) / curvature
+        return start + a, e_y
+
+
+_CURVATURE = _Segment._fields.index('curvature')
 
 
 @dataclass(frozen=True)
@@ -86,7 +116,7 @@ class Track:
     start: Pose = _ORIGIN
     deviation: float = 0.0  #: [m] maximum distance of the file's points from the centre line
     starts: tuple[float, ...] = field(init=False, repr=False, compare=False)  #: [m]; the end, too
-    _poses: tuple[Pose, ...] = field(init=False, repr=False, compare=False)
+    _segments: tuple[_Segment, ...] = field(init=False, repr=False, compare=False)
     is_closed: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -100,7 +130,7 @@ class Track:
             )
         if not 0.0 < self.width < 1e3:  # noqa: PLR2004
             raise UserError(f'width {self.width!r} must be a number of metres from 0 to 1000')
-        poses = [Pose(*self.start)]
+        pose, segments = Pose(*self.start), list[_Segment]()
         for length, curvature in zip(self.lengths, self.curvatures, strict=True):
             if not (isfinite(length) and length > 0.0 and isfinite(curvature)):
                 raise UserError(
@@ -117,13 +147,14 @@ class Track:
                     f'radius {1.0 / curvature:g} m must be above half of the width, {self.width:g} '
                     'm: make the arc wider, or the track narrower'
                 )
-            poses.append(_ahead(poses[-1], curvature, length))
-        starts = tuple(accumulate(self.lengths, initial=0.0))
-        gap = hypot(poses[-1].x - poses[0].x, poses[-1].y - poses[0].y)
-        turned = abs(remainder(poses[-1].psi - poses[0].psi, _TURN))
-        object.__setattr__(self, 'starts', starts)
-        object.__setattr__(self, '_poses', tuple(poses))
-        object.__setattr__(self, 'is_closed', gap + turned * starts[-1] < 1e-6 * starts[-1])
+            start = segments[-1].end if segments else 0.0
+            segments.append(_Segment.at(start, pose, length, curvature))
+            pose = _ahead(pose, curvature, length)
+        end, gap = segments[-1].end, hypot(pose.x - self.start[0], pose.y - self.start[1])
+        turned = abs(remainder(pose.psi - self.start[2], _TURN))
+        object.__setattr__(self, 'starts', (0.0, *(each.end for each in segments)))
+        object.__setattr__(self, '_segments', tuple(segments))
+        object.__setattr__(self, 'is_closed', gap + turned * end < 1e-6 * end)
 
     @classmethod
     def named(cls, name: str) -> Track:
@@ -143,19 +174,42 @@ class Track:
             return cls._of_rows(TRACKS[name], name)
 
         def read(lines: list[str]) -> Track:
-            if _CENTRE_LINE in ''.join(lines[:1]).replace(' ', ''):
-                return _read_centre_line(lines, name)
-            _, lengths, radii = read_pairs(lines, 'length_m,radius_m')
-            return cls._of_rows(zip(lengths, radii, strict=True), name)
+            header, *columns = read_columns(lines, _SEGMENTS, _CENTRE_LINE, _RACING_LINE)
+            if header == _SEGMENTS:
+                return cls._of_rows(zip(*columns, strict=True), name)
+            if not all(map(isfinite, chain(*columns))):
+                raise ValueError('each of its numbers must be finite')
+            x, y, *widths = columns[:4]
+            if not _MIN_POINTS <= len(x) <= _MAX_POINTS:
+                raise ValueError(f'{len(x)} points, not {_MIN_POINTS} to {_MAX_POINTS}')
+            is_again = hypot(x[0] - x[-1], y[0] - y[-1]) < _TOLERANCE  # the first once more
+            n, width = len(x) - is_again, 2.0 * min(map(min, widths))
+            tolerance = 0.0 if header == _RACING_LINE else _TOLERANCE
+            return cls.through(x[:n], y[:n], width, name, tolerance)
 
         return read_named('track', name, TRACKS, read)
 
     @classmethod
     def through(
-        cls, x: Iterable[float], y: Iterable[float], width: float = WIDTH, name: str = 'track'
+        cls,
+        x: Iterable[float],
+        y: Iterable[float],
+        width: float = WIDTH,
+        name: str = 'track',
+        tolerance: float = 0.0,
     ) -> Track:
-        """Return the closed track of arcs through these points [m], which are in order."""
-        return _through([*map(complex, x, y)], width, name, tolerance=0.0)
+        """Return the closed track of arcs past these points [m], which are in order.
+
+        There are as few arcs as stay within `tolerance` [m] of the points: 0, through each.
+        """
+        try:
+            start, arcs, deviation = _fit([*map(complex, x, y)], tolerance)
+        except ArithmeticError:
+            raise UserError(
+                'two points in a row are the same or too far apart, or the line turns back at one'
+            ) from None
+        lengths, curvatures = zip(*arcs, strict=True)
+        return cls(lengths, curvatures, width, name, start, deviation)
 
     @classmethod
     def _of_rows(cls, rows: Iterable[tuple[float, float]], name: str) -> Track:
@@ -182,15 +236,15 @@ class Track:
         """Return the curvature [1/m] at `s` metres; an array, of an array."""
         if isinstance(s, (float, int)):
             return self.curvatures[self.segment(s)[0]]
-        found: Floats = self._table[self._segments(s)[0], 2]
+        found: Floats = self._table[self._in_segments(s)[0], _CURVATURE]
         return found
 
     def place(self, s: Any, e_y: Any = 0.0, e_psi: Any = 0.0) -> Pose:  # noqa: ANN401 (or arrays)
         """Return the pose on the map of a pose on the track; arrays, of arrays."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
-        i, s_in_lap = self._segments(np.asarray(s, np.float64))
-        start, _, curvature, x, y, psi, _, _ = self._table.take(i, 0).T
+        i, s_in_lap = self._in_segments(np.asarray(s, np.float64))
+        start, _, x, y, psi, _, _, curvature, _ = self._table.take(i, 0).T
         half = 0.5 * curvature * (s_in_lap - start)
         chord, psi = (s_in_lap - start) * np.sinc(half / pi), psi + half
         x, y, psi = x + chord * np.cos(psi), y + chord * np.sin(psi), psi + half
@@ -213,17 +267,16 @@ class Track:
         n, length, is_closed = len(self.lengths), self.starts[-1], self.is_closed
         i, _ = self.segment(near)
         for _ in range(n):
-            start, end, heading, curvature, frame = self._rows[i]
-            ahead, e_y = _project(frame, x, y)
-            s = start + ahead
-            step = (s >= end) - (s < start)
+            there = self._segments[i]
+            s, e_y = there.project(x, y)
+            step = (s >= there.end) - (s < there.start)
             if not step or not (is_closed or 0 <= i + step < n):
                 break
             i = (i + step) % n
-        e_psi = remainder(psi - heading - curvature * (s - start), _TURN)
+        e_psi = remainder(psi - there.psi - there.curvature * (s - there.start), _TURN)
         if is_closed:
             s += length * round((near - s) / length)
-        return Frenet(s, e_y, e_psi, curvature)
+        return Frenet(s, e_y, e_psi, there.curvature)
 
     def segment(self, s: float) -> tuple[int, float]:
         """Return the number of the segment at `s`, and how far into it that is [m]."""
@@ -234,24 +287,12 @@ class Track:
         return i, s - starts[i]
 
     @cached_property
-    def _rows(self) -> list[_Segment]:
-        """Where each segment begins and ends [m], its first heading, curvature, and frame."""
-        headings = [pose.psi for pose in self._poses]
-        frames = map(_frame, self._poses, self.curvatures, self.lengths)
-        columns = self.starts, self.starts[1:], headings, self.curvatures, frames
-        return [*zip(*columns, strict=False)]
-
-    @cached_property
     def _table(self) -> Floats:
-        """A row for each segment: its frame, s at its start, and half its turn."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
-        x, y, psi = np.array(self._poses[:-1]).T
-        middles = 0.5 * np.multiply(self.curvatures, self.lengths)
-        columns = self.starts[:-1], middles, self.curvatures, x, y, psi, np.cos(psi), np.sin(psi)
-        return np.column_stack(columns)
+        return np.array(self._segments)
 
-    def _segments(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
+    def _in_segments(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
         s = s - np.floor(s / self.length) * self.length if self.is_closed else s
@@ -261,34 +302,31 @@ class Track:
         """Return s, e_y and heading of the centre line in the frames of segments `i`."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
-        start, middle, curvature, x0, y0, psi, cosine, sine = self._table.take(i, 0).T
-        dx, dy = x - x0, y - y0
-        a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
-        across, along = curvature * a, 1.0 - curvature * b
+        there = _Segment(*self._table.take(i, 0).T)
+        dx, dy = x - there.x, y - there.y
+        a, b = dx * there.cosine + dy * there.sine, dy * there.cosine - dx * there.sine
+        across, along = there.curvature * a, 1.0 - there.curvature * b
         root = np.sqrt(across * across + along * along)
-        e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + root)
-        angle = middle + _wrapped(np.arctan2(across, along) - middle)
-        ahead = np.divide(angle, curvature, out=a, where=curvature != 0.0)
-        return start + ahead, e_y, psi + curvature * ahead
+        e_y = (2.0 * b - there.curvature * (a * a + b * b)) / (1.0 + root)
+        angle = there.half + _wrapped(np.arctan2(across, along) - there.half)
+        ahead = np.divide(angle, there.curvature, out=a, where=there.curvature != 0.0)
+        return there.start + ahead, e_y, there.psi + there.curvature * ahead
 
     def _frenet_many(self, x: Floats, y: Floats, psi: Floats, near: Floats) -> Frenet:
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
         n, ends = len(self.lengths), np.array(self.starts)
-        i, _ = self._segments(near)
-        s, e_y, heading = self._project_many(i, x, y)
-        for _ in range(n - 1):
+        following, _ = self._in_segments(near)
+        for _ in range(n):
+            i = following
+            s, e_y, heading = self._project_many(i, x, y)
             step = (s >= ends[i + 1]).astype(np.intp) - (s < ends[i])
-            if not self.is_closed:
-                step = np.clip(i + step, 0, n - 1) - i
-            left = np.flatnonzero(step)
-            if not left.size:
+            following = (i + step) % n if self.is_closed else np.clip(i + step, 0, n - 1)
+            if (following == i).all():
                 break
-            i[left] = (i[left] + step[left]) % n
-            s[left], e_y[left], heading[left] = self._project_many(i[left], x[left], y[left])
         if self.is_closed:
             s += self.length * np.round((near - s) / self.length)
-        found: Any = s, e_y, _wrapped(psi - heading), self._table[i, 2]
+        found: Any = s, e_y, _wrapped(psi - heading), self._table[i, _CURVATURE]
         return Frenet(*found)
 
     def _nearest(self, x: Floats, y: Floats) -> Floats:
@@ -319,22 +357,6 @@ def _ahead(pose: Pose, curvature: float, distance: float) -> Pose:
     return Pose(pose.x + chord * cos(psi), pose.y + chord * sin(psi), psi + half)
 
 
-def _frame(pose: Pose, curvature: float, length: float) -> _Frame:
-    """Return the frame of a segment that begins at `pose`, as `_project` takes it."""
-    return pose.x, pose.y, cos(pose.psi), sin(pose.psi), curvature, 0.5 * curvature * length
-
-
-def _project(frame: _Frame, x: float, y: float) -> tuple[float, float]:
-    """Return s and e_y in the frame of a segment, beyond its ends, too."""
-    x_0, y_0, cosine, sine, curvature, middle = frame
-    dx, dy = x - x_0, y - y_0
-    a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
-    e_y, turned = beside_arc(curvature, a, b)
-    if curvature:
-        a = (middle + remainder(turned - middle, _TURN)) / curvature
-    return a, e_y
-
-
 def beside_arc(curvature: float, a: float, b: float) -> tuple[float, float]:
     """Return e_y [m] of a point `a` m ahead of an arc's start and `b` m to its left.
 
@@ -349,31 +371,9 @@ def beside_arc(curvature: float, a: float, b: float) -> tuple[float, float]:
 # "Biarc curves", Computer-Aided Design 7, 1975). As few of the points as possible are such ends.
 
 
-def _read_centre_line(lines: Sequence[str], name: str) -> Track:
-    """Return the closed track of a file's points, and of half its least width either way."""
-    import numpy as np  # noqa: PLC0415 (a track alone does not need it)
-
-    is_exact = lines[0].rstrip().endswith(_SPEED)
-    columns = _CENTRE_LINE + _SPEED * is_exact
-    rows = [line for line in lines[1:] if line.strip() and line.lstrip()[0] != '#']
-    table = np.array([[float(cell) for cell in row] for row in csv.reader(rows)])
-    if table.ndim != 2 or table.shape[1] != 4 + is_exact or not np.isfinite(table).all():  # noqa: PLR2004
-        numbers = 'five' if is_exact else 'four'
-        raise ValueError(f'each line must have {numbers} numbers, {columns}')
-    if not _MIN_POINTS <= len(table) <= _MAX_POINTS:
-        raise ValueError(f'{len(table)} points, not {_MIN_POINTS} to {_MAX_POINTS}')
-    points = [complex(*row) for row in table[:, :2]]
-    if abs(points[0] - points[-1]) < _TOLERANCE:  # the first once more
-        points.pop()
-    width = 2.0 * float(table[:, 2:4].min())
-    return _through(points, width, name, 0.0 if is_exact else _TOLERANCE)
-
-
-def _through(points: list[complex], width: float, name: str, tolerance: float) -> Track:
-    """Return the closed track of arcs past points, as few as stay within `tolerance` [m]."""
+def _fit(points: list[complex], tolerance: float) -> tuple[Pose, list[tuple[float, float]], float]:
+    """Return the start of a closed line, its arcs, and how far the farthest point is from them."""
     before, after = [points[-1], *points[:-1]], [*points[1:], points[0]]
-    if any(p == a for p, a in zip(points, before, strict=True)):
-        raise ValueError('two points in a row are the same')
     # The heading of the circle through a point and its neighbours.
     headings = [
         ((p - a) / abs(p - a) ** 2 + (b - p) / abs(b - p) ** 2)
@@ -382,24 +382,31 @@ def _through(points: list[complex], width: float, name: str, tolerance: float) -
     tangents = [each / abs(each) for each in headings]
     points, tangents = [*points, points[0]], [*tangents, tangents[0]]
     arcs: list[tuple[float, float]] = []
-    deviation, i = 0.0, 0
+    maximum, i = 0.0, 0
     while i < len(points) - 1:
-        j, found, off = i + 1, _biarc(points[i], tangents[i], points[i + 1], tangents[i + 1]), 0.0
-        while tolerance and j + 1 < len(points):
-            trial = _biarc(points[i], tangents[i], points[j + 1], tangents[j + 1])
-            further = _deviation(points[i], tangents[i], trial, points[i + 1 : j + 1])
-            if further > tolerance:
+        found, deviation, last = _biarc(points, tangents, i, i + 1), 0.0, i + 1
+        for j in range(i + 2, len(points) if tolerance else 0):
+            if points[j] == points[i]:
                 break
-            j, found, off = j + 1, trial, further
+            trial = _biarc(points, tangents, i, j)
+            off = _deviation(_pose(points[i], tangents[i]), trial, points[i + 1 : j])
+            if off > tolerance:
+                break
+            found, deviation, last = trial, off, j
         arcs += found
-        deviation, i = max(deviation, off), j
-    lengths, curvatures = zip(*arcs, strict=True)
-    start = Pose(points[0].real, points[0].imag, phase(tangents[0]))
-    return Track(lengths, curvatures, width, name, start, deviation)
+        maximum, i = max(maximum, deviation), last
+    return _pose(points[0], tangents[0]), arcs, maximum
 
 
-def _biarc(p: complex, t: complex, q: complex, u: complex) -> list[tuple[float, float]]:
-    """Return lengths and curvatures of two arcs from `p` to `q`, with headings `t` and `u`."""
+def _pose(point: complex, tangent: complex) -> Pose:
+    return Pose(point.real, point.imag, phase(tangent))
+
+
+def _biarc(
+    points: list[complex], tangents: list[complex], i: int, j: int
+) -> list[tuple[float, float]]:
+    """Return lengths and curvatures of two arcs from point `i` to point `j`."""
+    p, t, q, u = points[i], tangents[i], points[j], tangents[j]
     v, w = q - p, t + u
     dot, bend = (v * w.conjugate()).real, 2.0 * (1.0 - (t * u.conjugate()).real)
     chord = abs(v) ** 2
@@ -416,25 +423,17 @@ def _arc(chord: complex, tangent: complex) -> tuple[float, float]:
     return length, 2.0 * half / length
 
 
-def _deviation(
-    p: complex, t: complex, arcs: Sequence[tuple[float, float]], points: Sequence[complex]
-) -> float:
-    """Return how far the farthest of `points` is from two arcs that begin at `p` along `t`."""
-    poses = [Pose(p.real, p.imag, phase(t))]
-    poses.append(_ahead(poses[0], arcs[0][1], arcs[0][0]))
-
-    frames = [_frame(pose, bend, length) for pose, (length, bend) in zip(poses, arcs, strict=True)]
+def _deviation(start: Pose, arcs: list[tuple[float, float]], points: list[complex]) -> float:
+    """Return how far the farthest of `points` is from two arcs that begin at `start`."""
+    (length, curvature), second = arcs
+    first = _Segment.at(0.0, start, length, curvature)
+    behind = _Segment.at(length, _ahead(start, curvature, length), *second)
 
     def off(point: complex) -> float:
-        found = [_project(frame, point.real, point.imag) for frame in frames]
-        return abs(found[found[0][0] > arcs[0][0]][1])
+        s, e_y = first.project(point.real, point.imag)
+        return abs(behind.project(point.real, point.imag)[1] if s > length else e_y)
 
     return max(map(off, points))
-
-
-def _figure_eight(radius: float) -> tuple[tuple[float, float], ...]:
-    turn = 1.5 * pi * radius
-    return (2.0 * radius, 0.0), (turn, radius), (2.0 * radius, 0.0), (turn, -radius)
 
 
 def l_shape(
@@ -469,5 +468,5 @@ TRACKS = {
     'L': l_shape(),
     'oval': ((50.0, 0.0), (20.0 * pi, 20.0)) * 2,
     'circle': ((40.0 * pi, 20.0),),
-    'figure-eight': _figure_eight(20.0),
+    'figure-eight': ((40.0, 0.0), (30.0 * pi, 20.0), (40.0, 0.0), (30.0 * pi, -20.0)),
 }

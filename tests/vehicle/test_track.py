@@ -116,6 +116,16 @@ def test_arcs_are_fitted_to_a_centre_line(tmp_path: Path) -> None:
     assert track.length == pytest.approx(speeds.sum(), rel=1e-3)
 
 
+def test_a_circle_of_points_is_fitted_by_few_arcs(tmp_path: Path) -> None:
+    t = np.linspace(0.0, 2.0 * pi, 100, endpoint=False)
+    file, header = tmp_path / 'circle.csv', 'x_m,y_m,w_tr_right_m,w_tr_left_m'
+    columns = 50.0 * np.cos(t), 50.0 * np.sin(t), np.full(100, 3.0), np.full(100, 3.0)
+    np.savetxt(file, np.column_stack(columns), delimiter=',', header=header)
+    track = Track.named(str(file))
+    assert (len(track.lengths), track.is_closed) == (4, True)
+    assert track.curvatures == pytest.approx([0.02] * 4)
+
+
 @pytest.mark.parametrize(
     ('text', 'complaint'),
     [
@@ -125,12 +135,19 @@ def test_arcs_are_fitted_to_a_centre_line(tmp_path: Path) -> None:
         ),
         ('length_m,radius_m\n10,1\n', 'an arc of 10 m with radius 1 m is more than a whole turn'),
         ('length_m,radius_m\n5,2\n', 'radius 2 m must be above half of the width, 6 m'),
-        ('length_m,radius_m\n5,x\n', "'5,x' must be two numbers, length_m,radius_m"),
+        ('length_m,radius_m\n5,x\n', "'5,x' must be 2 numbers, length_m,radius_m"),
         ('start_m,grade_deg\n5,2\n', "its header is 'start_m,grade_deg', not 'length_m,radius_m'"),
         ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n1,0,3,3\n', '2 points, not 3 to 10000'),
         ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n0,0,3,3\n1,0,3,3\n', 'two points in a row'),
-        ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3\n1,0,3\n0,1,3\n', 'must have four numbers'),
-        ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n9,0,3,nan\n0,9,3,3\n', 'four numbers'),
+        ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n9,0,3,3\n5,0,3,3\n', 'the line turns back'),
+        (
+            'x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3\n1,0,3\n0,1,3\n',
+            "'0,0,3' must be 4 numbers, x_m,y_m",
+        ),
+        (
+            'x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n9,0,3,nan\n0,9,3,3\n',
+            'each of its numbers must be finite',
+        ),
     ],
 )
 def test_a_file_that_describes_no_track_is_refused(
