@@ -1,18 +1,19 @@
 """Lab 3, lane keeping: the errors beside a track, the steady turn, and a class `Lane` that drives.
 
-A mistake in `Lane` is known by the angles that it returns for each error and curvature alone, and
-its sentence stands before what was measured in the drive.
+The mistakes in a function are in `lane.txt`. Those in `Lane` are in `lane_class.txt`: they are
+known by the angles that it returns for each error and curvature alone, and their sentences stand
+before what was measured in the drive.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from itertools import count
 from math import inf, pi
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -94,10 +95,10 @@ _SATURATED = (0.1, 0.5)  #: share of the steps up to the first distance
 _PROBED = 0.1  #: [m] and [rad] errors
 _CURVATURE = 0.05  #: [1/m]
 _STEER, _E_PSI = steady_turn(_CURVATURE)
-_TURN = Track((2.0 * pi / _CURVATURE,), (_CURVATURE,))
+_LEFT, _RIGHT = (Track((2.0 * pi / _CURVATURE,), (each,)) for each in (_CURVATURE, -_CURVATURE))
 _BEND = Track((50.0, 100.0), (0.0, _CURVATURE))
 _SHIFT = 8  #: [m] at which the curvature may be read
-_NEGLIGIBLE, _NEAR = 1e-6, 1e-3  #: [rad]
+_NEAR = 1e-3  #: [rad]
 _ONE_WRONG = 0.2  #: of the points are left
 _PUT_RIGHT = 'with LaneLQR in its place: '
 
@@ -107,13 +108,10 @@ class LaneCode(JudgedCode):
 
     _lanes = count()
 
-    def new_lane(self, track: Track, sign: float = 1.0) -> int:
-        """Return the number of a new `Lane` on a track; its file is loaded again.
-
-        It reads the curvature times `sign`.
-        """
+    def new_lane(self, track: Track) -> int:
+        """Return the number of a new `Lane` on a track; its file is loaded again."""
         number = next(self._lanes)
-        self.call('make_lane', number, track.starts[1:], [sign * each for each in track.curvatures])
+        self.call('make_lane', number, track.starts[1:], track.curvatures)
         return number
 
     def steer(self, number: int, row: Sequence[float]) -> float:
@@ -134,139 +132,73 @@ class _Law(LaneLaw):
         return self._steer((e_y, e_psi, speed, self._plant.distance))
 
 
-_WRONG_SIGN = {
-    'e_y': 'left of the line (e_y > 0) it steers to the left: is the sign of e_y right?',
-    'e_psi': 'where the car points to the left of the line (e_psi > 0) it steers to the left: is '
-    'the sign of e_psi right?',
-    'curvature': 'in a turn to the left (curvature > 0) it steers to the right: is the sign of the '
-    'curvature right?',
-}
-
-
 class Probes:
-    """What a law returns for each of its inputs alone [rad], and the mirror image of that.
-
-    By these numbers it is known: a mistake is a wrong law that returns the same.
-    """
+    """What a law returns for each of its inputs alone, and which mistakes that shows."""
 
     def __init__(self, code: LaneCode) -> None:
         """Call the law."""
         self.code = code
-        self.rows = {
+        self._rows = {
             'e_y': (_STRAIGHT, _PROBED, 0.0),
             'e_psi': (_STRAIGHT, 0.0, _PROBED),
-            'curvature': (_TURN, 0.0, _E_PSI),  # as in the steady turn
-            'level': (_TURN, 0.0, 0.0),
+            'curvature': (_LEFT, 0.0, _E_PSI),
+            'level': (_LEFT, 0.0, 0.0),
+            'e_y_mirrored': (_STRAIGHT, -_PROBED, 0.0),
+            'e_psi_mirrored': (_STRAIGHT, 0.0, -_PROBED),
+            'curvature_mirrored': (_RIGHT, 0.0, -_E_PSI),
+            'level_mirrored': (_RIGHT, 0.0, 0.0),
+            'against': (_RIGHT, 0.0, _E_PSI),
         }
-        self.outputs = {name: self._output(name) for name in self.rows}
-        self.mirrored = {name: self._output(name, -1.0) for name in self.rows}
-        half = {name: 0.5 * (each - self.mirrored[name]) for name, each in self.outputs.items()}
-        #: For 1 m and 1 rad; of a law that steers back to the line they are negative.
-        self.of_e_y, self.of_e_psi = half['e_y'] / _PROBED, half['e_psi'] / _PROBED
-        self.in_turn, self.level = half['curvature'], half['level']
-        against = code.steer(code.new_lane(_TURN, -1.0), (0.0, _E_PSI, SPEED, 0.0))
-        bend = self.outputs['curvature'] - against
-        if abs(self.outputs['curvature'] - _STEER) <= abs(against - _STEER):
-            bend = abs(bend)  # of a law with a large gain of e_psi
-        effects = {'e_y': -self.of_e_y, 'e_psi': -self.of_e_psi, 'curvature': bend}
-        self.has_effect = any(abs(each) > _NEGLIGIBLE for each in effects.values())
-        #: The inputs whose sign is wrong.
-        self.wrong = [name for name, effect in effects.items() if effect < -_NEGLIGIBLE]
+        self._values: dict[str, Any] = {
+            name: code.steer(code.new_lane(track), (*errors, SPEED, 0.0))
+            for name, (track, *errors) in self._rows.items()
+        }
+        self._values |= {'steer': _STEER, 'steady': _E_PSI, 'late': self._late()}
 
-    @cached_property
-    def late(self) -> int:
-        """How far [m] behind the start of an arc the law begins to steer for it."""
+    def _late(self) -> int:
         number = self.code.new_lane(_BEND)
         for d in range(-_SHIFT, _SHIFT + 1):
-            if _near(self.code.steer(number, (0.0, 0.0, SPEED, 50.0 + d)), self.level):
+            steer = self.code.steer(number, (0.0, 0.0, SPEED, 50.0 + d))
+            if _near(steer, 0.5 * (self._values['level'] - self._values['level_mirrored'])):
                 return d
         return 0
 
-    def _output(self, name: str, sign: float = 1.0) -> float:
-        track, e_y, e_psi = self.rows[name]
-        number = self.code.new_lane(track, sign)
-        return self.code.steer(number, (sign * e_y, sign * e_psi, SPEED, 0.0))
+    def made(self, topic: str) -> list[str]:
+        """Return the sentences of the mistakes of a topic that the law has."""
+        return [
+            self._placed(each.formulas['line']) + each.sentence.format(**self._values)
+            for each in CLASS.mistakes
+            if each.topic == topic
+            and CLASS.compute(self._values, {'made': each.formulas['made']})['made']
+        ]
 
-    def place(self, name: str, *, reads: bool = False) -> str:
+    def _placed(self, name: str) -> str:
         """Return the line that makes the output for an input, or reads the curvature, as a text."""
-        values = [_CURVATURE, -_CURVATURE] if reads else [self.outputs[name]]
-        track, *errors = self.rows[name]
-        line = self.code.line_of(
-            'steer', (self.code.new_lane(track), [(*errors, SPEED, 0.0)]), values, []
-        )
+        track, *errors = self._rows.get(name, self._rows['curvature'])
+        values = [self._values[name]] if name in self._rows else [_CURVATURE, -_CURVATURE]
+        request = self.code.new_lane(track), [(*errors, SPEED, 0.0)]
+        line = self.code.line_of('steer', request, values, [])
         return f'{line}: ' if line else ''
 
     def judge(self) -> tuple[float, str]:
         """Return score and message on the signs and the symmetry."""
-        if self.wrong:
-            first, *others = self.wrong
-            text = '; '.join(_WRONG_SIGN[name] for name in self.wrong)
-            place = self.place(first, reads=first == 'curvature')
-            return 0.0 if others else _ONE_WRONG, place + text
-        if not self.has_effect:
-            return 0.0, f'{self.place("e_y")}the angle is the same for all errors and curvatures'
-        for name, output in self.outputs.items():
-            if abs(output + self.mirrored[name]) > _NEGLIGIBLE:
-                return 0.5, (
-                    f'{self.place(name)}the mirror image of a place does not give the opposite '
-                    f'angle: {output:.6g} and {self.mirrored[name]:.6g} rad for {name}'
-                )
+        if wrong := self.made('Signs'):
+            return _ONE_WRONG if len(wrong) == 1 else 0.0, '; '.join(wrong)
+        for topic, score in (('No effect', 0.0), ('Symmetry', 0.5)):
+            if wrong := self.made(topic):
+                return score, wrong[0]
         return 1.0, 'the signs are right, and the mirror image gives the opposite angle'
+
+    def named(self, topic: str, text: str) -> str:
+        """Return the text after the sentence of the topic's first mistake that the law has."""
+        return '. '.join([*self.made(topic)[:1], text])
 
 
 def _near(one: float, other: float) -> bool:
     return abs(one - other) <= _NEAR
 
 
-class _Mistake(NamedTuple):
-    """A mistake in a law that steers to the right side."""
-
-    sentence: str
-    is_made: Callable[[Probes], bool]
-    shown: str = 'e_y'  #: the input for which the line of the output is named
-    reads: bool = False  #: the line that reads the curvature, instead
-
-
-#: On the way back to a straight.
-_ON_STRAIGHT = (
-    _Mistake(
-        'the output is 57 times too large: is it in degrees? Return radians',
-        lambda p: 45.0 < p.in_turn / _STEER < 70.0,  # noqa: PLR2004
-    ),
-    _Mistake(
-        'the gains are too large: the steering is at its limit for small errors',
-        lambda p: p.of_e_y < -2.0 or p.of_e_psi < -6.0,  # noqa: PLR2004
-    ),
-    _Mistake('e_psi has no effect: add -0.6 * e_psi', lambda p: _near(p.of_e_psi, 0.0)),
-    _Mistake('e_y has no effect: add -0.2 * e_y', lambda p: _near(p.of_e_y, 0.0), 'e_psi'),
-    _Mistake('e_y counts too little: try five times as much', lambda p: p.of_e_y > -0.1),  # noqa: PLR2004
-    _Mistake('e_psi counts too little: try three times as much', lambda p: p.of_e_psi > -0.3),  # noqa: PLR2004
-)
-#: In laps.
-_IN_TURNS = (
-    _Mistake(
-        'the curvature has no effect: add the steering of steady(curvature(0.0)), and take its '
-        'e_psi off e_psi',
-        lambda p: _near(p.level, 0.0) and _near(p.in_turn, p.of_e_psi * _E_PSI),
-        'curvature',
-    ),
-    _Mistake(
-        'in a turn e_psi is not to be 0, but that of steady(curvature)',
-        lambda p: _near(p.level, _STEER) and not _near(p.in_turn, _STEER),
-        'curvature',
-        reads=True,
-    ),
-    _Mistake('the curvature is read {0.late} m too late', lambda p: p.late > 0, 'curvature', True),
-)
-
-
-def _named(mistakes: Sequence[_Mistake], probes: Probes, text: str) -> str:
-    """Return the text after the sentence of the mistake that is made."""
-    for each in mistakes:
-        if each.is_made(probes):
-            place = probes.place(each.shown, reads=each.reads)
-            return f'{place}{each.sentence.format(probes)}. {text}'
-    return text
+CLASS = replace(read_law(Path(__file__).with_name('lane_class.txt')), functions={'near': _near})
 
 
 @cache
@@ -286,11 +218,11 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
         yield Finding('lane.signs', *probes.judge())
         laws: dict[str, Callable[[Plant], LaneController]] = {'': partial(_Law, code)}
         ours = {_PUT_RIGHT: lambda _: LaneLQR()}
-        laws |= ours if probes.wrong else {}
+        laws |= ours if probes.made('Signs') else {}
         score, text, whose = max((*_returned(law), whose) for whose, law in laws.items())
         if score < 1.0:
-            named = _named(_ON_STRAIGHT, probes, text)
-            laws |= ours if named != text and probes.has_effect else {}
+            named = probes.named('On a straight', text)
+            laws |= ours if named != text and not probes.made('No effect') else {}
             text = named
         yield Finding('lane.return', score, f'{whose}{text}')
         for criterion, track, laps in (
@@ -306,7 +238,7 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
             text = f'{describe(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
             shown = None
             if criterion == 'lane.laps':
-                text = _named(_IN_TURNS, probes, text) if score < 1.0 else text
+                text = probes.named('In turns', text) if score < 1.0 else text
                 shown = Evidence(_table(logs['']), partial(_figure, logs['']))
             yield Finding(criterion, score, f'{whose}{text}', shown)
     except UserError as error:
