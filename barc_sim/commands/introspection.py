@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import saving, target
 from barc_sim.cli.parser import ROS_ARGS, call, whole
+from barc_sim.cli.process import has_ros, needs_ros
 from barc_sim.commands import NODES
 from barc_sim.errors import UserError, escaped
 
@@ -182,6 +183,8 @@ def run_node(options: Namespace) -> int:
             f'a node takes no {options.arguments[0]!r}: give its parameters to ROS, as in '
             f'{ROS_ARGS} -p kp:=20.0'
         )
+    if not has_ros():
+        raise needs_ros('barc node')
     module, kind = NODES[options.name]
     make = getattr(import_module(f'barc_sim.nodes.{module}'), kind)
     from barc_sim.ros.process import spin  # noqa: PLC0415

@@ -80,7 +80,7 @@ def test_what_cannot_be_is_one_sentence_and_leaves_no_bag(tmp_path: Path) -> Non
         'topics': 'barc topics',
         'echo /z_vhcl': 'barc echo',
         'param list': 'barc param',
-        'node controller': 'barc node',
+        'node keyboard': 'barc node',
         f'{wrong}controller:kp:=30': 'parameter kp of controller must be of type float, such as',
         f'{wrong}kp:=-2e6': 'parameter kp of controller: -2e+06 is not a number from',
         f'{wrong}kp': "Couldn't parse param rule: 'kp': expected NAME:=VALUE",
