@@ -61,6 +61,8 @@ PAUSE_SIMULATOR = 'vehicle_simulator/pause'  #: stops simulated time, or lets it
 STEP_SIMULATOR = 'vehicle_simulator/step'  #: makes one step while paused
 RESET_CONTROLLER = 'controller/reset'  #: the next call of the controller is its first
 RESET_RELAY = 'relay/reset'  #: forgets the input of the driver and puts the wheel straight
+PAUSE_RECORDER = 'bag_recorder/pause'  #: records nothing until it resumes
+RESUME_RECORDER = 'bag_recorder/resume'  #: records again
 
 # The QoS of rclpy's default, reliable, with a queue of this depth.
 QOS = 100  #: messages: a second at 100 Hz; of every topic of a run

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from barc_sim.bags import names
 from barc_sim.bags.recording import (
     BAG_DIR,
     Recording,
@@ -103,8 +104,8 @@ class BagRecorder(Node):
         self._start(root, path, attachments or {})
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
-        for name, on in (('pause', True), ('resume', False)):
-            self.create_service(Trigger, f'bag_recorder/{name}', partial(self._on_pause, on=on))
+        for name, on in ((names.PAUSE_RECORDER, True), (names.RESUME_RECORDER, False)):
+            self.create_service(Trigger, name, partial(self._on_pause, on=on))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
 
