@@ -14,7 +14,7 @@ from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
 
 from barc_sim.control.cruise_control import GAINS
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, one_line
 from barc_sim.figures.style import (
     BLUE,
     COLOURS,
@@ -36,7 +36,7 @@ from barc_sim.figures.style import (
 )
 from barc_sim.figures.track_figure import track_figure
 from barc_sim.simulation import metrics
-from barc_sim.simulation.log import TrackLog
+from barc_sim.simulation.log import Log, TrackLog
 from barc_sim.simulation.metrics import laps_of
 
 if TYPE_CHECKING:
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import SubFigure
     from numpy.typing import NDArray
-
-    from barc_sim.simulation.log import Log
 
 _POSITION = 'Position along the road [m]'
 JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.
@@ -74,6 +72,12 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     >>> figure = plot(simulate(kp=2.0), simulate(kp=20.0), labels=['kp 2', 'kp 20'])
     >>> figure.savefig('speed.png')
     """
+    for log in logs:
+        if not isinstance(log, Log):
+            raise UserError(
+                f'plot: {one_line(repr(log))} is no log, as simulate() or read_bag() returns: give '
+                'each as an argument of its own'
+            )
     if not logs or any(not len(log) for log in logs):
         raise UserError('plot needs at least one log with a state: give the log of a run')
     names = [*labels, *(f'run {k}' for k in range(len(labels) + 1, len(logs) + 1))][: len(logs)]
