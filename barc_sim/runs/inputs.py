@@ -138,6 +138,9 @@ def _check_laws(options: Namespace, inputs: Inputs) -> None:
         name = 'of lane.py' if code.lane else options.lane or DEFAULT_LANE
         law: Any = UserLane(code) if code.lane else LANE_TYPES[name]()
         _check_gains(f'the law {name}', law, options.lane_gain)
+    for name, _ in options.gain:
+        if getattr(options, name, None) is not None and name in PID.gains:
+            raise UserError(f'--gain {name} and --{name} give the same: give one of the two only')
     kind = options.controller_type or DEFAULT_TYPE
     _check_gains(f'the controller {kind}', TYPES[kind](), gains(options).items())
 
