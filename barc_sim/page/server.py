@@ -199,7 +199,8 @@ def _listen(address: str, port: int) -> socket.socket:
     except OSError as error:
         raise UserError(
             f'the live page cannot be served on port {port} of {address!r} ({error.strerror}): '
-            'choose another with --view-port and --view-host'
+            'choose another with --view-port and --view-host, or of the node view with its '
+            'parameters port and host'
         ) from None
 
 

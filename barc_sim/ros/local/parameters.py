@@ -16,6 +16,8 @@ from barc_sim.ros.local.messages import LACKS, message_type
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
+_OPEN_FILES = Path('/dev/fd')  #: of this process
+
 
 class _Rule(NamedTuple):
     """A remapping, or a parameter, of the nodes that `node` matches; of all where it is empty."""
@@ -85,7 +87,10 @@ def _of_file(file: Path) -> Iterator[_Rule]:
     from barc_sim.bags.bounds import MAX_TEXT, from_yaml
 
     try:
-        text = read_regular(file, MAX_TEXT).decode()
+        if file.parent == _OPEN_FILES:  # such as a pipe of the shell's, `<(…)`
+            text = file.read_text(encoding='utf-8')
+        else:
+            text = read_regular(file, MAX_TEXT).decode()
         for path, value in _flat(from_yaml(text) or {}, ''):
             node, below, name = path.partition('/ros__parameters/')
             if not below:
