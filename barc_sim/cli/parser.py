@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 ROS_ARGS = '--ros-args'
 _ROS_ARGS_HELP = (
-    'Arguments after --ros-args go to ROS, for example '
-    '--ros-args -r __ns:=/car2 -p controller:acceleration_limit:=4.0'
+    'Arguments after --ros-args go to ROS: -p NAME:=VALUE sets a parameter, -r __ns:=/car2 moves '
+    'the nodes into a namespace.'
 )
 MAX_PORT = 65_535
 USAGE_ERROR = 2

@@ -8,7 +8,9 @@ import shutil
 import sys
 import time
 from contextlib import contextmanager, suppress
+from fnmatch import fnmatchcase
 from functools import partial
+from itertools import pairwise
 from platform import platform, python_version
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +23,7 @@ from rclpy.task import Future
 
 from barc_sim import __version__
 from barc_sim.bags.recording import summary
-from barc_sim.cli.parser import barc_path, report
+from barc_sim.cli.parser import barc_path, report, warn
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
 from barc_sim.lab.files import UserCodeError
@@ -190,6 +192,8 @@ class Run:
         if page_of(options) != 'none':
             for number in range(len(self.simulators)):
                 self._serve(number)
+        if not getattr(self.inputs.user_code.relay, 'ros', ''):  # which has parameters of its own
+            _warn_of_unused(options.ros_args, self.nodes)
         if self.recorder:
             self.recorder.discover()
             self.recorder.announce()
@@ -326,6 +330,20 @@ class Run:
     def slipped(self) -> int:
         """Periods by which simulated time has fallen behind the wall clock, of all cars."""
         return sum(each.stepper.slipped for each in self.simulators)
+
+
+def _warn_of_unused(ros_args: list[str], nodes: list[Node]) -> None:
+    """Name each parameter after `--ros-args` that no node has; ROS ignores it."""
+    for option, rule in pairwise(ros_args):
+        target = rule.partition(':=')[0]
+        owner, _, name = target.rpartition(':')
+        pattern = f'/{owner.lstrip("/")}' if owner else '*'
+        matched = (each for each in nodes if fnmatchcase(each.get_fully_qualified_name(), pattern))
+        if option in ('-p', '--param') and not any(each.has_parameter(name) for each in matched):
+            warn(
+                f'-p {target} sets nothing, as no node has this parameter; a name without a node '
+                'sets it in all nodes, also in a namespace'
+            )
 
 
 def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:

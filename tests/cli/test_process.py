@@ -7,18 +7,19 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from command_line import ENVIRONMENT
 
+from barc_sim.bags.reader import info
 from barc_sim.cli.parser import call
 from barc_sim.cli.process import has_ros
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     Start = Callable[..., subprocess.Popen[str]]
     Ready = Callable[[str], subprocess.Popen[str]]
@@ -87,6 +88,23 @@ def test_a_file_that_holds_no_parameters_is_refused(text: str, reason: str, tmp_
     (tmp_path / 'values.yaml').write_text(text)
     done = limited(*LOCAL, '--ros-args', '--params-file', 'values.yaml', cwd=tmp_path)
     assert reason in sentence(done)
+
+
+def test_parameters_come_through_a_pipe_and_one_that_no_node_has_is_named(tmp_path: Path) -> None:
+    reading, writing = os.pipe()
+    os.write(writing, b'/**: {ros__parameters: {kp: 3.0}}')
+    os.close(writing)
+    file, wrong = f'/dev/fd/{reading}', ('controller:kd:=0.2', 'controler:kp:=1.0', 'mas:=1.0')
+    words = ('--ros-args', '--params-file', file, *(w for each in wrong for w in ('-p', each)))
+    command = [sys.executable, '-m', 'barc_sim', *LOCAL, *words]
+    done = subprocess.run(
+        command, cwd=tmp_path, pass_fds=[reading], capture_output=True, text=True, check=True
+    )
+    os.close(reading)
+    named = [line.split()[1:3] for line in done.stderr.splitlines()]
+    assert named == [['-p', 'controler:kp'], ['-p', 'mas']]
+    bag = info(Path(tmp_path, done.stdout.strip()))
+    assert (bag['kp'], bag['kd']) == ('3.0', '0.2')
 
 
 def failing(error: BaseException, cause: BaseException | None = None) -> int:
