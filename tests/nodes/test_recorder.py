@@ -161,7 +161,7 @@ def recording(**settings: Any) -> pytest.MarkDecorator:  # noqa: ANN401 (of any 
     return pytest.mark.parametrize('recorder', [Recording(**settings)], indirect=True)
 
 
-@recording(topics=re.compile('value'), min_free_space=0.0)
+@recording(topics=(re.compile('value'),), min_free_space=0.0)
 def test_what_a_full_disk_refuses_is_lost_also_after_the_node_is_destroyed(
     recorder: BagRecorder, talker: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
