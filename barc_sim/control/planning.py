@@ -129,6 +129,11 @@ def _bending(
     return residuals, bend / speed[:, None] ** 2.5 - 2.5 * (residuals / speed**2)[:, None] * stretch
 
 
+def bending(track: Track) -> float:
+    """Return the integral of the squared curvature over a track [1/m]."""
+    return sum(k * k * length for k, length in zip(track.curvatures, track.lengths, strict=True))
+
+
 def lap_time(track: Track, speed: Callable[[float, float], float]) -> float:
     """Return the time [s] of a flying lap at `speed` [m/s], a function of time and place."""
     n = round(track.length / _STEP)

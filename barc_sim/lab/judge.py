@@ -92,7 +92,7 @@ class Law:
     formulas: Formulas
     mistakes: tuple[Mistake, ...]  #: the likelier ones first
     situations: Mapping[str, tuple[Situation, ...]] = field(default_factory=dict)
-    functions: Mapping[str, Callable[..., Any]] = field(default_factory=dict)  #: of the formulas
+    functions: Mapping[str, Any] = field(default_factory=dict)  #: and arrays, of the formulas
 
     def compute(self, inputs: Inputs, changes: Formulas | None = None) -> dict[str, Floats]:
         """Return all quantities; `changes` replace formulas, and inputs before they are used."""
@@ -107,10 +107,12 @@ class Law:
     def changed(self, inputs: Inputs, mistake: Mistake, at: Sequence[int]) -> list[float]:
         """Return the values that a mistake changes, at an index of the inputs."""
         shape = np.broadcast_shapes(*(np.shape(values) for values in inputs.values()))
+        at = tuple(at[: len(shape)])
         wrong, right = self.compute(inputs, mistake.formulas), self.compute(inputs)
         values = (
-            [float(np.broadcast_to(made[name], shape)[tuple(at)]) for made in (wrong, right)]
+            [float(np.broadcast_to(made[name], shape)[at]) for made in (wrong, right)]
             for name in right
+            if right[name].ndim <= len(shape)
         )
         return [mine for mine, usual in values if mine != usual]
 
@@ -511,27 +513,24 @@ class Lab:
         return Report(found, code.printed, gains, tolerated)
 
 
-_MIN_LOSS = 0.1  #: of a result's points
-
-
 @dataclass(frozen=True)
 class Functions:
     """The functions of a file, with the law of their results; a situation has their names."""
 
     law: Law
-    inputs: Mapping[str, str]  #: that a sentence shows, by function
-    results: Mapping[str, tuple[str, ...]]  #: all numbers that it returns, by function
+    arguments: Mapping[str, str]  #: by function: quantities of the law
+    #: By function: all numbers that it returns; one result alone is all of them, a row for a call.
+    results: Mapping[str, tuple[str, ...]]
     criteria: Mapping[str, str]  #: by result that is judged, in the order of a report
     count: int = 100  #: calls in each situation
     agree: Agree = close
-    #: Makes the arguments of each call of the inputs; without it, they are those.
-    arguments: Callable[[Inputs], list[list[Any]]] | None = None
+    min_loss: float = 0.1  #: of the points of a wrong result
 
     @np.errstate(all='ignore')
     def judge(self, code: JudgedCode, seed: int | str) -> tuple[list[Finding], list[Trial]]:
         """Return a finding for each result that is judged, and all that was returned."""
         trials = [each for name in self.results for each in self._trials(code, name, seed)]
-        judge = Judge(self.law, self.agree, self._shown, partial(self._line, code), _MIN_LOSS)
+        judge = Judge(self.law, self.agree, self._shown, partial(self._line, code), self.min_loss)
         judged = [
             each._replace(got={n: got for n, got in each.got.items() if n in self.criteria})
             for each in trials
@@ -548,19 +547,20 @@ class Functions:
         results = self.results[name]
         for situation in self.law.situations[name]:
             inputs = situation.inputs(seed, self.count)
-            found, failure = np.full((len(results), self.count), np.nan), ''
+            is_row = len(results) == 1
+            size = np.shape(self.law.compute(inputs)[results[0]])[1] if is_row else len(results)
+            found, failure = np.full((self.count, size), np.nan), ''
             try:
-                found = np.array(code.rows(name, self._rows(name, inputs), len(results))).T
+                found = np.array(code.rows(name, self._rows(name, inputs), size))
             except UserError as error:
                 failure = str(error)
-            got = dict(zip(results, found, strict=True))
+            got = dict(zip(results, [found] if is_row else found.T, strict=True))
             yield Trial(situation.name, situation.tests, inputs, got, failure)
 
     def _rows(self, name: str, inputs: Inputs) -> list[list[Any]]:
-        if self.arguments:
-            return self.arguments(inputs)
-        rows: list[list[Any]] = np.array([inputs[n] for n in self.inputs[name].split()]).T.tolist()
-        return rows
+        values = self.law.compute(inputs)
+        columns = [values[each].tolist() for each in self.arguments[name].split()]
+        return [[*row] for row in zip(*columns, strict=True)]
 
     def _function(self, trial: Trial) -> str:
         names = (name for name, results in self.results.items() if {*results} >= {*trial.got})
@@ -569,14 +569,17 @@ class Functions:
     def _line(
         self, code: JudgedCode, trial: Trial, name: str, index: Index, wrong: list[float]
     ) -> str:
-        function, (k,) = self._function(trial), index
+        function, k = self._function(trial), index[0]
         rows = self._rows(function, {n: each[k : k + 1] for n, each in trial.inputs.items()})
         others = [float(self.law.compute(trial.inputs)[n][k]) for n in trial.got if n != name]
         request = function, rows, True  # so that the constants of its file count, too
         return code.line_of('functions', request, wrong, others)
 
     def _shown(self, trial: Trial, index: Index) -> str:
-        function = self._function(trial)
-        names = self.inputs[function].split()
-        values = (f'{name}={trial.inputs[name][index]:.6g}' for name in names)
-        return f'{function}({", ".join(values)})'
+        function, (k, *number) = self._function(trial), index
+        shown = (
+            f'{name}={trial.inputs[name][k]:.6g}' if name in trial.inputs else name
+            for name in self.arguments[function].split()
+        )
+        which = f', number {number[0] + 1},' if number else ''
+        return f'{function}({", ".join(shown)}){which}'

@@ -24,7 +24,7 @@ from barc_sim.commands import GROUPS
 from barc_sim.lab.labs.hills import BIKE, PID_LAW
 from barc_sim.lab.labs.identify import LAW as IDENTIFY
 from barc_sim.lab.labs.lane import LAW as LANE
-from barc_sim.lab.labs.raceline import MISTAKES as RACELINE
+from barc_sim.lab.labs.raceline import LAW as RACELINE
 from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:
@@ -165,12 +165,7 @@ def mistakes() -> Iterator[str]:
         return [(f'`{file}`: {each.topic.lower()}', each.sentence) for each in law.mistakes]
 
     every = [*of('bike_model.py', BIKE), *of('controller.py', PID_LAW), *of('lane.py', LANE)]
-    every += [
-        (f'`raceline.py`: `{name}`', sentence)
-        for name, own in RACELINE.items()
-        for sentence, _ in own
-    ]
-    every += of('identify.py', IDENTIFY)
+    every += [*of('raceline.py', RACELINE), *of('identify.py', IDENTIFY)]
     for title, group in groupby(every, key=lambda each: each[0]):
         yield from (f'## {title}', '')
         sentences = (re.sub(r'(last|over) \d+', r'\1 n', sentence) for _, sentence in group)

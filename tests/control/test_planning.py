@@ -13,7 +13,7 @@ from command_line import printed, refused
 from barc_sim import MPC, LaneLQR, SpeedMPC, Track, lap, racing_line, speed_profile
 from barc_sim.control import planning
 from barc_sim.control.lane import LaneKeeping, steady_turn
-from barc_sim.control.planning import cost_to_go, lap_time
+from barc_sim.control.planning import bending, cost_to_go, lap_time
 from barc_sim.errors import UserError
 from barc_sim.vehicle.plant import Actuator
 
@@ -123,11 +123,6 @@ def test_one_that_is_too_fast_brakes_as_hard_as_it_can() -> None:
 @pytest.fixture(scope='module')
 def line() -> Track:
     return racing_line('L', margin=1.2)
-
-
-def bending(track: Track) -> float:
-    """Return ∫ κ² dl."""
-    return sum(k * k * length for k, length in zip(track.curvatures, track.lengths, strict=True))
 
 
 def test_circle_is_driven_along_its_outer_edge() -> None:

@@ -55,7 +55,7 @@ drag that grows with v | 65 |  | drag is wrong
     smooth**2 -> smooth
 one standard deviation | 84 |  | is it one standard deviation?
     1.96 * -> 1.0 *
-no interval | 75 |  | too narrow
+no interval | 75 |  | return numbers above 0
     1.96 * -> 0.0 *
 three numbers | 40 | def estimate | six finite numbers
     return [drag, half[0], friction, half[1], delay, half[2]] -> return [drag, friction, delay]
@@ -96,7 +96,7 @@ def test_the_bound_is_that_of_a_right_estimate() -> None:
     exec(RIGHT, names)  # noqa: S102 (ours)
     estimate, command = names['estimate'], names['command']
     times = [0.02 * k for k in range(3000)]
-    commands = [command(t) for t in times]  # type: ignore[operator]
+    commands = tuple(command(t) for t in times)  # type: ignore[operator]
     errors, ratios = [], []
     for k in range(12):
         car = car_of(f'bound {k}')

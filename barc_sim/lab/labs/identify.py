@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
+from math import inf
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.judge import Floats, Inputs, Settings, Trial
+    from barc_sim.lab.judge import Floats, Settings, Trial
 
 LABELS = {
     'commands.limits': 'Commands: within the limits',
@@ -49,8 +51,15 @@ _CARS = 5  #: hidden ones
 _SIGMAS = 1.96  #: standard deviations: 95 %
 _WRONG = 0.05  #: share by which a right estimate may be off
 _FULL_SHARE = 0.8  #: of the intervals that hold the truth, for full marks
-_WIDTH = (0.7, 3.0)  #: times the best possible interval
-_ONE_SIGMA = (0.35, 0.7)  #: the same, of one standard deviation
+_WIDE = 3.0  #: times the smallest interval that is possible
+#: Hints on intervals that are up to so many times as wide.
+_HINTS = (
+    (0.0, '; an interval is how far the truth may be off either way: return numbers above 0'),
+    (0.35, '; too narrow: is it a variance?'),
+    (0.7, '; is it one standard deviation? 1.96 of them hold 95 %'),
+    (_WIDE, ''),
+    (inf, '; too wide'),
+)
 _UNITS = {'drag': '1/m', 'friction': 'm/s²', 'delay': 's'}
 _STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the differences
 #: Intervals that a drive can give: full marks up to the first, none from the second on.
@@ -81,15 +90,14 @@ class Car(NamedTuple):
 
         It is the bound of Cramér and Rao; infinite for what the drive does not show.
         """
-        speeds = driven(self, tuple(commands))
+        speeds = driven(self, commands)
         moved = [self._replace(**{n: getattr(self, n) + step}) for n, step in _STEP.items()]
-        changes = np.column_stack([driven(car, tuple(commands)) - speeds for car in moved])
+        changes = np.column_stack([driven(car, commands) - speeds for car in moved])
         deviations: Floats = np.sqrt(np.diag(covariance(changes / [*_STEP.values()])))
         return _SIGMAS * NOISE * deviations
 
 
-@lru_cache(64)
-def driven(car: Car, commands: tuple[float, ...]) -> Floats:
+def driven(car: Car, commands: Sequence[float]) -> Floats:
     """Return the speeds [m/s] at which a car from a standstill gets each command."""
     plant = Plant(road=Road.flat(), vehicle=car.vehicle, motor=Actuator(delay=car.delay))
     speeds = []
@@ -99,42 +107,43 @@ def driven(car: Car, commands: tuple[float, ...]) -> Floats:
     return np.array(speeds)
 
 
+def _usual() -> tuple[float, ...]:
+    """Return commands that show all: a coast-down, then a random sequence of two values."""
+    draw = Random('commands').choice  # noqa: S311 (a simulation, not a secret)
+    commands = [2.0] * 350 + [0.0] * 1400
+    while len(commands) < len(_T):
+        commands += [draw((-1.9, 2.0))] * 15
+    return tuple(commands[: len(_T)])
+
+
+_USUAL = _usual()
+
+
+@lru_cache(64)
+def measured(car: Car, commands: tuple[float, ...] = _USUAL) -> list[float]:
+    """Return the measured speeds [m/s] of a drive."""
+    noise = Random(str(car)).gauss  # noqa: S311 (as above)
+    return [float(v) + noise(0.0, NOISE) for v in driven(car, commands)]
+
+
+def _cars(*parameters: Floats) -> list[Car]:
+    return [Car(*each) for each in zip(*(values.tolist() for values in parameters), strict=True)]
+
+
+def speeds_of(*parameters: Floats) -> Floats:
+    """Return the measured speeds [m/s] of cars, a row for each."""
+    return np.array([measured(car) for car in _cars(*parameters)])
+
+
 LAW = replace(
     read_law(Path(__file__).with_name('identify.txt')),
-    functions={'rint': np.rint, 'floor': np.floor, 'ceil': np.ceil},
+    functions={'speeds_of': speeds_of, 'TIMES': np.array(_T), 'COMMANDS': np.array(_USUAL)},
 )
-_TRUE = tuple(f'true_{name}' for name in Car._fields)
-_HIDDEN = LAW.situations['estimate'][0]
 
 
 def car_of(name: str) -> Car:
     """Return the car of the student of this name."""
-    return _cars(_HIDDEN.inputs(name, 1))[0]
-
-
-def _cars(inputs: Inputs) -> list[Car]:
-    return [Car(*each) for each in zip(*(inputs[name].tolist() for name in _TRUE), strict=True)]
-
-
-def measured(car: Car, commands: Sequence[float]) -> list[float]:
-    """Return the measured speeds [m/s] of a drive."""
-    noise = Random(str(car)).gauss  # noqa: S311 (a simulation, not a secret)
-    return [float(v) + noise(0.0, NOISE) for v in driven(car, tuple(commands))]
-
-
-@cache
-def _usual() -> list[float]:
-    """Return commands that show all: a coast-down, then a random sequence of two values."""
-    draw = Random('commands').choice  # noqa: S311 (as above)
-    commands = [2.0] * 350 + [0.0] * 1400
-    while len(commands) < len(_T):
-        commands += [draw((-1.9, 2.0))] * 15
-    return commands[: len(_T)]
-
-
-def _drives(inputs: Inputs) -> list[list[Any]]:
-    """Return the times, speeds and commands of each car."""
-    return [[_T, measured(car, _usual()), _usual()] for car in _cars(inputs)]
+    return _cars(*LAW.situations['estimate'][0].inputs(name, 1).values())[0]
 
 
 def _agree(got: Floats, right: Floats) -> bool:
@@ -144,12 +153,11 @@ def _agree(got: Floats, right: Floats) -> bool:
 _RESULTS = tuple(name + kind for name in Car._fields for kind in ('', '_interval'))
 FUNCTIONS = Functions(
     LAW,
-    {'estimate': ' '.join(_TRUE)},
+    {'estimate': 't v a'},
     {'estimate': _RESULTS},
     {name: f'estimate.{name}' for name in Car._fields},
     _CARS,
     _agree,
-    _drives,
 )
 
 
@@ -170,63 +178,57 @@ def _figure(car: Car, commands: Sequence[float], found: Sequence[float], title: 
     """Draw the speed, what the estimated car predicts, and the residuals."""
     from barc_sim.figures.identification_figure import identification_figure  # noqa: PLC0415 (slow)
 
-    predicted = driven(Car(*(min(max(each, 0.0), 0.4) for each in found[::2])), tuple(commands))
-    speeds = np.array(_T), np.array(measured(car, commands)), predicted
+    predicted = driven(Car(*(min(max(each, 0.0), 0.4) for each in found[::2])), commands)
+    speeds = np.array(_T), np.array(measured(car, tuple(commands))), predicted
     return identification_figure({'v_x': speeds}, title=title)
 
 
 def _judge(code: JudgedCode, settings: Settings, _: Collection[str]) -> Iterator[Finding]:
     """Yield a finding for each criterion; the cars are those of the seed and the name."""
-    car, commands, fault = car_of(''), _usual(), ''
+    car, commands = car_of(''), None
     try:
         car = car_of(str(code.call('name')))
         commands = _commands(code)
         yield Finding('commands.limits', *_judge_limits(car, commands))
         yield from _judge_information(car, commands)
     except UserError as error:
-        fault = str(error)
-        yield from (Finding(each, 0.0, fault) for each in LABELS if each.startswith('commands'))
-    findings, (trial, *_rest) = FUNCTIONS.judge(code, f'{settings.seed} {car}')
+        yield from (Finding(each, 0.0, str(error)) for each in LABELS if each[:8] == 'commands')
+    findings, (trial,) = FUNCTIONS.judge(code, f'{settings.seed} {car}')
     yield from findings
-    fault = trial.failure or fault
     score, text = (0.0, trial.failure) if trial.failure else _judge_intervals(trial)
     yield Finding('estimate.intervals', score, text)
-    text, drive = f'the plot of the residuals, and two sentences: {BY_EYE}', None
-    if not fault:
-        try:
-            found = code.rows('estimate', [[_T, measured(car, commands), commands]], len(_RESULTS))
-            drive = shown(car, commands, found[0])
-        except UserError as error:
-            text = f'{text} ({error})'
+    drive = None
+    if commands and not trial.failure:
+        with suppress(UserError):
+            row = [_T, measured(car, commands), commands]
+            drive = shown(car, commands, code.rows('estimate', [row], len(_RESULTS))[0])
+    text = f'the plot of the residuals, and two sentences: {BY_EYE}'
     yield Finding('estimate.residuals', 0.0, text, drive, open=True)
 
 
-def _commands(code: JudgedCode) -> list[float]:
+def _commands(code: JudgedCode) -> tuple[float, ...]:
     """Return the commands [m/s²] of 60 s; a UserError if no car can drive with them."""
     commands = numbers_of('command', code.call('functions', 'command', [[t] for t in _T]), len(_T))
     if (size := max(map(abs, commands))) > _NOT_A_CAR:
         raise UserError(f'command returned {size:.3g} m/s²: beyond {_NOT_A_CAR:g} it is not a car')
-    return commands
+    return tuple(commands)
 
 
 def _judge_limits(car: Car, commands: Sequence[float]) -> tuple[float, str]:
     """Judge the size of the commands, and the speeds to which they lead."""
-    speeds, size = driven(car, tuple(commands)), max(map(abs, commands))
-    slow, fast = float(speeds.min()), float(speeds.max())
-    faults = []
-    if size > _MAX_COMMAND + 1e-9:
-        first = int(np.argmax(np.abs(commands) > _MAX_COMMAND + 1e-9))
-        force = ': is it a force? Return an acceleration' if size > _FORCE else ''
-        faults.append(
-            f'the command reaches {size:.3g} m/s², {_MAX_COMMAND:g} m/s² are allowed; '
-            f'the first is at {_T[first]:.2f} s{force}'
-        )
-    if fast > _MAX_SPEED:
-        faults.append(f'the car reaches {fast:.1f} m/s, {_MAX_SPEED:g} m/s are allowed')
-    if slow < -0.05:  # noqa: PLR2004
-        faults.append(f'the car drives backwards, at up to {-slow:.1f} m/s')
-    if not speeds.any():
-        faults.append('the car does not move')
+    speeds, sizes = driven(car, commands), np.abs(commands)
+    slow, fast, size = float(speeds.min()), float(speeds.max()), float(sizes.max())
+    first = _T[int(np.argmax(sizes > _MAX_COMMAND + 1e-9))]
+    force = ': is it a force? Return an acceleration' if size > _FORCE else ''
+    too_large = f'the command reaches {size:.3g} m/s², {_MAX_COMMAND:g} m/s² are allowed; '
+    too_large += f'the first is at {first:.2f} s{force}'
+    checks = (
+        (size > _MAX_COMMAND + 1e-9, too_large),
+        (fast > _MAX_SPEED, f'the car reaches {fast:.1f} m/s, {_MAX_SPEED:g} m/s are allowed'),
+        (slow < -0.05, f'the car drives backwards, at up to {-slow:.1f} m/s'),  # noqa: PLR2004
+        (not speeds.any(), 'the car does not move'),
+    )
+    faults = [text for is_fault, text in checks if is_fault]
     text = '; '.join(faults) or f'at most {size:.3g} m/s², and {fast:.1f} m/s'
     return max(1.0 - 0.5 * len(faults), 0.0), text
 
@@ -245,22 +247,15 @@ def _judge_information(car: Car, commands: Sequence[float]) -> Iterator[Finding]
 @np.errstate(all='ignore')  # of numbers of any size
 def _judge_intervals(trial: Trial) -> tuple[float, str]:
     """Judge whether the intervals hold the truth, and are no wider than need be."""
-    best = np.array([car.intervals(_usual()) for car in _cars(trial.inputs)])
-    errors = [trial.got[name] - trial.inputs[f'true_{name}'] for name in Car._fields]
-    widths = np.column_stack([trial.got[f'{name}_interval'] for name in Car._fields])
-    inside = float(np.mean(np.abs(np.column_stack(errors)) <= widths))
-    width, (low, high) = float(np.median(widths / best)), _WIDTH
-    score = min(inside / _FULL_SHARE, 1.0) * (min(high / width, 1.0) if width > 0.0 else 0.0)
+    true = np.column_stack([*trial.inputs.values()])
+    values, intervals = np.column_stack([*trial.got.values()]).reshape(-1, 3, 2).transpose(2, 0, 1)
+    best = np.array([car.intervals(_USUAL) for car in _cars(*true.T)])
+    inside = float(np.mean(np.abs(values - true) <= intervals))
+    width = float(np.median(intervals / best))
+    hint = next(text for most, text in _HINTS if width <= most)
+    score = share(-inside, -_FULL_SHARE, 0.0) * share(width, _WIDE, 4.0 * _WIDE)
     text = f'{inside:.0%} of the intervals hold the truth; they are {width:.2g} times the smallest '
-    text += 'that is possible'
-    if np.any(widths < 0.0):
-        text += '; an interval is below 0: return how far the truth may be off either way'
-    elif _ONE_SIGMA[0] < width < _ONE_SIGMA[1]:
-        score = min(score, 0.6)
-        text += f'; is it one standard deviation? {_SIGMAS:g} of them hold 95 %'
-    elif not low <= width <= high:
-        text += '; too narrow: is it a variance?' if width < low else '; too wide'
-    return score, text
+    return score, f'{text}that is possible{hint}'
 
 
 IDENTIFY = Lab(

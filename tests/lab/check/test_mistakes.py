@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from barc_sim.lab.judge import Mistake, Trial, close
-from barc_sim.lab.labs import hills, lane
+from barc_sim.lab.labs import hills, lane, raceline
 from barc_sim.lab.labs.hills import BIKE, EQUATIONS, PID_LAW, agree, factor_of, wandering
 from barc_sim.vehicle.bike_model import bikeFE
 
@@ -34,7 +34,11 @@ def test_without_a_mistake_each_equation_is_barc_sims(name: str) -> None:
 
 @pytest.mark.parametrize(
     ('functions', 'mistake'),
-    [(lab, each) for lab in (hills.FUNCTIONS, lane.FUNCTIONS) for each in lab.law.mistakes],
+    [
+        (of, each)
+        for of in (hills.FUNCTIONS, lane.FUNCTIONS, raceline.FUNCTIONS)
+        for each in of.law.mistakes
+    ],
     ids=lambda value: value.sentence[:40] if isinstance(value, Mistake) else '',
 )
 @np.errstate(all='ignore')
