@@ -17,9 +17,7 @@ if TYPE_CHECKING or not (_missing := missing()):
 else:
     warnings.warn(
         f'QuickExecutor is a plain MultiThreadedExecutor here, as this rclpy or machine has no '
-        f'{", ".join(_missing)}: use rclpy 7.1.6 on Linux for a fast one',
+        f'{", ".join(_missing)}: use rclpy 7.1.5 or later of Jazzy, on Linux, for a fast one',
         stacklevel=2,
     )
-
-    class QuickExecutor(MultiThreadedExecutor):
-        """rclpy's own."""
+    QuickExecutor = MultiThreadedExecutor

@@ -20,7 +20,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from barc_sim.ros.executor.rclpy_private import handle_of, message_taker
+from barc_sim.ros.executor.rclpy_private import message_taker
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -89,7 +89,8 @@ def entry_of(entity: Entity, kind: str, node: Node) -> Entry:
     if type(group) is MutuallyExclusiveCallbackGroup:  # its own methods take longer
         begin, end = partial(_claim, group, entity), partial(setattr, group, '_active_entity', None)
     take = next(take for each, take in _TAKES.items() if isinstance(entity, each))
-    return Entry(entity, kind, node, handle_of(entity), take, begin, end)
+    handle = '_EventHandler__event' if isinstance(entity, EventHandler) else 'handle'
+    return Entry(entity, kind, node, getattr(entity, handle, entity), take, begin, end)
 
 
 def _claim(group: MutuallyExclusiveCallbackGroup, entity: Entity) -> bool:

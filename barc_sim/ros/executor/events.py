@@ -149,14 +149,14 @@ class Events:
             if not entry.idle_uses and descriptor != self._shared:
                 entry.in_memory = _counters[descriptor]
                 self._in_memory.append(entry)
-                set_listener(entry.entity, entry.in_memory)
+                set_listener(entry, entry.in_memory)
                 self._queue_counted(descriptor)
 
     def _count_in_descriptors(self) -> None:
         """Have what arrives counted in descriptors again, so that a thread can wait for it."""
         while self._in_memory:
             entry = self._in_memory.pop()
-            set_listener(entry.entity, entry.descriptor)
+            set_listener(entry, entry.descriptor)
             if left := entry.in_memory.value - entry.counted:
                 os.eventfd_write(entry.descriptor, left)
             entry.in_memory.value = entry.counted = 0
@@ -197,7 +197,7 @@ class Events:
         entity = entry.entity
         if isinstance(entity, Timer):
             entry.descriptor = self._wakeup
-            set_listener(entity, self._wakeup)
+            set_listener(entry, self._wakeup)
             entry.on_taken = lambda entry: self._schedule([entry])
             if isinstance(entity.clock, ROSClock):
                 entry.kept = entity.clock.create_jump_callback(_ANY_JUMP, post_callback=self.wake)
@@ -206,7 +206,7 @@ class Events:
             notify_of_triggers(entity, partial(self._signal, entry))
             if was_triggered(entity, entry.node.context):
                 self._signal(entry)
-        elif set_listener(entity, self._shared):
+        elif set_listener(entry, self._shared):
             entry.descriptor, entry.idle_uses = self._shared, _IDLE_USES
             self._counted[self._shared].append(entry)
             if left := getattr(entity, '_arrived', 0):  # counted, but not taken before
@@ -222,7 +222,7 @@ class Events:
         if not entry.idle_uses:
             with suppress(OSError):  # no descriptor is left
                 own = counter()
-                set_listener(entry.entity, own)
+                set_listener(entry, own)
                 self._leave(entry)
                 entry.descriptor, self._counted[own] = own, [entry]
                 self._descriptors.add(own)
@@ -249,7 +249,7 @@ class Events:
         elif entry.descriptor < 0:
             self._waiter.remove(entry)
         else:
-            set_listener(entity, None)
+            set_listener(entry, None)
             if isinstance(entity, Timer):
                 del self._due[entry]
                 if entry.kept:
@@ -264,8 +264,8 @@ class Events:
         """Listen to nothing."""
         self.refresh([])
         self._waiter.close()
-        for descriptor in (self._wakeup, self._shared):
-            retire(descriptor)
+        retire(self._wakeup)
+        retire(self._shared)
         self._descriptors.close()
 
 

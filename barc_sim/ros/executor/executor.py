@@ -20,7 +20,7 @@ from barc_sim.ros.executor.rclpy_private import notify_of_triggers
 from barc_sim.ros.executor.waiting import LASTING, Leadership
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine
+    from collections.abc import Callable, Coroutine
 
     from rclpy.context import Context
     from rclpy.executors import TimeoutObject
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 #: [s] So often a waiting spin looks whether all threads are in callbacks; one in a callback, too.
 _CHECK_PERIOD, _CHECK_PERIOD_INSIDE = 0.5, 0.01
+#: Whether rclpy (7.1.9 and later) resumes a task itself, when the future that it awaits is done.
+_RESUMES = hasattr(MultiThreadedExecutor, '_call_task_in_next_spin')
 #: [s] A thread that has stood by while nothing spun ends after this time.
 _LINGER = 0.05
 
@@ -57,23 +59,11 @@ class QuickExecutor(MultiThreadedExecutor):
     run at the same time at most. Of several entities with messages, each is executed once in turn.
     An exception in a callback ends the spin at once; one in rclpy's own code (a clock's message
     with a time before 1970) is a warning.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> rclpy.init()
-    >>> node, executor = rclpy.create_node('clockwork'), QuickExecutor()
-    >>> timer = node.create_timer(0.01, lambda: print('tick'))
-    >>> executor.add_node(node)
-    True
-    >>> executor.spin_once(timeout_sec=1.0)
-    tick
-    >>> executor.shutdown()
-    True
     """
 
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
         super().__init__(num_threads, context=context)
+        self._tasks: dict[Task, Entry | None] = {}  # the oldest first; its entry: of a callback
         self._spins: set[Spin] = set()  # those that are not over
         self._once: list[Spin] = []  # those of them that wait for their one callback to begin
         self._failures: deque[BaseException] = deque()  # for the spinning threads to raise
@@ -98,9 +88,8 @@ class QuickExecutor(MultiThreadedExecutor):
                 time.sleep(1e-4)
             self._events.close()
             self._leadership.close()
-            for task, entity, _ in self._tasks:
-                if entity is not None:  # a callback's coroutine, which gives its group back
-                    task.cancel()
+            for task in [task for task, entry in self._tasks.items() if entry]:
+                task.cancel()  # a callback's coroutine, which gives its group back
 
     def _fail(self, error: BaseException) -> None:
         self._failures.append(error)
@@ -116,6 +105,19 @@ class QuickExecutor(MultiThreadedExecutor):
                 self._events.refresh(self.get_nodes())
             finally:
                 self._leadership.release()
+
+    def create_task(self, callback: Callable[..., Any], *args: Any, **kwargs: Any) -> Task:  # noqa: ANN401
+        """Have a function or a coroutine function executed, and return its future."""
+        task = Task(callback, args, kwargs, executor=self)
+        self._call_task_in_next_spin(task)
+        return task
+
+    def _call_task_in_next_spin(self, task: Task) -> None:
+        """Step a new task soon, or one whose coroutine yields without a future."""
+        task.seen = self  # nothing
+        self._tasks.setdefault(task)
+        self._change = object()
+        self._events.wake()
 
     def spin(self) -> None:
         """Execute callbacks until the executor or its context is shut down."""
@@ -135,12 +137,13 @@ class QuickExecutor(MultiThreadedExecutor):
         """Execute one callback, or return because the future is done or the time is over."""
         self._spin(getattr(timeout_sec, 'timeout', timeout_sec), future, once=True)
 
-    def shutdown(self, timeout_sec: float | None = None) -> bool:
+    def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
         """Stop, wait for the callbacks that have begun, and end the pool's threads.
 
         Returns False where callbacks still ran after `timeout_sec` (None or negative: no end);
-        call it again then. From within a callback it returns at once.
+        call it again then. From within a callback, or not to wait for threads, it returns at once.
         """
+        timeout_sec = timeout_sec if wait_for_threads else 0.0
         self._is_shutdown = True
         self._end_spins()
         with self._lock:
@@ -170,6 +173,7 @@ class QuickExecutor(MultiThreadedExecutor):
         if future:
             future.add_done_callback(self._events.wake)
         self._spins.add(spin)
+        self._is_spinning = True  # for rclpy's `is_spinning`
         try:
             self._events.wake()
             self._start_stand_by()
@@ -183,6 +187,7 @@ class QuickExecutor(MultiThreadedExecutor):
                     self._end_spins(expired=-inf if leading else time.monotonic())
         finally:
             self._spins.discard(spin)
+            self._is_spinning = bool(self._spins)
             if future:
                 future.remove_done_callback(self._events.wake)  # rclpy leaves it behind
             self._events.wake()
@@ -270,30 +275,32 @@ class QuickExecutor(MultiThreadedExecutor):
         self._leadership.release(0.0 if self._spins or self._is_shutdown else _LINGER)
 
     def _step_tasks(self) -> None:
-        """Step each task that is new or may go on, the newest first, as in rclpy."""
-        nodes = (None, *self.get_nodes())
-        with self._tasks_lock:
-            self._tasks[:] = [
-                each for each in self._tasks if not (each[0].done() or each[0].cancelled())
-            ]
-            tasks = [task for task, _, node in reversed(self._tasks) if node in nodes]
-        once = self._once
-        for task in tasks:
-            if not task.executing() and getattr(task, 'seen', None) is not self._change:
+        """Step each task that is new or may go on, in rclpy's order."""
+        nodes, once = self.get_nodes(), self._once
+        for task, entry in list(self._tasks.items())[:: 1 if _RESUMES else -1]:
+            if task.done() or task.cancelled():
+                self._tasks.pop(task, None)
+                if error := task.exception():
+                    self._fail(error)
+            elif not (
+                task.executing()
+                or task.seen in (None, self._change)
+                or (entry and entry.node not in nodes)
+            ):
                 self._run(None, (self._step, (task,)))
                 if once:
                     break
 
     def _step(self, task: Task, entry: Entry | None = None) -> None:
         """Run a task, or a callback's coroutine for the first time, until it has to wait."""
-        task.seen = self._change
+        task.seen = None if _RESUMES else self._change
         task()
         if task.done():
             self._change = object()
+            self._tasks.pop(task, None)
             task.result()  # raises
         elif entry:
-            with self._tasks_lock:
-                self._tasks.append((task, entry.entity, entry.node))
+            self._tasks[task] = entry
             self._events.wake()
 
     def _execute_ready(self) -> bool:

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from rclpy.context import Context
     from rclpy.guard_condition import GuardCondition
 
+    from barc_sim.ros.executor.entities import Entry
+
 #: By type of entity, the function of rcl that sets its listener.
 LISTENERS: dict[type[Any], str] = {
     Subscription: 'subscription_set_on_new_message',
@@ -47,8 +49,8 @@ _pointer_in = PYFUNCTYPE(c_void_p, py_object, c_char_p)(('PyCapsule_GetPointer',
 #: By module and class, its private names: those that it has, or that its methods use.
 PRIVATE_NAMES = {
     'rclpy.executors': 'await_or_execute ShutdownException ExternalShutdownException',
-    'rclpy.executors:Executor': '_guard _is_shutdown _tasks _tasks_lock _sigint_gc '
-    '_executor_event _wait_for_ready_callbacks',
+    'rclpy.executors:Executor': '_guard _is_shutdown _sigint_gc _executor_event '
+    '_wait_for_ready_callbacks',
     'rclpy.executors:MultiThreadedExecutor': '_executor _take_waitable',
     'rclpy.callback_groups:MutuallyExclusiveCallbackGroup': '_lock _active_entity',
     'concurrent.futures:ThreadPoolExecutor': '_max_workers',
@@ -118,30 +120,23 @@ def _counting(library: str | None, name: str) -> c_void_p:
     return ctypes.cast(getattr(ctypes.CDLL(library), name), c_void_p)
 
 
-def handle_of(entity: Any) -> Any:  # noqa: ANN401 (a class of pybind11)
-    """Return the handle of an entity: the entity itself for other packages' waitables."""
-    attribute = '_EventHandler__event' if isinstance(entity, EventHandler) else 'handle'
-    return getattr(entity, attribute, entity)
-
-
-def set_listener(entity: Any, counter: int | c_int32 | None) -> bool:  # noqa: ANN401
+def set_listener(entry: Entry, counter: int | c_int32 | None) -> bool:
     """Have arrivals at an entity counted in an eventfd or in memory; with None, no longer.
 
     Returns False where there is no listener; what was destroyed needs none. Once one is taken
     back, no thread is left in it. It is set twice, as what arrives during the first call may be
     missed: the second counts it.
     """
-    name = next((name for each, name in LISTENERS.items() if isinstance(entity, each)), '')
+    name = next((name for each, name in LISTENERS.items() if isinstance(entry.entity, each)), '')
     if not name:
         return False
-    handle, set_ = handle_of(entity), _setter(name)
     listener: tuple[Any, Any] = None, None
     if isinstance(counter, int):
         listener = _counting(*_TO_DESCRIPTOR), counter
     elif counter is not None:
         listener = _counting(*_TO_MEMORY), ctypes.byref(counter)
-    with suppress(InvalidHandle), handle:  # destroyed
-        if any(set_(handle.pointer, *listener) for _ in range(2)):
+    with suppress(InvalidHandle), entry.handle:  # destroyed
+        if any(_setter(name)(entry.handle.pointer, *listener) for _ in range(2)):
             _library('librcutils.so').rcutils_reset_error()
             return False
     return True

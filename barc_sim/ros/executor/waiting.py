@@ -133,11 +133,10 @@ class Leadership:
 
     def take_back(self, lent: float) -> bool:
         """Take back what `lend` has lent; return False where another thread has led since."""
-        try:
+        with suppress(ValueError):
             self.free.remove(lent)
-        except ValueError:
-            return False
-        return True
+            return True
+        return False
 
     def release(self, seconds: float = 0.0) -> None:
         """Have the thread that stands by wake up, so many seconds from now, and take it."""

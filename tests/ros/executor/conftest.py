@@ -1,13 +1,17 @@
 """An executor in a context of the test's own, nodes in it, and two ways to spin it."""
 
+# ruff: noqa: SLF001 - rclpy's private names are the point.
+
 from __future__ import annotations
 
 import threading
 from functools import partial
+from inspect import iscoroutine
 from typing import TYPE_CHECKING
 
 import pytest
 from rclpy.node import Node
+from rclpy.task import Future, Task
 
 from barc_sim.ros.executor import QuickExecutor
 
@@ -76,3 +80,44 @@ def spinning(executor: QuickExecutor) -> Iterator[threading.Thread]:
     assert not thread.is_alive()
     if failures:
         raise failures[0]
+
+
+@pytest.fixture(params=[False, True], ids=['installed', '7.1.9'])
+def rclpys_tasks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have tasks resumed as in the rclpy that is installed, and as from rclpy 7.1.9 on.
+
+    There, a coroutine gives the future that it awaits to its task, which adds a done callback.
+    """
+    if request.param:
+        monkeypatch.setattr(Future, '__await__', _await_once)
+        monkeypatch.setattr(Task, '__call__', _step)
+        monkeypatch.setattr('barc_sim.ros.executor.executor._RESUMES', True)
+
+
+def _await_once(future: Future) -> Iterator[Future]:
+    if not (future.done() or future.cancelled()):
+        yield future
+    return future.result()
+
+
+def _step(task: Task, function_step: Callable[[Task], None] = Task.__call__) -> None:
+    if task.done() or task.cancelled() or task.executing():
+        return
+    if not iscoroutine(task._handler):
+        function_step(task)
+        return
+    task._executing = True
+    try:
+        awaited = task._handler.send(None)
+    except StopIteration as end:
+        task.set_result(end.value)
+    except Exception as error:  # noqa: BLE001 - as rclpy does
+        task.set_exception(error)
+    else:
+        executor = task._executor()
+        if awaited is None:
+            executor._call_task_in_next_spin(task)
+        else:
+            awaited._set_executor(executor)
+            awaited.add_done_callback(lambda _: task())
+    task._executing = False

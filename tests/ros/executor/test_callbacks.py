@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
 import traceback
@@ -32,6 +33,7 @@ DEADLINE = 20.0
 GROUPS = pytest.mark.parametrize(
     'group_type', [ReentrantCallbackGroup, MutuallyExclusiveCallbackGroup]
 )
+TASKS = pytest.mark.usefixtures('rclpys_tasks')
 
 
 class Overlap:
@@ -381,6 +383,7 @@ def test_a_group_of_the_users_own_is_asked_whether_it_can_execute(
     until(lambda: heard)
 
 
+@TASKS
 @GROUPS
 def test_a_callback_waits_for_a_future_of_another_callback(
     node: Node, executor: QuickExecutor, until: Until, group_type: type[CallbackGroup]
@@ -404,6 +407,7 @@ def test_a_callback_waits_for_a_future_of_another_callback(
     assert results == ['done']
 
 
+@TASKS
 def test_a_waiting_coroutine_keeps_its_exclusive_group(
     node: Node, executor: QuickExecutor, until: Until
 ) -> None:
@@ -435,6 +439,7 @@ def test_a_waiting_coroutine_keeps_its_exclusive_group(
     assert order == ['begin', 'end', 'other']
 
 
+@TASKS
 def test_tasks_run_and_wait_for_one_another(executor: QuickExecutor, until: Until) -> None:
     async def double(future: Future) -> int:
         return 2 * await future
@@ -485,14 +490,15 @@ def test_what_comes_while_a_coroutine_is_stepped_is_not_missed(
     assert task.result() == 'come'
 
 
+@TASKS
 def test_a_waiting_coroutine_is_left_alone_while_nothing_happens(executor: QuickExecutor) -> None:
-    steps = []
+    steps, future = [], Future()
 
     class Waiting:
-        def __await__(self) -> Iterator[None]:
+        def __await__(self) -> Iterator[Future]:
             while True:
                 steps.append(1)
-                yield
+                yield future
 
     async def wait() -> None:
         await Waiting()
@@ -504,6 +510,21 @@ def test_a_waiting_coroutine_is_left_alone_while_nothing_happens(executor: Quick
     assert 2 <= len(steps) <= 20
 
 
+@pytest.mark.parametrize('rclpys_tasks', [True], indirect=True)
+@TASKS
+def test_a_coroutine_that_only_yields_goes_on_in_the_next_spin(executor: QuickExecutor) -> None:
+    async def yield_thrice() -> str:
+        for _ in range(3):
+            await asyncio.sleep(0)
+        return 'done'
+
+    task = executor.create_task(yield_thrice)
+    executor.spin_until_future_complete(task, 20.0)
+
+    assert task.result() == 'done'
+
+
+@TASKS
 def test_a_cancelled_task_is_dropped(executor: QuickExecutor, until: Until) -> None:
     async def wait() -> None:
         await Future(executor=executor)
@@ -517,6 +538,7 @@ def test_a_cancelled_task_is_dropped(executor: QuickExecutor, until: Until) -> N
     assert task.cancelled()
 
 
+@TASKS
 def test_an_action_is_served_with_feedback_and_can_be_cancelled(
     make_node: Callable[..., Node], until: Until
 ) -> None:
@@ -607,6 +629,7 @@ def while_nothing_else_is_ready(node: Node, _: QuickExecutor) -> None:
     node.create_timer(1e-3, lambda: (waits.wait(0.05), break_down()))
 
 
+@TASKS
 @pytest.mark.parametrize(
     'begin',
     [

@@ -27,6 +27,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from barc_sim.ros.executor import QuickExecutor
+from barc_sim.ros.executor.entities import entry_of
 from barc_sim.ros.executor.rclpy_private import set_listener
 from barc_sim.ros.topics import PolledCallbackGroup
 
@@ -543,10 +544,10 @@ def test_messages_that_are_told_of_together_are_counted_one_by_one(node: Node) -
     publisher = node.create_publisher(Time, 'a', 10)
     for number in range(3):
         publisher.publish(Time(sec=number))
-    counter = c_int32()
+    counter, entry = c_int32(), entry_of(subscription, 'subscriptions', node)
 
-    set_listener(subscription, counter)
-    set_listener(subscription, None)
+    set_listener(entry, counter)
+    set_listener(entry, None)
 
     assert counter.value == 3
 

@@ -107,6 +107,7 @@ def test_shutdown_by_another_thread_waits_for_callbacks(
     assert begun.wait(DEADLINE)
 
     assert not executor.shutdown(timeout_sec=0.01)
+    assert not executor.shutdown(wait_for_threads=False)
     release.set()
     assert executor.shutdown()
     assert ended
