@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 #: Those whose examples need no ROS, and those whose examples do.
 ROOMS = (
     'errors', 'vehicle', 'control', 'simulation', 'tuning', 'learning', 'bags', 'figures',
-    'commands', 'ros', 'nodes',
+    'commands', 'nodes',
 )  # fmt: skip
-NEED_ROS = ('ros', 'nodes')
+NEED_ROS = ('nodes',)
 #: Examples that need an optional package.
 NEED_DAQP = {
     'barc_sim.control.planning.racing_line',
