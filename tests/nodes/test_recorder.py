@@ -128,14 +128,20 @@ def test_records_the_log_and_events_of_constructors(recorder: BagRecorder, talke
 
 
 def test_a_topic_without_a_definition_or_a_type(
-    recorder: BagRecorder, talker: Node, monkeypatch: pytest.MonkeyPatch
+    recorder: BagRecorder,
+    executor: QuickExecutor,
+    talker: Node,
+    spin_until: Callable[[QuickExecutor, Callable[[], object]], None],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def missing(name: str) -> type[Any]:
         raise UserError(f'{name} is missing')
 
     monkeypatch.setattr('barc_sim.ros.topics.definition', {}.__getitem__)
-    talker.create_publisher(Float64, 'value', LATCHED).publish(Float64(data=2.0))
+    publisher = talker.create_publisher(Float64, 'value', LATCHED)
     recorder.discover()
+    spin_until(executor, publisher.get_subscription_count)
+    publisher.publish(Float64(data=2.0))
     monkeypatch.setattr('barc_sim.ros.topics.message_class', missing)
     talker.create_publisher(ColorRGBA, 'color', 10)
     recorder.discover()

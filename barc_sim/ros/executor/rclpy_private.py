@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from rclpy.context import Context
     from rclpy.guard_condition import GuardCondition
 
-    from barc_sim.ros.executor.entities import Entry
-
 #: By type of entity, the function of rcl that sets its listener.
 LISTENERS: dict[type[Any], str] = {
     Subscription: 'subscription_set_on_new_message',
@@ -120,7 +118,7 @@ def _counting(library: str | None, name: str) -> c_void_p:
     return ctypes.cast(getattr(ctypes.CDLL(library), name), c_void_p)
 
 
-def set_listener(entry: Entry, counter: int | c_int32 | None) -> bool:
+def set_listener(entry: Any, counter: int | c_int32 | None) -> bool:  # noqa: ANN401 (an Entry)
     """Have arrivals at an entity counted in an eventfd or in memory; with None, no longer.
 
     Returns False where there is no listener; what was destroyed needs none. Once one is taken
