@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from collections import deque
-from math import cos, hypot, nan, sin
+from math import cos, hypot, isnan, nan, sin
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -146,7 +146,12 @@ class Feed:
     @property
     def is_on_track(self) -> bool:
         """Whether a place on a track has come."""
-        return self._latest[TRACK_STATE][0] == self._latest[TRACK_STATE][0]
+        return not isnan(self._latest[TRACK_STATE][0])
+
+    @property
+    def shown_laps(self) -> Laps | TrackLaps:
+        """The laps so far: of the track, if a place on one has come."""
+        return self.track_laps if self.is_on_track else self.laps
 
     def history(self) -> bytes:
         """Return the rows of the last minute."""
@@ -210,12 +215,15 @@ def rows_of(log: Log) -> bytes:
     }
     if isinstance(completed, TrackLog):
         columns['track_lap'] = completed.lap
-        columns['lap'] = np.array(track_laps_of(completed)[1], dtype=float)
-    else:
-        columns['lap'] = np.array(laps_of(completed)[1], dtype=float)
+    columns['lap'] = np.array(laps_in(completed)[1], dtype=float)
     absent = np.full(len(log), nan)
     rows = [columns.get(name, absent) for name in columns_in(log)]
     return np.column_stack(rows).astype('<f8').tobytes()
+
+
+def laps_in(log: Log) -> tuple[Laps | TrackLaps, list[int]]:
+    """Return the laps of a run, and the number of each state's lap."""
+    return track_laps_of(log) if isinstance(log, TrackLog) else laps_of(log)
 
 
 def columns_in(log: Log) -> tuple[str, ...]:

@@ -24,13 +24,14 @@ from barc_sim.simulation.log import (
     TRACK_STATE,
     columns_of,
 )
+from barc_sim.simulation.metrics import TrackLap, TrackLaps
 from barc_sim.vehicle.bike_model import Vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from barc_sim.control.cruise_control import CruiseControl
-    from barc_sim.simulation.metrics import Lap, Laps, TrackLap, TrackLaps
+    from barc_sim.simulation.metrics import Lap, Laps
     from barc_sim.vehicle.road import Road
     from barc_sim.vehicle.track import Track
 
@@ -287,41 +288,25 @@ def road_facts(road: Road) -> dict[str, list[float]]:
     return {'starts': list(road.starts), 'grades_deg': list(road.grades_deg)}
 
 
-def lap_facts(laps: Laps, gains: Mapping[int, Sequence[str]] | None = None) -> dict[str, Any]:
+def lap_facts(
+    laps: Laps | TrackLaps, gains: Mapping[int, Sequence[str]] | None = None
+) -> dict[str, Any]:
     """Return the present lap, the one before, the best and the number of laps.
 
-    `gains` has, by the number of a lap, the gains that it was driven with, one after another.
+    On a track these are the finished ones, and there are the laps of a table. `gains` has, by the
+    number of a lap, the gains that it was driven with, one after another.
     """
-    laps_shown = {'current': laps.current, 'last': laps.last, 'best': laps.best}
-    return {
-        'count': laps.current.number + 1,
-        **{
-            name: lap and {**_lap(lap), 'gains': ' → '.join((gains or {}).get(lap.number, ())[-2:])}
-            for name, lap in laps_shown.items()
-        },
-    }
 
-
-def track_lap_facts(
-    laps: TrackLaps, gains: Mapping[int, Sequence[str]] | None = None
-) -> dict[str, Any]:
-    """Return the same of the laps of a track, and those of a table."""
-
-    def fields(lap: TrackLap | None) -> dict[str, Any] | None:
-        return lap and {
-            **_finite(lap._asdict()),
-            'time': lap.time if lap.is_finished else None,
-            'gains': ' → '.join((gains or {}).get(lap.number, ())[-2:]),
-        }
+    def fields(lap: Lap | TrackLap | None) -> dict[str, Any] | None:
+        return lap and {**_lap(lap), 'gains': ' → '.join((gains or {}).get(lap.number, ())[-2:])}
 
     last = laps.finished[-1] if laps.finished else None
-    return {
-        'count': len(laps.finished),
-        'current': fields(laps.current),
-        'last': fields(last),
-        'best': fields(laps.best),
-        'table': [fields(lap) for lap in laps.rows],
-    }
+    shown = {'current': laps.current, 'last': last, 'best': laps.best}
+    facts: dict[str, Any] = {name: fields(lap) for name, lap in shown.items()}
+    if isinstance(laps, TrackLaps):
+        table = [fields(lap) for lap in laps.rows]
+        return {'count': len(laps.finished), 'table': table, **facts}
+    return {'count': laps.current.number + 1, **facts}
 
 
 def stretch_facts(lap: Lap) -> list[dict[str, Any]]:
@@ -329,7 +314,9 @@ def stretch_facts(lap: Lap) -> list[dict[str, Any]]:
     return [_finite(asdict(stretch)) for stretch in lap.summary.stretches]
 
 
-def _lap(lap: Lap) -> dict[str, Any]:
+def _lap(lap: Lap | TrackLap) -> dict[str, Any]:
+    if isinstance(lap, TrackLap):
+        return {**_finite(lap._asdict()), 'time': lap.time if lap.is_finished else None}
     summary = lap.summary
     return _finite(
         {

@@ -13,7 +13,7 @@ from websockets.asyncio.server import broadcast
 
 from barc_sim.control.lane import LANE
 from barc_sim.figures.style import Course, driven_road
-from barc_sim.page.feed import columns_in, rows_of
+from barc_sim.page.feed import columns_in, laps_in, rows_of
 from barc_sim.page.protocol import (
     Drive,
     Pause,
@@ -25,11 +25,9 @@ from barc_sim.page.protocol import (
     road_facts,
     stretch_facts,
     track_facts,
-    track_lap_facts,
 )
 from barc_sim.page.server import HOUR, ViewServer, open_page
 from barc_sim.simulation.log import TrackLog
-from barc_sim.simulation.metrics import laps_of, track_laps_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -189,21 +187,16 @@ class RunPage(ViewServer):
                 self._send_status()
         return self.feed.until_next() if self.pages else _SLOW_PERIOD
 
-    def _lap_gains(self) -> dict[int, list[str]]:
-        """Return the gains of each lap, with those of the present one now."""
+    def _lap_facts(self) -> dict[str, Any]:
+        """Return the laps, with the gains that each was driven with."""
         values = self._run.values
         shown = {name: values[name] for name in self._run.gains if name in values}
         now = ', '.join(f'{name.removeprefix(LANE)} {value:g}' for name, value in shown.items())
-        laps = self.feed.track_laps if self.feed.is_on_track else self.feed.laps
+        laps = self.feed.shown_laps
         seen = self._gains.setdefault(laps.current.number, [])
         if now and seen[-1:] != [now]:
             seen.append(now)
-        return self._gains
-
-    def _lap_facts(self) -> dict[str, Any]:
-        if self.feed.is_on_track:
-            return track_lap_facts(self.feed.track_laps, self._lap_gains())
-        return lap_facts(self.feed.laps, self._lap_gains())
+        return lap_facts(laps, self._gains)
 
     def _publish(self, now: float) -> None:
         if command := self._keys.due(now):
@@ -253,20 +246,16 @@ def replay(log: Log, title: str, other: tuple[Log, str] | None = None) -> list[s
         'terms': list(log.terms),
         **(track_facts(Course.driven(log)) if isinstance(log, TrackLog) else {}),
         'replay': {'title': title, 'missed': int(np.count_nonzero(log.missed))},
-        'laps': _laps(log),
+        'laps': lap_facts(laps_in(log)[0]),
     }
     messages: list[str | bytes] = [encode('hello', **fields)]
     if other:
         second, name = other
-        more = encode('other', title=name, columns=columns_in(second), laps=_laps(second))
+        more = encode(
+            'other', title=name, columns=columns_in(second), laps=lap_facts(laps_in(second)[0])
+        )
         messages += [more, rows_of(second)]
     return [*messages, rows_of(log)]
-
-
-def _laps(log: Log) -> dict[str, Any]:
-    if isinstance(log, TrackLog):
-        return track_lap_facts(track_laps_of(log)[0])
-    return lap_facts(laps_of(log)[0])
 
 
 def serve(log: Log, title: str, host: str, port: int, other: tuple[Log, str] | None = None) -> None:

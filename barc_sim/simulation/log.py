@@ -261,9 +261,10 @@ class TrackLog(Log):
     @property
     def lap_times(self) -> Floats:
         """Times of the finished laps [s]; one begins and ends between two states."""
-        first = np.flatnonzero(np.diff(self.lap, prepend=-1.0))
-        times: Floats = np.diff((self.t - self.lap_time)[first])
-        return times
+        first = np.flatnonzero(~(np.diff(self.lap_time, prepend=np.inf) >= 0.0))  # a reset's, too
+        times = np.diff((self.t - self.lap_time)[first])
+        finished: Floats = times[np.diff(self.lap[first]) == 1.0]
+        return finished
 
     @property
     def best(self) -> float:

@@ -216,11 +216,6 @@ class Laps:
         return Lap(self._number, start[0], end[0], start[1], end[1], _summary(*columns))
 
     @property
-    def last(self) -> Lap | None:
-        """The lap before the present one."""
-        return self.finished[-1] if self.finished else None
-
-    @property
     def best(self) -> Lap | None:
         """The finished lap with the minimum RMS error among those that went far enough."""
         laps = [lap for lap in self.finished if isfinite(lap.summary.rms_error_after_run_up)]

@@ -80,6 +80,7 @@ def test_a_reset_begins_a_lap_that_no_time_is_taken_of(log: TrackLog) -> None:
     again = log.map(lambda column: column[rows])
     laps, _ = track_laps_of(again)
     assert [each.time for each in laps.finished[-3:]] == pytest.approx(log.lap_times.tolist())
+    assert again.best == pytest.approx(log.best)
     track_figure(again)
 
 
