@@ -22,6 +22,7 @@ from importlib.util import module_from_spec
 from inspect import Parameter, Signature, signature
 from itertools import islice
 from math import isfinite
+from reprlib import Repr
 from threading import get_ident
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
@@ -54,6 +55,9 @@ NOT_WRITTEN = 'is not written yet (TODO)'
 BY_EYE = 'judge it by eye'
 MAX_COMMANDS = 8000  #: of a relay's run; it has 20 a second
 _SHOWN = 120
+_REPR = Repr()
+_REPR.maxlist = _REPR.maxtuple = 4
+_REPR.maxstring = _REPR.maxother = _SHOWN
 _FLOAT = {float}
 _POLL = 0.05
 _raise_in_thread = ctypes.pythonapi.PyThreadState_SetAsyncExc
@@ -356,10 +360,8 @@ def short_repr(value: object) -> str:
     """Return `value` as text for a sentence, without addresses in memory."""
     if type(value) is float:  # `isinstance` would ask the value
         return f'{value:.9g}' if value % 1.0 else repr(value)
-    return one_line(
-        without_addresses(guarded(repr, value, default=f'<{type(value).__name__} instance>')),
-        _SHOWN,
-    )
+    text = guarded(_REPR.repr, value, default=f'<{type(value).__name__} instance>')
+    return one_line(without_addresses(text), _SHOWN)
 
 
 def describe_error(error: BaseException) -> str:

@@ -236,6 +236,13 @@ def test_gains_that_cannot_be_set_stay(tmp_path: Path) -> None:
     assert math.isnan(pid.read('ki'))
 
 
+def test_a_long_list_is_shown_by_its_first_items(tmp_path: Path) -> None:
+    code = lab(tmp_path, identify='def command(t): pass\ndef estimate(t, v, a): 1 / 0\n')
+    function = UserCode({'identify': code / 'identify.py'}).function('estimate')
+    with pytest.raises(UserCodeError, match=r'estimate\(t=\[0, 1, 2, 3, \.{3}\], v=\[\], a=\[\]\) '):
+        function([*range(3000)], [], [])
+
+
 def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
     (tmp_path / 'a').mkdir()
     (tmp_path / 'b').mkdir()
