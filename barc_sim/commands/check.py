@@ -65,6 +65,7 @@ def run(options: Namespace) -> int:
     path = None if options.no_plot else target(name, FIGURES)
     parts = find_files(folder)  # or a UserError
     rubric = load(options.rubric or handout_of(parts).rubric)
+    rubric.lab.ready()
     wanted = rubric.lab.handout.files
     if parts.keys().isdisjoint(wanted):
         raise UserError(

@@ -84,12 +84,16 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: Namespace) -> int:
     """Write the reports and print the score; return the exit code."""
+    from barc_sim.lab import submission  # noqa: PLC0415
     from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
     from barc_sim.lab.grade import classroom, grade  # noqa: PLC0415
 
     out = options.out.absolute()
-    paths = [path for path in classroom.find(options.submissions) if path.absolute() != out]
+    if out.resolve() == options.submissions.resolve():
+        raise UserError(f'{str(options.out)!r} has the submissions: name another folder with --out')
+    paths = [path for path in submission.find(options.submissions) if path.absolute() != out]
     points = grade.load(options.rubric or _rubric_of(paths))
+    points.lab.ready()
     # Gradescope looks for the files of a single submission in the folder itself.
     alone = paths == [options.submissions.resolve()]
     students = classroom.read_roster(options.roster) if options.roster else []
@@ -118,7 +122,7 @@ def run(options: Namespace) -> int:
 
 def _rubric_of(paths: Iterable[Path]) -> str:
     """Return the usual rubric of the lab of the first submission that has a file of one."""
-    from barc_sim.lab.grade.classroom import read  # noqa: PLC0415
+    from barc_sim.lab.submission import read  # noqa: PLC0415
 
     found = (names_of(read(path).files) for path in paths)
     return handout_of(next(filter(None, found), ())).rubric
@@ -145,7 +149,12 @@ def _collect(
     failures: dict[str, str] = {}
     try:
         for path, outcome in track(
-            outcomes, 'Grading', len(folders), console=stderr, transient=True
+            outcomes,
+            'Grading',
+            len(folders),
+            console=stderr,
+            transient=True,
+            disable=not stderr.is_terminal,
         ):
             folder = folders[path]
             if isinstance(outcome, str):
@@ -259,6 +268,7 @@ def grade_all(
 
 def _grade(path: Path, *how: Any, sandbox: bool) -> Grade:  # noqa: ANN401 (as `report` takes it)
     """Return the grade of the submission at `path`, in a worker process."""
-    from barc_sim.lab.grade import classroom, grade  # noqa: PLC0415
+    from barc_sim.lab.grade.grade import report  # noqa: PLC0415
+    from barc_sim.lab.submission import read  # noqa: PLC0415
 
-    return grade.report(classroom.read(path), *how, sandbox=sandbox)
+    return report(read(path), *how, sandbox=sandbox)

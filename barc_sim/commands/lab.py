@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments, barc_path
 from barc_sim.errors import UserError, escaped
-from barc_sim.lab.files import HANDOUTS, HILLS, MAX_ARCHIVE, Handout, files_in, handout_of
+from barc_sim.lab.files import HANDOUTS, HILLS, Handout, files_in, handout_of
+from barc_sim.lab.submission import MAX_ARCHIVE
 
 if TYPE_CHECKING:
     from argparse import Namespace

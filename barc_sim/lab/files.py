@@ -1,4 +1,4 @@
-"""The files of the labs: handed out, found by name in a folder, read; and the pages of reports.
+"""The files of the labs: handed out, found by name in a folder, and read.
 
 How the parts are judged stands in `labs/`, and the points in `grade/rubrics/`. A user's file is
 read here without running it: its errors, its gains, and whether it is a program of ROS.
@@ -8,42 +8,24 @@ from __future__ import annotations
 
 import ast
 import hashlib
-import os
 import re
-import stat
 import warnings
-from base64 import b64encode
-from dataclasses import dataclass, field
-from functools import cache, partial
 from importlib import resources
 from math import isfinite
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim import __version__
-from barc_sim.cli.files import open_regular, read_regular
-from barc_sim.errors import UserError, escaped, one_line
+from barc_sim.cli.files import read_regular
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
     from types import CodeType
-
-    from jinja2 import Environment
 
 #: The script of Task 3 of the hills lab, which is run as it is.
 COMPOSE = 'compose.py'
 #: The file of a person's points and comments, beside a report.
 BY_HAND = 'by_hand.yaml'
-#: What is handed in beside code, and not read to grade it: plots, films, pages, bags, archives.
-_EVIDENCE = (
-    *('.png', '.jpg', '.jpeg', '.gif', '.svg', '.pdf', '.html', '.mp4', '.mkv', '.mov', '.webm'),
-    *('.mcap', '.db3', '.bag', '.zip', '.tar.gz'),
-)
-MAX_FILE = 1 << 20  #: bytes
-MAX_FILES = 200
-MAX_TOTAL = 8 << 20  #: bytes
-MAX_ARCHIVE = 256 << 20  #: bytes of a .zip
-_MAX_PATH = 200  # bytes of a file's path: any file system holds it
 _MAX_SOURCE = 1_000_000  #: bytes
 _SHOWN = 120  #: characters of a wrong line
 _INDENTATION = re.compile(r'^[ \t]+', re.MULTILINE)
@@ -145,7 +127,8 @@ def find_name(names: Collection[str], part: str) -> str | None:
     if FILES[part] in names:
         return FILES[part]
     stem = _letters(Path(FILES[part]).stem)
-    letters = {name: _letters(name[:-3]) for name in names if name.endswith('.py')}
+    here = [name for name in names if name.endswith('.py') and '/' not in name]
+    letters = {name: _letters(name[:-3]) for name in here}
     similar = [name for name, own in letters.items() if own.startswith(stem) or own.endswith(stem)]
     return similar[0] if len(similar) == 1 else None
 
@@ -359,133 +342,3 @@ def _number(expression: ast.expr | None, constants: Mapping[str, float]) -> floa
     except (ArithmeticError, NameError):
         return None
     return value if isfinite(value) and abs(value) <= _MAX_GAIN else None
-
-
-@dataclass(frozen=True)
-class Submission:
-    """A submission's files, in memory, so that nothing else of its folder can be reached."""
-
-    name: str  #: its folder's or archive's
-    files: dict[str, bytes] = field(default_factory=dict)  #: by path in the folder
-    notes: tuple[str, ...] = ()  #: on files that were left out
-
-    def write(self, folder: Path) -> None:
-        """Write the files into `folder`, which exists."""
-        for name, data in self.files.items():
-            path = folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
-
-
-class Member(NamedTuple):
-    """A file of a submission."""
-
-    path: str  #: in its folder or archive, with slashes
-    read: Callable[[int], bytes]  #: returns so many bytes at most
-    fault: str = ''  #: why it is not read, as the rest of a sentence
-
-
-def listed(folder: Path) -> Iterator[Member]:
-    """Yield the files of a folder, those at its top first."""
-    for directory, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not is_of_tools(name))
-        links = [name for name in folders if Path(directory, name).is_symlink()]
-        for name in sorted([*names, *links]):
-            path = Path(directory, name)
-            if not name.startswith('.'):
-                fault = fault_of(path.lstat().st_mode)
-                yield Member(path.relative_to(folder).as_posix(), partial(_data, path), fault)
-
-
-def is_of_tools(name: str) -> bool:
-    """Return whether a file or folder of this name is made by a tool, and not handed in."""
-    return name.startswith(('.', '__pycache__', '__MACOSX'))
-
-
-def _data(path: Path, size: int) -> bytes:
-    """Return at most `size` bytes of a regular file."""
-    with open_regular(path, follow=False) as file:
-        return file.read(size)
-
-
-def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -> int:
-    """Add the members that a folder can hold to `files`, and notes on the others.
-
-    Return how many there are. Plots, films and bags are left out, of any size.
-    """
-    seen = 0
-    folders = {str(parent) for name in files for parent in PurePosixPath(name).parents}
-    for seen, member in enumerate(members, 1):  # noqa: B007 (counted)
-        if _is_evidence(member.path):
-            continue
-        if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
-            notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
-            break
-        name = one_line(member.path, _MAX_PATH)
-        parents = [str(parent) for parent in PurePosixPath(member.path).parents]
-        if fault := _fault(member, files, folders, parents):
-            notes.append(f'{name} {fault}')
-            continue
-        try:
-            data = member.read(MAX_FILE + 1)
-        except Exception as error:  # noqa: BLE001 (a damaged file can raise any)
-            notes.append(f'{name} cannot be read: {reason_of(error)}')
-            continue
-        if len(data) > MAX_FILE:
-            notes.append(f'{name} has more than {MAX_FILE >> 20} MiB')
-            continue
-        files[member.path] = data
-        folders.update(parents)
-    return seen
-
-
-def _fault(member: Member, files: dict[str, bytes], folders: set[str], parents: list[str]) -> str:
-    """Return why a file cannot be taken, as the rest of a sentence; empty if it can."""
-    path = PurePosixPath(member.path)
-    if path.is_absolute() or '..' in path.parts:
-        return 'leads out of the archive'
-    if '\0' in member.path or not 0 < len(os.fsencode(path)) <= _MAX_PATH:
-        return f'has a name that no file can have: at most {_MAX_PATH} bytes'
-    if member.path in {*files, *folders} or any(parent in files for parent in parents):
-        return 'is there twice: the first is taken'
-    return member.fault
-
-
-def fault_of(mode: int) -> str:
-    """Return why a file of this mode is not read, as the rest of a sentence; empty if it is."""
-    if stat.S_ISLNK(mode):
-        return 'is a link, which is not followed'
-    return '' if stat.S_ISREG(mode) else 'is no regular file'
-
-
-def _is_evidence(path: str) -> bool:
-    """Return whether a file is no part of the code, by its name."""
-    return path.lower().endswith(_EVIDENCE) or PurePosixPath(path).name == 'metadata.yaml'
-
-
-def reason_of(error: Exception) -> str:
-    """Return why a file cannot be read."""
-    return escaped(getattr(error, 'strerror', None) or str(error) or type(error).__name__)
-
-
-def render(page: str, **values: object) -> str:
-    """Return the page of that name in `pages/` as HTML without links; every value is escaped."""
-    return _environment().get_template(f'{page}.html').render(version=__version__, **values)
-
-
-def data_url(kind: str, data: bytes) -> str:
-    """Return an image of the MIME type `kind` as a URL that contains it."""
-    return f'data:{kind};base64,{b64encode(data).decode()}'
-
-
-@cache
-def _environment() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 (not confined)
-
-    return Environment(
-        loader=PackageLoader('barc_sim.lab', 'pages'),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )

@@ -476,6 +476,7 @@ class Lab:
     code: type[JudgedCode]  #: its requests
     parts: Mapping[str, Part]
     by_eye: frozenset[str] = frozenset()  #: criteria that a person judges, with a sum of their own
+    ready: Callable[[], object] = bool  #: a UserError, where what judges it is not installed
 
     @property
     def labels(self) -> dict[str, str]:

@@ -26,7 +26,8 @@ from barc_sim.figures.run_figures import (
 )
 from barc_sim.figures.style import STYLE, use_measurement
 from barc_sim.figures.track_figure import track_figure
-from barc_sim.lab.files import FILES, data_url, render
+from barc_sim.lab.files import FILES
+from barc_sim.lab.pages import data_url, render
 from barc_sim.lab.user_code.code import attached
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import RUN_UP, SETTLING_BAND, laps_of

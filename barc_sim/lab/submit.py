@@ -12,8 +12,9 @@ import numpy as np
 from barc_sim.bags import contents, reader
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
-from barc_sim.lab.files import files_in, handout_of, listed, names_of, take
+from barc_sim.lab.files import files_in, handout_of, names_of
 from barc_sim.lab.report import page, read
+from barc_sim.lab.submission import listed, take
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import RUN_UP
 
@@ -92,9 +93,7 @@ def _is_by_hand(bag: Path) -> bool:
 
 def _code(folder: Path) -> Iterator[Part]:
     """Yield what `grade` reads of the folder, and a line for each file that is not written."""
-    files: dict[str, bytes] = {}
-    notes: list[str] = []
-    take(listed(folder), files, notes)
+    files, notes = take(listed(folder))
     names = [name for name in files if name.endswith('.py')]
     others = len(files) - len(names)
     text = ', '.join(names) + (f', other files: {others}' if others else '')

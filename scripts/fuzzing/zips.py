@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from _bytes import TEXTS, damage, number
 
-from barc_sim.lab.grade.classroom import read
+from barc_sim.lab.submission import read
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,11 +9,11 @@ from student_code import WORKS, Work
 from user_files import judged_file
 
 from barc_sim.lab.confined.process import Limits
-from barc_sim.lab.grade.classroom import read
 from barc_sim.lab.grade.grade import ByHand, load, report
 from barc_sim.lab.judge import Settings
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.relay import LABELS as RELAY
+from barc_sim.lab.submission import read
 
 if TYPE_CHECKING:
     from pathlib import Path

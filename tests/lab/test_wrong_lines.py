@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from command_line import refused
 from user_files import RACELINE as TEXT
 from user_files import LocalCode, read_programs, replaced
 
@@ -143,11 +144,10 @@ def test_a_line_beyond_the_edges_is_refused() -> None:
         through([3.0] * POINTS)
 
 
+@pytest.mark.parametrize('command', ['check', 'grade'])
 def test_without_daqp_one_sentence_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
     (tmp_path / 'raceline.py').write_text(TEXT, encoding='utf-8')
     monkeypatch.setitem(sys.modules, 'daqp', None)
-    code = LocalCode(UserCode(files_in(tmp_path), budget=None))
-    with pytest.raises(UserError, match=r"pip install 'barc_sim\[mpc\]'"):
-        RACELINE.judge(code, RUBRIC.settings)
+    assert "pip install 'barc_sim[mpc]'" in refused(command, str(tmp_path))

@@ -1,7 +1,4 @@
-"""A class: its submissions and roster, and its grades as a list, a gradebook and an HTML page.
-
-No name, link or size in a submission is trusted. Archives are read in this process, by Python's own
-zipfile, within bounds on what it reads at once.
+"""A class: its roster, and its grades as a list, a gradebook and an HTML page.
 
 Task 3 is on top: its points have a sum and a mean of their own, so that no mean is of 100 for some
 and of 120 for others.
@@ -13,42 +10,23 @@ import csv
 import io
 import re
 import secrets
-import stat
 import unicodedata
-import zipfile
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import PurePosixPath
 from statistics import mean, median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.cli.files import open_regular, read_regular
-from barc_sim.errors import UserError, escaped, one_line
-from barc_sim.lab.files import (
-    FILES,
-    MAX_ARCHIVE,
-    Member,
-    Submission,
-    fault_of,
-    is_of_tools,
-    listed,
-    names_of,
-    reason_of,
-    render,
-    take,
-)
+from barc_sim.cli.files import read_regular
+from barc_sim.errors import UserError, one_line
 from barc_sim.lab.grade.grade import LABELS
+from barc_sim.lab.pages import render
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from barc_sim.lab.grade.grade import Grade, Rubric
 
-_MAX_NOTES = 10
-MAX_ENTRIES = 2000  #: files of an archive
-# Bytes of it at once: more than a file, and than a directory of so many entries.
-_MAX_READ = 2 << 20
 _MAX_ROSTER = 4 << 20  # bytes
 #: The headers of a column, in lower case: those of Canvas and of Gradescope among them.
 _HEADERS = {
@@ -66,133 +44,6 @@ _PLACE = re.compile(r'^(call \d+, after [\d.]+ s on the road: )?([\w .()-]+\.py,
 # What a spreadsheet takes for a formula, after any separator that it splits at.
 _FORMULA = re.compile(r'(^|[;,\t|])([\s"\'\\]*)(?=[=+\-@])')
 _CANVAS = ('Student', 'ID', 'SIS User ID', 'SIS Login ID', 'Section')
-
-
-def find(path: Path) -> list[Path]:
-    """Return the submissions at `path`: itself, or each entry of the folder, by name.
-
-    What is no folder and no archive is one, too, so that nothing handed in is overlooked; hidden
-    files are not. Only `path` itself may be a link, because the grader has typed it.
-    """
-    if path.exists() and not path.is_dir() and is_archive(path):
-        return [path.resolve()]
-    if not path.is_dir():
-        raise UserError(
-            f'there is no folder {str(path)!r}: name one submission, or a folder of them'
-        )
-    found = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
-    several = any(entry.is_dir() or is_archive(entry) for entry in found)
-    names = [entry.name for entry in found]
-    if names_of(names) if not several else any(name in names for name in FILES.values()):
-        return [path.resolve()]
-    if not several:
-        raise UserError(
-            f'{str(path)!r} is no submission and holds none: expected '
-            f'{" or ".join(FILES.values())} in it, or a folder for each submission'
-        )
-    return found
-
-
-def read(path: Path) -> Submission:
-    """Read the submission at `path`; its notes name all that cannot be read."""
-    files: dict[str, bytes] = {}
-    notes: list[str] = []
-    try:
-        if fault := _unreadable(path):
-            notes.append(fault)
-        elif not (
-            take(listed(path), files, notes) if path.is_dir() else _unpack(path, files, notes)
-        ):
-            notes.append('it is empty')
-    except Exception as error:  # noqa: BLE001 (a submission decides what opening it raises)
-        notes.append(f'it cannot be read: {reason_of(error)}')
-    if len(notes) > _MAX_NOTES:
-        notes[_MAX_NOTES:] = [f'and {len(notes) - _MAX_NOTES} more']
-    return Submission(escaped(path.name), files, tuple(notes))
-
-
-def _unreadable(path: Path) -> str:
-    """Return why a submission is not opened; empty for a folder or an archive."""
-    status = path.lstat()
-    if path.is_dir() and not path.is_symlink():
-        return ''
-    if fault := fault_of(status.st_mode):
-        return f'it {fault}: hand in a .zip or a folder'
-    if not is_archive(path):
-        return f'a single {path.suffix} file cannot be graded: hand in a .zip or a folder'
-    too_big = f'it has more than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
-    return too_big if status.st_size > MAX_ARCHIVE else ''
-
-
-def is_archive(path: Path) -> bool:
-    """Return whether the name of `path` is one of an archive that can be opened."""
-    return path.name.lower().endswith('.zip')
-
-
-class _Bounded(io.FileIO):
-    """A file of which no reader gets much at once, such as a directory of a million entries."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """Return at most `size` bytes."""
-        more = _MAX_READ + 1
-        data = super().read(more if size is None or size < 0 else min(size, more))
-        if len(data) == more:
-            raise OverflowError(f'it holds more than {MAX_ENTRIES} files')
-        return data
-
-
-def _unpack(path: Path, files: dict[str, bytes], notes: list[str]) -> int:
-    """Take the files of an archive; of a damaged one, reading it can raise any exception."""
-    with (
-        open_regular(path, follow=False) as file,
-        _Bounded(file.fileno(), closefd=False) as bounded,
-        zipfile.ZipFile(bounded) as archive,
-    ):
-        infos = [info for info in archive.infolist() if not info.is_dir()]
-        if len(infos) > MAX_ENTRIES:
-            raise OverflowError(f'it holds more than {MAX_ENTRIES} files')
-        members = [_zipped(archive, info) for info in infos]
-        return take(_from_the_graded(members, notes), files, notes)
-
-
-def _zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
-    """Return a member of an archive; those of uncommon methods could take any memory."""
-
-    def content(size: int) -> bytes:
-        with archive.open(info) as file:
-            return file.read(size)
-
-    kind = stat.S_IFMT(info.external_attr >> 16) or stat.S_IFREG
-    fault = fault_of(kind)
-    if not fault and info.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
-        fault = 'is packed in an uncommon way: hand in an ordinary .zip'
-    # Some of Windows write backslashes.
-    return Member(info.filename.replace('\\', '/'), content, fault)
-
-
-def _from_the_graded(members: list[Member], notes: list[str]) -> Iterator[Member]:
-    """Yield the files in the folder of the first graded file, and below."""
-    folders: dict[PurePosixPath, list[str]] = {}
-    for path in (PurePosixPath(member.path) for member in members):
-        if not any(map(is_of_tools, path.parts)):
-            folders.setdefault(path.parent, []).append(path.name)
-    copies = {
-        folder: names for folder, all_ in folders.items() if (names := [*names_of(all_).values()])
-    }
-    top = min(copies, key=lambda folder: len(folder.parts), default=PurePosixPath())
-    notes += [
-        f'{escaped(str(folder / name))} is not graded: {escaped(str(top / copies[top][0]))} comes '
-        'first'
-        for folder, names in copies.items()
-        for name in names
-        if folder != top
-    ]
-    for member in members:
-        path = PurePosixPath(member.path)
-        if '..' in path.parts or path.is_absolute():
-            yield member
-        elif top in path.parents and not any(map(is_of_tools, path.relative_to(top).parts)):
-            yield member._replace(path=path.relative_to(top).as_posix())
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,7 +245,7 @@ def canvas(found: Sequence[Entry], rubric: Rubric) -> str:
     """
     tasks = _tasks(rubric, one_line(rubric.title, 70) or 'Lab')
     worth = {task.title: task.worth for task in tasks}
-    rows: list[dict[str, object]] = [{'Student': '    Points Possible', **worth}]
+    rows: list[dict[str, object]] = [{'Student': 'Points Possible', **worth}]
     of_students: dict[Student, list[Entry]] = {}
     for each in found:
         if each.student:

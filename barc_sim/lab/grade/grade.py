@@ -20,19 +20,20 @@ import yaml
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, escaped, one_line
-from barc_sim.lab.files import BY_HAND, RUBRICS, data_url, names_of, render
+from barc_sim.lab.files import BY_HAND, RUBRICS, names_of
 from barc_sim.lab.judge import Settings, Thresholds
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.identify import IDENTIFY
 from barc_sim.lab.labs.lane import LANE
 from barc_sim.lab.labs.raceline import RACELINE
+from barc_sim.lab.pages import data_url, render
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from barc_sim.lab.confined.process import Limits
-    from barc_sim.lab.files import Submission
     from barc_sim.lab.judge import Evidence, Finding, Lab
+    from barc_sim.lab.submission import Submission
 
     _Read = Callable[[str, object], Any]
 
@@ -123,13 +124,13 @@ def nothing_entered(rubric: Rubric) -> str:
 
 def _by_hand(rubric: Rubric, values: object) -> ByHand:
     found = _mapping('it', values or {}, {'comment': _any, 'points': _any})
-    criteria = dict.fromkeys(rubric.points, _entry)
+    criteria = {name: partial(_entry, worth) for name, worth in rubric.points.items()}
     points = _mapping('points', found.get('points') or {}, criteria)
     given = {name: entry for name, entry in points.items() if entry}
     return ByHand(given, one_line(str(found.get('comment') or ''), _MAX_COMMENT))
 
 
-def _entry(name: str, value: object) -> tuple[float, str] | None:
+def _entry(worth: float, name: str, value: object) -> tuple[float, str] | None:
     if value is None:
         return None
     number, _, comment = str(value).partition(' ')
@@ -137,10 +138,10 @@ def _entry(name: str, value: object) -> tuple[float, str] | None:
         points = float(number)
     except ValueError:
         points = -1.0
-    if not 0.0 <= points < inf:
+    if not 0.0 <= points <= worth:
         raise ValueError(
-            f'{name} is {value!r}: expected points such as 4.5, and after a space a comment if you '
-            'like'
+            f'{name} is {value!r}: expected points from 0 to {worth:g}, and after a space a '
+            'comment if you like'
         )
     return points, one_line(comment, _MAX_COMMENT)
 
@@ -296,9 +297,8 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     """
     notes = submission.notes
     files = names_of(submission.files).values()
-    if not files:
-        wanted = ' or '.join(rubric.lab.handout.files.values())
-        notes = (f'it has no {wanted} at its top', *notes)
+    if not (files or notes):
+        notes = (f'it has no {", ".join(rubric.lab.handout.files.values())}',)
     if not sandbox:
         notes = (*notes, 'its code was not confined, as --unconfined asks for')
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:

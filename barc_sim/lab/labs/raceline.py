@@ -180,8 +180,7 @@ def _judge_line(code: JudgedCode, seed: int) -> Iterator[Finding]:
 
 
 def _judge(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
-    """Yield a finding for each criterion; UserError where daqp is not installed."""
-    solver()
+    """Yield a finding for each criterion."""
     speed, *mpc = FUNCTIONS.judge(code, settings.seed)[0]
     yield speed
     if any(name.startswith('line.') for name in criteria):
@@ -195,4 +194,5 @@ RACELINE = Lab(
     JudgedCode,
     {'raceline': Part(LABELS, _judge)},
     by_eye=frozenset({'line.gain'}),
+    ready=solver,
 )

@@ -8,9 +8,9 @@ import pytest
 from relays import ROS_2
 
 from barc_sim.lab.confined.process import Limits
-from barc_sim.lab.grade.classroom import read
 from barc_sim.lab.grade.grade import grade, load
 from barc_sim.lab.labs.hills import HillsCode
+from barc_sim.lab.submission import read
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import refused
 
 from barc_sim.__main__ import main as barc
 from barc_sim.commands import grade as command
@@ -84,8 +85,9 @@ def test_a_roster_without_names_is_refused(tmp_path: Path, text: str | None) -> 
     ('text', 'sentence'),
     [
         ('points: {model.z: 3}', "'model.z' is unknown: expected one of model.x"),
-        ('points: {model.x: much}', "model.x is 'much': expected points such as 4.5"),
+        ('points: {model.x: much}', "model.x is 'much': expected points from 0 to 8, and"),
         ('points: {model.x: -1}', 'model.x is -1: expected points'),
+        ('points: {model.x: 80 good}', "model.x is '80 good': expected points from 0 to 8"),
         ('points: {model.x: nan}', "model.x is 'nan': expected points"),
         ('points: [', 'is not YAML: while parsing'),
         ('- 1', 'it is [1]: expected lines'),
@@ -152,6 +154,15 @@ def test_grading_again_loses_nothing(
     before = (out / 'class.csv').read_bytes()
     assert barc(['grade', str(made / BOB), '--rubric', str(rubric), '--out', str(out)]) == 0
     assert (out / 'class.csv').read_bytes() == before  # of the class, and not of one
+
+
+def test_nothing_is_written_beside_what_is_handed_in(folder: Callable[..., Path]) -> None:
+    path = folder('ada', bike_model=MODEL)
+    for submissions in (path, path.parent):
+        assert 'has the submissions: name another folder' in refused(
+            'grade', str(submissions), '--out', str(submissions)
+        )
+    assert [file.name for file in path.rglob('*')] == ['bike_model.py']
 
 
 def test_a_fault_of_the_grader_does_not_stop_the_others(

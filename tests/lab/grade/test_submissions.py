@@ -11,8 +11,7 @@ import pytest
 from bombs import BOMBS
 
 from barc_sim.errors import UserError
-from barc_sim.lab.files import MAX_FILE, MAX_FILES
-from barc_sim.lab.grade.classroom import find, read
+from barc_sim.lab.submission import MAX_FILE, MAX_FILES, find, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,6 +33,20 @@ def test_a_file_of_a_similar_name_is_found_as_it_is_by_check(
 
     assert find(path) == [path]
     assert read(archive).files == {'Bike_Model.py': b'1'}
+
+
+@pytest.mark.parametrize('is_archive', [False, True])
+def test_code_in_a_folder_within_is_found(tmp_path: Path, *, is_archive: bool) -> None:
+    path = tmp_path / 'eve.zip'
+    files = {'lab/relay.py': b'1', 'lab/data/a.csv': b'2', 'lab/old/relay.py': b'3', 'b.txt': b'4'}
+    if is_archive:
+        zipped(path, **files)
+    for name in () if is_archive else files:
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        (path / name).write_bytes(files[name])
+    submission = read(path)
+    assert submission.files == {'relay.py': b'1', 'data/a.csv': b'2', 'old/relay.py': b'3'}
+    assert submission.notes == ('lab/old/relay.py is not graded: lab/relay.py comes first',)
 
 
 def test_a_link_that_the_grader_names_is_followed(
@@ -61,8 +74,11 @@ def test_every_entry_of_a_folder_is_a_submission(
 def test_where_there_is_none_is_said(tmp_path: Path) -> None:
     with pytest.raises(UserError, match='is no submission and holds none'):
         find(tmp_path)
-    with pytest.raises(UserError, match=r"there is no folder '.*nowhere'"):
+    with pytest.raises(UserError, match=r"there is no folder '.*nowhere': name one submission"):
         find(tmp_path / 'nowhere')
+    (tmp_path / 'relay.py').touch()
+    with pytest.raises(UserError, match=r"relay.py' is a file: name one submission"):
+        find(tmp_path / 'relay.py')
 
 
 def test_a_folder_gives_its_own_files_and_a_note_on_what_is_none(

@@ -1,0 +1,278 @@
+"""What is handed in: the files of a folder or a .zip, found and read with care.
+
+No name, link or size in it is trusted. Archives are read in this process, by Python's own zipfile,
+within bounds on what it reads at once.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import stat
+import zipfile
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, NamedTuple
+
+from barc_sim.cli.files import open_regular
+from barc_sim.errors import UserError, escaped, one_line
+from barc_sim.lab.files import FILES, names_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+#: What is handed in beside code, and not read to grade it: plots, films, pages, bags, archives.
+_EVIDENCE = (
+    *('.png', '.jpg', '.jpeg', '.gif', '.svg', '.pdf', '.html', '.mp4', '.mkv', '.mov', '.webm'),
+    *('.mcap', '.db3', '.bag', '.zip', '.tar.gz', '/metadata.yaml'),
+)
+MAX_FILE = 1 << 20  #: bytes
+MAX_FILES = 200
+MAX_TOTAL = 8 << 20  #: bytes
+MAX_ARCHIVE = 256 << 20  #: bytes of a .zip
+MAX_ENTRIES = 2000  #: files of an archive, and of a folder that are looked at
+# Bytes of an archive at once: more than a file, and than a directory of so many entries.
+_MAX_READ = 2 << 20
+_MAX_PATH = 200  # bytes of a file's path: any file system holds it
+_MAX_NOTES = 10
+_SHOWN = 60  # characters of a file's path
+
+
+@dataclass(frozen=True)
+class Submission:
+    """A submission's files, in memory, so that nothing else of its folder can be reached."""
+
+    name: str  #: its folder's or archive's
+    files: dict[str, bytes] = field(default_factory=dict)  #: by path in the folder
+    notes: tuple[str, ...] = ()  #: on files that were left out
+
+    def write(self, folder: Path) -> None:
+        """Write the files into `folder`, which exists."""
+        for name, data in self.files.items():
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+
+
+def find(path: Path) -> list[Path]:
+    """Return the submissions at `path`: itself, or each entry of the folder, by name.
+
+    What is no folder and no archive is one, too, so that nothing handed in is overlooked; hidden
+    files are not. Only `path` itself may be a link, because the grader has typed it.
+    """
+    if not path.is_dir():
+        if path.exists() and _is_archive(path):
+            return [path.resolve()]
+        fault = f'{str(path)!r} is a file' if path.exists() else f'there is no folder {str(path)!r}'
+        raise UserError(f'{fault}: name one submission (a folder or a .zip), or a folder of them')
+    found = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
+    several = any(entry.is_dir() or _is_archive(entry) for entry in found)
+    names = [entry.name for entry in found]
+    if names_of(names) if not several else any(name in names for name in FILES.values()):
+        return [path.resolve()]
+    if not several:
+        raise UserError(
+            f'{str(path)!r} is no submission and holds none: expected '
+            f'{" or ".join(FILES.values())} in it, or a folder for each submission'
+        )
+    return found
+
+
+def read(path: Path) -> Submission:
+    """Read the submission at `path`; its notes name all that cannot be read."""
+    files: dict[str, bytes] = {}
+    notes: list[str] = []
+    try:
+        if fault := _unreadable(path):
+            notes.append(fault)
+        else:
+            with _members(path) as members:
+                chosen = _beside_the_code(members, notes)
+                files, left_out = take(chosen)
+            notes += left_out if members else ['it is empty']
+    except Exception as error:  # noqa: BLE001 (a submission decides what opening it raises)
+        notes.append(f'it cannot be read: {_reason_of(error)}')
+    if len(notes) > _MAX_NOTES:
+        notes[_MAX_NOTES:] = [f'and {len(notes) - _MAX_NOTES} more']
+    return Submission(escaped(path.name), files, tuple(notes))
+
+
+def _unreadable(path: Path) -> str:
+    """Return why a submission is not opened; empty for a folder or an archive."""
+    status = path.lstat()
+    if stat.S_ISDIR(status.st_mode):
+        return ''
+    if fault := _fault_of(status.st_mode):
+        return f'it {fault}: hand in a .zip or a folder'
+    if not _is_archive(path):
+        return f'a single {path.suffix} file cannot be graded: hand in a .zip or a folder'
+    too_big = f'it has more than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
+    return too_big if status.st_size > MAX_ARCHIVE else ''
+
+
+def _is_archive(path: Path) -> bool:
+    """Return whether the name of `path` is one of an archive that can be opened."""
+    return path.name.lower().endswith('.zip')
+
+
+class Member(NamedTuple):
+    """A file of a submission."""
+
+    path: str  #: in its folder or archive, with slashes
+    read: Callable[[int], bytes]  #: returns so many bytes at most
+    fault: str = ''  #: why it is not read, as the rest of a sentence
+
+
+@contextmanager
+def _members(path: Path) -> Iterator[list[Member]]:
+    """Give the files of a folder or an archive; with a damaged one, any exception can be raised."""
+    if path.is_dir():
+        yield [*islice(listed(path), MAX_ENTRIES)]
+        return
+    with (
+        open_regular(path, follow=False) as file,
+        _Bounded(file.fileno(), closefd=False) as bounded,
+        zipfile.ZipFile(bounded) as archive,
+    ):
+        infos = [info for info in archive.infolist() if not info.is_dir()]
+        if len(infos) > MAX_ENTRIES:
+            raise OverflowError(f'it holds more than {MAX_ENTRIES} files')
+        yield [_zipped(archive, info) for info in infos]
+
+
+def listed(folder: Path) -> Iterator[Member]:
+    """Yield the files of a folder, those at its top first."""
+    for directory, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not _is_of_tools(name))
+        links = [name for name in folders if Path(directory, name).is_symlink()]
+        for name in sorted([*names, *links]):
+            path = Path(directory, name)
+            if not name.startswith('.'):
+                fault = _fault_of(path.lstat().st_mode)
+                yield Member(path.relative_to(folder).as_posix(), partial(_data, path), fault)
+
+
+def _data(path: Path, size: int) -> bytes:
+    """Return at most `size` bytes of a regular file."""
+    with open_regular(path, follow=False) as file:
+        return file.read(size)
+
+
+class _Bounded(io.FileIO):
+    """A file of which no reader gets much at once, such as a directory of a million entries."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return at most `size` bytes."""
+        more = _MAX_READ + 1
+        data = super().read(more if size is None or size < 0 else min(size, more))
+        if len(data) == more:
+            raise OverflowError(f'it holds more than {MAX_ENTRIES} files')
+        return data
+
+
+def _zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
+    """Return a member of an archive; those of uncommon methods could take any memory."""
+
+    def content(size: int) -> bytes:
+        with archive.open(info) as file:
+            return file.read(size)
+
+    fault = _fault_of(stat.S_IFMT(info.external_attr >> 16) or stat.S_IFREG)
+    if not fault and info.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+        fault = 'is packed in an uncommon way: hand in an ordinary .zip'
+    # Some of Windows write backslashes.
+    return Member(info.filename.replace('\\', '/'), content, fault)
+
+
+def _beside_the_code(members: list[Member], notes: list[str]) -> Iterator[Member]:
+    """Yield the files in the folder of the first graded file, and below; note the other copies."""
+    folders: dict[PurePosixPath, list[str]] = {}
+    for path in (PurePosixPath(member.path) for member in members):
+        if not (_leads_out(path) or any(map(_is_of_tools, path.parts))):
+            folders.setdefault(path.parent, []).append(path.name)
+    graded = {
+        folder: folder / name
+        for folder, names in folders.items()
+        for name in [*names_of(names).values()][:1]
+    }
+    top = min(graded, key=lambda folder: len(folder.parts), default=PurePosixPath())
+    notes += [
+        f'{_shown(copy)} is not graded: {_shown(graded[top])} comes first'
+        for folder, copy in graded.items()
+        if folder != top
+    ]
+    for member in members:
+        path = PurePosixPath(member.path)
+        if _leads_out(path):
+            yield member  # for its note
+        elif top in path.parents and not any(map(_is_of_tools, path.relative_to(top).parts)):
+            yield member._replace(path=path.relative_to(top).as_posix())
+
+
+def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
+    """Return the members that a folder can hold, by path, and notes on the others.
+
+    Plots, films and bags are left out, of any size.
+    """
+    files: dict[str, bytes] = {}
+    notes: list[str] = []
+    folders: set[str] = set()
+    for member in members:
+        if f'/{member.path}'.lower().endswith(_EVIDENCE):
+            continue
+        if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
+            notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
+            break
+        path = PurePosixPath(member.path)
+        data, fault = b'', _fault(member, path, files, folders)
+        try:
+            data = b'' if fault else member.read(MAX_FILE + 1)
+        except Exception as error:  # noqa: BLE001 (a damaged file can raise any)
+            fault = f'cannot be read: {_reason_of(error)}'
+        if len(data) > MAX_FILE:
+            fault = f'has more than {MAX_FILE >> 20} MiB'
+        if fault:
+            notes.append(f'{_shown(path)} {fault}')
+        else:
+            files[member.path] = data
+            folders.update(map(str, path.parents))
+    return files, notes
+
+
+def _fault(member: Member, path: PurePosixPath, files: dict[str, bytes], folders: set[str]) -> str:
+    """Return why a file cannot be taken, as the rest of a sentence; empty if it can."""
+    if _leads_out(path):
+        return 'leads out of the archive'
+    if '\0' in member.path or not 0 < len(os.fsencode(path)) <= _MAX_PATH:
+        return f'has a name that no file can have: at most {_MAX_PATH} bytes'
+    if member.path in {*files, *folders} or any(str(each) in files for each in path.parents):
+        return 'is there twice: the first is taken'
+    return member.fault
+
+
+def _leads_out(path: PurePosixPath) -> bool:
+    return path.is_absolute() or '..' in path.parts
+
+
+def _is_of_tools(name: str) -> bool:
+    """Return whether a file or folder of this name is made by a tool, and not handed in."""
+    return name.startswith(('.', '__pycache__', '__MACOSX'))
+
+
+def _fault_of(mode: int) -> str:
+    """Return why a file of this mode is not read, as the rest of a sentence; empty if it is."""
+    if stat.S_ISLNK(mode):
+        return 'is a link, which is not followed'
+    return '' if stat.S_ISREG(mode) else 'is no regular file'
+
+
+def _reason_of(error: Exception) -> str:
+    """Return why a file cannot be read."""
+    return escaped(getattr(error, 'strerror', None) or str(error) or type(error).__name__)
+
+
+def _shown(path: PurePosixPath) -> str:
+    return one_line(str(path), _SHOWN)
