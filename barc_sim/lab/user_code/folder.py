@@ -56,7 +56,7 @@ BY_EYE = 'judge it by eye'
 MAX_COMMANDS = 8000  #: of a relay's run; it has 20 a second
 _SHOWN = 120
 _REPR = Repr()
-_REPR.maxlist = _REPR.maxtuple = 4
+_REPR.maxlist = _REPR.maxtuple = 6
 _REPR.maxstring = _REPR.maxother = _SHOWN
 _FLOAT = {float}
 _POLL = 0.05

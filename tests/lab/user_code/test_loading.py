@@ -76,7 +76,7 @@ def test_four_numbers_of_any_kind_become_floats(tmp_path: Path, body: str) -> No
         ('return [x, y, psi, float("nan")]', '[1.0, 2.0, 0.5, nan]; ' + FOUR),
         ('return [x, y, psi, "8"]', "[1.0, 2.0, 0.5, '8']; " + FOUR),
         ('return [x, y, psi, 1j]', '[1.0, 2.0, 0.5, 1j]; ' + FOUR),
-        ('return list(range(10 ** 4))', ', '.join(map(str, range(99)))),
+        ('return list(range(10 ** 4))', '[0, 1, 2, 3, 4, 5, ...]; ' + FOUR),
     ],
 )
 def test_another_result_is_shown_beside_what_was_passed_in_and_expected(
@@ -86,12 +86,7 @@ def test_another_result_is_shown_beside_what_was_passed_in_and_expected(
         model(tmp_path, body)(*ROW)
     sentence = str(caught.value)
     assert sentence.startswith(f'bike_model.py, line 1: {CALLED} returned ')
-    head, _, tail = shown.partition('; ')
-    if tail:
-        assert sentence.endswith(f' returned {shown}')
-    else:
-        assert len(sentence) < 500
-        assert head[:50] in sentence
+    assert sentence.endswith(f' returned {shown}')
 
 
 @pytest.mark.parametrize(
@@ -239,7 +234,9 @@ def test_gains_that_cannot_be_set_stay(tmp_path: Path) -> None:
 def test_a_long_list_is_shown_by_its_first_items(tmp_path: Path) -> None:
     code = lab(tmp_path, identify='def command(t): pass\ndef estimate(t, v, a): 1 / 0\n')
     function = UserCode({'identify': code / 'identify.py'}).function('estimate')
-    with pytest.raises(UserCodeError, match=r'estimate\(t=\[0, 1, 2, 3, \.{3}\], v=\[\], a=\[\]\) '):
+    with pytest.raises(
+        UserCodeError, match=r'estimate\(t=\[0, 1, 2, 3, 4, 5, \.{3}\], v=\[\], a=\[\]\) '
+    ):
         function([*range(3000)], [], [])
 
 
