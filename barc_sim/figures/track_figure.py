@@ -25,6 +25,7 @@ from barc_sim.figures.style import (
     STYLE,
     Course,
     limits,
+    speed_limits,
     use_measurement,
 )
 from barc_sim.simulation.metrics import LAP_HEADINGS, track_laps_of
@@ -46,6 +47,7 @@ TRACK_GROUND = '#F1F1EE'
 _BENT = 0.9  #: share of a lap in arcs from which they are not shaded, as on a racing line
 _OTHER = '#A9B4BD'  #: of the laps beside the best
 _SHOWN_LINE: dict[str, Any] = {'color': BLUE, 'lw': 1.8}
+_ARC: dict[str, Any] = {'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
 
 
 class _Curve(NamedTuple):
@@ -57,11 +59,14 @@ class _Curve(NamedTuple):
     log: TrackLog  #: of this lap alone
     s: Floats  #: [m] from the finish line on
 
-    @property
-    def charted(self) -> tuple[Floats, ...]:
-        """What the charts show, from top to bottom."""
-        log = self.log
-        return log.e_y, np.degrees(log.e_psi), log.speed, np.degrees(log.servo)
+
+#: Over the place in the lap: names, values of a log, what is shown around zero, limits either way.
+_CHARTS: tuple[tuple[str, Callable[[TrackLog], Floats], float, float], ...] = (
+    ('e_y [m]', lambda log: log.e_y, 0.05, 0.0),
+    ('e_psi [°]', lambda log: np.degrees(log.e_psi), 1.0, 0.0),
+    ('Speed [m/s]', lambda log: log.speed, 1.0, 0.0),
+    ('Steering [°]', lambda log: np.degrees(log.servo), 1.0, float(np.degrees(STEERING_LIMIT))),
+)
 
 
 def _laps_of(log: TrackLog) -> list[_Curve]:
@@ -92,16 +97,17 @@ def track_figure(
     The best lap is in front; a table has the laps. Of several runs, with their `labels`, the best
     laps are drawn. `title` and `settings` are the two lines of the heading, and `figure` is empty.
     """
-    log = logs[0]
     alone = len(logs) == 1
     if alone:
-        curves = _laps_of(log)
+        curves = _laps_of(*logs)
+        rows = [(f'lap {lap.number + 1}', lap) for lap in track_laps_of(*logs)[0].rows]
     else:
         looks = zip([_laps_of(each)[-1] for each in logs], labels, cycle(RUN_COLOURS), strict=False)
         curves = [
             curve._replace(name=name, line={'color': color, 'lw': 1.6})
             for curve, name, color in looks
         ]
+        rows = [(curve.name, curve.lap) for curve in curves]
     figure = figure or Figure()
     figure.set_size_inches(TRACK_SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.06)
@@ -109,17 +115,13 @@ def track_figure(
     seen, table = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3, 0])
     charts = [figure.add_subplot(grid[0, 1])]
     charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
-    course = Course.driven(log)
+    # That of the run that went furthest: another may have left the track.
+    course = max(map(Course.driven, logs), key=lambda each: float(each.s[-1]))
     _draw_map(seen, course, curves)
-    if alone:
-        rows = [(f'lap {lap.number + 1}', lap) for lap in track_laps_of(log)[0].rows]
-    else:
-        rows = [(curve.name, curve.lap) for curve in curves]
     _draw_table(table, '' if alone else 'best lap of', rows, curves[-1].lap if alone else None)
-    for curve in curves:
-        for axes, values in zip(charts, curve.charted, strict=True):
-            axes.plot(curve.s, values, **curve.line)
-    _finish(charts, curves, course)
+    _draw_charts(charts, curves, course)
+    ends = [end for each in logs for end in speed_limits(each)]
+    charts[2].set_ylim(min(ends), max(ends))
     # A run ends with one state behind the line, which is no line of another lap.
     named = {curve.name: Line2D([], [], **curve.line) for curve in curves if len(curve.log) > 1}
     charts[0].legend(
@@ -159,43 +161,30 @@ def draw_course(axes: Axes, course: Course) -> None:
     axes.set_aspect('equal', adjustable='datalim')
 
 
-def _finish(charts: list[Axes], curves: list[_Curve], course: Course) -> None:
-    """Name and scale the axes; draw the reference, the arcs and the limit of the steering."""
-    across, heading, speed, steering = charts
+def _draw_charts(charts: list[Axes], curves: list[_Curve], course: Course) -> None:
+    """Draw the curves of each chart, the limit of the steering, the reference and the arcs."""
     log, s = curves[-1].log, curves[-1].s
+    bent = course.curvature != 0.0
+    has_straights = float(bent.mean()) < _BENT
+    for axes, (name, values, minimum, limit) in zip(charts, _CHARTS, strict=True):
+        for curve in curves:
+            axes.plot(curve.s, values(curve.log), **curve.line)
+        for level in {limit, -limit}:
+            axes.axhline(level, color=INK if limit else GREY, lw=0.8, ls=DASHES if limit else '-')
+        shown = np.concatenate([[limit, -limit], *(values(curve.log) for curve in curves)])
+        axes.set(ylabel=name, ylim=limits(shown, share=0.1, minimum=minimum))
+        axes.tick_params(labelbottom=axes is charts[-1])
+        if has_straights:
+            sides = axes.get_xaxis_transform()
+            axes.fill_between(course.s, 0.0, 1.0, where=bent.tolist(), transform=sides, **_ARC)
+    *_, speed, steering = charts
     if np.isfinite(log.reference).any():
         speed.plot(s, log.reference, color=INK, lw=1.0, ls=DASHES, label='reference')
         speed.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
-    limit = float(np.degrees(STEERING_LIMIT))
-    for level in (limit, -limit):
-        steering.axhline(level, color=INK, lw=0.8, ls=DASHES)
     steering.annotate(
         'limit', (1.0, limit), (-2.0, -3.0), ('axes fraction', 'data'), 'offset points',
         ha='right', va='top', color=MUTED, fontsize=8,
     )  # fmt: skip
-    bent = log.curvature != 0.0
-    has_straights = float(bent.mean()) < _BENT
-    look: dict[str, Any] = {'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
-    for axes in charts if has_straights else ():
-        sides = axes.get_xaxis_transform()
-        axes.fill_between(s, 0.0, 1.0, where=bent.tolist(), transform=sides, **look)
-    for axes in (across, heading, steering):
-        axes.axhline(0.0, color=GREY, lw=0.8)
-    for axes in charts[:3]:
-        axes.tick_params(labelbottom=False)
-    e_y, e_psi, _, servo = (
-        np.concatenate(each) for each in zip(*(curve.charted for curve in curves), strict=True)
-    )
-    # The first lap begins at a standstill.
-    shown = [curve.log.speed for curve in curves if curve.lap.number] or [log.speed]
-    speeds = np.concatenate([*shown, log.reference])
-    speeds = speeds[np.isfinite(speeds)]
-    pad = max(0.1 * float(np.ptp(speeds)), 0.25)
-    speed.set(ylabel='Speed [m/s]', ylim=(speeds.min() - pad, speeds.max() + pad))
-    across.set(ylabel='e_y [m]', ylim=limits(e_y, share=0.12, minimum=0.05))
-    heading.set(ylabel='e_psi [°]', ylim=limits(e_psi, share=0.12, minimum=1.0))
-    servo = np.append(servo, [limit, -limit])
-    steering.set(ylabel='Steering [°]', ylim=limits(servo, share=0.06, minimum=1.0))
     steering.set_xlabel('Place in the lap [m]' + ('; arcs are shaded' if has_straights else ''))
     end = course.length if np.isfinite(course.length) else float(s.max())
     steering.set_xlim(0.0, max(end, 1.0))
