@@ -40,7 +40,7 @@ def identification_figure(
         above.set_ylabel(SIGNALS[name])
         below.plot(time, predicted - measured, lw=0.6, color=VERMILLION)
         below.axhline(0.0, lw=0.8, color=INK)
-        below.set_ylabel('Error')
+        below.set_ylabel(f'Error {SIGNALS[name][SIGNALS[name].index("[") :]}')
     panels[0, 0].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     panels[-1, 0].set_xlabel('Time [s]')
     return figure

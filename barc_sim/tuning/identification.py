@@ -12,8 +12,9 @@ count by mass, and stiffnesses and inertia are those that go with the mass of `v
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
-from math import nan, radians, sqrt
+from math import inf, nan, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -38,9 +39,13 @@ _STEPS = 30  #: of a search: what the logs show is found in fewer
 _WORST = 1e6  #: error of a car that no step can follow
 _NO_NOISE = 1e-6  #: errors below are those of rounding
 _LAGS = 20  #: of the autocorrelation
+_FASTER = 0.01  #: [m/s] of the differences by which the first speed is found
 _CHANGE = 10  #: steps over which errors change
 #: [s] at which the search may begin.
 _DELAYS = 0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.26, 0.34, 0.44, 0.6, 0.8
+_BLIND = 1e-6  #: share of a parameter's direction in which the errors do not change
+_TOGETHER = 0.9  #: correlation of two parameters that are hard to separate
+_SIGNALS = ('v_x', 'psi_dot', 'v_y')
 
 
 class _Unknown(NamedTuple):
@@ -50,12 +55,9 @@ class _Unknown(NamedTuple):
     step: float  #: of the differences by which the Jacobian is made
     unit: str
     meaning: str
-    lowest: float = -np.inf
+    lowest: float = -inf
 
 
-_BLIND = 1e-6  #: share of a parameter's direction in which the errors do not change
-_TOGETHER = 0.9  #: correlation of two parameters that are hard to separate
-_SIGNALS = ('v_x', 'psi_dot', 'v_y')
 _ALONG = {
     'drag_per_mass': _Unknown(0.0, 1e-6, '1/m', 'air_drag_coeff / mass'),
     'friction_per_mass': _Unknown(0.0, 1e-5, 'm/s²', 'friction / mass'),
@@ -69,8 +71,6 @@ _ACROSS = {
     'rear_stiffness': _Unknown(160e3, 10.0, 'N/rad', "of the rear axle's tyres", 1e3),
     'yaw_inertia': _Unknown(4000.0, 1.0, 'kg m²', 'about the vertical axis', 1e2),
 }
-
-
 _UNKNOWN = _ALONG | _ACROSS
 
 
@@ -84,7 +84,7 @@ class Estimate(NamedTuple):
 
     def __str__(self) -> str:
         """Return value and interval with its two leading digits; six of the value at most."""
-        if not max(1e-6 * abs(self.value), 1e-9) < self.interval < np.inf:
+        if not max(1e-6 * abs(self.value), 1e-9) < self.interval < inf:
             return f'{self.value:.6g} ± {self.interval:.2g} {self.unit}'
         digits = max(1 - int(np.floor(np.log10(self.interval))), 0)
         value = round(self.value, digits) + 0.0  # never -0
@@ -107,45 +107,24 @@ class Identified:
         return self.estimates[name]
 
 
-class _Stretch:
+class _Stretch(NamedTuple):
     """A part of a log without a gap."""
 
-    def __init__(self, log: Log, rows: slice, ts: float) -> None:
-        self.ts = ts
-        self.t = log.t[rows]
-        # The plant is slower on NumPy's numbers, which warn of what overflows, too.
-        self.theta = np.nan_to_num(log.theta_deg[rows]).tolist()
-        commands = (_held(column[rows]) for column in (log.motor, log.servo))
-        self.commands = [*map(Command, *commands)]
-        self.measured = np.array([log.v_x[rows], log.psi_dot[rows], log.v_y[rows]])
-        self.in_motion = abs(self.measured[0, 0]) > _AT_REST
-        self.first = round(_WARM_UP / ts) if self.in_motion else 0
+    ts: float  #: [s] from state to state
+    t: Floats
+    commands: list[Command]
+    sines: list[float]  #: of the inclines
+    measured: Floats  #: speed, yaw rate and lateral speed: a row each
 
-    def predict(
-        self, v: float, values: Mapping[str, float], vehicle: Vehicle, integrator: str
-    ) -> Floats:
-        """Return speed, yaw rate and lateral speed of a car that begins with `v` [m/s].
+    @property
+    def in_motion(self) -> bool:
+        """Whether it begins in motion."""
+        return bool(abs(self.measured[0, 0]) > _AT_REST)
 
-        They are infinite where the integrator cannot follow it.
-        """
-        try:
-            plant = _plant(self.ts, values, vehicle, integrator)
-            plant.place(State(v=v))
-            return self._drive(plant)
-        except (UserError, OverflowError, ValueError):
-            return np.full_like(self.measured, np.inf)
-
-    def _drive(self, plant: _PlantOnRecord) -> Floats:
-        if self.in_motion:
-            plant.actuators.motor.hold(self.commands[0].motor)
-            plant.actuators.servo.hold(self.commands[0].servo)
-        found = np.empty((3, len(self.commands)))
-        for k, command in enumerate(self.commands):
-            motion = plant.motion()
-            found[:, k] = motion.v_x, motion.psi_dot, motion.v_y
-            plant.incline = self.theta[k]
-            plant.advance(command)
-        return found
+    @property
+    def first(self) -> int:
+        """The first state that counts."""
+        return round(_WARM_UP / self.ts) if self.in_motion else 0
 
 
 def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'euler') -> Identified:
@@ -192,27 +171,29 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     search = _Search(stretches, vehicle or Vehicle(), integrator, 3 if steering else 1)
     names = [*_ALONG, *(_ACROSS if steering else ())]
     lags = [name for name in names if name.endswith('_lag')]
-    fit = search.begin({name: _UNKNOWN[name].start for name in names if name not in lags})
-    fit = search.fit(fit.values, fit)
+    start = search.begin({name: _UNKNOWN[name].start for name in names if name not in lags})
+    fit = search.fit(start, np.ones((search.rows, 1)))
+    sizes = _size(fit.errors)
+    fit = search.fit(fit.values, sizes)
     remarks = []
     for lag in lags:
         # A lag far shorter than a step acts as a delay does: it counts where it explains more than
         # any one number explains by chance (Schwarz, Annals of Statistics 6, 1978).
-        delay = lag.replace('lag', 'delay')
+        delay, n = lag.replace('lag', 'delay'), fit.errors.size
         shorter = max(fit.values[delay] - _UNKNOWN[lag].start, 0.0)
-        with_lag = search.fit(fit.values | {delay: shorter, lag: _UNKNOWN[lag].start}, fit)
-        n, cost = fit.errors.size, 0.5 * np.sum((fit.errors / _size(fit.errors)) ** 2)
-        if n * np.log(cost / with_lag.cost) > np.log(n):
+        with_lag = search.fit(fit.values | {delay: shorter, lag: _UNKNOWN[lag].start}, sizes)
+        if n * np.log(fit.cost / with_lag.cost) > np.log(n):
             fit = with_lag
         else:
             remarks.append(f'{lag} is not seen: there is none, or it counts as delay')
-    fit = search.fit(fit.values, fit)
-    degrees = fit.errors.size - fit.slopes.shape[1]
+    fit = search.fit(fit.values, _size(fit.errors))
+    # The first speeds are found, too.
+    degrees = fit.errors.size - len(fit.values) - sum(each.in_motion for each in stretches)
     spread = covariance(fit.slopes) * (2.0 * fit.cost / degrees)
     half = special.stdtrit(degrees, 0.975) * np.sqrt(np.diag(spread))
     estimates = {
-        name: Estimate(value, float(interval), _UNKNOWN[name].unit, _UNKNOWN[name].meaning)
-        for (name, value), interval in zip(fit.values.items(), half, strict=False)
+        name: Estimate(value, float(interval), *_UNKNOWN[name][2:4])
+        for (name, value), interval in zip(fit.values.items(), half, strict=True)
     }
     t = np.concatenate([each.t[each.first :] for each in stretches])
     measured = np.concatenate([each.measured[:, each.first :] for each in stretches], 1)
@@ -225,45 +206,37 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
 
 class _Fit(NamedTuple):
     values: dict[str, float]
-    speeds: Floats  #: [m/s] at the start of each stretch in motion
     cost: float  #: half of the sum of the squares of the weighted errors
     errors: Floats  #: predicted minus measured: a row for each signal
-    slopes: Floats  #: of the weighted errors over the values and speeds
+    slopes: Floats  #: of the weighted errors over the values
 
 
-class _Search:
+class _Search(NamedTuple):
     """Fits what the plant predicts to the first `rows` signals of the stretches."""
 
-    def __init__(
-        self, stretches: Sequence[_Stretch], vehicle: Vehicle, integrator: str, rows: int
-    ) -> None:
-        self._stretches, self._car, self._rows = stretches, (vehicle, integrator), rows
+    stretches: Sequence[_Stretch]
+    vehicle: Vehicle
+    integrator: str
+    rows: int
 
-    def begin(self, values: dict[str, float]) -> _Fit:
-        """Return a first fit of the parameters with these values, and the best of a few delays."""
-        speeds = np.array([each.measured[0, 0] for each in self._stretches if each.in_motion])
+    def begin(self, values: dict[str, float]) -> dict[str, float]:
+        """Return values with the best of a few delays."""
 
         def change(values: Mapping[str, float]) -> float:
             """Return how much the errors change: unknown resistance has little part in it."""
-            errors = self._errors(values, speeds)
+            errors = self._errors(values, np.ones((self.rows, 1)))
             return float(np.sum((errors[:, _CHANGE:] - errors[:, :-_CHANGE]) ** 2))
 
         for name in [name for name in values if name.endswith('_delay')]:
             values = min((values | {name: delay} for delay in _DELAYS), key=change)
-        return self.fit(values, _Fit({}, speeds, 0.0, np.ones((self._rows, 1)), speeds))
+        return values
 
-    def fit(self, start: Mapping[str, float], before: _Fit) -> _Fit:
-        """Fit the parameters that `start` has, and the first speed of each stretch in motion.
-
-        Each signal is weighted by the errors of the fit `before`.
-        """
-        names, weights, free = [*start], 1.0 / _size(before.errors), len(before.speeds)
-        steps = np.array([*(_UNKNOWN[name].step for name in names), *[1e-5] * free])
-        low = np.array([*(_UNKNOWN[name].lowest for name in names), *[-np.inf] * free])
+    def fit(self, start: Mapping[str, float], sizes: Floats) -> _Fit:
+        """Fit the parameters that `start` has; each signal counts by the size of its errors."""
+        steps, low = np.array([(_UNKNOWN[name].step, _UNKNOWN[name].lowest) for name in start]).T
 
         def errors(p: Floats) -> Floats:
-            values = dict(zip(names, p.tolist(), strict=False))
-            return (self._errors(values, p[len(names) :]) * weights).ravel()
+            return self._errors(dict(zip(start, p.tolist(), strict=True)), sizes).ravel()
 
         def slopes(p: Floats) -> Floats:
             here = errors(p)
@@ -271,25 +244,66 @@ class _Search:
             return np.stack(moved, 1) / steps  # type: ignore[no-any-return]
 
         found = extra('scipy.optimize', 'identify', 'identify').least_squares(
-            errors,
-            np.array([*start.values(), *before.speeds]),
-            slopes,
-            (low, np.inf),
-            x_scale='jac',
-            max_nfev=_STEPS,
+            errors, [*start.values()], slopes, (low, inf), x_scale='jac', max_nfev=_STEPS
         )
-        values = dict(zip(names, found.x.tolist(), strict=False))
-        speeds = found.x[len(names) :]
-        return _Fit(values, speeds, float(found.cost), self._errors(values, speeds), found.jac)
+        values = dict(zip(start, found.x.tolist(), strict=True))
+        return _Fit(values, found.cost, found.fun.reshape(self.rows, -1) * sizes, found.jac)
 
-    def _errors(self, values: Mapping[str, float], speeds: Floats) -> Floats:
-        left, found = iter(speeds.tolist()), []
-        for each in self._stretches:
-            v = next(left) if each.in_motion else 0.0
-            errors = each.predict(v, values, *self._car) - each.measured
-            found.append(errors[: self._rows, each.first :])
-        every: Floats = np.nan_to_num(np.concatenate(found, 1), nan=_WORST)
-        return np.clip(every, -_WORST, _WORST)
+    def _errors(self, values: Mapping[str, float], sizes: Floats) -> Floats:
+        """Return predicted minus measured, divided by `sizes`: a row for each signal.
+
+        The errors are linear in the first speed of a stretch: it is the one with the smallest.
+        """
+        every = []
+        for each in self.stretches:
+            v = float(each.measured[0, 0]) if each.in_motion else 0.0
+            found = self._predict(each, values, v)
+            errors = (found - each.measured)[: self.rows, each.first :] / sizes
+            if each.in_motion:
+                faster = self._predict(each, values, v + _FASTER) - found
+                slope = faster[: self.rows, each.first :] / sizes
+                errors -= slope * (np.vdot(slope, errors) / (np.vdot(slope, slope) or 1.0))
+            every.append(errors)
+        return np.clip(np.nan_to_num(np.concatenate(every, 1), nan=_WORST), -_WORST, _WORST)
+
+    def _predict(self, stretch: _Stretch, values: Mapping[str, float], v: float) -> Floats:
+        """Return speed, yaw rate and lateral speed of a car that begins with `v` [m/s].
+
+        They are infinite where the integrator cannot follow it.
+        """
+        predicted = np.full_like(stretch.measured, inf)
+        with suppress(UserError, OverflowError, ValueError):
+            plant = self._plant(stretch, values)
+            plant.place(State(v=v))
+            if stretch.in_motion:
+                plant.actuators.motor.hold(stretch.commands[0].motor)
+                plant.actuators.servo.hold(stretch.commands[0].servo)
+            for k, command in enumerate(stretch.commands):
+                motion = plant.motion()
+                predicted[:, k] = motion.v_x, motion.psi_dot, motion.v_y
+                plant.advance(command)
+        return predicted
+
+    def _plant(self, stretch: _Stretch, values: Mapping[str, float]) -> Plant:
+        """Return a plant on the inclines that were recorded: their force is that of each step."""
+        ts, mass, weight = stretch.ts, self.vehicle.mass, self.vehicle.mass * self.vehicle.gravity
+        # `_replace` refuses nothing: on the way to the minimum a resistance may be below zero.
+        vehicle = self.vehicle._replace(
+            air_drag_coeff=values['drag_per_mass'] * mass,
+            friction=values['friction_per_mass'] * mass,
+        )
+        lateral = {name: values[name] for name in LateralParameters._fields if name in values}
+        return Plant(
+            road=Road.flat(),
+            vehicle=vehicle,
+            ts=ts,
+            disturbance=lambda t, _: -weight * stretch.sines[round(t / ts)],
+            motor=Actuator(values['motor_delay'], values.get('motor_lag', 0.0)),
+            servo=Actuator(values.get('servo_delay', 0.0), values.get('servo_lag', 0.0)),
+            integrator=self.integrator,
+            dynamics='dynamic' if lateral else 'kinematic',
+            lateral=LateralParameters(**lateral) if lateral else None,
+        )
 
 
 def _size(errors: Floats) -> Floats:
@@ -298,64 +312,33 @@ def _size(errors: Floats) -> Floats:
     return size
 
 
-def _stretches(log: Log) -> list[_Stretch]:
-    """Return the parts of a log with neither gap nor reset that are commanded and long enough."""
+def _stretches(log: Log) -> Iterator[_Stretch]:
+    """Yield the parts of a log with neither gap nor reset that are commanded and long enough."""
     known = np.flatnonzero(np.isfinite(log.v_x))
     if len(known) < 2 or not np.isfinite(log.motor).any():  # noqa: PLR2004
-        return []
+        return
     steps = np.diff(log.t[known])
     ts = float(np.median(steps))
     jumps = abs(np.diff(log.distance[known])) > _JUMP
-    ends = np.flatnonzero((abs(steps - ts) > 0.1 * ts) | jumps) + 1
-    parts = np.split(known, ends)
-    ts = round(ts * 1e9) / 1e9
-    return [
-        _Stretch(log, slice(part[0], part[-1] + 1), ts)
-        for part in parts
-        if len(part) * ts >= _SHORTEST
-    ]
+    for part in np.split(known, np.flatnonzero((abs(steps - ts) > 0.1 * ts) | jumps) + 1):
+        if len(part) * ts >= _SHORTEST:
+            rows = slice(part[0], part[-1] + 1)
+            # The plant is slower on NumPy's numbers, which warn of what overflows, too.
+            commands = (_held(column[rows]).tolist() for column in (log.motor, log.servo))
+            yield _Stretch(
+                round(ts * 1e9) / 1e9,
+                log.t[rows],
+                [*map(Command, *commands)],
+                np.sin(np.radians(np.nan_to_num(log.theta_deg[rows]))).tolist(),
+                np.array([log.v_x[rows], log.psi_dot[rows], log.v_y[rows]]),
+            )
 
 
-def _held(values: Floats) -> list[float]:
+def _held(values: Floats) -> Floats:
     """Return commands where each that is missing is the one before it, and zero at first."""
     at = np.where(np.isfinite(values), np.arange(len(values)), -1)
-    padded = np.append(values, 0.0)
-    held: list[float] = padded[np.maximum.accumulate(at)].tolist()
+    held: Floats = np.append(values, 0.0)[np.maximum.accumulate(at)]
     return held
-
-
-class _PlantOnRecord(Plant):
-    """A plant on the incline that was recorded at each state."""
-
-    incline = 0.0  #: [deg]
-
-    def _grade(self, _: float) -> float:
-        return radians(self.incline)
-
-
-def _plant(
-    ts: float, values: Mapping[str, float], vehicle: Vehicle, integrator: str
-) -> _PlantOnRecord:
-    # `_replace` refuses nothing: on the way to the minimum a resistance may be below zero.
-    resisting = vehicle._replace(
-        air_drag_coeff=values['drag_per_mass'] * vehicle.mass,
-        friction=values['friction_per_mass'] * vehicle.mass,
-    )
-    lateral = None
-    if steering := 'yaw_inertia' in values:
-        lateral = LateralParameters(
-            values['yaw_inertia'], values['front_stiffness'], values['rear_stiffness']
-        )
-    return _PlantOnRecord(
-        road=Road.flat(),
-        vehicle=resisting,
-        ts=ts,
-        motor=Actuator(values['motor_delay'], values.get('motor_lag', 0.0)),
-        servo=Actuator(values['servo_delay'], values.get('servo_lag', 0.0)) if steering else None,
-        integrator=integrator,
-        dynamics='dynamic' if steering else 'kinematic',
-        lateral=lateral,
-    )
 
 
 def covariance(slopes: Floats) -> Floats:
@@ -365,7 +348,7 @@ def covariance(slopes: Floats) -> Floats:
     inverse = np.linalg.pinv(slopes / scale, 1e-9)
     found: Floats = inverse @ inverse.T / np.outer(scale, scale)
     blind = np.diag(inverse @ slopes) < (1.0 - _BLIND) * scale
-    found[blind, blind] = np.inf
+    found[blind, blind] = inf
     return found
 
 
@@ -383,25 +366,25 @@ def _whiteness(errors: Floats, special: Any) -> float:  # noqa: ANN401 (a module
 def _unidentified(estimates: Mapping[str, Estimate], covariance: Floats) -> Iterator[str]:
     """Yield a sentence for each parameter that the logs do not show."""
     names, deviations = [*estimates], np.sqrt(np.diag(covariance))
-    for i, (name, (value, interval, unit, _)) in enumerate(estimates.items()):
-        if not interval < np.inf:
+    with np.errstate(invalid='ignore'):  # of what has no interval
+        correlations = np.abs(covariance / np.outer(deviations, deviations)) - np.eye(len(names))
+    for name, each, shared in zip(names, estimates.values(), correlations, strict=True):
+        if each.interval == inf:
             yield f'{name} cannot be identified: nothing that was measured depends on it alone'
-            continue
-        if name.endswith('_delay') or interval < 0.5 * abs(value):
-            continue
-        together = covariance[i] / (deviations[i] * deviations)
-        together[i] = 0.0
-        other = int(np.argmax(abs(together[: len(names)])))
-        cause = ''
-        if abs(together[other]) > _TOGETHER:
+        elif not name.endswith('_delay') and each.interval >= 0.5 * abs(each.value):
+            other = int(np.nanargmax(shared))
             cause = f', as {names[other]} has the same effect in this drive'
-        yield f'{name} cannot be identified: it is known to ±{interval:.2g} {unit} only{cause}'
+            yield (
+                f'{name} cannot be identified: it is known to ±{each.interval:.2g} {each.unit} only'
+                f'{cause if shared[other] > _TOGETHER else ""}'
+            )
 
 
-def _correlated(whiteness: Mapping[str, float]) -> list[str]:
-    return [
-        f'the residuals of {signal} are no white noise (p = {p:.2g}): the car does more than the '
-        'model, and the intervals are too narrow'
-        for signal, p in whiteness.items()
-        if p < 0.01  # noqa: PLR2004
-    ]
+def _correlated(whiteness: Mapping[str, float]) -> Iterator[str]:
+    """Yield a sentence for each signal whose residuals are no white noise."""
+    for signal, p in whiteness.items():
+        if p < 0.01:  # noqa: PLR2004
+            yield (
+                f'the residuals of {signal} are no white noise (p = {p:.2g}): the car does more '
+                'than the model, and the intervals are too narrow'
+            )

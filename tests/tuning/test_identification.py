@@ -126,6 +126,16 @@ def test_gaps_are_left_out() -> None:
         identify(log.map(lambda column: column[t < 1.0]))
 
 
+def test_a_log_that_begins_in_motion_has_a_first_speed_of_its_own() -> None:
+    """That of several is found with the parameters: the drag shows in each."""
+    logs = [drive(seed, 8.0) for seed in (1, 2, 3)]
+    parts = [log.map(lambda column, t=log.t: column[t > 2.0]) for log in logs]
+    found = identify(*parts)
+    for name, true in TRUTH.items():
+        assert abs(found[name].value - true) < 2.0 * found[name].interval, name
+    assert abs(np.mean(found.signals['v_x'][2] - found.signals['v_x'][1])) < 0.005
+
+
 def test_a_return_to_the_start_begins_a_stretch() -> None:
     """A bag of two laps has no gap, but the car stands at the start of the second."""
     log = drive(seed=4)
