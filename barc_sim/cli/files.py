@@ -19,6 +19,8 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from matplotlib.figure import Figure
+
 #: The endings of a file with a figure, and its resolution.
 FIGURES = ('png', 'pdf', 'svg')
 FIGURE_DPI = 150
@@ -120,6 +122,18 @@ def target(name: str, formats: Sequence[str]) -> Path:
     if path.is_dir():
         raise UserError(f'cannot save {name!r}: there is a folder of that name')
     return path
+
+
+def figure_path(name: str | None) -> Path | None:
+    """Return the path `name` to save a figure to, if there is one."""
+    return None if name is None else target(name, FIGURES)
+
+
+def save_figure(path: Path, figure: Figure) -> None:
+    """Save a figure, and print where it is."""
+    with saving(path) as part:
+        figure.savefig(part, dpi=FIGURE_DPI)
+    print(path)  # noqa: T201
 
 
 def make_folder(path: Path, within: Path) -> Path:

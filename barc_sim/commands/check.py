@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import FIGURE_DPI, FIGURES, saving, target
+from barc_sim.cli.files import FIGURES, save_figure, target
 from barc_sim.errors import UserError, one_line
 from barc_sim.lab.files import RUBRICS, handout_of
 
@@ -76,10 +76,8 @@ def run(options: Namespace) -> int:
     print_report(report, rubric)
     composed = _composition(folder)
     if path and report.drive:
-        with saving(path) as part:
-            title = f'{folder.resolve().name}: {report.gains or rubric.title}'
-            report.drive.figure(title).savefig(part, dpi=FIGURE_DPI)
-        print(path)  # noqa: T201
+        title = f'{folder.resolve().name}: {report.gains or rubric.title}'
+        save_figure(path, report.drive.figure(title))
     return 0 if composed and all(finding.passed for finding in report.judged) else NOT_PASSED
 
 

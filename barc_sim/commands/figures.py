@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import FIGURE_DPI, FIGURES, check_plain, saving, target
+from barc_sim.cli.files import check_plain, figure_path, save_figure, saving, target
 from barc_sim.cli.parser import add_bag_arguments
 from barc_sim.errors import UserError
 from barc_sim.runs.options import add_address_options
@@ -39,7 +39,7 @@ def run_plot(options: Namespace) -> None:
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.figures import run_figures, style  # noqa: PLC0415
 
-    path = target(options.save, FIGURES) if options.save is not None else None
+    path = figure_path(options.save)
     source = options.bag or reader.newest()
     bag = reader.load(source)
     log = bag.log(options.namespace)
@@ -56,9 +56,7 @@ def run_plot(options: Namespace) -> None:
         check_plain(directory)
         path = directory / 'speed.png'
     if path:
-        with saving(path) as part:
-            figure.savefig(part, dpi=FIGURE_DPI)
-        print(path)  # noqa: T201
+        save_figure(path, figure)
     if window:
         style.show()
 

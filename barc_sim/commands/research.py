@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import shlex
-import sys
 import time
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from barc_sim.cli.files import FIGURE_DPI, FIGURES, saving, target
+from barc_sim.cli.files import figure_path, save_figure, saving, target
 from barc_sim.cli.parser import barc_path, number, whole
 from barc_sim.control.cruise_control import PROFILE, SPEED
 from barc_sim.control.speed import KD, KI, KP, SPEED_REFERENCE
@@ -21,10 +20,9 @@ from barc_sim.vehicle.parameters import ROWS
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     import numpy as np
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from barc_sim.cli.parser import Parser
@@ -36,9 +34,15 @@ if TYPE_CHECKING:
 GAINS = {'kp': (KP, 100.0), 'ki': (KI, 4000.0), 'kd': (KD, 2.0)}
 #: The scores that --cost names.
 COSTS = {'rms': 'rms_error', 'max': 'max_error', 'overshoot': 'overshoot', 'effort': 'effort'}
-_ROAD = 'lab'
 _PERIOD = 0.02  #: [s] of a step
 _MAX_GAIN = 1e6
+
+
+def _add_numbers(parser: Parser, *rows: tuple[str, Callable[[str], float], Any, str, str]) -> None:
+    """Add options: name, type, default (None: the meaning has it), unit and meaning."""
+    for name, kind, default, unit, meaning in rows:
+        text = meaning if default is None else f'{meaning} ({default:g})'.lstrip()
+        parser.add_argument(f'--{name}', type=kind, default=default, metavar=unit, help=text)
 
 
 def add_arguments_tune(parser: Parser) -> None:
@@ -57,19 +61,18 @@ def add_arguments_tune(parser: Parser) -> None:
         action='extend',
         metavar='ROAD',
         help="'lab', 'flat', or CSV files with the columns start_m,grade_deg; of several, the mean "
-        f'cost counts ({_ROAD})',
+        'cost counts (lab)',
     )
     noise, gain = number(*ROWS['noise_v_x'].between), number(0.0, _MAX_GAIN)
-    for name, kind, default, unit, meaning in (
-        ('effort', gain, 0.0, 'WEIGHT', 'add this times the effort to the cost '),
+    _add_numbers(
+        parser,
+        ('effort', gain, 0.0, 'WEIGHT', 'add this times the effort to the cost'),
         ('speed', number(*TUNED_SPEED.between), SPEED_REFERENCE, 'M/S', ''),
         ('distance', number(*DISTANCE.between), DISTANCE.default, 'M', ''),
-        ('noise', noise, 0.0, 'M/S', "standard deviation of the measured speed's noise "),
-        ('delay', whole(0, 500), 0, 'STEPS', 'of 20 ms, from a command to its effect '),
-        ('seed', whole(*ROWS['seed'].between), 0, 'N', 'of search and noise, as --seed of a run '),
-    ):
-        text = f'{meaning}({default:g})'
-        parser.add_argument(f'--{name}', type=kind, default=default, metavar=unit, help=text)
+        ('noise', noise, 0.0, 'M/S', "standard deviation of the measured speed's noise"),
+        ('delay', whole(0, 500), 0, 'STEPS', 'of 20 ms, from a command to its effect'),
+        ('seed', whole(*ROWS['seed'].between), 0, 'N', 'of search and noise, as of a run'),
+    )
     for name, (_, high) in GAINS.items():
         parser.add_argument(
             f'--{name}-range',
@@ -91,7 +94,7 @@ def run_tune(options: Namespace) -> None:
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
     from barc_sim.tuning.search import search, sweep  # noqa: PLC0415
 
-    began, roads = time.monotonic(), options.road or [_ROAD]
+    began, roads = time.monotonic(), options.road or ['lab']
     ranges = [getattr(options, f'{gain}_range') for gain in GAINS]
     for gain, (first, last) in zip(GAINS, ranges, strict=True):
         if first > last:
@@ -116,17 +119,13 @@ def run_tune(options: Namespace) -> None:
         return value + options.effort * found.effort if options.effort else value
 
     start = np.array([first for first, _ in GAINS.values()])
-    try:
-        best = search(
-            lambda gains: np.mean([cost(scores(gains, road)) for road in roads], axis=0),
-            np.array(low),
-            np.array(high),
-            start,
-            seed=options.seed,
-            on_generation=_show_progress,
-        )
-    finally:  # also before an error's sentence
-        _show('')
+    best = search(
+        lambda gains: np.mean([cost(scores(gains, road)) for road in roads], axis=0),
+        np.array(low),
+        np.array(high),
+        start,
+        seed=options.seed,
+    )
     if not np.isfinite(best.cost):
         raise UserError(
             f'no gains in these ranges drive {options.distance:g} m in thrice the time that it '
@@ -138,63 +137,41 @@ def run_tune(options: Namespace) -> None:
         _print_scores(road, both, f'cost: {name}', cost(both))
     took = time.monotonic() - began
     print(f'{best.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201
-    for command in _commands(options, best.gains.tolist()):
-        print(command)  # noqa: T201
+    for road in roads:
+        print(_command(options, best.gains.tolist(), road))  # noqa: T201
 
 
-def _commands(options: Namespace, gains: Sequence[float]) -> Iterator[str]:
-    """Yield the command that runs `gains`, for each of the roads."""
-    for road in options.road or [_ROAD]:
-        words = ['acc']
-        for name, gain in zip(GAINS, gains, strict=True):
-            words += [f'--{name}', _typed(gain)]
-        for name, value, default in (
-            ('road', road, _ROAD),
-            ('speed', _typed(options.speed), _typed(SPEED_REFERENCE)),
-            ('distance', _typed(options.distance), _typed(float(DISTANCE.default))),
-            ('controller', str(options.controller), str(None)),
-            ('seed', str(options.seed if options.noise else 0), '0'),
-        ):
-            if value != default:
-                words += [f'--{name}', value]
-        parameters = {'noise_v_x': options.noise, 'motor_delay': options.delay * _PERIOD}
-        if any(parameters.values()):
-            words.append('--ros-args')
-        for name, value in parameters.items():
-            if value:
-                words += ['-p', f'vehicle_simulator:{name}:={float(_typed(value))}']
-        yield f'{barc_path()} {shlex.join(words)}'
-
-
-def _typed(value: float) -> str:
-    """Return a number as it is typed."""
-    return f'{value:.12g}'
-
-
-def _show_progress(generation: int, cost: float) -> None:
-    minimum = f'minimum cost {cost:.4g}' if isfinite(cost) else 'none arrives yet'
-    _show(f'generation {generation}, {minimum}')
-
-
-def _show(text: str) -> None:
-    """Show `text` in place of what was shown before, where somebody looks."""
-    if sys.stderr.isatty():
-        print(f'\r\033[K{text}', end='', file=sys.stderr, flush=True)  # noqa: T201
+def _command(options: Namespace, gains: Sequence[float], road: str) -> str:
+    """Return the command that runs `gains` on a road."""
+    numbers = {**dict(zip(GAINS, gains, strict=True)), 'speed': options.speed}
+    words = ['acc', '--road', road]
+    for name, value in {**numbers, 'distance': options.distance}.items():
+        words += [f'--{name}', f'{value:.12g}']
+    if options.controller:
+        words += ['--controller', str(options.controller)]
+    parameters = {'noise_v_x': options.noise, 'motor_delay': options.delay * _PERIOD}
+    if options.noise:
+        words += ['--seed', str(options.seed)]
+    if any(parameters.values()):
+        words.append('--ros-args')
+    for name, value in parameters.items():
+        words += ['-p', f'vehicle_simulator:{name}:={round(value, 12)}'] if value else []
+    return f'{barc_path()} {shlex.join(words)}'
 
 
 def _print_scores(road: str, found: Sweep, label: str, costs: Floats) -> None:
     """Print a table of the scores and costs of two runs."""
     from barc_sim.tuning.search import SCORES  # noqa: PLC0415
 
-    rows: dict[str, Iterable[str]] = {f'road {road}': ('start', 'found')}
-    rows |= {gain: map(_typed, found[gain]) for gain in GAINS}
     forms = '.4f', '.4f', '.2%', '.3f'
-    values = [(SCORES[name], found[name], form) for name, form in zip(SCORES, forms, strict=True)]
-    for text, pair, form in (*values, (label, costs, '.5g')):
-        rows[text] = [f'{each:{form}}' if isfinite(each) else '-' for each in pair]
-    width = max(map(len, rows))
-    for name, (first, second) in rows.items():
-        print(f'{name:{width}}  {first:>9}  {second:>9}')  # noqa: T201
+    rows = [(gain, found[gain], '.12g') for gain in GAINS]
+    rows += [(SCORES[name], found[name], form) for name, form in zip(SCORES, forms, strict=True)]
+    rows.append((label, costs, '.5g'))
+    width = max(len(text) for text, *_ in rows)
+    print(f'{"road " + road:{width}}  {"start":>9}  {"found":>9}')  # noqa: T201
+    for text, pair, form in rows:
+        first, second = (f'{each:{form}}' if isfinite(each) else '-' for each in pair)
+        print(f'{text:{width}}  {first:>9}  {second:>9}')  # noqa: T201
 
 
 def add_arguments_identify(parser: Parser) -> None:
@@ -220,12 +197,7 @@ def add_arguments_identify(parser: Parser) -> None:
         help='where a bag of another robot has v_x, motor, servo, psi_dot, v_y or theta_deg',
     )
     mass = ROWS['mass']
-    parser.add_argument(
-        '--mass',
-        type=number(*mass.between),
-        default=mass.default,
-        help=f'[kg] of the car ({mass.default:g})',
-    )
+    _add_numbers(parser, ('mass', number(*mass.between), mass.default, 'KG', 'of the car'))
     parser.add_argument(
         '--integrator',
         choices=('euler', 'rk4'),
@@ -251,7 +223,7 @@ def run_identify(options: Namespace) -> None:
     from barc_sim.tuning.identification import identify  # noqa: PLC0415
     from barc_sim.vehicle.bike_model import Vehicle  # noqa: PLC0415
 
-    path = _figure(options)
+    path = figure_path(options.save)
     fields = dict(options.field)
     if fields and not {'v_x', 'motor'} <= fields.keys():
         raise UserError(f'--field names {", ".join(fields)}: expected v_x and motor at least')
@@ -270,7 +242,7 @@ def run_identify(options: Namespace) -> None:
         from barc_sim.figures.identification_figure import identification_figure  # noqa: PLC0415
 
         title = ', '.join(bag.resolve().name for bag in bags)
-        _save(path, identification_figure(found.signals, title=title))
+        save_figure(path, identification_figure(found.signals, title=title))
 
 
 def add_arguments_raceline(parser: Parser) -> None:
@@ -282,24 +254,13 @@ def add_arguments_raceline(parser: Parser) -> None:
     parser.add_argument(
         'track', metavar='TRACK', help='as --track of `barc acc`: L, oval, a CSV file, …'
     )
-    accelerations = PROFILE[0].between
-    for name, most, default, unit, meaning in (
-        ('speed', SPEED.between[1], 12.0, 'm/s', 'maximum speed'),
-        ('lateral', accelerations[1], 3.5, 'm/s²', 'maximum acceleration across'),
-        ('longitudinal', accelerations[1], 2.0, 'm/s²', 'maximum acceleration along, either way'),
-    ):
-        parser.add_argument(
-            f'--{name}',
-            type=number(1e-3, most),
-            default=default,
-            metavar=unit.upper(),
-            help=f'{meaning} ({default:g} {unit})',
-        )
-    parser.add_argument(
-        '--margin',
-        type=number(0.0, 1e3),
-        metavar='M',
-        help='distance to keep from both edges (a fifth of the width)',
+    acceleration, speed = (number(1e-3, each.between[1]) for each in (PROFILE[0], SPEED))
+    _add_numbers(
+        parser,
+        ('speed', speed, 12.0, 'M/S', 'maximum speed'),
+        ('lateral', acceleration, 3.5, 'M/S²', 'maximum acceleration across'),
+        ('longitudinal', acceleration, 2.0, 'M/S²', 'maximum acceleration along, either way'),
+        ('margin', number(0.0, 1e3), None, 'M', 'clearance to both edges (a fifth of the width)'),
     )
     parser.add_argument('-o', '--output', metavar='FILE', help='write the line as a track, a .csv')
     parser.add_argument('--save', metavar='FILE', help='save a figure as .png, .pdf or .svg')
@@ -312,7 +273,7 @@ def run_raceline(options: Namespace) -> None:
     from barc_sim.vehicle.track import Track  # noqa: PLC0415
 
     output = target(options.output, ('csv',)) if options.output else None
-    path = _figure(options)
+    path = figure_path(options.save)
     track = Track.named(options.track)
     line = racing_line(track, margin=options.margin)
     limits = options.speed, options.lateral, options.longitudinal
@@ -331,15 +292,4 @@ def run_raceline(options: Namespace) -> None:
     if path:
         from barc_sim.figures.track_figure import line_figure  # noqa: PLC0415
 
-        _save(path, line_figure(track, line, *speeds))
-
-
-def _figure(options: Namespace) -> Path | None:
-    """Return where a figure is to be saved."""
-    return None if options.save is None else target(options.save, FIGURES)
-
-
-def _save(path: Path, figure: Figure) -> None:
-    with saving(path) as part:
-        figure.savefig(part, dpi=FIGURE_DPI)
-    print(path)  # noqa: T201
+        save_figure(path, line_figure(track, line, *speeds))

@@ -71,22 +71,19 @@ def search(
     seed: int = 0,
     population: int = 24,
     generations: int = 40,
-    on_generation: Callable[[int, float], object] = lambda *_: None,
 ) -> Found:
     """Return the gains of minimum `cost` between `low` and `high`, shape `(d,)`.
 
     The same arguments give the same gains. `cost` returns the costs, shape `(n,)`, of gains, shape
     `(n, d)`. `start`, moved between `low` and `high`, is one of the first gains tried. A generation
-    has `population` gains, at least 4. After each, `on_generation` is called with the number of
-    those before it and the minimum cost up to now.
+    has `population` gains, at least 4.
     """
     random = np.random.default_rng(seed)
     places = rounded(_spread(random, population, low, high))
     places[0] = np.clip(start, low, high)
     costs = cost(places)
     evaluations = population
-    for generation in range(generations):
-        on_generation(generation, float(costs.min()))
+    for _ in range(generations):
         if _converged(costs):
             break
         trials = rounded(np.clip(_trials(random, places, costs), low, high))

@@ -34,7 +34,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def command_of(out: str) -> list[str]:
-    (line,) = [line for line in out.splitlines() if 'bin/barc acc --kp ' in line]
+    (line,) = [line for line in out.splitlines() if 'bin/barc acc --road ' in line]
     return shlex.split(line)[2:]
 
 
@@ -50,11 +50,12 @@ def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: Capture) -> None
     assert float(cost[-1]) < float(cost[-2]) == pytest.approx(0.020692)
 
 
-def test_the_line_names_what_is_not_the_runs_default() -> None:
+def test_the_line_has_what_was_searched_with() -> None:
     args = ['--road', 'flat', '--speed', '6', '--noise', '0.05', '--delay', '3', '--seed', '4']
     line = command_of(printed('tune', *QUICK, *args))
-    assert line[line.index('--kd') + 2 :] == [
-        *('--road', 'flat', '--speed', '6', '--distance', '30', '--seed', '4'),
+    assert line[:2] == ['--road', 'flat']
+    assert line[line.index('--speed') :] == [
+        *('--speed', '6', '--distance', '30', '--seed', '4'),
         *('--ros-args', '-p', 'vehicle_simulator:noise_v_x:=0.05'),
         *('-p', 'vehicle_simulator:motor_delay:=0.06'),
     ]
@@ -66,10 +67,8 @@ def test_of_several_roads_each_has_a_table_and_a_line(tmp_path: Path) -> None:
     lines = printed('tune', *QUICK, '--road', 'flat', str(road), '--road', 'lab').splitlines()
     assert sum(line.startswith('road ') for line in lines) == 3
     commands = [shlex.split(line) for line in lines if ' acc ' in line]
-    assert [line[line.index('--kd') + 2 :] for line in commands] == [
-        ['--road', 'flat', '--distance', '30'],
-        ['--road', str(road), '--distance', '30'],
-        ['--distance', '30'],
+    assert [line[2:4] for line in commands] == [
+        ['--road', each] for each in ('flat', str(road), 'lab')
     ]
 
 
