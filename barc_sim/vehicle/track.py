@@ -171,12 +171,12 @@ class Track:
             where there is no such track, or the file does not describe one.
         """
         if name in TRACKS:
-            return cls._of_rows(TRACKS[name], name)
+            return cls.of_rows(TRACKS[name], name)
 
         def read(lines: list[str]) -> Track:
             header, *columns = read_columns(lines, _SEGMENTS, _CENTRE_LINE, _RACING_LINE)
             if header == _SEGMENTS:
-                return cls._of_rows(zip(*columns, strict=True), name)
+                return cls.of_rows(zip(*columns, strict=True), name)
             if not all(map(isfinite, chain(*columns))):
                 raise ValueError('each of its numbers must be finite')
             x, y, *widths = columns[:4]
@@ -212,7 +212,8 @@ class Track:
         return cls(lengths, curvatures, width, name, start, deviation)
 
     @classmethod
-    def _of_rows(cls, rows: Iterable[tuple[float, float]], name: str) -> Track:
+    def of_rows(cls, rows: Iterable[tuple[float, float]], name: str) -> Track:
+        """Return the track of these lengths and radii [m], as a file has them."""
         segments = ((length, 1.0 / radius if radius else 0.0) for length, radius in rows)
         lengths, curvatures = zip(*segments, strict=True)
         return cls(lengths, curvatures, name=name)

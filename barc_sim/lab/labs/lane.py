@@ -316,9 +316,7 @@ def hidden_track(seed: int) -> Track:
     uniform = Random(f'{seed} track').uniform  # noqa: S311 (a simulation, not a secret)
     first, second, upper, lower = (round(uniform(9.0, 13.0), 1) for _ in range(4))
     rows = l_shape(first, second, upper, lower, straight=round(uniform(14.0, 20.0), 1))
-    lengths, radii = zip(*rows, strict=True)
-    curvatures = tuple(-1.0 / each if each else 0.0 for each in radii)
-    return Track(lengths, curvatures, name='the hidden track')
+    return Track.of_rows(((length, -radius) for length, radius in rows), 'the hidden track')
 
 
 def _judge(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
