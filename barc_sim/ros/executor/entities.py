@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from traceback import walk_tb
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client
@@ -32,9 +32,6 @@ if TYPE_CHECKING:
     Call = tuple[Callable[..., Any], tuple[Any, ...]]
     Take = Callable[['Entry', MultiThreadedExecutor], 'Call | None']
 
-#: A timer, subscription, …: rclpy's have no type in common.
-Entity: TypeAlias = Any
-
 #: The names of a node's lists of entities, in the order in which rclpy executes what is ready.
 KINDS = ('waitables', 'timers', 'subscriptions', 'guards', 'clients', 'services')
 _OURS = ('rclpy.', 'barc_sim.ros.executor.')  # modules
@@ -45,7 +42,7 @@ _MESSAGE_ONLY = Subscription.CallbackType.MessageOnly
 class Entry:
     """An entity of a node, and how much has arrived for it."""
 
-    entity: Entity
+    entity: Any  #: a timer, subscription, …: rclpy's have no type in common
     kind: str  #: of KINDS
     node: Node
     handle: Any
@@ -60,7 +57,7 @@ class Entry:
     counted: int = 0  #: arrivals in memory that were seen
     idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
     on_taken: Callable[[Entry], None] | None = None
-    kept: Any = None  #: a timer's watch on jumps; what stands in the wait set; counts
+    kept: Any = None  #: a timer's watch on jumps; what stands in the wait set
     take_message: Any = None  #: a subscription's faster way
 
     def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
@@ -81,7 +78,7 @@ class Entry:
         return True
 
 
-def entry_of(entity: Entity, kind: str, node: Node) -> Entry:
+def entry_of(entity: Any, kind: str, node: Node) -> Entry:  # noqa: ANN401 (see `Entry`)
     """Return the entry of a node's entity."""
     group = entity.callback_group
     begin = lambda: group.can_execute(entity) and group.beginning_execution(entity)  # noqa: E731
@@ -93,7 +90,7 @@ def entry_of(entity: Entity, kind: str, node: Node) -> Entry:
     return Entry(entity, kind, node, getattr(entity, handle, entity), take, begin, end)
 
 
-def _claim(group: MutuallyExclusiveCallbackGroup, entity: Entity) -> bool:
+def _claim(group: MutuallyExclusiveCallbackGroup, entity: object) -> bool:
     with group._lock:
         if free := group._active_entity is None:
             group._active_entity = entity
@@ -149,9 +146,8 @@ def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take the status of a QoS event, unless another one was meant that shares the descriptor."""
     with entry.handle:
         taken = entry.handle.take_event()
-    counts = [getattr(taken, name) for name in dir(taken) if name.endswith('_count')]
-    former, entry.kept = entry.kept or [0] * len(counts), counts
-    return (entry.entity.execute, (taken,)) if counts != former else None
+    changes = [getattr(taken, name) for name in dir(taken) if name.endswith('_count_change')]
+    return (entry.entity.execute, (taken,)) if any(changes) else None
 
 
 _TAKES: dict[type[Any], Take] = {

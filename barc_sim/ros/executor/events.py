@@ -20,13 +20,8 @@ from rclpy.executors import ExternalShutdownException, ShutdownException, Single
 from rclpy.guard_condition import GuardCondition
 from rclpy.timer import Timer
 
-from barc_sim.ros.executor.entities import KINDS, Entity, Entry, entry_of
-from barc_sim.ros.executor.rclpy_private import (
-    StandIn,
-    notify_of_triggers,
-    set_listener,
-    was_triggered,
-)
+import barc_sim.ros.executor.rclpy_private as private
+from barc_sim.ros.executor.entities import KINDS, Entry, entry_of
 from barc_sim.ros.executor.waiting import Descriptors, counter, retire
 
 if TYPE_CHECKING:
@@ -64,7 +59,7 @@ class Events:
         self.poll_due = 0.0  #: [s] when epoll is asked, even if something is ready
         self.stale = True  #: whether the nodes are to be looked at again
         self.woken = True  #: whether `wake` was called, or it is time for a check
-        self._entries: dict[Entity, Entry] = {}
+        self._entries: dict[object, Entry] = {}
         self._shared = counter()
         self._wakeup = counter()  # which timers count their resets in, too
         self._counted: dict[int, list[Entry]] = {self._wakeup: [], self._shared: []}
@@ -149,14 +144,14 @@ class Events:
             if not entry.idle_uses and descriptor != self._shared:
                 entry.in_memory = _counters[descriptor]
                 self._in_memory.append(entry)
-                set_listener(entry, entry.in_memory)
+                private.set_listener(entry, entry.in_memory)
                 self._queue_counted(descriptor)
 
     def _count_in_descriptors(self) -> None:
         """Have what arrives counted in descriptors again, so that a thread can wait for it."""
         while self._in_memory:
             entry = self._in_memory.pop()
-            set_listener(entry, entry.descriptor)
+            private.set_listener(entry, entry.descriptor)
             if left := entry.in_memory.value - entry.counted:
                 os.eventfd_write(entry.descriptor, left)
             entry.in_memory.value = entry.counted = 0
@@ -197,16 +192,16 @@ class Events:
         entity = entry.entity
         if isinstance(entity, Timer):
             entry.descriptor = self._wakeup
-            set_listener(entry, self._wakeup)
+            private.set_listener(entry, self._wakeup)
             entry.on_taken = lambda entry: self._schedule([entry])
             if isinstance(entity.clock, ROSClock):
                 entry.kept = entity.clock.create_jump_callback(_ANY_JUMP, post_callback=self.wake)
             self._schedule([entry])
         elif isinstance(entity, GuardCondition):
-            notify_of_triggers(entity, partial(self._signal, entry))
-            if was_triggered(entity, entry.node.context):
+            private.notify_of_triggers(entity, partial(self._signal, entry))
+            if private.was_triggered(entity, entry.node.context):
                 self._signal(entry)
-        elif set_listener(entry, self._shared):
+        elif private.set_listener(entry, self._shared):
             entry.descriptor, entry.idle_uses = self._shared, _IDLE_USES
             self._counted[self._shared].append(entry)
             if left := getattr(entity, '_arrived', 0):  # counted, but not taken before
@@ -222,7 +217,7 @@ class Events:
         if not entry.idle_uses:
             with suppress(OSError):  # no descriptor is left
                 own = counter()
-                set_listener(entry, own)
+                private.set_listener(entry, own)
                 self._leave(entry)
                 entry.descriptor, self._counted[own] = own, [entry]
                 self._descriptors.add(own)
@@ -242,14 +237,14 @@ class Events:
         entity = entry.entity
         self._count_in_descriptors()
         if isinstance(entity, GuardCondition):
-            notify_of_triggers(entity, None)
+            private.notify_of_triggers(entity, None)
             with suppress(InvalidHandle):
                 if entry.pending or entry in self._signalled:
                     entity.trigger()  # for its next executor
         elif entry.descriptor < 0:
             self._waiter.remove(entry)
         else:
-            set_listener(entry, None)
+            private.set_listener(entry, None)
             if isinstance(entity, Timer):
                 del self._due[entry]
                 if entry.kept:
@@ -291,7 +286,9 @@ class WaitSetThread(SingleThreadedExecutor):
     def add(self, entry: Entry) -> None:
         """Wait for an entry, too, also while its callback group is claimed."""
         group = ReentrantCallbackGroup()
-        entry.kept = StandIn(entry.entity, entry=entry, callback_group=group, _executor_event=False)
+        entry.kept = private.StandIn(
+            entry.entity, entry=entry, callback_group=group, _executor_event=False
+        )
         getattr(self, entry.kind).append(entry.kept)
         self.wake()
         if not self._thread.ident:

@@ -17,7 +17,7 @@ from rclpy.task import Task
 
 from barc_sim.ros.executor.events import Events
 from barc_sim.ros.executor.rclpy_private import notify_of_triggers
-from barc_sim.ros.executor.waiting import LASTING, Leadership
+from barc_sim.ros.executor.waiting import LASTING, Leadership, shorten_slices
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -224,6 +224,7 @@ class QuickExecutor(MultiThreadedExecutor):
     def _work(self) -> None:
         """Stand by, and lead when a callback of another thread lasts, until nothing spins."""
         waited = False
+        shorten_slices()
         while True:
             with self._lock:
                 if not self._spins and (waited or self._is_shutdown):

@@ -18,9 +18,10 @@ from struct import pack
 
 _MOST = 64  # descriptors in one poll
 #: The length of a struct epoll_event, and the place of the descriptor in it, both in integers of
-#: four bytes. Only x86-64 packs it without gaps.
-_LENGTH, _PLACE = (3, 1) if platform.machine() == 'x86_64' else (4, 2)
+#: four bytes: only x86-64 packs it without gaps. The number of the call sched_setattr.
+_LENGTH, _PLACE, _SCHED_SETATTR = (3, 1, 314) if platform.machine() == 'x86_64' else (4, 2, 274)
 _MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
+_NOT_IN_CHILDREN = 1  # SCHED_FLAG_RESET_ON_FORK
 
 #: [s] After a wait shorter than the second, the next one looks again for the first before it
 #: sleeps: a halted core takes 50 us to wake up, more than another process needs for its answer.
@@ -36,6 +37,13 @@ _spare_timers: list[int] = []
 _epoll_wait, _read = _LIBC.epoll_wait, _LIBC.read  # without `argtypes`, which cost 0.3 us
 _set_timer = _LIBC.timerfd_settime
 _ppoll = ctypes.CDLL(None).ppoll  # gives the lock up; `select`'s functions round to milliseconds
+
+
+def shorten_slices() -> None:
+    """Have the kernel let this thread run sooner after it wakes up; its share of a core stays."""
+    if os.sched_getscheduler(0) == os.SCHED_OTHER:  # 0.1 ms, from Linux 6.12 on; usual: 1.4 ms
+        own = pack('IIQiIQQQ', 48, 0, _NOT_IN_CHILDREN, os.getpriority(0, 0), 0, 100_000, 0, 0)
+        _LIBC.syscall(_SCHED_SETATTR, 0, own, 0)  # refused where a sandbox does: as before then
 
 
 class Descriptors:

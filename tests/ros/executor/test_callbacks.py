@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
+import platform
+import struct
 import threading
 import time
 import traceback
@@ -171,6 +174,30 @@ def test_callbacks_go_on_beside_the_first_one_of_many_that_lasts(
     executor.spin_until_future_complete(done, 2 * DEADLINE)
 
     assert done.result()
+
+
+def test_threads_that_wake_up_need_not_wait_for_others_slices(node: Node, until: Until) -> None:
+    """As Linux itself tells it, see sched_setattr(2); their children have slices as usual."""
+
+    def time_slice() -> int:
+        found = ctypes.create_string_buffer(48)
+        number = 315 if platform.machine() == 'x86_64' else 275
+        assert ctypes.CDLL(None).syscall(number, 0, found, len(found), 0) == 0
+        return int(struct.unpack('IIQiIQQQ', found.raw)[5])
+
+    def compare() -> None:
+        slices.append(time_slice())
+        child = threading.Thread(target=lambda: slices.append(time_slice()))
+        child.start()
+        child.join()
+
+    usual, slices = time_slice(), []
+    if not usual:
+        pytest.skip('Linux has no slices of a thread here (before 6.12)')
+    node.create_timer(0.001, compare)
+    until(lambda: slices[1:])
+
+    assert slices[:2] == [100_000, usual]
 
 
 def test_no_more_callbacks_overlap_than_there_are_threads(
