@@ -23,6 +23,7 @@ from barc_sim.cli.parser import Parser
 from barc_sim.commands import GROUPS
 from barc_sim.lab.labs.hills import BIKE, PID_LAW
 from barc_sim.lab.labs.identify import LAW as IDENTIFY
+from barc_sim.lab.labs.lane import CLASS as LANE_CLASS
 from barc_sim.lab.labs.lane import LAW as LANE
 from barc_sim.lab.labs.raceline import LAW as RACELINE
 from barc_sim.simulation.log import COLUMNS
@@ -164,11 +165,13 @@ def mistakes() -> Iterator[str]:
     def of(file: str, law: Law) -> list[tuple[str, str]]:
         return [(f'`{file}`: {each.topic.lower()}', each.sentence) for each in law.mistakes]
 
-    every = [*of('bike_model.py', BIKE), *of('controller.py', PID_LAW), *of('lane.py', LANE)]
-    every += [*of('raceline.py', RACELINE), *of('identify.py', IDENTIFY)]
+    files = 'bike_model.py', 'controller.py', 'lane.py', 'lane.py', 'raceline.py', 'identify.py'
+    laws = BIKE, PID_LAW, LANE, LANE_CLASS, RACELINE, IDENTIFY
+    every = [each for file, law in zip(files, laws, strict=True) for each in of(file, law)]
     for title, group in groupby(every, key=lambda each: each[0]):
         yield from (f'## {title}', '')
-        sentences = (re.sub(r'(last|over) \d+', r'\1 n', sentence) for _, sentence in group)
+        # Measured numbers stand for n.
+        sentences = (re.sub(r'\b(?<=last |over )\d+|\{.*?\}', 'n', each) for _, each in group)
         yield from (f'- {plain(sentence)}' for sentence in dict.fromkeys(sentences))
         yield ''
 

@@ -30,7 +30,7 @@ from barc_sim.vehicle.bike_model import L_F, L_R, State
 from barc_sim.vehicle.track import Track, l_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterator, Sequence
 
     from matplotlib.figure import Figure
 
@@ -52,13 +52,10 @@ def _wrapped(angle: Floats) -> Floats:
     return np.arctan2(np.sin(angle), np.cos(angle))
 
 
-_FORMULAS: Mapping[str, Callable[..., Floats]] = {
-    'wrapped': _wrapped,
-    'hypot': np.hypot,
-    'sqrt': np.sqrt,
-    'arcsin': np.arcsin,
-}
-LAW = replace(read_law(Path(__file__).with_name('lane.txt'), L_F=L_F, L_R=L_R), functions=_FORMULAS)
+LAW = replace(
+    read_law(Path(__file__).with_name('lane.txt'), L_F=L_F, L_R=L_R),
+    functions={'wrapped': _wrapped},
+)
 _RESULTS = {
     'straight_errors': ('straight_e_y', 'straight_e_psi'),
     'arc_errors': ('arc_e_y', 'arc_e_psi'),
