@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from barc_sim.learning.tasks import Task
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.bike_model import Command
+    from barc_sim.vehicle.plant import Plant
     from barc_sim.vehicle.road import Road
 
 _DPI = 50  # 640 x 360
@@ -56,14 +57,14 @@ class Picture:
         if window:
             style.close(window)
 
-    def draw(self, plant: Any, command: Command, t: float) -> Any:  # noqa: ANN401 (an array)
-        """Return the picture at `t` [s]; None where a window shows it, or should."""
+    def draw(self, plant: Plant, command: Command) -> Any:  # noqa: ANN401 (an array)
+        """Return the picture; None where a window shows it, or should."""
         if self._in_window and not self._window:
             return None
         still = copy(plant)
         still.sensor = Sensor()  # the run's own would draw other noise after it
         self._rows.append((still.observe(), command, (0.0,)))
-        self._times.append(t)
+        self._times.append(plant.steps * plant.ts)
         lane = columns_of(LANE_STATE).values() if plant.track else ()
         unknown: Any = dict.fromkeys(lane, np.full(len(self._rows), nan))
         log = log_of_rows(self._rows, plant.period_ns, self._task.speed, **unknown)

@@ -11,7 +11,6 @@ from bisect import bisect_right
 from itertools import pairwise, product
 from math import inf, isnan, pi, radians
 from operator import itemgetter
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -19,13 +18,12 @@ import numpy as np
 from barc_sim.control.cruise_control import SPEED
 from barc_sim.control.lane import STEERING_LIMIT
 from barc_sim.control.speed import ACCELERATION_LIMIT, SPEED_REFERENCE
-from barc_sim.errors import UserError, extra
+from barc_sim.errors import UserError, extra, not_between
 from barc_sim.simulation.closed_loop import LIMITS, check_arguments, plant_of
-from barc_sim.simulation.fast import Plants
 from barc_sim.vehicle.bicycles import LateralParameters
-from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.bike_model import State, Vehicle
 from barc_sim.vehicle.parameters import ROWS
-from barc_sim.vehicle.track import Pose
+from barc_sim.vehicle.plant import Sensor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -46,10 +44,8 @@ _START_E_PSI = 0.2  #: [rad] either way
 #: The options of `simulate` and `lap` that an environment has.
 OPTIONS = 'road', 'track', 'vehicle', 'dynamics', 'lateral', 'noise', 'delay', 'servo', 'ts'
 _PARAMETERS = *Vehicle._fields, *LateralParameters._fields
-#: What may be drawn anew for each episode, and its limits.
+#: What `ranges` may have, and its limits.
 _VARIED = {name: (ROWS | LIMITS)[name] for name in (*_PARAMETERS, 'noise', 'delay')}
-
-
 #: What a car measures, and its latest command: speed to hold less the measured one [m/s], e_y [m],
 #: e_psi [rad], speed along the car's axis [m/s], acceleration [m/s²], steering [rad].
 SEEN = 'error', 'e_y', 'e_psi', 'speed', 'motor', 'servo'
@@ -58,8 +54,7 @@ SEEN = 'error', 'e_y', 'e_psi', 'speed', 'motor', 'servo'
 class Task:
     """The options that all environments have, and what each makes of them."""
 
-    #: The observation's numbers: of `SEEN`, by name, and the bounds of each, either way.
-    observed: ClassVar[Mapping[str, float]]
+    observed: ClassVar[tuple[str, ...]]  #: of `SEEN`
     #: What an action commands, each from -1 to 1: that share of the limit.
     actions: ClassVar[tuple[str, ...]]
     course: ClassVar[Mapping[str, str]] = {'track': 'L', 'road': 'flat'}
@@ -90,103 +85,119 @@ class Task:
             )
         self.speed = self.default_speed if speed is None else speed
         SPEED.check(self.speed, 'speed')
-        given = {name: each for name, each in options.items() if each not in (None, '')}
         check_arguments(acceleration_limit=acceleration_limit)
-        self.limits = {'motor': acceleration_limit, 'servo': STEERING_LIMIT}
-        self._options: dict[str, Any] = {**self.course, **given}
-        like = self.plant({})
-        self.road, self.track, self.ts = like.road, like.track, like.ts
-        self.noise = like.sensor.noise
-        self._options |= {'road': self.road, 'track': self.track}  # read once
-        self.ranges = dict(ranges or {})
-        for name, (low, high) in self.ranges.items():
-            if name not in _VARIED:
-                raise UserError(f'ranges: {name!r} must be one of {", ".join(_VARIED)}')
-            for value in (low, high):
-                _VARIED[name].check(value, f'ranges: {name}')
-        self.is_noisy = any(self.noise) or 'noise' in self.ranges
-        #: Whether episodes have plants of their own.
-        self.varies = bool(self.ranges or self.is_noisy)
+        given = {name: each for name, each in options.items() if each not in (None, '')}
         #: Whether `delay` is that of the servo, too.
         self.delays_servo = 'servo' not in given
+        self._options: dict[str, Any] = {**self.course, **given}
+        self.plain = plain = self.plant({})  #: the plant of the options alone
+        self.road, self.track, self.ts = plain.road, plain.track, plain.ts
+        self._options |= {'road': self.road, 'track': self.track}  # read once
+        self.ranges = _checked(ranges or {})
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
+        self.is_noisy = plain.sensor.is_noisy or 'noise' in self.ranges
         self.length = self.track.length if self.track else self.road.starts[-1]  # [m]
         self.half_width = 0.5 * self.track.width if self.track else inf  # [m]
+        self._set_draws()
         if track := self.track:
             self.ahead = _preview(track.starts, track.curvature, track.is_closed)
         else:
             self.ahead = _preview(self.road.starts, lambda x: radians(self.road.grade_deg(x)))
-        ahead = [1.0 / self.half_width if self.track else 0.5 * pi] * len(AHEAD)
-        known = {**self.limits, 'e_y': 2.0 * self.half_width}
-        bounds = [known.get(name, bound) for name, bound in self.observed.items()]
-        self.high = np.array([*bounds, *ahead])
+        #: The bounds of what is seen, either way: of `SEEN`, and of the road ahead.
+        self.limits = {
+            'error': 2.0 * MAX_SPEED,
+            'e_y': 2.0 * self.half_width,
+            'e_psi': pi,
+            'speed': MAX_SPEED,
+            'motor': acceleration_limit,
+            'servo': STEERING_LIMIT,
+        }
+        ahead = 1.0 / self.half_width if self.track else 0.5 * pi
+        self.high = np.array([*map(self.limits.get, self.observed), *[ahead] * len(AHEAD)])
         self._low, self._own = -self.high, itemgetter(*map(SEEN.index, self.observed))
 
-    def plant(self, drawn: Mapping[str, float], seed: int = 0) -> Plant:
-        """Return the plant of an episode with these of `ranges`, and this seed of the noise."""
-        options = self._options | {'seed': seed}
+    def _set_draws(self) -> None:
+        """Set what an episode draws, from and to, and what its options may give."""
+        least, most = self.start_speeds
+        e_y = self.half_width / 3.0
+        on_track = {'e_y': (-e_y, e_y), 'e_psi': (-_START_E_PSI, _START_E_PSI)}
+        noise = self.plain.sensor.noise.v_x
+        self.draws: dict[str, tuple[float, float]] = {
+            's': (0.0, self.length),
+            **(on_track if self.track else {}),
+            'v': (least * self.speed, most * self.speed),
+            **({'noise': (noise, noise), 'seed': (0.0, 2.0**53)} if self.is_noisy else {}),
+            **self.ranges,
+        }
+        self._allowed = {name: row.between for name, row in _VARIED.items()} | {
+            's': (0.0, self.length) if self.track else LIMITS['distance'].between,
+            'e_y': (-self.half_width, self.half_width),
+            'e_psi': (-pi, pi),
+            'v': (-MAX_SPEED, MAX_SPEED),
+            'seed': (0.0, 2.0**53),
+        }
+
+    def plant(self, drawn: Mapping[str, float]) -> Plant:
+        """Return the plant of an episode with these numbers of `ranges`."""
+        options = {**self._options}
         for name, kind in (('vehicle', Vehicle), ('lateral', LateralParameters)):
             if mine := {each: drawn[each] for each in drawn.keys() & {*kind._fields}}:
                 options[name] = (options.get(name) or kind())._replace(**mine)
         if 'delay' in drawn:
             options['delay'] = drawn['delay']
-        if 'noise' in drawn:
-            options['noise'] = self.noise._replace(v_x=drawn['noise'])
         return plant_of(**options)
 
-    def batch(self, n: int) -> Plants:
-        """Return the plants of `n` cars."""
-        return Plants(n, self.plant({}), max(self.ranges.get('delay', (0.0,))))
+    def sensor(self, noise: float, seed: float) -> Sensor:
+        """Return the sensor of an episode, with this noise of the speed [m/s]."""
+        return Sensor(self.plain.sensor.noise._replace(v_x=noise), int(seed))
 
-    def draw(self, shares: Any) -> dict[str, Any]:  # noqa: ANN401 (numbers or arrays)
-        """Return the numbers of an episode, by name, at these shares of `ranges`."""
-        pairs = zip(self.ranges.items(), shares, strict=True)
-        return {name: low + (high - low) * share for (name, (low, high)), share in pairs}
+    def draw(self, shares: Any, options: Mapping[str, float] | None) -> dict[str, Any]:  # noqa: ANN401
+        """Return the numbers of an episode: at these shares of `draws`, or as the `options` say.
 
-    def command(self, action: Any) -> tuple[Any, float]:  # noqa: ANN401 (of numbers)
-        """Return what `commands` does, of the action of one car; UserError: it is none."""
-        try:
-            shares = [1.0 if x > 1.0 else max(x, -1.0) for x in np.asarray(action).tolist()]
-            if len(shares) == len(self.actions) and not isnan(sum(shares)):
-                return self.commands(shares)
-        except (TypeError, ValueError):
-            pass
-        raise UserError(self.no_action.format(action))
-
-    @property
-    def no_action(self) -> str:
-        """What is wrong with an action that is none."""
-        return (
-            f'action {{}}: each car takes a list of {" and ".join(self.actions)}, from -1 to 1 and '
-            'not NaN'
-        )
-
-    def commands(self, shares: Any) -> tuple[Any, Any]:  # noqa: ANN401 (of numbers or arrays)
-        """Return acceleration, None for the PID's, and steering of an action's shares."""
-        motor = shares[0] * self.limits['motor'] if 'motor' in self.actions else None
-        return motor, shares[-1] * self.limits['servo'] if 'servo' in self.actions else 0.0
-
-    def start(self, shares: Any, options: Mapping[str, Any] | None) -> dict[str, Any]:  # noqa: ANN401
-        """Return where an episode begins: at random `shares`, or as the `options` give it."""
-        s, e_y, e_psi, v = shares
-        least, most = self.start_speeds
-        start = {'s': s * self.length}
-        if self.track:
-            start['e_y'] = (2.0 * e_y - 1.0) * self.track.width / 6.0
-            start['e_psi'] = (2.0 * e_psi - 1.0) * _START_E_PSI
-        start['v'] = self.speed * (least + (most - least) * v)
+        UserError: an option is unknown, or out of its limits.
+        """
+        pairs = zip(self.draws.items(), shares, strict=True)
+        drawn = {name: low + (high - low) * share for (name, (low, high)), share in pairs}
         for name, value in (options or {}).items():
-            if name not in start:
-                raise UserError(f'options: {name!r} must be one of {", ".join(start)}')
-            start[name] = value + 0.0 * start[name]
-        return start
+            if name not in drawn:
+                raise UserError(f'options: {name!r} must be one of {", ".join(drawn)}')
+            if why := not_between(value, *self._allowed[name]):
+                raise UserError(f'options: {name}: {why}')
+            drawn[name] = value + 0.0 * drawn[name]
+        return drawn
 
-    def pose(self, start: Mapping[str, Any]) -> Pose:
-        """Return the pose on the map at which an episode begins."""
+    def state(self, drawn: Mapping[str, Any]) -> State:
+        """Return the state with which an episode begins; arrays, of arrays."""
+        s, v = drawn['s'], drawn['v']
         if self.track:
-            return self.track.place(start['s'], start['e_y'], start['e_psi'])
-        return Pose(start['s'], 0.0 * start['s'], 0.0 * start['s'])
+            return State(*self.track.place(s, drawn['e_y'], drawn['e_psi']), v)
+        return State(s, 0.0 * s, 0.0 * s, v)
+
+    def command(self, action: Any, cars: int | None = None) -> tuple[Any, Any]:  # noqa: ANN401
+        """Return acceleration [m/s²], None for the PID's, and steering [rad] of an action.
+
+        They are arrays of the actions of many `cars`. UserError: it is no action.
+        """
+        names = self.actions
+        shares: Any
+        try:
+            if cars is None:
+                shares = [1.0 if x > 1.0 else max(x, -1.0) for x in np.asarray(action).tolist()]
+                fits = len(shares) == len(names) and not isnan(sum(shares))
+            else:
+                shares = np.minimum(np.maximum(np.asarray(action, np.float64).T, -1.0), 1.0)
+                fits = shares.shape == (len(names), cars) and not np.isnan(shares).any()
+        except (TypeError, ValueError):
+            fits = False
+        if not fits:
+            raise UserError(
+                f'action {action}: each car takes a list of {" and ".join(names)}, from -1 to 1 '
+                'and not NaN'
+            )
+        motor: Any = shares[0] * self.limits['motor'] if 'motor' in names else None
+        servo = shares[-1] * self.limits['servo'] if 'servo' in names else 0.0 * abs(motor)
+        return motor, servo
 
     def observe(self, seen: tuple[Any, ...], ahead: Any) -> Floats:  # noqa: ANN401 (or arrays)
         """Return the observation, of shape (numbers,), or (cars, numbers).
@@ -211,6 +222,22 @@ class Task:
         raise NotImplementedError
 
 
+def _checked(ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """Return the ranges of what each episode draws; UserError: one is none."""
+    for name, pair in ranges.items():
+        if name not in _VARIED:
+            raise UserError(f'ranges: {name!r} must be one of {", ".join(_VARIED)}')
+        try:
+            low, high = pair
+        except (TypeError, ValueError):
+            raise UserError(
+                f'ranges: {name}: {pair!r} is not a pair of numbers: give (lowest, highest)'
+            ) from None
+        for value in (low, high):
+            _VARIED[name].check(value, f'ranges: {name}')
+    return dict(ranges)
+
+
 def _preview(
     starts: Sequence[float], at: Callable[[float], float], is_closed: bool = False
 ) -> Callable[[Any], Any]:
@@ -219,21 +246,19 @@ def _preview(
     `at` changes at `starts` alone, [m], of which the last is the length where the way `is_closed`:
     so does this function at the places that lie so far before them, and is a table.
     """
-    length = starts[-1] if is_closed else inf
-    ends = sorted({start - d for start in starts for d in AHEAD})
-    if is_closed:
-        ends = sorted({end % length for end in ends})
-    middles = [ends[0] - 1.0, *(0.5 * (a + b) for a, b in pairwise(ends)), ends[-1] + 1.0]
+    length = starts[-1]
+    places = {start - d for start in starts for d in AHEAD}
+    ends = sorted({place % length for place in places} if is_closed else places)
+    first, last = (0.0, length) if is_closed else (ends[0] - 1.0, ends[-1] + 1.0)
+    middles = [0.5 * (a + b) for a, b in pairwise([first, *ends, last])]
     table = [tuple(at(middle + d) for d in AHEAD) for middle in middles]
-    if is_closed:
-        table[0] = table[-1] = tuple(at(0.5 * (ends[-1] + ends[0] + length) + d) for d in AHEAD)
-    places, rows = np.array(ends), np.array(table).T
+    edges, rows = np.array(ends), np.array(table).T
 
     def ahead(s: Any) -> Any:  # noqa: ANN401 (a number or an array)
         if isinstance(s, float):
             return table[bisect_right(ends, s % length if is_closed else s)]
         s = s - np.floor(s / length) * length if is_closed else s  # as `%` does, in a third
-        return rows.take(places.searchsorted(s, 'right'), 1)
+        return rows.take(edges.searchsorted(s, 'right'), 1)
 
     return ahead
 
@@ -256,9 +281,9 @@ class Hills(Task):
         faster than 50 m/s, or 10 m before the start of the road
     """
 
-    observed = MappingProxyType({'error': 100.0, 'speed': MAX_SPEED, 'motor': 0.0})
+    observed = ('error', 'speed', 'motor')
     actions = ('motor',)
-    course = MappingProxyType({'road': 'lab'})
+    course: ClassVar = {'road': 'lab'}
     default_speed = SPEED_REFERENCE
 
     def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
@@ -285,7 +310,7 @@ class Lane(Task):
         off the track, or faster than 50 m/s
     """
 
-    observed = MappingProxyType({'e_y': 0.0, 'e_psi': pi, 'speed': MAX_SPEED, 'servo': 0.0})
+    observed = ('e_y', 'e_psi', 'speed', 'servo')
     actions = ('servo',)
     start_speeds = (1.0, 1.0)
 
@@ -309,9 +334,7 @@ class Race(Task):
         as in `Lane`
     """
 
-    observed = MappingProxyType(
-        {'e_y': 0.0, 'e_psi': pi, 'speed': MAX_SPEED, 'motor': 0.0, 'servo': 0.0}
-    )
+    observed = ('e_y', 'e_psi', 'speed', 'motor', 'servo')
     actions = ('motor', 'servo')
 
     def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002

@@ -1,21 +1,22 @@
 """The laws once more, for speed: one loop in plain floats, and many cars in NumPy arrays.
 
 `_drive` has `PID` and `next_speed` written out, as a call costs as much as a law; `pid_log` makes a
-log of it. `PIDs`, `next_speeds` and `Plants` are the same laws over arrays. Tests compare logs to
-the last bit, and `Plants` to rounding, as NumPy's functions differ from Python's in the last bit.
-A car that stands or rolls back is rare: one reduction finds it, and it is handled apart.
+log of it. `PIDs` and `Plants` are many cars at once. Tests compare logs to the last bit, and
+`Plants` to rounding, as NumPy's functions differ from Python's in the last bit.
 """
 
 from __future__ import annotations
 
 from array import array
 from itertools import chain, islice, repeat
-from math import cos, inf, isfinite, nan, sin
+from math import cos, inf, isfinite, nan, radians, sin
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from barc_sim.simulation.log import log_of
+from barc_sim.vehicle.bicycles import euler, kinematic_rates, rates
 from barc_sim.vehicle.bike_model import (
     Command,
     Motion,
@@ -26,6 +27,7 @@ from barc_sim.vehicle.bike_model import (
     surroundings,
 )
 from barc_sim.vehicle.plant import MeasurementError, Sensor, in_steps, with_error
+from barc_sim.vehicle.track import Frenet
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -36,12 +38,15 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.bike_model import Vehicle
-    from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
+    from barc_sim.vehicle.plant import Actuator, Plant
     from barc_sim.vehicle.road import Road
+    from barc_sim.vehicle.track import Track
 
     Floats = NDArray[np.float64]
     #: The numbers of some cars.
     Cars = NDArray[np.intp]
+    #: An array where the type says a number, or a record of such.
+    Arrays = Any
 
 
 _BLOCK = 512  #: measurements whose noise is drawn at once
@@ -118,27 +123,21 @@ def _drive(
     return np.frombuffer(array('d', speeds)), np.frombuffer(array('d', integrals))
 
 
-@np.errstate(over='ignore', invalid='ignore')  # as with floats
-def _commands(
-    pid: PID, reference: float, dt: float, v: Floats, integral: Floats, errors: Floats | float
-) -> dict[str, Any]:
-    """Return the columns of the PID's command and terms: the sums of `_drive`, for arrays."""
-    measured = v + errors
-    deviation = reference - measured
-    increment = pid.ki * deviation * dt
-    change = np.diff(measured, prepend=0.0)
-    proportional, derivative = pid.kp * deviation, -pid.kd * change / dt
-    increment[:1] = derivative[:1] = 0.0
-    before = np.concatenate([[0.0], integral[:-1]])
-    output = proportional + before + increment + derivative
-    motor = np.clip(output, pid.output_min, pid.output_max)
-    return {
-        'motor': motor,
-        'proportional': proportional,
-        'integral': integral,
-        'derivative': derivative,
-        'saturated': motor != output,
-    }
+def _pid(
+    pid: PID, reference: float, dt: float, measured: Floats, previous: Floats, integral: Floats
+) -> tuple[Floats, ...]:
+    """Return the proportional term, the integral's increment, the derivative, output and command.
+
+    The arrays are of `PID.acc_calculate`'s numbers; where the `previous` speed is NaN, it is the
+    first call.
+    """
+    error, first = reference - measured, np.isnan(previous)
+    proportional = pid.kp * error
+    increment = np.where(first, 0.0, pid.ki * error * dt)
+    derivative = np.where(first, 0.0, -pid.kd * (measured - previous) / dt)
+    output = proportional + integral + increment + derivative
+    command = np.minimum(np.maximum(output, pid.output_min), pid.output_max)
+    return proportional, increment, derivative, output, command
 
 
 def pid_log(
@@ -164,8 +163,11 @@ def pid_log(
         error = MeasurementError(*np.concatenate(blocks, axis=1)[:, :n])
     dt = plant.period_ns / 1e9
     seen = error.v_x if blocks else -0.0
-    computed = _commands(pid, speed_reference, dt, v, integral, seen)
-    if not all(isfinite(each[-1]) for each in computed.values()):
+    speeds = v + seen
+    before = np.append(nan, speeds[:-1]), np.append(0.0, integral[:-1])
+    with np.errstate(over='ignore', invalid='ignore'):  # as with floats
+        proportional, _, derivative, output, motor = _pid(pid, speed_reference, dt, speeds, *before)
+    if not all(isfinite(each[-1]) for each in (motor, proportional, integral, derivative)):
         return None
     x = np.add.accumulate(np.append(state.x, plant.ts * v[:-1]))
     states = State(x, np.full(n, state.y), zero, v)  # type: ignore[arg-type]
@@ -176,10 +178,13 @@ def pid_log(
         plant.period_ns,
         measured,
         error,
-        Command(computed.pop('motor'), zero),
+        Command(motor, zero),  # type: ignore[arg-type]  # arrays
         surroundings(v, plant.road.at(x), vehicle),  # type: ignore[arg-type]
         reference=np.full(n, speed_reference),
-        **computed,
+        proportional=proportional,
+        integral=integral,
+        derivative=derivative,
+        saturated=motor != output,
     )
 
 
@@ -190,69 +195,46 @@ def _speed_errors(sensor: Sensor, blocks: list[Floats]) -> Iterator[list[float]]
         yield blocks[-1][3].tolist()
 
 
-_DRAWN = 64  #: measurements whose noise is drawn at once
+_DRAWN = 64  #: measurements whose noise is drawn at once, of each of many cars
+#: What `bicycles` takes of `math`, for arrays.
+_FUNCTIONS = SimpleNamespace(sin=np.sin, cos=np.cos, hypot=np.hypot, atan2=np.arctan2)
 
 
 class PIDs:
     """`PID` for many cars, by the law of one."""
 
-    def __init__(self, n: int, like: PID, dt: float) -> None:
-        """Start at rest, in intervals of `dt` seconds."""
-        self._like, self._dt = like, dt
-        self._integral, self._previous = np.zeros((2, n))
-        self.reset(np.arange(n))
+    def __init__(self, n: int, like: PID) -> None:
+        """Start at rest."""
+        self._like = like
+        self._integral, self._previous = np.zeros(n), np.full(n, nan)
 
     def reset(self, cars: Cars) -> None:
         """Forget the past of these cars: the next call is their first."""
         self._integral[cars], self._previous[cars] = 0.0, nan
 
-    def control(self, reference: float, measured: Floats) -> Floats:
-        """Return the commands [m/s²] for speeds in m/s."""
-        like, first = self._like, np.isnan(self._previous)
-        error = reference - measured
-        increment = np.where(first, 0.0, like.ki * error * self._dt)
-        derivative = np.where(first, 0.0, -like.kd * (measured - self._previous) / self._dt)
-        output = like.kp * error + self._integral + increment + derivative
-        command: Floats = np.minimum(np.maximum(output, like.output_min), like.output_max)
+    def acc_calculate(self, reference: float, measured: Floats, dt: float) -> Floats:
+        """Return the accelerations [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+        before = self._previous, self._integral
+        _, increment, _, output, command = _pid(self._like, reference, dt, measured, *before)
         increment[(output - command) * increment > 0.0] = 0.0  # further into the limit
         self._integral += increment
         self._previous[:] = measured
         return command
 
 
-def next_speeds(
-    v: Floats, a: Floats, gravity_force: Floats | float, vehicle: Vehicle, ts: float
-) -> Floats:
-    """Return the speeds [m/s] one step of `ts` seconds after `v`: `next_speed` for arrays.
-
-    The fields of `vehicle` may be arrays, too.
-    """
-    opposing: Any = resistance(v, vehicle)  # type: ignore[arg-type]  # arrays
-    forwards = v.min() > 0.0
-    if not forwards:
-        opposing *= np.sign(v)
-    after: Floats = v + ts * (a + (gravity_force - opposing) / vehicle.mass)
-    if not forwards or after.min() < 0.0:
-        # Resistance slows the car to a standstill and never pulls it backwards.
-        free = v + ts * (a + gravity_force / vehicle.mass)
-        np.maximum(after, np.minimum(free, 0.0), out=after, where=v > 0.0)
-        np.minimum(after, np.maximum(free, 0.0), out=after, where=v < 0.0)
-    return after
-
-
 class Actuators:
     """`ActuatorState` for many cars, whose delays may differ."""
 
     def __init__(self, n: int, actuator: Actuator, ts: float, max_delay: float) -> None:
-        """Begin at zero; no delay of `delay_some` will be above `max_delay` [s]."""
+        """Begin at zero; no delay of `delay` will be above `max_delay` [s]."""
         self._lag, self._rate, self._limit = actuator[1:]
         self._ts, self._cars, self._step = ts, np.arange(n), 0
         self.value = np.zeros(n)
         self._queue = np.zeros((in_steps(max(max_delay, actuator.delay), ts)[0] + 2, n))
         self._whole, self._early = np.zeros(n, np.intp), np.zeros(n)
-        self.delay_some(self._cars, np.full(n, actuator.delay))
+        self.delay(self._cars, np.full(n, actuator.delay))
 
-    def delay_some(self, cars: Cars, delays: Floats) -> None:
+    def delay(self, cars: Cars, delays: Floats) -> None:
         """Delay these cars' commands by so many seconds from now on."""
         steps = np.array([in_steps(delay, self._ts) for delay in delays.tolist()]).reshape(-1, 2)
         self._whole[cars], self._early[cars] = steps.T
@@ -262,18 +244,17 @@ class Actuators:
         """Set these to zero, and drop their waiting commands."""
         self.value[cars] = self._queue[:, cars] = 0.0
 
-    def advance(self, command: Floats) -> Floats:
+    def advance(self, command: Floats) -> Arrays:
         """Go one step after `command`; return the means over it."""
         if self._limit < inf:
             command = np.clip(command, -self._limit, self._limit)
-        newer, late = command, self._ts
+        if not (self._delays or self._splits):
+            return self._respond(command, self._ts)
         self._step += 1
-        if self._delays or self._splits:
-            self._queue[self._step % len(self._queue)] = command
-            newer = self._ago(self._whole)
+        self._queue[self._step % len(self._queue)] = command
+        newer, early = self._ago(self._whole), self._early
         if not self._splits:
-            return self._respond(newer, late)
-        early = self._early
+            return self._respond(newer, self._ts)
         # Of a share of zero nothing is left: its mean counts for nothing, and it moves nothing.
         older = np.where(early > 0.0, self._ago(self._whole + 1), self.value)
         mean = early * self._respond(older, np.where(early > 0.0, early, 1.0) * self._ts)
@@ -308,10 +289,35 @@ class Actuators:
         return mean
 
 
-class Plants:
-    """Many plants, each as `Plant` steps it by forward Euler.
+class Sensors:
+    """`Sensor` for many cars, whose noise may differ."""
 
-    All arrays have an element for each car.
+    def __init__(self, n: int) -> None:
+        """Add no noise before `replace`."""
+        self._sensors = [Sensor()] * n
+        self._errors, self._next = np.zeros((n, _DRAWN, 6)), np.zeros(n, np.intp)
+
+    def replace(self, cars: Cars, sensors: Iterable[Sensor]) -> None:
+        """Measure these cars with others from now on."""
+        self._next[cars] = 0
+        for car, sensor in zip(cars.tolist(), sensors, strict=True):
+            self._sensors[car] = sensor
+
+    def measure(self, true: Motion) -> tuple[Motion, MeasurementError]:
+        """Return the motions as measured, and the errors: measured minus true."""
+        k = self._next
+        for car in np.flatnonzero(k == 0).tolist():
+            self._errors[car] = self._sensors[car].draw(_DRAWN).T
+        error = MeasurementError(*self._errors[np.arange(len(k)), k].T)
+        self._next = (k + 1) % _DRAWN
+        heading: Any = np.cos(true.psi), np.sin(true.psi)
+        return with_error(true, error, *heading), error
+
+
+class Plants:
+    """Many plants, each as `Plant` steps it by forward Euler: its names, with arrays for numbers.
+
+    The laws are those of `bicycles`.
     """
 
     def __init__(self, n: int, like: Plant, max_delay: float) -> None:
@@ -322,18 +328,14 @@ class Plants:
             Actuators(n, state.actuator, self.ts, max_delay)
             for state in (like.actuators.motor, like.actuators.servo)
         )
-        self.x, self.y, self.psi, self.v, self._beta, self._psi_dot = np.zeros((6, n))
-        self.s, self.e_y, self.e_psi, self.lap, self.lap_began = np.zeros((5, n))
+        self.sensor = Sensors(n)
+        self.state: Arrays = State(*np.zeros((4, n)))
+        self._slip = np.zeros((3, n))  # v_x, v_y [m/s] and psi_dot [rad/s] of the dynamic bicycle
+        self.frenet: Arrays = Frenet(*np.zeros((4, n))) if like.track else None
         self.steps = np.zeros(n, np.intp)  #: since each was placed
-        self._sensors = [Sensor()] * n
-        self._errors = np.zeros((0, _DRAWN, 6))
-        self.lap_times = np.full(n, None)  #: [s] tuples: of its whole laps
-        self._is_whole = np.zeros(n, np.bool_)  # the lap began at its line
-
-    @property
-    def is_noisy(self) -> bool:
-        """Whether any is measured with noise."""
-        return bool(len(self._errors))
+        self.lap, self._is_whole = np.zeros(n, np.intp), np.zeros(n, np.bool_)
+        self.lap_time, self._lap_began = np.zeros((2, n))
+        self.lap_times = np.full(n, None)  #: [s] tuples
 
     def vary(self, cars: Cars, parameters: Mapping[str, Floats]) -> None:
         """Give these cars parameters of their own, of the vehicle, or of its tyres."""
@@ -341,149 +343,114 @@ class Plants:
             for record in ('vehicle', '_lateral'):
                 held: Any = getattr(self, record)
                 if name in getattr(held, '_fields', ()):
-                    column = getattr(held, name) + np.zeros_like(self.v)
+                    column = getattr(held, name) + np.zeros(len(self.steps))
                     column[cars] = values
                     setattr(self, record, held._replace(**{name: column}))
 
-    def make_noise(self, cars: Cars, levels: Sequence[NoiseLevels], seeds: Sequence[int]) -> None:
-        """Measure these cars with noise, each with a seed of its own, from now on."""
-        if not self.is_noisy:
-            self._errors = np.zeros((len(self.v), _DRAWN, 6))
-        for car, level, seed in zip(cars.tolist(), levels, seeds, strict=True):
-            self._sensors[car] = Sensor(level, seed)
-
-    def place(self, cars: Cars, pose: Any, start: Mapping[str, Floats]) -> None:  # noqa: ANN401
-        """Put these there, without commands: at a pose on the map and what it is on the track."""
-        self.x[cars], self.y[cars], self.psi[cars] = pose
-        for name, values in start.items():
-            getattr(self, name)[cars] = values
-        for column in (self._beta, self._psi_dot, self.steps, self.lap_began):
-            column[cars] = 0
+    def place(self, cars: Cars, state: Arrays, on_track: Sequence[Floats]) -> None:
+        """Begin a run with each of these, on a track at these s, e_y and e_psi."""
+        for column, values in zip(self.state, state, strict=True):
+            column[cars] = values
+        self._slip[:, cars] = state.v, 0.0 * state.v, 0.0 * state.v
+        self.steps[cars] = self._lap_began[cars] = self.lap_time[cars] = 0
         self.motor.stop(cars)
         self.servo.stop(cars)
         if self.track:
-            s = start['s']
-            self.lap[cars] = np.maximum(np.floor(s / self.track.length), 0.0)
-            self._is_whole[cars] = s == 0.0
-            for car in cars.tolist():
-                self.lap_times[car] = ()
+            for column, values in zip(self.frenet[:3], on_track, strict=True):
+                column[cars] = values
+            self.lap[cars] = on_track[0] // self.track.length
+            self._is_whole[cars] = on_track[0] == 0.0
+            self.lap_times[cars] = [()] * len(cars)
 
-    def advance(self, motor: Floats, servo: Floats) -> None:
+    def advance(self, command: Arrays) -> None:
         """Go one step with these commands."""
-        motor, servo = self.motor.advance(motor), self.servo.advance(servo)
-        sine = self._sine()
-        slips = self._slips()
-        if slips is None or not slips.any():
-            after = self._kinematic(motor, servo, sine)
+        held = Command(self.motor.advance(command.motor), self.servo.advance(command.servo))
+        if self._lateral:
+            self._advance_dynamic(held, self._lateral)
         else:
-            after = self._dynamic(motor, servo, sine)
-            if not slips.all():
-                others = self._kinematic(motor, servo, sine)
-                after = tuple(np.where(slips, *both) for both in zip(after, others, strict=True))
-        self.x, self.y, self.psi, self.v, self._beta, self._psi_dot = after
+            self.state = self._kinematic(held)
         self.steps += 1
         if self.track:
-            self._locate()
-        else:
-            self.s = self.x
+            self._locate(self.track)
 
-    def measure(self) -> Motion:
-        """Return what is measured of position, heading and v_x; the other velocities are zero."""
+    @property
+    def v_x(self) -> Floats:
+        """The speeds along the cars' axes [m/s]."""
         tangent = self._tangent(self.servo.value)
-        v_x = self.v / np.sqrt(1.0 + tangent * tangent)
-        slips = self._slips()
-        if slips is not None:
-            v_x = np.where(slips, self.v * np.cos(self._beta), v_x)
-        true: Any = Motion(self.x, self.y, self.psi, v_x, 0.0, 0.0)  # type: ignore[arg-type]
-        if not self.is_noisy:
-            return true  # type: ignore[no-any-return]
-        k = self.steps % _DRAWN
-        for car in np.flatnonzero(k == 0).tolist():
-            self._errors[car] = self._sensors[car].draw(_DRAWN).T
-        error: Any = MeasurementError(*self._errors[np.arange(len(k)), k].T)
-        heading: Any = np.cos(self.psi), np.sin(self.psi)
-        return with_error(true, error, *heading)
+        v_x: Floats = self.state.v / np.sqrt(1.0 + tangent * tangent)
+        if self._lateral:
+            slipping = self._slip[0]
+            v_x = np.where(slipping > self._lateral.dynamic_above, slipping, v_x)
+        return v_x
 
-    def _sine(self) -> Floats | float:
-        """Return the sine of the incline."""
-        if len(self.road.grades_deg) == 1:
-            return self.road.at(0.0).sin_theta
-        s = self.s
-        if self.track and self.track.is_closed:
-            s = s % self.track.length
-        return self.road.at(s).sin_theta
+    def motion(self) -> Motion:
+        """Return the true states; the velocities besides v_x are left at zero."""
+        x, y, psi, _ = self.state
+        return Motion(x, y, psi, self.v_x, 0.0, 0.0)  # type: ignore[arg-type]  # arrays
 
     def _tangent(self, servo: Floats) -> Floats:
-        """Return the tangent of the kinematic bicycle's slip angle."""
+        """Return the tangent of `slip_angle`."""
         car = self.vehicle
         tangent: Floats = car.l_r / (car.l_f + car.l_r) * np.tan(servo)
         return tangent
 
-    def _slips(self) -> NDArray[np.bool_] | None:
-        """Return whose tyres slip; None: the bicycle is the kinematic one."""
-        if not self._lateral:
-            return None
-        slips: NDArray[np.bool_] = self.v * np.cos(self._beta) > self._lateral.dynamic_above
-        return slips
+    def _grade(self, x: Arrays) -> Arrays:
+        """Return the inclines [rad]."""
+        if len(self.road.grades_deg) == 1:
+            return radians(self.road.grades_deg[0])
+        if self.track:
+            x = self.frenet.s % self.track.length if self.track.is_closed else self.frenet.s
+        return np.radians(self.road.grade_deg(x))
 
-    def _kinematic(self, motor: Floats, servo: Floats, sine: Floats | float) -> tuple[Floats, ...]:
-        """Return position, heading, speed, slip angle and yaw rate after a step without slip."""
-        car, ts, v = self.vehicle, self.ts, self.v
-        tangent = self._tangent(servo)
-        beta = np.arctan(tangent)
-        turn = tangent / np.sqrt(1.0 + tangent * tangent) / car.l_r
-        gravity = -car.mass * car.gravity * sine
-        after = next_speeds(v, motor, gravity, car, ts)
-        way, direction = ts * v, self.psi + beta
-        return (
-            self.x + way * np.cos(direction),
-            self.y + way * np.sin(direction),
-            self.psi + way * turn,
-            after,
-            beta,
-            after * turn,
-        )
+    def _kinematic(self, held: Arrays) -> Arrays:
+        """Return the states after a step of the kinematic bicycle."""
+        car, v, tangent = self.vehicle, self.state.v, self._tangent(held.servo)
+        beta: Arrays = np.arctan(tangent)
+        turn: Arrays = tangent / np.sqrt(1.0 + tangent * tangent) / car.l_r
+        direction: Arrays = np.sign(v)
+        slopes = kinematic_rates(held.motor, beta, turn, self._grade, car, direction, _FUNCTIONS)
+        x, y, psi, after = euler(slopes, self.state, self.ts)
+        return State(x, y, psi, self._with_static_resistance(v, after))
 
-    def _dynamic(self, motor: Floats, servo: Floats, sine: Floats | float) -> tuple[Floats, ...]:
-        """Return the same of the dynamic bicycle, a step of its `rates`."""
-        car, tyres, ts = self.vehicle, self._lateral, self.ts
-        assert tyres  # noqa: S101 (the caller has asked)
-        v, turn, cosine = self.v, self._psi_dot, np.cos(servo)
-        v_x, v_y = v * np.cos(self._beta), v * np.sin(self._beta)
-        front = tyres.front_stiffness * (servo - np.arctan2(v_y + car.l_f * turn, v_x))
-        rear = -tyres.rear_stiffness * np.arctan2(v_y - car.l_r * turn, v_x)
-        cos_psi, sin_psi = np.cos(self.psi), np.sin(self.psi)
-        push = motor - car.gravity * sine - front * np.sin(servo) / car.mass + v_y * turn
-        after = v_x + ts * (push - resistance(v, car) / car.mass)  # type: ignore[arg-type]
-        after = np.maximum(after, np.minimum(v_x + ts * push, 0.0))  # as in `next_speeds`
-        aside = v_y + ts * ((front * cosine + rear) / car.mass - v_x * turn)
-        turn_after = turn + ts * ((car.l_f * front * cosine - car.l_r * rear) / tyres.yaw_inertia)
-        beta, speed = np.arctan2(aside, after), np.sqrt(after * after + aside * aside)
-        slow = after <= tyres.dynamic_above
-        if slow.any():
-            tangent = self._tangent(servo)
-            root = np.sqrt(1.0 + tangent * tangent)
-            beta = np.where(slow, np.arctan(tangent), beta)
-            speed = np.where(slow, after * root, speed)
-            turn_after = np.where(slow, after * tangent / car.l_r, turn_after)
-        return (
-            self.x + ts * (v_x * cos_psi - v_y * sin_psi),
-            self.y + ts * (v_x * sin_psi + v_y * cos_psi),
-            self.psi + ts * turn,
-            speed,
-            beta,
-            turn_after,
-        )
+    def _advance_dynamic(self, held: Arrays, lateral: LateralParameters) -> None:
+        """Go one step of the dynamic bicycle, which is the kinematic one where it is slow."""
+        begin: Arrays = (*self.state[:3], *self._slip)
+        slopes = rates(held, self._grade, self.vehicle, lateral, 1.0, _FUNCTIONS)
+        after: Arrays = euler(slopes, begin, self.ts)
+        *pose, v_x, v_y, psi_dot = after
+        before, tangent = self._slip[0], self._tangent(held.servo)
+        v_x = self._with_static_resistance(before, v_x)
+        slips = before > lateral.dynamic_above
+        if not slips.all():
+            *others, v = self._kinematic(held)
+            others.append(v / np.sqrt(1.0 + tangent * tangent))
+            *pose, v_x = np.where(slips, [*pose, v_x], others)
+        is_slow = ~slips | (v_x <= lateral.dynamic_above)
+        v_y = np.where(is_slow, v_x * tangent, v_y)
+        psi_dot = np.where(is_slow, v_y / self.vehicle.l_r, psi_dot)
+        x, y, psi = pose
+        self.state = State(x, y, psi, np.copysign(np.hypot(v_x, v_y), v_x))
+        self._slip = np.array([v_x, v_y, psi_dot])
 
-    def _locate(self) -> None:
+    def _with_static_resistance(self, before: Arrays, after: Arrays) -> Arrays:
+        """Return the speeds after a step: `bicycles.with_static_resistance` of arrays."""
+        if (before * after).min() >= 0.0:
+            return after
+        slowed = self.ts * resistance(self.state.v, self.vehicle) / self.vehicle.mass
+        forwards = np.maximum(after, np.minimum(after + slowed, 0.0))
+        backwards = np.minimum(after, np.maximum(after - slowed, 0.0))
+        return np.where(before > 0.0, forwards, np.where(before < 0.0, backwards, after))
+
+    def _locate(self, track: Track) -> None:
         """Find all on the track, and time those that finish a lap."""
-        track, before = self.track, self.s
-        assert track  # noqa: S101 (the caller has asked)
-        self.s, self.e_y, self.e_psi, _ = track.frenet(self.x, self.y, self.psi, before)  # type: ignore[assignment]
-        for car in np.flatnonzero(self.s >= (self.lap + 1.0) * track.length).tolist():
-            lap = np.floor(self.s[car] / track.length)
-            over = (self.s[car] - lap * track.length) / (self.s[car] - before[car])
-            began = float((self.steps[car] - over) * self.ts)
+        before, (x, y, psi, _) = self.frenet.s, self.state
+        self.frenet = track.frenet(x, y, psi, before)
+        s, t = self.frenet.s, self.steps * self.ts
+        for car in np.flatnonzero(s >= (self.lap + 1) * track.length).tolist():
+            lap = int(s[car] // track.length)
+            over = (s[car] - lap * track.length) / (s[car] - before[car])
+            began = float(t[car] - over * self.ts)
             if self._is_whole[car]:
-                self.lap_times[car] += (began - float(self.lap_began[car]),)
-            self.lap[car], self.lap_began[car], self._is_whole[car] = lap, began, True
+                self.lap_times[car] += (began - float(self._lap_began[car]),)
+            self.lap[car], self._lap_began[car], self._is_whole[car] = lap, began, True
+        self.lap_time = t - self._lap_began

@@ -22,9 +22,10 @@ ch. II.1.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from math import atan2, copysign, cos, hypot, sin
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from barc_sim.errors import UserError, limited
 from barc_sim.vehicle.bike_model import (
@@ -89,13 +90,13 @@ class LateralParameters(NamedTuple):
     ] = 3.0
 
 
-def acceleration(v: float, motor: float, theta: float, vehicle: Vehicle, direction: float) -> float:
-    """Return dv/dt [m/s²] at speed `v` [m/s] on an incline of `theta` [rad].
+def acceleration(v: float, motor: float, sine: float, vehicle: Vehicle, direction: float) -> float:
+    """Return dv/dt [m/s²] at speed `v` [m/s] on an incline with this sine.
 
     `direction` is the sign of the motion that the resistance opposes; 0: no resistance.
     """
     opposing = direction * resistance(v, vehicle)
-    return motor - vehicle.gravity * sin(theta) - opposing / vehicle.mass
+    return motor - vehicle.gravity * sine - opposing / vehicle.mass
 
 
 def direction_of(v: float) -> float:
@@ -138,8 +139,11 @@ class KinematicBicycle:
             x, y, psi, v = self._model(*numbers, **others)
             return State(x, y, psi, v)
 
+        beta = slip_angle(held.servo, vehicle.l_f, vehicle.l_r)
+        turn = sin(beta) / vehicle.l_r
+
         def after(direction: float) -> State:
-            rates = _kinematic_rates(held, grade, vehicle, direction)
+            rates = kinematic_rates(held.motor, beta, turn, grade, vehicle, direction)
             return State(*self.integrator(rates, state, ts))
 
         stepped = after(direction_of(state.v))
@@ -157,18 +161,30 @@ class KinematicBicycle:
         return state.v * cos(slip_angle(servo, vehicle.l_f, vehicle.l_r))
 
 
-def _kinematic_rates(held: Command, grade: Grade, vehicle: Vehicle, direction: float) -> Rates:
-    """Return the derivative of (x, y, psi, v): the equations of which `bikeFE` is a step."""
-    beta = slip_angle(held.servo, vehicle.l_f, vehicle.l_r)
-    turn = sin(beta) / vehicle.l_r
+def kinematic_rates(
+    motor: float,
+    beta: float,
+    turn: float,
+    grade: Grade,
+    vehicle: Vehicle,
+    direction: float,
+    functions: Any = math,  # noqa: ANN401 (a namespace)
+) -> Rates:
+    """Return the derivative of (x, y, psi, v): the equations of which `bikeFE` is a step.
+
+    The car moves at an angle of `beta` [rad] to its axis, and turns by `turn` [rad] a metre. All
+    numbers may be arrays, with NumPy's sin, cos, hypot and atan2 as `functions`.
+    """
+    sin, cos = functions.sin, functions.cos
 
     def rates(state: Vector) -> Vector:
         x, _, psi, v, *_ = state
+        course = psi + beta
         return (
-            v * cos(psi + beta),
-            v * sin(psi + beta),
+            v * cos(course),
+            v * sin(course),
             v * turn,
-            acceleration(v, held.motor, grade(x), vehicle, direction),
+            acceleration(v, motor, sin(grade(x)), vehicle, direction),
         )
 
     return rates
@@ -287,11 +303,14 @@ def rates(
     vehicle: Vehicle,
     lateral: LateralParameters,
     direction: float = 1.0,
+    functions: Any = math,  # noqa: ANN401 (a namespace)
 ) -> Rates:
     """Return the derivative by time of a `Motion`, with acceleration and steering `held`.
 
-    `direction` is the sign of the motion that the resistance opposes; 0: there is none.
+    `direction` is the sign of the motion that the resistance opposes; 0: there is none. All
+    numbers may be arrays, as in `kinematic_rates`.
     """
+    sin, cos, hypot, atan2 = functions.sin, functions.cos, functions.hypot, functions.atan2
     motor, servo = held
     l_f, l_r, mass = vehicle.l_f, vehicle.l_r, vehicle.mass
     cos_servo, sin_servo = cos(servo), sin(servo)
@@ -300,7 +319,7 @@ def rates(
         x, _, psi, v_x, v_y, psi_dot = motion
         front = lateral.front_stiffness * (servo - atan2(v_y + l_f * psi_dot, v_x))
         rear = -lateral.rear_stiffness * atan2(v_y - l_r * psi_dot, v_x)
-        free = acceleration(hypot(v_x, v_y), motor, grade(x), vehicle, direction)
+        free = acceleration(hypot(v_x, v_y), motor, sin(grade(x)), vehicle, direction)
         return (
             v_x * cos(psi) - v_y * sin(psi),
             v_x * sin(psi) + v_y * cos(psi),

@@ -355,7 +355,7 @@ class Plant:
         self.state = State()
         self.sensor = Sensor(noise, seed)
         self.force, self.disturbance = force, disturbance
-        self._steps = 0
+        self.steps = 0  #: since it was placed
         self.actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
         self.bicycle = bicycle(dynamics, integrator, model, lateral)
         if isinstance(self.bicycle, DynamicBicycle):
@@ -363,6 +363,7 @@ class Plant:
         self.track = track
         self.frenet: Frenet | None = None  #: the pose on the track; None without one
         self.lap, self.lap_time, self._lap_began = 0, 0.0, 0.0  #: as in `TrackState`, [s]
+        self.lap_times: tuple[float, ...] = ()  #: [s] of the laps that were driven whole
         if track:
             self.state = State(*track.place(0.0))
             self._locate(near=0.0)
@@ -421,16 +422,16 @@ class Plant:
         if self.force or self.disturbance:
             force = self.force
             if self.disturbance:
-                force += self.disturbance(self._steps * self.ts, self.distance)
+                force += self.disturbance(self.steps * self.ts, self.distance)
             held = held._replace(motor=held.motor + force / self.vehicle.mass)
         self.state = self.bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)
-        self._steps += 1
+        self.steps += 1
         if self.frenet:
             self._locate(self.frenet.s)
 
     def place(self, state: State, near: float | None = None) -> None:
         """Begin a run there, on a track `near` that s [m], with no command on its way."""
-        self.state, self._steps = state, 0
+        self.state, self.steps = state, 0
         self.actuators.stop()
         self.bicycle.reset()
         if self.track:
@@ -452,14 +453,17 @@ class Plant:
 
     def _locate(self, near: float | None) -> None:
         """Find the car on the track, `near` that s [m]; where it was nowhere, a lap begins."""
-        track, state, t, before = self.track, self.state, self._steps * self.ts, self.frenet
+        track, state, t, before = self.track, self.state, self.steps * self.ts, self.frenet
         assert track  # noqa: S101 (a caller has checked)
         self.frenet = track.frenet(state.x, state.y, state.psi, near)
         s = self.frenet.s
         lap = floor(s / track.length)
         if before is None:
-            self.lap, self._lap_began = max(lap, 0), t
+            self.lap, self._lap_began, self.lap_times = max(lap, 0), t, ()
+            self._is_whole = near == 0.0
         elif lap > self.lap:
-            self._lap_began = t - (s - lap * track.length) / (s - before.s) * self.ts
-            self.lap = lap
+            began = t - (s - lap * track.length) / (s - before.s) * self.ts
+            if self._is_whole:
+                self.lap_times += (began - self._lap_began,)
+            self.lap, self._lap_began, self._is_whole = lap, began, True
         self.lap_time = t - self._lap_began

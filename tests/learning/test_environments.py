@@ -223,6 +223,7 @@ def test_a_lap_ends_no_episode_and_the_edge_does() -> None:
         ({'track': 'nowhere'}, "track 'nowhere' is neither"),
         ({'ranges': {'colour': (0.0, 1.0)}}, "ranges: 'colour' must be one of mass,"),
         ({'ranges': {'mass': (0.0, 10.0)}}, 'ranges: mass: 0 is not a number'),
+        ({'ranges': {'mass': 5}}, r'ranges: mass: 5 is not a pair of numbers: give \(lowest, high'),
         ({'ranges': {'front_stiffness': (1.0, 1e8)}, 'dynamics': 'dynamic'}, 'steps of 0.02 s'),
     ],
 )
@@ -232,10 +233,26 @@ def test_what_cannot_be_is_refused_in_a_sentence(options: dict[str, Any], messag
 
 
 @pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
-def test_an_action_or_a_start_that_makes_no_sense_is_refused(mode: str) -> None:
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'x': 0.0}, "options: 'x' must be one of s, e_y, e_psi, v"),
+        ({'s': 'x'}, "options: s: 'x' is not a number from 0 to 174.556"),
+        ({'e_y': 99}, 'options: e_y: 99 is not a number from -3 to 3'),
+        ({'v': np.inf}, 'options: v: inf is not a number from -50 to 50'),
+        ({'v': np.nan}, 'options: v: nan is not a number'),
+    ],
+)
+def test_a_start_that_makes_no_sense_is_refused(
+    mode: str, options: dict[str, Any], message: str
+) -> None:
     env = gymnasium.make_vec(IDS['Race'], 2, vectorization_mode=mode)
-    with pytest.raises(UserError, match="'x' must be one of s, e_y, e_psi, v"):
-        env.reset(options={'x': 0.0})
+    with pytest.raises(UserError, match=message):
+        env.reset(options=options)
+
+
+@pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
+def test_an_action_that_makes_no_sense_is_refused(mode: str) -> None:
     env = gymnasium.make_vec(IDS['Race'], 2, vectorization_mode=mode)
     env.reset()
     for action in ([0.0, np.nan], [0.0], [0.0, 0.0, 0.0]):
