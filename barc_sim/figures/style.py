@@ -141,10 +141,10 @@ class Course(NamedTuple):
     def of(cls, track: Track) -> Course:
         """Return the points of a track."""
         s = np.linspace(0.0, track.length, round(track.length / _SPACING) + 1)
-        s = np.union1d(s[:-1], track.starts[:-1])
+        s = np.union1d(s, track.starts)
         x, y, psi = map(np.asarray, track.place(s))
         length = track.length if track.is_closed else np.inf
-        return cls(s, x, y, psi, track.curvature(s), length, track.width).closed()
+        return cls(s, x, y, psi, track.curvature(s), length, track.width)
 
     @classmethod
     def driven(cls, log: TrackLog) -> Course:
@@ -158,17 +158,11 @@ class Course(NamedTuple):
         s = np.mod(log.s, length) if np.isfinite(length) else log.s  # a bag may begin in any lap
         s, unique = np.unique(s[first], return_index=True)
         rows = first[unique]
+        if np.isfinite(length):  # the first point once more, at the end
+            s, rows = np.append(s, s[0] + length), np.append(rows, rows[0])
         e_y, psi = log.e_y[rows], psi[rows]
         x, y = x[rows] + e_y * np.sin(psi), y[rows] - e_y * np.cos(psi)
-        return cls(s, x, y, psi, log.curvature[rows], length, float(log.width[0])).closed()
-
-    def closed(self) -> Course:
-        """Return a lap with its first point once more at the end."""
-        if not np.isfinite(self.length):
-            return self
-        s, x, y, psi, curvature = (np.append(each, each[0]) for each in self[:5])
-        s[-1] += self.length
-        return Course(s, x, y, psi, curvature, self.length, self.width)
+        return cls(s, x, y, psi, log.curvature[rows], length, float(log.width[0]))
 
     def beside(self, e_y: float) -> tuple[Floats, Floats]:
         """Return the line so far to the left of the centre line [m]."""
