@@ -65,6 +65,21 @@ class TestSignal:
         raise NotImplementedError
 
 
+class Steps(TestSignal):
+    """Steps up, back, down and back: what a delay and a lag look like by eye."""
+
+    gains: Mapping[str, Gain] = {
+        **_SIGNAL,
+        'interval': Gain(2.0, 's', 'between two steps', 20.0, (1e-3, 1e3)),
+    }
+    interval: float
+    values: Sequence[int] = (0, 1, 0, -1)  #: times the amplitude, in turn
+
+    def signal(self, _: float, __: float) -> float:
+        """Return the step of now."""
+        return self.amplitude * self.values[int(self.t / self.interval + 1e-9) % len(self.values)]
+
+
 def _binary_sequence() -> list[int]:
     """Return the 1,023 bits of a shift register with the primitive polynomial x¹⁰ + x⁷ + 1."""
     bits = [1, 0, 1, 0, 1, 0, 0, 1, 0, 1]
@@ -73,7 +88,7 @@ def _binary_sequence() -> list[int]:
     return bits[9:] + bits[:9]
 
 
-class PRBS(TestSignal):
+class PRBS(Steps):
     """A pseudorandom binary sequence, of period 1,023: it shows delay and lag of the motor.
 
     Examples
@@ -88,31 +103,7 @@ class PRBS(TestSignal):
         **_SIGNAL,
         'interval': Gain(0.3, 's', 'how long the signal stays at least', 2.0, (1e-3, 100.0)),
     }
-    interval: float
-    _bits = _binary_sequence()
-
-    def signal(self, _: float, __: float) -> float:
-        """Return plus or minus the amplitude."""
-        return self.amplitude if _at(self._bits, self.t / self.interval) else -self.amplitude
-
-
-class Steps(TestSignal):
-    """Steps up, back, down and back: what a delay and a lag look like by eye."""
-
-    gains: Mapping[str, Gain] = {
-        **_SIGNAL,
-        'interval': Gain(2.0, 's', 'between two steps', 20.0, (1e-3, 1e3)),
-    }
-    interval: float
-
-    def signal(self, _: float, __: float) -> float:
-        """Return the step of now."""
-        return self.amplitude * _at((0, 1, 0, -1), self.t / self.interval)
-
-
-def _at(values: Sequence[int], intervals: float) -> int:
-    """Return the value after so many intervals; the values repeat."""
-    return values[int(intervals + 1e-9) % len(values)]
+    values = tuple(1 if bit else -1 for bit in _binary_sequence())
 
 
 class CoastDown(TestSignal):

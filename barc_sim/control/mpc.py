@@ -1,23 +1,26 @@
-"""Model predictive control of the lane, and of lane and speed: the laws, their gains and terms.
+"""Model predictive control of the lane, and of lane and speed.
 
-The program of the lane is in `planning`, which needs NumPy: `--help` lists the gains without it.
+The quadratic program is in `planning`, which needs NumPy: `--help` lists the gains without it.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from math import nan
 from time import thread_time
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.lane import LaneLaw
+from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, steady_turn
 from barc_sim.control.speed import Gain
 from barc_sim.vehicle.parameters import SERVO
+from barc_sim.vehicle.plant import Actuator
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.control.lane import Curvature
 
+_SLOWEST = 0.1  #: [m/s] A slower car counts as one of this speed.
 _LOOKS = 80  #: of the curvature on the way to a stop
 
 
@@ -59,26 +62,54 @@ class MPC(LaneLaw):
 
     def reset(self) -> None:
         """Forget the past: the next call is the first."""
-        from barc_sim.control.planning import Planner  # noqa: PLC0415 (slow: not for --help)
+        from barc_sim.control.planning import solver  # noqa: PLC0415 (slow: not for --help)
 
         super().reset()
+        solver()  # or a UserError
         self.of_e_y = self.of_e_psi = nan  # one sum of the plan
         self.solve_time = self.infeasible = 0.0
-        self._planner = Planner(self)
-
-    @property
-    def prediction(self) -> Any:  # noqa: ANN401 (an array)
-        """The latest plan, shape `(21, 2)`: distance ahead and e_y [m]."""
-        return self._planner.prediction
+        self._servo = self._latest = 0.0  # [rad] the angle, and the command before
+        self._sent: deque[float] = deque()  # the commands on their way
+        #: The latest plan, shape `(21, 2)`: distance ahead and e_y [m].
+        self.prediction: Any = None
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
-        began = thread_time()
-        steer = self._planner.steer(e_y, e_psi, speed, curvature)
+        from barc_sim.control.planning import best_plan  # noqa: PLC0415 (as above)
+
+        began, v = thread_time(), max(abs(speed), _SLOWEST)
+        actuator = Actuator(lag=self.lag, rate=self.rate)
+        start, state = self._where_it_acts(actuator, e_y, e_psi, v, curvature)
+        self.feedforward, _ = steady_turn(curvature(start + 0.5 * self.step), self.l_f, self.l_r)
+        command, is_feasible, self.prediction = best_plan(
+            self, start, state, v, curvature, self._latest
+        )
+        self.infeasible = float(not is_feasible)
+        self._latest = min(max(command, -STEERING_LIMIT), STEERING_LIMIT)
+        self._sent.append(self._latest)
+        self._servo, _ = actuator.respond(self._servo, self._sent.popleft(), self.period)
         self.solve_time = thread_time() - began
-        return steer
+        return self._latest
+
+    def _where_it_acts(
+        self, actuator: Actuator, e_y: float, e_psi: float, v: float, curvature: Curvature
+    ) -> tuple[float, tuple[float, float, float]]:
+        """Return the distance [m] until the next command acts; and e_y, e_psi and δ there."""
+        waiting = round(self.delay / self.period)
+        while len(self._sent) < waiting:
+            self._sent.appendleft(self._servo)
+        while len(self._sent) > waiting:
+            self._sent.popleft()
+        length, angle, ahead, step = self.l_f + self.l_r, self._servo, 0.0, v * self.period
+        for command in self._sent:
+            angle, mean = actuator.respond(angle, command, self.period)
+            steer, heading = steady_turn(curvature(ahead + 0.5 * step), self.l_f, self.l_r)
+            turn = (mean - steer) * step / length
+            e_y += (e_psi + 0.5 * turn - heading) * step + self.l_r * turn
+            e_psi, ahead = e_psi + turn, ahead + step
+        return ahead, (e_y, e_psi, angle)
 
 
 class SpeedMPC(MPC):

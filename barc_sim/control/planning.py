@@ -20,7 +20,6 @@ The model has the present speed all the way.
 
 from __future__ import annotations
 
-from collections import deque
 from functools import lru_cache
 from math import exp
 from typing import TYPE_CHECKING, Any
@@ -29,17 +28,17 @@ import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, steady_turn
 from barc_sim.errors import UserError, extra
-from barc_sim.vehicle.plant import Actuator
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from os import PathLike
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from barc_sim.control.lane import Curvature
+    from barc_sim.control.mpc import MPC
 
     Floats = NDArray[np.float64]
 
@@ -50,7 +49,6 @@ _ROUNDS = 30
 _SETTLED = 1e-3  #: [m] A round that moves the line less is the last.
 _STEP = 0.05  #: [m] of the integral over a lap
 HORIZON = 20  #: steps of an MPC
-_SLOWEST = 0.1  #: [m/s] A slower car counts as one of this speed.
 _LAG = 0.05  #: [m] λ is rounded to multiples, so that few programs have to be made
 _ONE = np.eye(HORIZON)
 _CHANGE = _ONE - np.eye(HORIZON, k=-1)
@@ -98,7 +96,7 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
     solve = solver()
     for _ in range(_ROUNDS):
         x, y = (c + offsets * across for c, across in zip(centre[:2], normal, strict=True))
-        residuals, jacobian = _bending(first, second, x, y, *normal)
+        residuals, jacobian = _curvatures(first, second, x, y, *normal)
         hessian = jacobian.T @ jacobian + 1e-9 * one
         gradient = jacobian.T @ (residuals - jacobian @ offsets)
         found, _, flag, _ = solve(hessian, gradient, none, bounds, -bounds)
@@ -113,7 +111,7 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
     return Track.through(x.tolist(), y.tolist(), width, f'{track.name} racing line')
 
 
-def _bending(
+def _curvatures(
     first: Floats, second: Floats, x: Floats, y: Floats, u: Floats, v: Floats
 ) -> tuple[Floats, Floats]:
     """Return κ √(dl/ds) at points (x, y), and its derivatives by offsets along normals (u, v).
@@ -157,81 +155,37 @@ def write_line(
     np.savetxt(path, rows, '%.17g', ',', header=header, comments='')
 
 
-class Planner:
-    """The quadratic program of an MPC at each state, with the past commands that it needs."""
+def best_plan(
+    law: MPC, start: float, state: Sequence[float], v: float, curvature: Curvature, before: float
+) -> tuple[float, bool, Floats]:
+    """Return the best command [rad], whether one is within all limits, and the prediction.
 
-    def __init__(self, law: Any) -> None:  # noqa: ANN401 (it imports this module)
-        """Begin at rest, with the gains of an MPC, to which its terms go, too."""
-        self._law, self._solve = law, solver()
-        self._servo = self._latest = 0.0  # [rad] the angle, and the command before
-        self._sent: deque[float] = deque()  # the commands on their way
-        self._start, self._commands = 0.0, np.zeros(HORIZON)
-        self._known, self._across = np.zeros(2 * HORIZON + 3), np.zeros((HORIZON, 3 * HORIZON + 3))
-        self._upper = np.empty(2 * HORIZON)
-
-    def steer(self, e_y: float, e_psi: float, speed: float, curvature: Curvature) -> float:
-        """Return the command [rad] for errors in metres and radians, and a speed in m/s."""
-        law = self._law
-        v, actuator = max(abs(speed), _SLOWEST), Actuator(lag=law.lag, rate=law.rate)
-        start, state = self._where_it_acts(actuator, e_y, e_psi, v, curvature)
-        command = self._plan(state, start, v, curvature)
-        self._latest = min(max(command, -STEERING_LIMIT), STEERING_LIMIT)
-        self._sent.append(self._latest)
-        self._servo, _ = actuator.respond(self._servo, self._sent.popleft(), law.period)
-        return self._latest
-
-    @property
-    def prediction(self) -> Floats:
-        """The latest plan: distance ahead and e_y [m], shape `(HORIZON + 1, 2)`."""
-        ahead = self._start + self._law.step * np.arange(HORIZON + 1)
-        e_y = self._across @ np.concatenate([self._commands, self._known])
-        return np.column_stack([ahead, [self._known[0], *e_y]])
-
-    def _where_it_acts(
-        self, actuator: Actuator, e_y: float, e_psi: float, v: float, curvature: Curvature
-    ) -> tuple[float, tuple[float, float, float]]:
-        """Return the distance [m] until the next command acts; and e_y, e_psi and δ there."""
-        law = self._law
-        waiting = round(law.delay / law.period)
-        while len(self._sent) < waiting:
-            self._sent.appendleft(self._servo)
-        while len(self._sent) > waiting:
-            self._sent.popleft()
-        length, angle, ahead, step = law.l_f + law.l_r, self._servo, 0.0, v * law.period
-        for command in self._sent:
-            angle, mean = actuator.respond(angle, command, law.period)
-            steer, heading = steady_turn(curvature(ahead + 0.5 * step), law.l_f, law.l_r)
-            turn = (mean - steer) * step / length
-            e_y += (e_psi + 0.5 * turn - heading) * step + law.l_r * turn
-            e_psi, ahead = e_psi + turn, ahead + step
-        return ahead, (e_y, e_psi, angle)
-
-    def _plan(
-        self, state: tuple[float, float, float], start: float, v: float, curvature: Curvature
-    ) -> float:
-        """Return the first command [rad] of the best plan from `state` on."""
-        law, n, step = self._law, HORIZON, self._law.step
-        weights = law.q_e_y, law.q_e_psi, law.q_change
-        hessian, by_known, self._across = _program(
-            _LAG * round(v * law.lag / _LAG), step, weights, law.l_f, law.l_r
-        )
-        bends = [curvature(start + (k + 0.5) * step) for k in range(n)]
-        turns = {bend: steady_turn(bend, law.l_f, law.l_r) for bend in {*bends}}
-        steer, heading = zip(*(turns[bend] for bend in bends), strict=True)
-        self._start, self._known = start, np.array([*state, *steer, *heading])
-        law.feedforward = steer[0]
-        gradient = by_known @ self._known
-        gradient[0] -= law.q_change * self._latest
-        upper = self._upper
-        upper[:n], upper[n:] = STEERING_LIMIT, law.rate * step / v
-        upper[n] = law.rate * law.period
-        lower = -upper
-        upper[n] += self._latest
-        lower[n] += self._latest
-        commands, _, flag, _ = self._solve(hessian, gradient, _CHANGE, upper, lower)
-        law.infeasible = float(flag < 1)
-        self._commands = np.full(n, self._latest) if law.infeasible else commands
-        return float(self._commands[0])
+    It acts `start` [m] ahead, where `state` is e_y, e_psi and δ, and follows the command `before`.
+    The prediction has distance ahead and e_y [m], shape `(HORIZON + 1, 2)`.
+    """
+    n, step = HORIZON, law.step
+    weights = law.q_e_y, law.q_e_psi, law.q_change
+    hessian, by_known, across = _program(
+        _LAG * round(v * law.lag / _LAG), step, weights, law.l_f, law.l_r
+    )
+    bends = [curvature(start + (k + 0.5) * step) for k in range(n)]
+    turns = {bend: steady_turn(bend, law.l_f, law.l_r) for bend in {*bends}}
+    steer, heading = zip(*(turns[bend] for bend in bends), strict=True)
+    known = np.array([*state, *steer, *heading])
+    gradient = by_known @ known
+    gradient[0] -= law.q_change * before
+    upper = np.repeat([STEERING_LIMIT, law.rate * step / v], n)
+    upper[n] = law.rate * law.period
+    lower = -upper
+    upper[n] += before
+    lower[n] += before
+    commands, _, flag, _ = solver()(hessian, gradient, _CHANGE, upper, lower)
+    is_feasible = flag >= 1
+    if not is_feasible:
+        commands = np.full(n, before)
+    e_y = across @ np.concatenate([commands, known])
+    prediction = np.column_stack([start + step * np.arange(n + 1), [state[0], *e_y]])
+    return float(commands[0]), is_feasible, prediction
 
 
 @lru_cache(256)
