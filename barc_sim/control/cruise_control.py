@@ -241,11 +241,12 @@ class CruiseControl:
     def computed(self) -> dict[str, Any]:
         """Return what the controller computed for its latest answer: the fields of its message.
 
-        That is PidState where `is_pid`, and ControllerState otherwise. Test commands alone hold no
-        speed: their reference is NaN.
+        That is PidState where `is_pid`, and ControllerState otherwise. Test commands alone, and a
+        law that plans the speed, hold none: their reference is NaN.
         """
         controller, answer = self.controller, self._answer
-        reference = answer.reference if getattr(controller, 'holds_speed', True) else nan
+        holds = getattr(controller, 'holds_speed', not (self.lane and self.lane.plans_speed))
+        reference = answer.reference if holds else nan
         terms = {name: float(getattr(controller, name)) for name in controller.terms}
         named = terms if self.is_pid else {'names': [*terms], 'values': [*terms.values()]}
         return {

@@ -255,6 +255,11 @@ class LaneKeeping:
         self.saturated = not abs(raw) < STEERING_LIMIT * (1.0 - 1e-9)
         return self.output
 
+    @property
+    def plans_speed(self) -> bool:
+        """Whether the law's own acceleration drives: no speed is held."""
+        return hasattr(self.lane, 'acceleration')
+
     def acceleration(self, of_speed: float) -> float:
         """Return the law's own acceleration [m/s²] where it has one, else that `of_speed`."""
         return float(getattr(self.lane, 'acceleration', of_speed))

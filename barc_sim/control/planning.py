@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.control.lane import Curvature
-    from barc_sim.control.mpc import MPC
 
     Floats = NDArray[np.float64]
 
@@ -156,9 +155,14 @@ def write_line(
 
 
 def best_plan(
-    law: MPC, start: float, state: Sequence[float], v: float, curvature: Curvature, before: float
+    law: Any,  # noqa: ANN401 (an MPC, which imports this module)
+    start: float,
+    state: Sequence[float],
+    v: float,
+    curvature: Curvature,
+    before: float,
 ) -> tuple[float, bool, Floats]:
-    """Return the best command [rad], whether one is within all limits, and the prediction.
+    """Return the best command [rad] of an MPC, whether it is within all limits, and the prediction.
 
     It acts `start` [m] ahead, where `state` is e_y, e_psi and δ, and follows the command `before`.
     The prediction has distance ahead and e_y [m], shape `(HORIZON + 1, 2)`.

@@ -370,7 +370,8 @@ def _description(argv: list[str], nodes: list[Node]) -> dict[str, str]:
         parameters[name] = {'ros__parameters': {each.name: each.value for each in found}}
         # By class, not by name: `-r __node:=car` gives all nodes one name.
         if isinstance(node, CruiseController):
-            own = {name: node.values[name] for name in GAINS if name in node.values} | own
+            acting = () if node.lane and node.lane.plans_speed else GAINS
+            own = {name: node.values[name] for name in acting if name in node.values} | own
             if node.lane and node.has_parameter('lane_type'):
                 own.setdefault('lane', node.get_parameter('lane_type').value)
         elif isinstance(node, VehicleSimulator):

@@ -341,7 +341,7 @@ def closed_loop(
         motor = controller.acc_calculate(held, speed, dt)
         motor = keeping.acceleration(motor) if keeping else motor
         command = Command(motor, servo)
-        references.append(held)
+        references.append(nan if keeping and keeping.plans_speed else held)
         rows.append((seen, command, read(controller)))
         if plant.distance >= distance:
             break

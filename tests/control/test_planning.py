@@ -108,6 +108,7 @@ def test_speed_is_as_fast_as_the_accelerations_allow() -> None:
     log = lap(SpeedMPC(lateral=3.5, longitudinal=2.0, top_speed=12.0), track, laps=2)
     curvature = np.array([track.curvature(s) for s in log.s.tolist()])
     assert np.abs(log.motor).max() <= 2.0 + 1e-6
+    assert np.isnan(log.reference).all()  # no speed is held
     assert (log.v_x**2 * np.abs(curvature)).max() < 1.01 * 3.5
     assert log.best == pytest.approx(25.38, abs=0.1)  # as planned over the whole lap
     assert np.abs(log.e_y).max() < 0.25
