@@ -181,106 +181,44 @@ class RelayProgram:
     """A file with a node that turns `cmd_vel` into `ecu`: of ROS 2, or the lab's for ROS 1."""
 
     def __init__(self, folder: Folder, path: Path, ros: str) -> None:
-        """Run the file at `path`, of `rclpy` or `rospy`."""
-        self._folder, self.path, self.ros = folder, path, ros
-        self._budget = Budget(_BUDGET) if folder.budget else None
+        """Have the file at `path`, of `rclpy` or `rospy`."""
+        self.folder, self.path, self.ros = folder, path, ros
         self._live: LiveRelay | None = None
 
     def commands(self, twists: Sequence[Sequence[float]], duration: float) -> list[Command]:
         """Return what it publishes on `ecu` from 0 to `duration` [s], while it gets `twists`."""
-        world = RelayWorld(twists, duration)
-        try:
-            if self._budget:
-                self._budget.call(self.run, world)
-            else:
-                self.run(world)
-        except OutOfTime as error:
-            raise UserCodeError(
-                f'{self._place(error)}: {duration:g} s of the relay took longer than '
-                f'{_BUDGET:g} s: is there an endless loop?'
-            ) from error
-        self._check(world)
-        return [self.checked(*command) for command in world.commands]
+        run = RelayRun(self, twists, duration)
+        if self.folder.budget:
+            Budget(_BUDGET).call(run.run)
+        else:
+            run.run()
+        run.check()
+        return [run.checked(*command) for command in run.commands]
 
     def start(self) -> LiveRelay:
         """Start it, to be driven by hand; one that was started before ends."""
         if self._live:
             self._live.stop()
-        self._live = LiveRelay(self)
+        self._live = LiveRelay(self, (), 0.0)
         return self._live
 
-    def run(self, world: RelayWorld) -> None:
-        """Run the program in `world`, to its end or the world's."""
-        folder = self._folder.again()
-        folder.stand_in = world.modules(ros_1=self.ros == 'rospy')
 
-        def program() -> None:
-            module = folder.load(self.path, '__main__')
-            if callable(getattr(module, 'main', None)) and len(world.nodes) == 1:
-                module.main()
-
-        try:
-            world.run(program)
-        except (UserCodeError, OutOfTime):
-            raise
-        except AbsentModuleError as error:
-            raise UserCodeError(f'{self._place(error, folder)}: the relay uses {error}') from error
-        except Exception as error:
-            raise UserCodeError(
-                f'{self._place(error, folder)}: after {world.seconds:.2f} s the relay '
-                f'raised {describe_error(error)}'
-            ) from error
-
-    def _place(self, error: BaseException, folder: Folder | None = None) -> str:
-        return raised_at(folder or self._folder, error) or self.path.name
-
-    def _check(self, world: RelayWorld) -> None:
-        fault = ''
-        if len(world.commands) > MAX_COMMANDS:
-            fault = (
-                f'it publishes more than {MAX_COMMANDS} commands in {world.seconds:g} s: is the '
-                'sleep of its loop missing?'
-            )
-        elif not (world.commands or world.now_ns):
-            fault = 'it ends at once, and publishes nothing on ecu: is its spin missing?'
-        elif not world.commands:
-            others = ', '.join(map(repr, sorted(world.published)))
-            but = f', but on {others}' if others else ''
-            fault = (
-                f'it publishes nothing on ecu{but}; expected commands of the type ECU on the '
-                'topic ecu'
-            )
-        elif not world.twist_topics():
-            topics = ', '.join(map(repr, sorted(world.subscribed))) or 'no topic'
-            fault = (
-                f"it subscribes to {topics}; expected cmd_vel, the topic of the keyboard's Twists"
-            )
-        if fault:
-            raise UserCodeError(f'{self.path.name}: {fault}')
-
-    def checked(self, t: float, motor: float, servo: float) -> Command:
-        """Return a command, which must be finite."""
-        if not (isfinite(motor) and isfinite(servo)):
-            raise UserCodeError(
-                f'{self.path.name}: after {t:.2f} s it published motor {motor!r} and servo '
-                f'{servo!r}; expected two finite numbers'
-            )
-        return Command(t, motor, servo)
-
-
-class RelayWorld(World):
-    """The driver and the car around a program, from time 0 to `end` [s].
+class RelayRun(World):
+    """A program with the driver and the car around it, from time 0 to `end` [s].
 
     Its topics have no namespaces: the lab's keyboard has `turtle1/cmd_vel`.
     """
 
-    def __init__(self, twists: Sequence[Sequence[float]], end: float) -> None:
+    def __init__(
+        self, program: RelayProgram, twists: Sequence[Sequence[float]], end: float
+    ) -> None:
         super().__init__(simulated=True)
+        self._program = program
         self._publishers: dict[str, Any] = {}  # of the driver, by topic
         self.end, self.flat_names, self.is_silent = end * SECOND, (_CMD_VEL, _STATE, _ECU), True
         self.commands: list[tuple[float, float, float]] = []  #: t [s], motor and servo
-        self.published: set[str] = set()  #: the program's topics
-        self.subscribed: dict[str, str] = {}  #: their types
+        self._published: set[str] = set()  # the program's topics
+        self._subscribed: dict[str, str] = {}  # their types
         self._speed = self._motor = self._moved = 0.0
         state, ecu = map(message_type, ('barc_interfaces/msg/ZDynBkMdl', 'barc_interfaces/msg/ECU'))
         with in_world(self):
@@ -290,14 +228,14 @@ class RelayWorld(World):
             self._state_pub = self.node.create_publisher(state, _STATE, _ALL)
             self._ecu_sub = self.node.create_subscription(ecu, _ECU, self._on_command, _ALL)
             for t, linear_x, angular_z in twists:
-                self.at(t, partial(self.drive, linear_x, angular_z))
+                self._at(t, partial(self.drive, linear_x, angular_z))
             self._publish_state()
             self.node.create_timer(_STATE_PERIOD, self._publish_state)
             self.around = Executor()
             self.around.add_node(self.node)
             shutdown()  # the program begins by itself
 
-    def at(self, t: float, call: Callable[[], object]) -> None:
+    def _at(self, t: float, call: Callable[[], object]) -> None:
         """Call at the time `t` [s]."""
 
         def once() -> None:
@@ -310,25 +248,25 @@ class RelayWorld(World):
         """Publish a Twist on each topic of Twists that the program listens to."""
         message = message_type(_TWIST)()
         message.linear.x, message.angular.z = float(linear_x), float(angular_z)
-        for topic in self.twist_topics():
+        for topic in self._twist_topics():
             if topic not in self._publishers:
                 made = self.node.create_publisher(type(message), f'/{topic}', _ALL)
                 self._publishers[topic] = made
             self._publishers[topic].publish(message)
 
-    def twist_topics(self) -> set[str]:
+    def _twist_topics(self) -> set[str]:
         """Return the topics of Twists that the program listens to."""
         self._note_topics()
-        return {topic for topic, kind in self.subscribed.items() if kind == _TWIST}
+        return {topic for topic, kind in self._subscribed.items() if kind == _TWIST}
 
     def _on_command(self, command: Any) -> None:
         self._move()
         self._motor = command.motor if isfinite(command.motor) else 0.0
-        self.commands.append((self.seconds, command.motor, command.servo))
+        self.commands.append((self._seconds, command.motor, command.servo))
 
     def _move(self) -> None:
-        self._speed += self._motor * (self.seconds - self._moved)
-        self._moved = self.seconds
+        self._speed += self._motor * (self._seconds - self._moved)
+        self._moved = self._seconds
 
     def _publish_state(self) -> None:
         self._note_topics()
@@ -340,52 +278,101 @@ class RelayWorld(World):
         """Note the topics of the program's nodes."""
         for node in self.nodes:
             if node is not self.node:
-                self.published |= {each.topic_name.strip('/') for each in node.publishers}
-                self.subscribed |= {
+                self._published |= {each.topic_name.strip('/') for each in node.publishers}
+                self._subscribed |= {
                     each.topic_name.strip('/'): each.kind.__msgtype__ for each in node.subscriptions
                 }
 
     @property
-    def seconds(self) -> float:
+    def _seconds(self) -> float:
         """The time [s]."""
         return self.now_ns / SECOND
 
-    def modules(self, *, ros_1: bool) -> Callable[[str], Any]:
-        """Return what gives the modules that take the places of a program's, by name."""
+    def _stand_ins(self) -> Callable[[str], Any]:
+        """Return what gives the modules that take the places of the program's, by name."""
         clock = {
-            **dict.fromkeys(('time', 'monotonic', 'perf_counter'), lambda: self.seconds),
+            **dict.fromkeys(('time', 'monotonic', 'perf_counter'), lambda: self._seconds),
             **dict.fromkeys(('time_ns', 'monotonic_ns'), lambda: self.now_ns),
             'sleep': lambda seconds: self.sleep(round(max(float(seconds), 0.0) * SECOND)),
         }
         threads = SimpleNamespace(**{**vars(threading), 'Thread': _NoThread})
         found = {'time': SimpleNamespace(**vars(time) | clock), 'threading': threads}
-        if ros_1:
-            with in_world(self):
-                found |= rospy_modules(self)
+        if self._program.ros == 'rospy':
+            found |= rospy_modules(self)
         return lambda name: found.get(name) or find_module(name)
 
-    def run(self, program: Callable[[], object]) -> None:
-        """Run a program to its end, or to that of its time."""
+    def run(self) -> None:
+        """Run the program to its end, or to that of its time."""
+        folder, path = self._program.folder.again(), self._program.path
         try:
             with in_world(self):
-                program()
+                folder.stand_in = self._stand_ins()
+                module = folder.load(path, '__main__')
+                if callable(getattr(module, 'main', None)) and len(self.nodes) == 1:
+                    module.main()
         except (EndOfTimeError, SystemExit):
             pass
+        except UserCodeError:
+            raise
+        except (Exception, OutOfTime) as error:
+            fault = f'after {self._seconds:.2f} s the relay raised {describe_error(error)}'
+            if isinstance(error, AbsentModuleError):
+                fault = f'the relay uses {error}'
+            elif isinstance(error, OutOfTime):
+                fault = (
+                    f'{self.end / SECOND:g} s of the relay took longer than '
+                    f'{error.seconds or _BUDGET:g} s: is there an endless loop?'
+                )
+            place = raised_at(folder, error) or path.name
+            raise UserCodeError(f'{place}: {fault}') from error
         self._note_topics()
-        self.published -= {'rosout', 'parameter_events', _ECU}
+        self._published -= {'rosout', 'parameter_events', _ECU}
         while self._ecu_sub.queue:
             self._on_command(self._ecu_sub.queue.popleft())
 
+    def check(self) -> None:
+        """Raise a UserCodeError where it is no relay, once it has run."""
+        fault = ''
+        if len(self.commands) > MAX_COMMANDS:
+            fault = (
+                f'it publishes more than {MAX_COMMANDS} commands in {self._seconds:g} s: is the '
+                'sleep of its loop missing?'
+            )
+        elif not (self.commands or self.now_ns):
+            fault = 'it ends at once, and publishes nothing on ecu: is its spin missing?'
+        elif not self.commands:
+            others = ', '.join(map(repr, sorted(self._published)))
+            but = f', but on {others}' if others else ''
+            fault = (
+                f'it publishes nothing on ecu{but}; expected commands of the type ECU on the '
+                'topic ecu'
+            )
+        elif not self._twist_topics():
+            topics = ', '.join(map(repr, sorted(self._subscribed))) or 'no topic'
+            fault = (
+                f"it subscribes to {topics}; expected cmd_vel, the topic of the keyboard's Twists"
+            )
+        if fault:
+            raise UserCodeError(f'{self._program.path.name}: {fault}')
 
-class LiveRelay(RelayWorld):
+    def checked(self, t: float, motor: float, servo: float) -> Command:
+        """Return a command, which must be finite."""
+        if not (isfinite(motor) and isfinite(servo)):
+            raise UserCodeError(
+                f'{self._program.path.name}: after {t:.2f} s it published motor {motor!r} and '
+                f'servo {servo!r}; expected two finite numbers'
+            )
+        return Command(t, motor, servo)
+
+
+class LiveRelay(RelayRun):
     """A program in a thread of its own, which runs only while a call waits for it."""
 
-    def __init__(self, program: RelayProgram) -> None:
-        super().__init__((), 0.0)
-        self._program = program
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
         self._failure, self._is_over = '', False
         self._continues, self._waits = threading.Semaphore(0), threading.Semaphore(0)
-        self._thread = threading.Thread(target=self._run, name='relay', daemon=True)
+        self._thread = threading.Thread(target=self._live, name='relay', daemon=True)
         self._thread.start()
         self._wait()
 
@@ -398,7 +385,7 @@ class LiveRelay(RelayWorld):
         if not self.commands:
             return 0.0, 0.0
         del self.commands[:-1]
-        _, motor, servo = self._program.checked(*self.commands[-1])
+        _, motor, servo = self.checked(*self.commands[-1])
         return motor, servo
 
     def at_end(self) -> None:
@@ -414,9 +401,9 @@ class LiveRelay(RelayWorld):
         self._continues.release()
         self._thread.join(_PATIENCE)
 
-    def _run(self) -> None:
+    def _live(self) -> None:
         try:
-            self._program.run(self)
+            self.run()
             self._failure = f'{self._program.path.name}: the program of the relay has ended'
         except UserCodeError as error:
             self._failure = str(error)
