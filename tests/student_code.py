@@ -127,7 +127,7 @@ other names of the gains | 100 | with kp 10, ki 0.5, kd 0.4
 gains in another order | 100 | with kp 10, ki 0.5, kd 0.4
     kp=1, ki=1, kd=1 -> kp, kd, ki
     PID(kp=10, ki=0.5, kd=0.4) -> PID(10, 0.4, 0.5)
-gains as defaults | 100 | with kp 10, ki 0.5, kd 0.4 (controller.py, defaults, line 14)
+gains as defaults | 100 | with kp 10, ki 0.5, kd 0.4 (defaults, controller.py, line 14)
     kp=1, ki=1, kd=1 -> kp=10, ki=0.5, kd=0.4
     PID(kp=10, ki=0.5, kd=0.4) -> PID()
 gains as constants | 100 | with kp 10, ki 0.5, kd 0.4 (controller.py, line

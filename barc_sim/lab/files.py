@@ -10,16 +10,17 @@ import ast
 import hashlib
 import re
 import warnings
+from contextlib import suppress
 from importlib import resources
-from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping
+    from inspect import Signature
     from types import CodeType
 
 #: The script of Task 3 of the hills lab, which is run as it is.
@@ -31,7 +32,7 @@ _SHOWN = 120  #: characters of a wrong line
 _INDENTATION = re.compile(r'^[ \t]+', re.MULTILINE)
 _PRINT = re.compile(r'print\s+(?![=(])(?:>>\s*\w[\w.]*\s*,\s*)?(.*?),?$')
 #: The defaults of PID's gains in the lab's template, which nobody has chosen.
-_TEMPLATE = [1.0, 1.0, 1.0]
+_TEMPLATE = (1.0, 1.0, 1.0)
 _MAX_GAIN = 1e12
 GAINS = ('kp', 'ki', 'kd')  #: of a PID
 _KEY_READERS = {
@@ -39,9 +40,10 @@ _KEY_READERS = {
     *('tkinter', 'Tkinter', 'tty'),
 }
 _INPUTS = {'sys.stdin', 'input()', 'raw_input()'}
-#: What an expression of numbers and constants consists of.
+#: What a constant, and a call with numbers and constants, consist of.
 _ARITHMETIC = (
-    *(ast.Expression, ast.BinOp, ast.UnaryOp, ast.Constant, ast.Name, ast.Load),
+    *(ast.Module, ast.Assign, ast.Tuple, ast.Store, ast.Expression, ast.Call, ast.keyword),
+    *(ast.BinOp, ast.UnaryOp, ast.Constant, ast.Name, ast.Load),
     *(ast.Add, ast.Sub, ast.Mult, ast.Div, ast.USub, ast.UAdd),
 )
 
@@ -265,80 +267,50 @@ class ChosenGains(NamedTuple):
         return f'kp {self.kp:g}, ki {self.ki:g}, kd {self.kd:g} ({self.origin})'
 
 
-def find_gains(tree: ast.Module, file: str) -> ChosenGains | None:
+def find_gains(tree: ast.Module, file: str, new: Signature, place: str) -> ChosenGains | None:
     """Return the gains that a user has chosen in `file`, whose syntax tree is given.
 
     They are those of the last call `PID(…)` of numbers and constants, else the defaults of its
-    constructor, if they are not the template's.
+    constructor `new`, defined at `place`, if they are not the template's.
     """
     nodes = sorted(ast.walk(tree), key=lambda node: getattr(node, 'lineno', 0))
-    constructor = next(
-        (
-            method
-            for node in nodes
-            if isinstance(node, ast.ClassDef) and node.name == 'PID'
-            for method in node.body
-            if isinstance(method, ast.FunctionDef) and method.name == '__init__'
-        ),
-        None,
-    )
-    parameters: dict[str, ast.expr | None] = dict.fromkeys(GAINS)
-    if constructor:
-        own = [argument.arg for argument in constructor.args.args][1:]
-        given = zip(reversed(own), reversed(constructor.args.defaults), strict=False)
-        parameters = dict.fromkeys(own) | dict(given)
-    names = GAINS if {*GAINS} <= {*parameters} else [*parameters][: len(GAINS)]
-    constants = _constants(nodes)
+    names = GAINS if {*GAINS} <= {*new.parameters} else [*new.parameters][: len(GAINS)]
+    known: dict[str, Any] = {}
+    for node in nodes:
+        if isinstance(node, ast.Assign):
+            with suppress(Exception):  # it is no constant
+                _run(ast.Module([node], []), 'exec', known)
     for call in reversed(nodes):
-        if not isinstance(call, ast.Call) or 'PID' not in {
+        if isinstance(call, ast.Call) and 'PID' in (
             getattr(call.func, 'id', ''),
             getattr(call.func, 'attr', ''),
-        }:
-            continue
-        passed: dict[str, ast.expr | None] = dict(zip(parameters, call.args, strict=False))
-        passed |= {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
-        gains = [_number((parameters | passed).get(name), constants) for name in names]
-        if passed.keys() & set(names) and (found := _chosen(gains, f'{file}, line {call.lineno}')):
-            return found
-    defaults = [_number(parameters[name], {}) for name in names]
-    if constructor is None or defaults == _TEMPLATE:
-        return None
-    return _chosen(defaults, f'{file}, defaults, line {constructor.lineno}')
-
-
-def _chosen(gains: Sequence[float | None], origin: str) -> ChosenGains | None:
-    """Return three gains, or None where one of them is not known."""
-    kp, ki, kd = gains if len(gains) == len(GAINS) else (None, None, None)
-    if kp is None or ki is None or kd is None:
-        return None
-    return ChosenGains(kp, ki, kd, origin)
-
-
-def _constants(nodes: Iterable[ast.AST]) -> dict[str, float]:
-    """Return the names that are assigned numbers; the last assignment counts."""
-    found: dict[str, float] = {}
-    for node in nodes:
-        for target in node.targets if isinstance(node, ast.Assign) else ():
-            pairs = [(target, node.value)]  # type: ignore[attr-defined]
-            if isinstance(target, ast.Tuple) and isinstance(pairs[0][1], ast.Tuple):
-                pairs = [*zip(target.elts, pairs[0][1].elts, strict=False)]
-            for name, value in pairs:
-                number = _number(value, found)
-                if isinstance(name, ast.Name) and number is not None:
-                    found[name.id] = number
-    return found
-
-
-def _number(expression: ast.expr | None, constants: Mapping[str, float]) -> float | None:
-    """Return the value of an expression of numbers and constants; None for another one."""
-    for node in ast.walk(expression or ast.Constant(None)):
-        if not isinstance(node, _ARITHMETIC) or (
-            isinstance(node, ast.Constant) and type(node.value) not in {int, float}
         ):
-            return None
-    code = compile(ast.Expression(expression), '<gain>', 'eval')  # type: ignore[arg-type]
-    try:
-        value = float(eval(code, {'__builtins__': {}}, dict(constants)))  # noqa: S307 (arithmetic)
-    except (ArithmeticError, NameError):
-        return None
-    return value if isfinite(value) and abs(value) <= _MAX_GAIN else None
+            own = ast.Call(ast.Name('PID', ast.Load()), call.args, call.keywords)
+            with suppress(Exception):  # its arguments are no constants
+                passed = _run(ast.Expression(own), 'eval', {**known, 'PID': new.bind})
+                is_chosen = not passed.arguments.keys().isdisjoint(names)
+                passed.apply_defaults()
+                found = _gains(map(passed.arguments.get, names), f'{file}, line {call.lineno}')
+                if is_chosen:
+                    return found
+    with suppress(TypeError, ValueError):  # there are no defaults
+        found = _gains((new.parameters[name].default for name in names), f'defaults, {place}')
+        return None if found[:3] == _TEMPLATE else found
+    return None
+
+
+def _run(tree: ast.Module | ast.Expression, mode: str, names: dict[str, Any]) -> Any:  # noqa: ANN401 (any)
+    """Run or evaluate code of numbers and names alone; ValueError where there is more in it."""
+    for node in ast.walk(tree):
+        is_number = not isinstance(node, ast.Constant) or type(node.value) in {int, float}
+        if not (isinstance(node, _ARITHMETIC) and is_number):
+            raise ValueError('it is no arithmetic')
+    code = compile(ast.fix_missing_locations(tree), '<gains>', mode)
+    return eval(code, {'__builtins__': {}}, names)  # noqa: S307 (arithmetic)
+
+
+def _gains(values: Iterable[Any], origin: str) -> ChosenGains:
+    kp, ki, kd = map(float, values)
+    if not max(map(abs, (kp, ki, kd))) <= _MAX_GAIN:  # nor NaN
+        raise ValueError('beyond what a gain can be')
+    return ChosenGains(kp, ki, kd, origin)

@@ -10,7 +10,6 @@ import os
 import shlex
 import sys
 from bisect import bisect_right
-from inspect import signature
 from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -274,8 +273,9 @@ class UserCode:
         """The gains that `controller.py`, which is loaded, chooses."""
         if 'controller' not in self._loaded or not self.controller:
             return None
-        folder, path = self.controller.folder, str(self.paths['controller'])
-        return find_gains(folder.trees[path], folder.sources[path].name)
+        new, path = self.controller, str(self.paths['controller'])
+        name = new.folder.sources[path].name
+        return find_gains(new.folder.trees[path], name, new.signature, new.place())
 
     @property
     def name(self) -> str:
@@ -433,7 +433,7 @@ class UserObject:
 
 def _defaults(new: UserFunction) -> dict[str, float]:
     """Return the arguments of a user's class with their defaults, which must be numbers."""
-    given = signature(new.function).parameters
+    given = new.signature.parameters
     found = {name: number(each.default) for name, each in given.items()}
     for name, value in found.items():
         if value is None:

@@ -402,7 +402,7 @@ class UserFunction:
         """Check that `function` takes the arguments of `called`."""
         self.folder, self.function, self.called = folder, function, called
         self._call = Budget(folder.budget).call if folder.budget else _call
-        found = self._signature()
+        found = self.signature = self._signature()
         #: The names of its arguments.
         self.parameters = [*found.parameters]
         kinds = [each.kind for each in found.parameters.values()]
