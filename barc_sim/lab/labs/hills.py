@@ -85,38 +85,29 @@ FUNCTIONS = Functions(
 
 
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
-_numbers = count()  # of the controllers
 
 
 class HillsCode(relay.RelayCode):
     """A user's model, controller and relay."""
 
-    def new_pid(self, kp: float, ki: float, kd: float) -> JudgedController:
-        """Return a new `PID` with these gains.
+    _pids = count()
 
-        Its output has no limit if it takes one. Its file is loaded again, so that no global
-        variable has a value of an earlier run.
+    def new_pid(self, kp: float, ki: float, kd: float) -> int:
+        """Return the number of a new `PID`, without limits if it takes some.
+
+        Its file is loaded again, so that no global variable has a value of an earlier run.
         """
-        number = next(_numbers)
+        number = next(self._pids)
         self.call('make_pid', number, kp, ki, kd)
-        return JudgedController(self, number)
+        return number
 
+    def steps(self, number: int, rows: Sequence[Sample]) -> list[float]:
+        """Return the accelerations [m/s²] of a `PID` for one sample after the other."""
+        return numbers_of('PID', self.call('steps', number, rows), len(rows))
 
-class JudgedController:
-    """One instance of the user's `PID`."""
-
-    def __init__(self, code: HillsCode, number: int) -> None:
-        """Refer to the controller `number` of `code`."""
-        self._code, self.number = code, number
-
-    def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
-        """Return the commanded acceleration [m/s²]."""
-        return self.acc_sequence([(reference, current, dt)])[0]
-
-    def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
-        """Return the results of `acc_calculate` for one sample after the other."""
-        found = self._code.call('steps', self.number, rows)
-        return numbers_of('PID', found, len(rows))
+    def outputs(self, gains: Sequence[float], rows: Sequence[Sample]) -> list[float]:
+        """Return those of a new `PID`."""
+        return self.steps(self.new_pid(*gains), rows)
 
 
 NOT_A_CAR = 1e6  #: [m/s²]
@@ -132,7 +123,7 @@ def judge_lab_road(
     drives, too, with the gains that were chosen, and the better drive counts.
     """
     if gains is None:
-        code.new_pid(0.0, 0.0, 0.0).acc_calculate(0.0, 0.0, TS)  # its own error, if there is one
+        code.outputs((0.0, 0.0, 0.0), [(0.0, 0.0, TS)])  # its own error, if there is one
         raise UserError(
             'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with the tuned '
             'ones as its last line'
@@ -146,7 +137,7 @@ def judge_lab_road(
         if own[0] >= score:
             return own
         shown = own[2]  # what the user's own code does
-    return score, f'with {" and ".join(mended)} put right: {text}', shown
+    return score, f'with {", ".join(mended)} put right: {text}', shown
 
 
 def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float, str, Evidence]:
@@ -217,7 +208,11 @@ class _Driving(PID):
 
     def __init__(self, code: HillsCode, gains: ChosenGains) -> None:
         super().__init__()
-        self._controller, self._gains, self.calls = code.new_pid(*gains[:3]), gains, 0
+        self._steps, self._gains, self.calls = (
+            partial(code.steps, code.new_pid(*gains[:3])),
+            gains,
+            0,
+        )
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
@@ -226,7 +221,7 @@ class _Driving(PID):
         where = f'call {self.calls + 1}, after {self.calls * TS:.2f} s on the road'
         self.calls += 1
         try:
-            output = self._controller.acc_calculate(speed_reference, speed_current, dt or TS)
+            (output,) = self._steps([(speed_reference, speed_current, dt or TS)])
         except UserError as error:
             if NOT_WRITTEN in str(error):
                 raise
@@ -255,8 +250,9 @@ def _stretch_remark(log: Log, part: slice, limit: float) -> str:
     at_limit = np.count_nonzero(np.abs(log.motor[part]) >= limit)
     if at_limit > 1 and np.abs(error).max() > _HELD:
         remarks.append(f'the output was at its limit of {limit:g} m/s² for {at_limit * TS:.1f} s')
-    rest = float(np.mean(error[-max(len(error) // 5, 1) :]))
-    remarks.append(f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"} at its end')
+    rest = round(float(np.mean(error[-max(len(error) // 5, 1) :])), 2)
+    wrong = f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"}'
+    remarks.append(f'{wrong if rest else "no error"} at its end')
     return '; '.join(remarks)
 
 
@@ -319,7 +315,7 @@ class Term(NamedTuple):
         with np.errstate(all='ignore'):
             try:
                 calls = zip(gains, sequences, strict=True)
-                outputs = np.array([code.new_pid(*each).acc_sequence(rows) for each, rows in calls])
+                outputs = np.array([code.outputs(*each) for each in calls])
             except UserError as error:
                 failure = str(error)
         inputs = {'reference': reference, 'measured': measured, 'dt': dt}
@@ -430,7 +426,7 @@ def _randomness(code: HillsCode, seed: int) -> str:
     """Return a sentence if outputs differ for the same speeds, else nothing."""
     rows = wandering(seed, 'random', 0.3)
     with suppress(UserError):
-        one, other = (code.new_pid(1.0, 0.0, 0.0).acc_sequence(rows) for _ in range(2))
+        one, other = (code.outputs((1.0, 0.0, 0.0), rows) for _ in range(2))
         if not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE):
             return (
                 'the same speeds give different outputs: does PID use random numbers, or the '
@@ -443,9 +439,7 @@ def _randomness(code: HillsCode, seed: int) -> str:
 def _judge_terms(code: HillsCode, seed: int) -> list[Finding]:
     rows = wandering(seed, 'gains', 0.01)
     with suppress(UserError):
-        one, other = (
-            code.new_pid(*gains).acc_sequence(rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7))
-        )
+        one, other = (code.outputs(gains, rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7)))
         if one == other and any(one):
             is_a_pid = len({*map(abs, one)}) > _LENGTH // 2 and max(one) < NOT_A_CAR
             return [Finding(term.criterion, _HALF * is_a_pid, _IGNORED) for term in TERMS]
@@ -465,7 +459,7 @@ def _is_scaled_by_kp(code: HillsCode, name: str, rows: Sequence[Sample]) -> bool
     """Return whether a term that is 0 without kp is there with it."""
     one, other = ((1.0, *(each * (name == of) for of in 'ID')) for each in (1.0, 0.0))
     with suppress(UserError):
-        return code.new_pid(*one).acc_sequence(rows) != code.new_pid(*other).acc_sequence(rows)
+        return code.outputs(one, rows) != code.outputs(other, rows)
     return False
 
 
@@ -493,8 +487,8 @@ def _line(code: HillsCode, trial: Trial, _: str, index: Index, wrong: list[float
     columns = (trial.inputs[key][row, : k + 1].tolist() for key in ('reference', 'measured', 'dt'))
     *before, call = zip(*columns, strict=True)
     pid = code.new_pid(*(float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')))
-    pid.acc_sequence(before)
-    return code.line_of('steps', (pid.number, [call]), wrong, call)
+    code.steps(pid, before)
+    return code.line_of('steps', (pid, [call]), wrong, call)
 
 
 HILLS = Lab(

@@ -323,9 +323,8 @@ class PID:
 def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
     here = PID(3.0, 2.0, 0.1)
     with HillsCode(folder(controller=CONTROLLER)) as code:
-        there = code.new_pid(3.0, 2.0, 0.1)
         expected = [here.acc_calculate(*sample) for sample in SAMPLES]
-        assert there.acc_sequence(SAMPLES) == expected
+        assert code.outputs((3.0, 2.0, 0.1), SAMPLES) == expected
 
 
 def test_an_infinity_that_is_forged_is_refused(folder: Callable[..., Path]) -> None:
@@ -352,13 +351,13 @@ def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..
     with HillsCode(folder(controller=PID_LOOPING_AT_5), QUICK) as code:
         stuck = code.new_pid(1.0, 1.0, 1.0)
         with pytest.raises(UserError, match=r'line 6: acc_calculate.* not return within 0.3 s'):
-            stuck.acc_calculate(8.0, 5.0, 0.02)
+            code.steps(stuck, [(8.0, 5.0, 0.02)])
         with pytest.raises(UserError, match=r'crashed'):
-            stuck.acc_calculate(8.0, 6.0, 0.02)
+            code.steps(stuck, [(8.0, 6.0, 0.02)])
 
         with pytest.raises(UserError, match='the process of this controller has ended'):
-            stuck.acc_calculate(8.0, 4.0, 0.02)
-        assert code.new_pid(1.0, 1.0, 1.0).acc_calculate(8.0, 4.0, 0.02) == 1.0
+            code.steps(stuck, [(8.0, 4.0, 0.02)])
+        assert code.outputs((1.0, 1.0, 1.0), [(8.0, 4.0, 0.02)]) == [1.0]
 
 
 def test_a_function_that_keeps_ending_its_process_is_not_called_again(
@@ -371,7 +370,7 @@ def test_a_function_that_keeps_ending_its_process_is_not_called_again(
                 code.rows('bikeFE', [ROW], 4)
 
         assert code.printed.count('called') == 3
-        assert code.new_pid(1.0, 0.0, 0.0).acc_calculate(8.0, 7.0, 0.02) == 1.0
+        assert code.outputs((1.0, 0.0, 0.0), [(8.0, 7.0, 0.02)]) == [1.0]
 
 
 @pytest.mark.parametrize(
