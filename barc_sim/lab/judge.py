@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.user_code.code import CALLED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -516,10 +517,12 @@ class Lab:
 
 @dataclass(frozen=True)
 class Functions:
-    """The functions of a file, with the law of their results; a situation has their names."""
+    """The functions of a file, with the law of their results; a situation has their names.
+
+    What a function takes are quantities of the law.
+    """
 
     law: Law
-    arguments: Mapping[str, str]  #: by function: quantities of the law
     #: By function: all numbers that it returns; one result alone is all of them, a row for a call.
     results: Mapping[str, tuple[str, ...]]
     criteria: Mapping[str, str]  #: by result that is judged, in the order of a report
@@ -548,19 +551,17 @@ class Functions:
         results = self.results[name]
         for situation in self.law.situations[name]:
             inputs = situation.inputs(seed, self.count)
-            is_row = len(results) == 1
-            size = np.shape(self.law.compute(inputs)[results[0]])[1] if is_row else len(results)
-            found, failure = np.full((self.count, size), np.nan), ''
+            found, failure = np.full((self.count, CALLED[name].numbers), np.nan), ''
             try:
-                found = np.array(code.rows(name, self._rows(name, inputs), size))
+                found = np.array(code.rows(name, self._rows(name, inputs)))
             except UserError as error:
                 failure = str(error)
-            got = dict(zip(results, [found] if is_row else found.T, strict=True))
+            got = dict(zip(results, [found] if len(results) == 1 else found.T, strict=True))
             yield Trial(situation.name, situation.tests, inputs, got, failure)
 
     def _rows(self, name: str, inputs: Inputs) -> list[list[Any]]:
         values = self.law.compute(inputs)
-        columns = [values[each].tolist() for each in self.arguments[name].split()]
+        columns = [values[each].tolist() for each in _arguments(name)]
         return [[*row] for row in zip(*columns, strict=True)]
 
     def _function(self, trial: Trial) -> str:
@@ -580,7 +581,11 @@ class Functions:
         function, (k, *number) = self._function(trial), index
         shown = (
             f'{name}={trial.inputs[name][k]:.6g}' if name in trial.inputs else name
-            for name in self.arguments[function].split()
+            for name in _arguments(function)
         )
         which = f', number {number[0] + 1},' if number else ''
         return f'{function}({", ".join(shown)}){which}'
+
+
+def _arguments(function: str) -> list[str]:
+    return (CALLED[function].takes or '').split()

@@ -22,6 +22,7 @@ import numpy as np
 from barc_sim.errors import UserError, one_line, without_addresses
 from barc_sim.lab.confined.child import NO_PIPES, abi
 from barc_sim.lab.files import ChosenGains, UserCodeError, files_in
+from barc_sim.lab.user_code.code import CALLED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -246,10 +247,10 @@ class JudgedCode:
         """Return whether there is the file of this part."""
         return part in files_in(self._folder)
 
-    def rows(self, name: str, rows: Sequence[Sequence[Any]], size: int) -> list[Any]:
-        """Return what a user's function returns for each row of arguments: `size` numbers."""
+    def rows(self, name: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
+        """Return the numbers that a user's function returns for each row of arguments."""
         found = self.call('functions', name, rows)
-        return rows_of(name, found, len(rows), size)
+        return rows_of(name, found, len(rows), CALLED[name].numbers)
 
     def chosen_gains(self) -> ChosenGains | None:
         """Return the gains that `controller.py`, once loaded, chooses; None if it has none."""

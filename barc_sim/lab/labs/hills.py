@@ -77,7 +77,6 @@ BIKE = read_law(
 )
 FUNCTIONS = Functions(
     BIKE,
-    {'bikeFE': ' '.join(BIKE.situations['bikeFE'][0].values)},
     {'bikeFE': EQUATIONS},
     dict(zip(EQUATIONS, MODEL_LABELS, strict=True)),
     count=250,

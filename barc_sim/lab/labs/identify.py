@@ -153,7 +153,6 @@ def _agree(got: Floats, right: Floats) -> bool:
 _RESULTS = tuple(name + kind for name in Car._fields for kind in ('', '_interval'))
 FUNCTIONS = Functions(
     LAW,
-    {'estimate': 't v a'},
     {'estimate': _RESULTS},
     {name: f'estimate.{name}' for name in Car._fields},
     _CARS,
@@ -201,7 +200,7 @@ def _judge(code: JudgedCode, settings: Settings, _: Collection[str]) -> Iterator
     if commands and not trial.failure:
         with suppress(UserError):
             row = [_T, measured(car, commands), commands]
-            drive = shown(car, commands, code.rows('estimate', [row], len(_RESULTS))[0])
+            drive = shown(car, commands, code.rows('estimate', [row])[0])
     text = f'the plot of the residuals, and two sentences: {BY_EYE}'
     yield Finding('estimate.residuals', 0.0, text, drive, open=True)
 

@@ -63,11 +63,6 @@ _RESULTS = {
 }
 FUNCTIONS = Functions(
     LAW,
-    {
-        'straight_errors': 'x y psi x_0 y_0 psi_0',
-        'arc_errors': 'x y psi x_c y_c radius',
-        'steady': 'curvature',
-    },
     _RESULTS,
     dict(zip((name for own in _RESULTS.values() for name in own), LABELS, strict=True)),
 )

@@ -89,7 +89,6 @@ LAW = replace(
 )
 FUNCTIONS = Functions(
     LAW,
-    {'profile': 'curvatures step', 'predict': 'speed', 'program': 'e_y e_psi speed'},
     {name: (name,) for name in ('profile', 'predict', 'program')},
     {'profile': 'speed.profile', 'predict': 'mpc.model', 'program': 'mpc.program'},
     count=10,
@@ -106,7 +105,7 @@ class _Line:
     def __init__(self, code: JudgedCode, track: Track) -> None:
         """Call `line`; UserError: no car can follow it."""
         arguments, through = line_through(track)
-        half, offsets = arguments[-1], np.array(code.rows('line', [arguments], POINTS)[0])
+        half, offsets = arguments[-1], np.array(code.rows('line', [arguments])[0])
         self.beyond = float(np.abs(offsets).max()) - half
         inside = np.clip(offsets, -half, half)
         self.track, self.line = track, through(inside.tolist())

@@ -62,7 +62,7 @@ _LOADING = 20.0
 _ERRORS = 'two finite numbers, [e_y, e_psi]'
 POINTS = 120  #: of a track, in `raceline.py`
 #: What is called of a user's files.
-_CALLED = {
+CALLED = {
     'bikeFE': Called(
         'model',
         'x y psi v a d_f a0 m Ff theta ts',
@@ -201,14 +201,14 @@ class UserCode:
 
         With `fresh`, the file is loaded again, so that no global variable has an old value.
         """
-        part = _CALLED[names[0]].part
+        part = CALLED[names[0]].part
         path = self.paths[part]
         folder = self._folders[path.parent]
         if fresh:
             self._part(part)  # raises what its first loading has raised
             folder = folder.again()
         name, value = _defined(folder, path, names)
-        called = _CALLED[name]
+        called = CALLED[name]
         if not (isinstance(value, type) if called.method else callable(value)):
             expected = 'class' if called.method else 'function'
             raise UserCodeError(
@@ -216,7 +216,7 @@ class UserCode:
             )
         found = UserFunction(folder, value, called)
         if called.method and not callable(guarded(getattr, value, called.method, default=None)):
-            arguments = ', '.join(('self', *(_CALLED[called.method].takes or '').split()))
+            arguments = ', '.join(('self', *(CALLED[called.method].takes or '').split()))
             raise UserCodeError(
                 f'{found.place()}: the class {name} has no method {called.method}({arguments})'
             )
@@ -233,7 +233,7 @@ class UserCode:
         name = new.called.method
         instance = new(*args, **options)
         method = guarded(getattr, instance, name, default=None)
-        return UserObject(instance, UserFunction(new.folder, method, _CALLED[name]))
+        return UserObject(instance, UserFunction(new.folder, method, CALLED[name]))
 
     def new_pid(self, *gains: float, fresh: bool = False, **limits: float) -> UserObject:
         """Return a new object of their class `PID`: kp, ki and kd by name, else by position."""

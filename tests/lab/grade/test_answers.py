@@ -58,7 +58,7 @@ GRABS = (
 def test_no_module_in_reach_has_the_answers(folder: Callable[..., Path]) -> None:
     with HillsCode(folder(bike_model=LOOK, relay=ROS_2)) as code:
         code.relay_commands([], 1.0)
-        code.rows('bikeFE', [[0.0] * 11], 4)
+        code.rows('bikeFE', [[0.0] * 11])
     assert code.printed.splitlines() == ['[]'] * 4
 
 

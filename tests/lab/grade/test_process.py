@@ -128,7 +128,7 @@ def asked(
     path = folder(bike_model=f'import os\n{code}\n{BIKE_FE}', helper='ANSWER = 42')
     folder('neighbour', bike_model=BIKE_FE)
     with HillsCode(path, limits) as confined:
-        return [*confined.rows('bikeFE', [ROW], 4)]
+        return [*confined.rows('bikeFE', [ROW])]
 
 
 def test_it_cannot(folder: Callable[..., Path]) -> None:
@@ -141,7 +141,7 @@ def test_it_cannot(folder: Callable[..., Path]) -> None:
     with HillsCode(
         folder(bike_model=f'import os\n{attempts}\n{BIKE_FE}'), Limits(memory=1 << 28)
     ) as code:
-        code.rows('bikeFE', [ROW], 4)
+        code.rows('bikeFE', [ROW])
     for name, (_, reason), line in zip(
         REFUSED, REFUSED.values(), code.printed.splitlines(), strict=True
     ):
@@ -167,9 +167,9 @@ def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) 
     began = time.monotonic()
     with HillsCode(path, Limits(total=1.0)) as code, suppress(UserError):
         for _ in range(100):
-            code.rows('bikeFE', [ROW], 4)
+            code.rows('bikeFE', [ROW])
     with pytest.raises(UserError, match=r'used up the 1 s that it has'):
-        code.rows('bikeFE', [ROW], 4)
+        code.rows('bikeFE', [ROW])
 
     assert time.monotonic() - began < 10.0
 
@@ -209,7 +209,7 @@ def test_it_sees_the_same_order_of_sets_each_time(folder: Callable[..., Path]) -
     answers = set()
     for _ in range(2):
         with HillsCode(path) as confined:
-            answers |= {*confined.rows('bikeFE', [ROW], 4)}
+            answers |= {*confined.rows('bikeFE', [ROW])}
 
     assert len(answers) == 1
 
@@ -219,7 +219,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
     before = [*Path('/proc/self/fd').iterdir()]
 
     with HillsCode(path) as confined:
-        confined.rows('bikeFE', [ROW], 4)
+        confined.rows('bikeFE', [ROW])
 
     assert len([*Path('/proc/self/fd').iterdir()]) == len(before)
 
@@ -227,7 +227,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
 def test_without_the_sandbox_only_the_limits_hold(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=f'open("/etc/passwd")\n{BIKE_FE}')
     with HillsCode(path, sandbox=False) as confined:
-        assert confined.rows('bikeFE', [ROW], 4) == [(1.0, 2.0, 3.0, 4.0)]
+        assert confined.rows('bikeFE', [ROW]) == [(1.0, 2.0, 3.0, 4.0)]
 
 
 def test_a_kernel_without_landlock_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -344,7 +344,7 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
         HillsCode(folder(bike_model=text), QUICK) as code,
         pytest.raises(UserError, match='not finite'),
     ):
-        code.rows('bikeFE', [ROW], 4)
+        code.rows('bikeFE', [ROW])
 
 
 def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..., Path]) -> None:
@@ -367,7 +367,7 @@ def test_a_function_that_keeps_ending_its_process_is_not_called_again(
     with HillsCode(folder(bike_model=text, controller=CONTROLLER)) as code:
         for _ in range(5):
             with pytest.raises(UserError, match='ended itself with exit code 3'):
-                code.rows('bikeFE', [ROW], 4)
+                code.rows('bikeFE', [ROW])
 
         assert code.printed.count('called') == 3
         assert code.outputs((1.0, 0.0, 0.0), [(8.0, 7.0, 0.02)]) == [1.0]
@@ -389,7 +389,7 @@ def test_forged_answers_of_any_shape_and_size_are_sentences(
     patch = f"import sys\nsys.modules['barc_sim.lab.user_code.code'].UserCode.{forged}\n"
     text = f'{patch}def relay(x, z): return [x, z]\n'
     with HillsCode(folder(relay=text, bike_model=patch + MODEL)) as code:
-        code.rows('bikeFE', [[0.1] * 11], 4)
+        code.rows('bikeFE', [[0.1] * 11])
         if 'relay' in forged:
             with pytest.raises(UserError, match='relay'):
                 code.relay_commands([], 1.0)
