@@ -29,6 +29,7 @@ from barc_sim.figures.style import (
     use_measurement,
 )
 from barc_sim.simulation.metrics import LAP_HEADINGS, track_laps_of
+from barc_sim.vehicle.track import TRACKS, Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import TrackLog
     from barc_sim.simulation.metrics import TrackLap
-    from barc_sim.vehicle.track import Track
 
     Floats = NDArray[np.float64]
 
@@ -91,11 +91,13 @@ def track_figure(
     title: str = '',
     settings: str = '',
     figure: Figure | None = None,
+    track: str = '',
 ) -> Figure:
     """Draw a run's way from above, and errors, speed and steering of its laps over their place.
 
     The best lap is in front; a table has the laps. Of several runs, with their `labels`, the best
     laps are drawn. `title` and `settings` are the two lines of the heading, and `figure` is empty.
+    A `track` with a name is drawn whole, and another one as far as a run went.
     """
     alone = len(logs) == 1
     if alone:
@@ -115,8 +117,8 @@ def track_figure(
     seen, table = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3, 0])
     charts = [figure.add_subplot(grid[0, 1])]
     charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
-    # That of the run that went furthest: another may have left the track.
-    course = max(map(Course.driven, logs), key=lambda each: float(each.s[-1]))
+    known = Course.of(Track.named(track)) if track in TRACKS else None
+    course = known or max(map(Course.driven, logs), key=lambda each: float(each.s[-1]))
     _draw_map(seen, course, curves)
     _draw_table(table, '' if alone else 'best lap of', rows, curves[-1].lap if alone else None)
     _draw_charts(charts, curves, course)
@@ -167,10 +169,10 @@ def _draw_charts(charts: list[Axes], curves: list[_Curve], course: Course) -> No
     bent = course.curvature != 0.0
     has_straights = float(bent.mean()) < _BENT
     for axes, (name, values, minimum, limit) in zip(charts, _CHARTS, strict=True):
-        for curve in curves:
-            axes.plot(curve.s, values(curve.log), **curve.line)
         for level in {limit, -limit}:
             axes.axhline(level, color=INK if limit else GREY, lw=0.8, ls=DASHES if limit else '-')
+        for curve in curves:
+            axes.plot(curve.s, values(curve.log), **curve.line)
         shown = np.concatenate([[limit, -limit], *(values(curve.log) for curve in curves)])
         axes.set(ylabel=name, ylim=limits(shown, share=0.1, minimum=minimum))
         axes.tick_params(labelbottom=axes is charts[-1])

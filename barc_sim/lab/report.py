@@ -141,8 +141,7 @@ class _Figure(NamedTuple):
 def page(facts: Facts) -> str:
     """Return the report."""
     with _reproducible():
-        is_straight = FILES['identify'] in facts.sources
-        figures, graph = [*_figures(facts.log, is_straight=is_straight)], _graph(facts)
+        figures, graph = [*_figures(facts)], _graph(facts)
     return render(
         'report',
         facts=facts,
@@ -177,10 +176,11 @@ def _highlighted(text: str) -> str:
     return ''.join(f'<span class="line">{line}\n</span>' for line in lines)
 
 
-def _figures(log: Log, *, is_straight: bool = False) -> Iterator[_Figure]:
+def _figures(facts: Facts) -> Iterator[_Figure]:
+    log, is_straight = facts.log, FILES['identify'] in facts.sources
     if isinstance(log, TrackLog):
         yield _drawn(
-            track_figure(log),
+            track_figure(log, track=facts.info.get('track', '')),
             'Laps of the track',
             'The path on the track from above, and a table of laps; beside it the errors e_y and '
             'e_psi, speed and steering over the place in the lap.',

@@ -100,9 +100,9 @@ def test_every_run_has_a_figure(log: TrackLog) -> None:
     both = plot(log, unfinished, labels=['all', 'some'])
     legend = both.axes[2].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ['all', 'some']
-    # The whole track, though the first run has not driven along it.
-    both = plot(unfinished, log)
-    assert '160 m' in [text.get_text() for text in both.axes[0].texts]
+    # The whole track, though this run has not driven along it.
+    for figure in (plot(unfinished, log), run_figure(unfinished, {'track': 'L'}, '', None)):
+        assert '160 m' in [text.get_text() for text in figure.axes[0].texts]
 
 
 def test_the_pale_car_of_a_video_is_the_best_lap_at_the_same_time(log: TrackLog) -> None:
