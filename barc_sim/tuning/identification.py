@@ -44,7 +44,6 @@ _CHANGE = 10  #: steps over which errors change
 #: [s] at which the search may begin.
 _DELAYS = 0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.26, 0.34, 0.44, 0.6, 0.8
 _BLIND = 1e-6  #: share of a parameter's direction in which the errors do not change
-_TOGETHER = 0.9  #: correlation of two parameters that are hard to separate
 _SIGNALS = ('v_x', 'psi_dot', 'v_y')
 
 
@@ -168,25 +167,26 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     servo = np.concatenate([[c.servo for c in each.commands] for each in stretches])
     seen = all(np.isfinite(each.measured).all() for each in stretches)
     steering = seen and sqrt(np.mean(servo**2)) > _STEERED
-    search = _Search(stretches, vehicle or Vehicle(), integrator, 3 if steering else 1)
+    sizes = np.ones((3 if steering else 1, 1))
+    search = _Search(stretches, vehicle or Vehicle(), integrator, sizes)
     names = [*_ALONG, *(_ACROSS if steering else ())]
     lags = [name for name in names if name.endswith('_lag')]
     start = search.begin({name: _UNKNOWN[name].start for name in names if name not in lags})
-    fit = search.fit(start, np.ones((search.rows, 1)))
-    sizes = _size(fit.errors)
-    fit = search.fit(fit.values, sizes)
+    fit = search.fit(start)
+    search = search._replace(sizes=_size(fit.errors))
+    fit = search.fit(fit.values)
     remarks = []
     for lag in lags:
         # A lag far shorter than a step acts as a delay does: it counts where it explains more than
         # any one number explains by chance (Schwarz, Annals of Statistics 6, 1978).
         delay, n = lag.replace('lag', 'delay'), fit.errors.size
         shorter = max(fit.values[delay] - _UNKNOWN[lag].start, 0.0)
-        with_lag = search.fit(fit.values | {delay: shorter, lag: _UNKNOWN[lag].start}, sizes)
+        with_lag = search.fit(fit.values | {delay: shorter, lag: _UNKNOWN[lag].start})
         if n * np.log(fit.cost / with_lag.cost) > np.log(n):
             fit = with_lag
         else:
             remarks.append(f'{lag} is not seen: there is none, or it counts as delay')
-    fit = search.fit(fit.values, _size(fit.errors))
+    fit = search._replace(sizes=_size(fit.errors)).fit(fit.values)
     # The first speeds are found, too.
     degrees = fit.errors.size - len(fit.values) - sum(each.in_motion for each in stretches)
     spread = covariance(fit.slopes) * (2.0 * fit.cost / degrees)
@@ -200,7 +200,7 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     found = [*zip(_SIGNALS, measured, fit.errors, strict=False)]
     signals = {signal: (t, values, values + errors) for signal, values, errors in found}
     whiteness = {signal: _whiteness(errors, special) for signal, _, errors in found}
-    remarks += [*_unidentified(estimates, spread), *_correlated(whiteness)]
+    remarks += _remarks(estimates, whiteness)
     return Identified(estimates, signals, whiteness, tuple(remarks))
 
 
@@ -212,31 +212,31 @@ class _Fit(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """Fits what the plant predicts to the first `rows` signals of the stretches."""
+    """Fits what the plant predicts to the first signals of the stretches."""
 
     stretches: Sequence[_Stretch]
     vehicle: Vehicle
     integrator: str
-    rows: int
+    sizes: Floats  #: of the errors of each signal, by which it counts
 
     def begin(self, values: dict[str, float]) -> dict[str, float]:
         """Return values with the best of a few delays."""
 
         def change(values: Mapping[str, float]) -> float:
             """Return how much the errors change: unknown resistance has little part in it."""
-            errors = self._errors(values, np.ones((self.rows, 1)))
+            errors = self._errors(values)
             return float(np.sum((errors[:, _CHANGE:] - errors[:, :-_CHANGE]) ** 2))
 
         for name in [name for name in values if name.endswith('_delay')]:
             values = min((values | {name: delay} for delay in _DELAYS), key=change)
         return values
 
-    def fit(self, start: Mapping[str, float], sizes: Floats) -> _Fit:
-        """Fit the parameters that `start` has; each signal counts by the size of its errors."""
+    def fit(self, start: Mapping[str, float]) -> _Fit:
+        """Fit the parameters that `start` has."""
         steps, low = np.array([(_UNKNOWN[name].step, _UNKNOWN[name].lowest) for name in start]).T
 
         def errors(p: Floats) -> Floats:
-            return self._errors(dict(zip(start, p.tolist(), strict=True)), sizes).ravel()
+            return self._errors(dict(zip(start, p.tolist(), strict=True))).ravel()
 
         def slopes(p: Floats) -> Floats:
             here = errors(p)
@@ -247,21 +247,23 @@ class _Search(NamedTuple):
             errors, [*start.values()], slopes, (low, inf), x_scale='jac', max_nfev=_STEPS
         )
         values = dict(zip(start, found.x.tolist(), strict=True))
-        return _Fit(values, found.cost, found.fun.reshape(self.rows, -1) * sizes, found.jac)
+        every = found.fun.reshape(len(self.sizes), -1) * self.sizes
+        return _Fit(values, found.cost, every, found.jac)
 
-    def _errors(self, values: Mapping[str, float], sizes: Floats) -> Floats:
+    def _errors(self, values: Mapping[str, float]) -> Floats:
         """Return predicted minus measured, divided by `sizes`: a row for each signal.
 
         The errors are linear in the first speed of a stretch: it is the one with the smallest.
         """
         every = []
         for each in self.stretches:
+            counted = np.s_[: len(self.sizes), each.first :]
             v = float(each.measured[0, 0]) if each.in_motion else 0.0
             found = self._predict(each, values, v)
-            errors = (found - each.measured)[: self.rows, each.first :] / sizes
+            errors = (found - each.measured)[counted] / self.sizes
             if each.in_motion:
-                faster = self._predict(each, values, v + _FASTER) - found
-                slope = faster[: self.rows, each.first :] / sizes
+                faster = self._predict(each, values, v + _FASTER)
+                slope = (faster - found)[counted] / self.sizes
                 errors -= slope * (np.vdot(slope, errors) / (np.vdot(slope, slope) or 1.0))
             every.append(errors)
         return np.clip(np.nan_to_num(np.concatenate(every, 1), nan=_WORST), -_WORST, _WORST)
@@ -269,11 +271,28 @@ class _Search(NamedTuple):
     def _predict(self, stretch: _Stretch, values: Mapping[str, float], v: float) -> Floats:
         """Return speed, yaw rate and lateral speed of a car that begins with `v` [m/s].
 
-        They are infinite where the integrator cannot follow it.
+        They are infinite where the integrator cannot follow it. The recorded incline of each state
+        is a force on the car.
         """
         predicted = np.full_like(stretch.measured, inf)
+        ts, mass, weight = stretch.ts, self.vehicle.mass, self.vehicle.mass * self.vehicle.gravity
+        lateral = {name: values[name] for name in LateralParameters._fields if name in values}
         with suppress(UserError, OverflowError, ValueError):
-            plant = self._plant(stretch, values)
+            plant = Plant(
+                road=Road.flat(),
+                # `_replace` refuses nothing: on the way a resistance may be below zero.
+                vehicle=self.vehicle._replace(
+                    air_drag_coeff=values['drag_per_mass'] * mass,
+                    friction=values['friction_per_mass'] * mass,
+                ),
+                ts=ts,
+                disturbance=lambda t, _: -weight * stretch.sines[round(t / ts)],
+                motor=Actuator(values['motor_delay'], values.get('motor_lag', 0.0)),
+                servo=Actuator(values.get('servo_delay', 0.0), values.get('servo_lag', 0.0)),
+                integrator=self.integrator,
+                dynamics='dynamic' if lateral else 'kinematic',
+                lateral=LateralParameters(**lateral) if lateral else None,
+            )
             plant.place(State(v=v))
             if stretch.in_motion:
                 plant.actuators.motor.hold(stretch.commands[0].motor)
@@ -283,27 +302,6 @@ class _Search(NamedTuple):
                 predicted[:, k] = motion.v_x, motion.psi_dot, motion.v_y
                 plant.advance(command)
         return predicted
-
-    def _plant(self, stretch: _Stretch, values: Mapping[str, float]) -> Plant:
-        """Return a plant on the inclines that were recorded: their force is that of each step."""
-        ts, mass, weight = stretch.ts, self.vehicle.mass, self.vehicle.mass * self.vehicle.gravity
-        # `_replace` refuses nothing: on the way to the minimum a resistance may be below zero.
-        vehicle = self.vehicle._replace(
-            air_drag_coeff=values['drag_per_mass'] * mass,
-            friction=values['friction_per_mass'] * mass,
-        )
-        lateral = {name: values[name] for name in LateralParameters._fields if name in values}
-        return Plant(
-            road=Road.flat(),
-            vehicle=vehicle,
-            ts=ts,
-            disturbance=lambda t, _: -weight * stretch.sines[round(t / ts)],
-            motor=Actuator(values['motor_delay'], values.get('motor_lag', 0.0)),
-            servo=Actuator(values.get('servo_delay', 0.0), values.get('servo_lag', 0.0)),
-            integrator=self.integrator,
-            dynamics='dynamic' if lateral else 'kinematic',
-            lateral=LateralParameters(**lateral) if lateral else None,
-        )
 
 
 def _size(errors: Floats) -> Floats:
@@ -363,25 +361,13 @@ def _whiteness(errors: Floats, special: Any) -> float:  # noqa: ANN401 (a module
     return float(special.gammaincc(_LAGS / 2.0, statistic / 2.0))
 
 
-def _unidentified(estimates: Mapping[str, Estimate], covariance: Floats) -> Iterator[str]:
-    """Yield a sentence for each parameter that the logs do not show."""
-    names, deviations = [*estimates], np.sqrt(np.diag(covariance))
-    with np.errstate(invalid='ignore'):  # of what has no interval
-        correlations = np.abs(covariance / np.outer(deviations, deviations)) - np.eye(len(names))
-    for name, each, shared in zip(names, estimates.values(), correlations, strict=True):
-        if each.interval == inf:
+def _remarks(estimates: Mapping[str, Estimate], whiteness: Mapping[str, float]) -> Iterator[str]:
+    """Yield a sentence for each parameter, and each signal, that the logs do not show well."""
+    for name, (value, interval, unit, _) in estimates.items():
+        if interval == inf:
             yield f'{name} cannot be identified: nothing that was measured depends on it alone'
-        elif not name.endswith('_delay') and each.interval >= 0.5 * abs(each.value):
-            other = int(np.nanargmax(shared))
-            cause = f', as {names[other]} has the same effect in this drive'
-            yield (
-                f'{name} cannot be identified: it is known to ±{each.interval:.2g} {each.unit} only'
-                f'{cause if shared[other] > _TOGETHER else ""}'
-            )
-
-
-def _correlated(whiteness: Mapping[str, float]) -> Iterator[str]:
-    """Yield a sentence for each signal whose residuals are no white noise."""
+        elif not name.endswith('_delay') and interval >= 0.5 * abs(value):
+            yield f'{name} cannot be identified: it is known to ±{interval:.2g} {unit} only'
     for signal, p in whiteness.items():
         if p < 0.01:  # noqa: PLR2004
             yield (

@@ -64,12 +64,6 @@ _UNITS = {'drag': '1/m', 'friction': 'm/s²', 'delay': 's'}
 _STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the differences
 #: Intervals that a drive can give: full marks up to the first, none from the second on.
 _SHOWN = {'drag': (8e-6, 3e-5), 'friction': (1e-3, 5e-3), 'delay': (1e-3, 4e-3)}
-_ADVICE = {
-    'drag': 'it differs from friction only where the speed changes much: let the car roll from a '
-    'high speed to a low one',
-    'friction': 'let the car roll, at low speeds, too',
-    'delay': 'it shows where the command changes: change it often, and by much',
-}
 
 
 class Car(NamedTuple):
@@ -239,8 +233,7 @@ def _judge_information(car: Car, commands: Sequence[float]) -> Iterator[Finding]
         score = share(best, full, zero)
         how = f'at best ± {best:.2g} {_UNITS[name]}' if best < np.inf else 'not at all'
         text = f'your commands show the {name} {how} (± {full:g} is full marks)'
-        advice = f'; {_ADVICE[name]}' if score < 1.0 else ''
-        yield Finding(f'commands.{name}', score, text + advice)
+        yield Finding(f'commands.{name}', score, text)
 
 
 @np.errstate(all='ignore')  # of numbers of any size
