@@ -30,7 +30,6 @@ from barc_sim.page.feed import DEPTH, Feed
 from barc_sim.page.protocol import (
     CONTROLLER,
     SIMULATOR,
-    Drive,
     Pause,
     Press,
     RunFacts,
@@ -38,11 +37,12 @@ from barc_sim.page.protocol import (
     node_of,
 )
 from barc_sim.page.run_page import RunPage
-from barc_sim.ros.node_helpers import declare
+from barc_sim.ros.node_helpers import declare, to_twist
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from barc_sim.control.driver import DriverInput
     from barc_sim.page.protocol import Request
     from barc_sim.page.run_page import OnDone
 
@@ -140,11 +140,8 @@ class ViewNode(Node):
         self.page.close()
         super().destroy_node()
 
-    def _drive(self, command: Drive) -> None:
-        twist = Twist()
-        twist.linear.x, twist.angular.z, brake = command
-        twist.linear.z = -brake
-        self._cmd_vel_pub.publish(twist)
+    def _drive(self, request: DriverInput) -> None:
+        self._cmd_vel_pub.publish(to_twist(request))
 
     def _request(self, request: Request, on_done: OnDone) -> None:
         """Pass a request of a page to its service; `on_done` is called in the server's thread."""

@@ -13,6 +13,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 from barc_sim.control.cruise_control import DEFAULT_TYPE, LANE_TYPES, TERMS, TYPES
+from barc_sim.control.driver import DriverInput
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE, Gain
 from barc_sim.figures.style import Course
@@ -88,14 +89,6 @@ class RequestError(ValueError):
     """A message that our page does not send."""
 
 
-class Drive(NamedTuple):
-    """Drive as `cmd_vel` does."""
-
-    linear: float = 0.0  #: share of the maximum acceleration, from -1 to 1
-    angular: float = 0.0  #: share of the maximum steering rate, from -1 to 1, left is positive
-    brake: float = 0.0  #: share of the maximum deceleration, from 0 to 1, down to a standstill
-
-
 class Tune(NamedTuple):
     """Set a parameter of the controller or the car; the node refuses what it does not have."""
 
@@ -115,7 +108,7 @@ class Pause(NamedTuple):
     on: bool
 
 
-Request = Drive | Tune | Press | Pause
+Request = DriverInput | Tune | Press | Pause
 
 
 class Status(NamedTuple):
@@ -141,8 +134,8 @@ def parse(message: str | bytes) -> Request:
     if not isinstance(fields, dict):
         raise RequestError('a JSON object is expected')
     kind = fields.pop('type', None)
-    if kind == 'drive' and {'linear', 'angular'} <= set(fields) <= set(Drive._fields):
-        drive = Drive(**{name: _number(value, 1.0) for name, value in fields.items()})
+    if kind == 'drive' and set(fields) == {*DriverInput._fields}:
+        drive = DriverInput(**{name: _number(value, 1.0) for name, value in fields.items()})
         if drive.brake < 0.0:
             raise RequestError('the brake is from 0 to 1')
         return drive

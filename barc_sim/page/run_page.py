@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from websockets.asyncio.server import broadcast
 
+from barc_sim.control.driver import COAST, FULL_BRAKE, STALE_AFTER, DriverInput
 from barc_sim.control.lane import LANE
 from barc_sim.figures.style import Course, driven_road
 from barc_sim.page.feed import columns_in, laps_in, rows_of
 from barc_sim.page.protocol import (
-    Drive,
     Pause,
     Press,
     RunFacts,
@@ -45,55 +45,47 @@ _SLOW_PERIOD = 0.1  #: [s] between two polls while no page is open
 _STATUS_PERIOD = 0.25  #: [s]
 _MAX_WAIT = 2.0  #: [s] for the message of the end
 
-STALE = 0.5  #: [s] without a message of the driving page after which its keys count as released
-_PERIOD = 0.05  #: [s] between two commands while a key is held
-_REST = Drive()
-_BRAKE = Drive(brake=1.0)
-_HELD = (_REST, _BRAKE)  #: sent once: they hold until the next command
 
+class DriverArbiter:
+    """Decides which page drives, of several: the one whose keys were pressed last.
 
-class HeldKeys:
-    """The keys that pages hold: those pressed last count, on whichever page.
-
-    While a key is held, `due` returns a command every 50 ms; after its release zero once, then
-    nothing, so that other publishers of `cmd_vel` are not overridden. If the page closes or falls
-    silent with a key held, the brake takes the place of zero. Times are of a monotonic clock.
+    A page repeats its input while a key is held. If it closes, or falls silent with a key held, the
+    car must brake. Times are of a monotonic clock.
     """
 
     def __init__(self) -> None:
-        self._page: object | None = None  # whose keys count
-        self._held: dict[object, Drive] = {}  # the latest command of each page, which repeats it
-        self._command = self._sent = _REST
-        self._received = self._published = float('-inf')  # [s]
+        self._page: object | None = None  # that drives
+        self._requests: dict[object, DriverInput] = {}  # the latest of each page
+        self._request = COAST  # that counts
+        self._received = float('-inf')  # [s]
 
-    def hold(self, page: object, command: Drive, now: float) -> None:
-        """Take the command of `page` at `now` [s]; without a new key, it stops no other page."""
-        is_new = command != self._held.get(page)
-        self._held[page] = command
-        is_free = self._command == _REST or now - self._received > STALE
-        if page == self._page or (command != _REST and (is_new or is_free)):
-            self._page, self._command, self._received = page, command, now
+    def accepts(self, page: object, request: DriverInput, now: float) -> bool:
+        """Return whether the input of `page` at `now` [s] counts; without a new key, no other's."""
+        is_new = request != self._requests.get(page)
+        self._requests[page] = request
+        is_free = self._request == COAST or self._is_stale(now)
+        if page != self._page and (request == COAST or not (is_new or is_free)):
+            return False
+        self._page, self._request, self._received = page, request, now
+        return True
 
-    def leave(self, page: object) -> None:
-        """Brake if the closed `page` held a key, until another page drives."""
-        self._held.pop(page, None)
-        if page == self._page:
-            self._received = float('-inf')
-            self._release()
+    def leave(self, page: object) -> bool:
+        """Forget a page that has closed; return whether the car must brake."""
+        self._requests.pop(page, None)
+        return page == self._page and self._release()
 
-    def due(self, now: float) -> Drive | None:
-        """Return the command to publish at `now` [s], or None."""
-        if now - self._received > STALE:
-            self._release()
-        is_new, waits = self._command != self._sent, now - self._published < _PERIOD
-        if not is_new and (waits or self._command in _HELD):
-            return None
-        self._sent, self._published = self._command, now
-        return self._command
+    def falls_silent(self, now: float) -> bool:
+        """Return whether the car must brake, as no input came for a while."""
+        return self._is_stale(now) and self._release()
 
-    def _release(self) -> None:
-        if self._command != _REST:
-            self._command = _BRAKE
+    def _is_stale(self, now: float) -> bool:
+        return now - self._received > STALE_AFTER
+
+    def _release(self) -> bool:
+        must_brake = self._request not in (COAST, FULL_BRAKE)
+        if must_brake:
+            self._request = FULL_BRAKE
+        return must_brake
 
 
 class RunPage(ViewServer):
@@ -106,7 +98,7 @@ class RunPage(ViewServer):
         port: int,
         run: RunFacts,
         feed: Feed,
-        drive: Callable[[Drive], None],
+        drive: Callable[[DriverInput], None],
         request: Callable[[Request, OnDone], None],
     ) -> None:
         """Serve the page.
@@ -118,7 +110,7 @@ class RunPage(ViewServer):
         self._mode, self._run = mode, run
         self.feed = feed  #: with the laps so far
         self._drive, self._request = drive, request
-        self._keys = HeldKeys()
+        self._drivers = DriverArbiter()
         self._values = run.values  # of the sliders, as the pages have them
         self._gains: dict[int, list[str]] = {}  # by lap, one after another
         self._paused = False
@@ -153,10 +145,9 @@ class RunPage(ViewServer):
         match request:
             case _ if self._has_ended:
                 pass
-            case Drive():
-                now = time.monotonic()
-                self._keys.hold(page, request, now)
-                self._publish(now)
+            case DriverInput():
+                if self._drivers.accepts(page, request, time.monotonic()):
+                    self._drive(request)
             case Press('finish'):
                 if self._run.finish:
                     self._run.finish()
@@ -165,17 +156,16 @@ class RunPage(ViewServer):
 
     def leave(self, page: ServerConnection) -> None:
         """Release the keys of a page that has closed."""
-        if self._has_ended:
-            return
-        self._keys.leave(page)
-        self._publish(time.monotonic())
+        if self._drivers.leave(page) and not self._has_ended:
+            self._drive(FULL_BRAKE)
 
     def pulse(self) -> float:
         """Send new rows and, in turn, the status; return the time to the next call [s]."""
         if self._has_ended:
             return _SLOW_PERIOD
         now = time.monotonic()
-        self._publish(now)
+        if self._drivers.falls_silent(now):
+            self._drive(FULL_BRAKE)
         if rows := self.feed.poll():
             self.send(rows)
         if now >= self._next_status:
@@ -197,10 +187,6 @@ class RunPage(ViewServer):
         if now and seen[-1:] != [now]:
             seen.append(now)
         return lap_facts(laps, self._gains)
-
-    def _publish(self, now: float) -> None:
-        if command := self._keys.due(now):
-            self._drive(command)
 
     def _send_status(self) -> None:
         missed, paused = self._run.status()

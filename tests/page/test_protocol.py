@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.control.cruise_control import CruiseControl
+from barc_sim.control.driver import DriverInput
 from barc_sim.control.excitation import PRBS
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR, PID, Gain, as_controller, speed_controller
 from barc_sim.page.protocol import (
     CAR,
     OTHERS,
-    Drive,
     Pause,
     Press,
     RequestError,
@@ -43,16 +43,16 @@ MALFORMED = [
     '[]',
     '{}',
     '{"type":"fly"}',
-    '{"type":["drive"],"linear":0,"angular":0}',
+    '{"type":["drive"],"forward":0,"turn":0,"brake":0}',
     '{"type":"drive"}',
-    '{"type":"drive","linear":1}',
-    '{"type":"drive","linear":1.01,"angular":0}',
-    '{"type":"drive","linear":0,"angular":-1.01}',
-    '{"type":"drive","linear":NaN,"angular":0}',
-    '{"type":"drive","linear":1e999,"angular":0}',
-    '{"type":"drive","linear":"1","angular":0}',
-    '{"type":"drive","linear":true,"angular":0}',
-    '{"type":"drive","linear":0,"angular":0,"more":0}',
+    '{"type":"drive","forward":1}',
+    '{"type":"drive","forward":1.01,"turn":0,"brake":0}',
+    '{"type":"drive","forward":0,"turn":-1.01,"brake":0}',
+    '{"type":"drive","forward":NaN,"turn":0,"brake":0}',
+    '{"type":"drive","forward":1e999,"turn":0,"brake":0}',
+    '{"type":"drive","forward":"1","turn":0,"brake":0}',
+    '{"type":"drive","forward":true,"turn":0,"brake":0}',
+    '{"type":"drive","forward":0,"turn":0,"brake":0,"more":0}',
     '{"type":"tune","name":["kp"],"value":1}',
     '{"type":"tune","name":"kp","value":1e10}',
     '{"type":"tune","name":"kp","value":' + '9' * 400 + '}',
@@ -62,16 +62,16 @@ MALFORMED = [
     '{"type":"reset","hard":true}',
     '[' * 100_000,
     b'{"type":"reset"}',
-    '{"type":"drive","linear":0,"angular":0,"brake":-1}',
-    '{"type":"drive","linear":0,"angular":0,"brake":2}',
+    '{"type":"drive","forward":0,"turn":0,"brake":-1}',
+    '{"type":"drive","forward":0,"turn":0,"brake":2}',
 ]
 
 
 @pytest.mark.parametrize(
     ('message', 'request_'),
     [
-        ('{"type":"drive","linear":1,"angular":-0.5}', Drive(1.0, -0.5)),
-        ('{"type":"drive","linear":0,"angular":0,"brake":1}', Drive(brake=1.0)),
+        ('{"type":"drive","forward":1,"turn":-0.5,"brake":0}', DriverInput(1.0, -0.5)),
+        ('{"type":"drive","forward":0,"turn":0,"brake":1}', DriverInput(brake=1.0)),
         ('{"type":"tune","name":"kp","value":3}', Tune('kp', 3.0)),
         ('{"type":"tune","name":"motor_delay","value":0.1}', Tune('motor_delay', 0.1)),
         ('{"type":"finish"}', Press('finish')),
@@ -97,7 +97,7 @@ _JSON = st.recursive(
     lambda inner: (
         st.lists(inner, max_size=3)
         | st.dictionaries(
-            st.sampled_from(['type', 'linear', 'angular', 'name', 'value', 'on']), inner, max_size=4
+            st.sampled_from(['type', 'forward', 'turn', 'name', 'value', 'on']), inner, max_size=4
         )
     ),
     max_leaves=6,
@@ -111,7 +111,7 @@ def test_whatever_arrives_is_a_request_within_limits_or_refused(message: str | b
         found = parse(message)
     except RequestError:
         return
-    if isinstance(found, Drive):
+    if isinstance(found, DriverInput):
         assert all(-1.0 <= share <= 1.0 for share in found)
     elif isinstance(found, Tune):
         assert math.isfinite(found.value)

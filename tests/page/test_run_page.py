@@ -20,11 +20,12 @@ from hypothesis import strategies as st
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
+from barc_sim.control.driver import COAST, FULL_BRAKE, STALE_AFTER, DriverInput
 from barc_sim.control.lane import Stanley
 from barc_sim.control.speed import PID
 from barc_sim.page import run_page
-from barc_sim.page.protocol import COLUMNS, Drive
-from barc_sim.page.run_page import STALE, HeldKeys, replay
+from barc_sim.page.protocol import COLUMNS
+from barc_sim.page.run_page import DriverArbiter, replay
 from barc_sim.page.server import ViewServer
 from barc_sim.simulation import metrics
 from barc_sim.simulation.closed_loop import closed_loop, lap
@@ -298,90 +299,76 @@ def _seek(tab: Tab, time: float) -> None:
     )
 
 
-AHEAD = Drive(1.0, 0.0)
-LEFT = Drive(0.0, 1.0)
-REST = Drive()
-BRAKE = Drive(brake=1.0)
-
-
-#: By name, what happens and what is due: (page, command, [s]), (page, 'closes', [s]),
-#: ('due', command, [s]).
-CASES: dict[str, list[tuple[str, Drive | str | None, float]]] = {
-    'nothing is due until a page presses a key': [
-        ('a', REST, 0.0), ('due', None, 0.0),
+AHEAD = DriverInput(1.0)
+LEFT = DriverInput(0.0, 1.0)
+#: By name, what happens and whether it counts: (page, input, [s], counts), or what the car must do:
+#: (page, 'closes', [s], brakes), ('time', 'passes', [s], brakes).
+CASES: dict[str, list[tuple[str, DriverInput | str, float, bool]]] = {
+    'nothing happens until a page presses a key': [
+        ('a', COAST, 0.0, False), ('time', 'passes', 9.0, False),
     ],
-    'a held key is due at once and every 50 ms': [
-        ('a', AHEAD, 10.0), ('due', AHEAD, 10.0), ('due', None, 10.04), ('due', AHEAD, 10.05),
-    ],
-    'a change is due before the 50 ms are over': [
-        ('a', AHEAD, 0.0), ('due', AHEAD, 0.0), ('a', LEFT, 0.02), ('due', LEFT, 0.02),
-    ],
-    'a release is due at once and only once': [
-        ('a', AHEAD, 0.0), ('due', AHEAD, 0.0), ('a', REST, 0.001), ('due', REST, 0.001),
-        ('due', None, 1.0),
+    'a held key, a change and a release count': [
+        ('a', AHEAD, 10.0, True), ('a', AHEAD, 10.05, True), ('a', LEFT, 10.06, True),
+        ('a', COAST, 10.1, True), ('time', 'passes', 20.0, False), ('a', 'closes', 20.0, False),
     ],
     'a page that closes with a key held brakes': [
-        ('a', AHEAD, 0.0), ('due', AHEAD, 0.0), ('a', 'closes', 0.0), ('due', BRAKE, 0.001),
-        ('due', None, 1.0),
+        ('a', AHEAD, 0.0, True), ('a', 'closes', 0.0, True), ('time', 'passes', 9.0, False),
     ],
     'a watching page changes nothing when it closes': [
-        ('a', AHEAD, 0.0), ('b', 'closes', 0.0), ('b', REST, 0.0), ('due', AHEAD, 0.0),
+        ('a', AHEAD, 0.0, True), ('b', 'closes', 0.0, False), ('b', COAST, 0.0, False),
     ],
-    'a page that closes with no key held changes nothing': [
-        ('a', AHEAD, 0.0), ('a', REST, 0.1), ('due', None, 0.1), ('a', 'closes', 0.1),
-        ('due', None, 0.2),
-    ],
-    'a silent page brakes': [
-        ('a', AHEAD, 0.0), ('due', AHEAD, 0.0), ('due', AHEAD, STALE),
-        ('due', BRAKE, STALE + 0.001), ('due', None, 10.0),
+    'a silent page brakes, once': [
+        ('a', AHEAD, 0.0, True), ('time', 'passes', STALE_AFTER, False),
+        ('time', 'passes', STALE_AFTER + 0.001, True), ('time', 'passes', 9.0, False),
+        ('a', 'closes', 9.0, False), ('b', LEFT, 9.0, True),
     ],
     'the keys pressed last count': [
-        ('a', AHEAD, 0.0), ('due', AHEAD, 0.0), ('b', LEFT, 0.1), ('a', REST, 0.11),
-        ('due', LEFT, 0.12), ('a', 'closes', 0.13), ('due', LEFT, 0.17), ('b', 'closes', 0.2),
-        ('due', BRAKE, 0.2),
+        ('a', AHEAD, 0.0, True), ('b', LEFT, 0.1, True), ('a', COAST, 0.11, False),
+        ('a', 'closes', 0.13, False), ('b', 'closes', 0.2, True),
     ],
     'a key that another page still holds does not count against one that is pressed later': [
-        ('a', AHEAD, 0.0), ('b', BRAKE, 0.1), ('a', AHEAD, 0.11), ('due', BRAKE, 0.11),
-        ('b', REST, 0.2), ('due', REST, 0.2), ('a', AHEAD, 0.21), ('due', AHEAD, 0.21),
-        ('b', LEFT, 0.3), ('b', 'closes', 0.3), ('due', BRAKE, 0.31), ('a', AHEAD, 0.32),
-        ('due', AHEAD, 0.32),
+        ('a', AHEAD, 0.0, True), ('b', FULL_BRAKE, 0.1, True), ('a', AHEAD, 0.11, False),
+        ('b', COAST, 0.2, True), ('a', AHEAD, 0.21, True),
+    ],
+    'a key that another page still holds counts where the driving page is silent': [
+        ('a', AHEAD, 0.0, True), ('b', LEFT, 0.1, True), ('a', AHEAD, 0.11, False),
+        ('a', AHEAD, 0.7, True),
     ],
 }  # fmt: skip
 
 
 @pytest.mark.parametrize('steps', CASES.values(), ids=CASES)
-def test_whose_keys_count_and_what_is_due(
-    steps: list[tuple[str, Drive | str | None, float]],
+def test_whose_keys_count_and_when_the_car_must_brake(
+    steps: list[tuple[str, DriverInput | str, float, bool]],
 ) -> None:
-    keys = HeldKeys()
-    for who, what, t in steps:
-        if who == 'due':
-            assert keys.due(t) == what, t
-        elif isinstance(what, Drive):
-            keys.hold(who, what, t)
+    drivers = DriverArbiter()
+    for who, what, t, expected in steps:
+        if isinstance(what, DriverInput):
+            found = drivers.accepts(who, what, t)
         else:
-            keys.leave(who)
+            found = drivers.falls_silent(t) if who == 'time' else drivers.leave(who)
+        assert found == expected, t
 
 
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from('ab'), st.sampled_from([AHEAD, LEFT, REST, None]), st.floats(0.0, 0.2)
+            st.sampled_from('ab'), st.sampled_from([AHEAD, LEFT, COAST, None]), st.floats(0.0, 0.2)
         )
     )
 )
 def test_last_command_of_silent_pages_never_moves_the_car(
-    doings: list[tuple[str, Drive | None, float]],
+    doings: list[tuple[str, DriverInput | None, float]],
 ) -> None:
-    keys = HeldKeys()
-    now, last = 0.0, REST
-    for page, command, later in doings:
+    drivers = DriverArbiter()
+    now, last = 0.0, COAST
+    for page, request, later in doings:
         now += later
-        if command is None:
-            keys.leave(page)
-        else:
-            keys.hold(page, command, now)
-        last = keys.due(now) or last
-    last = keys.due(now + STALE + 0.001) or last
-    assert last in (REST, BRAKE)
-    assert keys.due(now + 10.0) is None
+        if request is None:
+            last = FULL_BRAKE if drivers.leave(page) else last
+        elif drivers.accepts(page, request, now):
+            last = request
+    if drivers.falls_silent(now + STALE_AFTER + 0.001):
+        last = FULL_BRAKE
+    assert last in (COAST, FULL_BRAKE)
+    assert not drivers.falls_silent(now + 10.0)

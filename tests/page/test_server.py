@@ -17,8 +17,9 @@ from websockets.asyncio.server import broadcast
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from barc_sim.control.driver import DriverInput
 from barc_sim.errors import UserError
-from barc_sim.page.protocol import Drive, encode
+from barc_sim.page.protocol import encode
 from barc_sim.page.server import ViewServer
 
 if TYPE_CHECKING:
@@ -135,9 +136,9 @@ def test_page_is_greeted_receives_messages_and_is_answered(server: Recorder) -> 
         wait_for(lambda: len(server.pages) == 2)
         server.call(lambda: server.send(b'rows'))
         assert [client.recv(DEADLINE) for client in (one, two)] == [b'rows', b'rows']
-        one.send(encode('drive', linear=0.5, angular=-1))
+        one.send(encode('drive', forward=0.5, turn=-1, brake=0))
         assert one.recv(DEADLINE) == encode('refused', what='drive', why='test')
-    assert server.received == [Drive(0.5, -1.0)]
+    assert server.received == [DriverInput(0.5, -1.0)]
 
 
 def test_every_end_of_a_page_is_noticed(server: Recorder) -> None:
@@ -150,7 +151,7 @@ def test_every_end_of_a_page_is_noticed(server: Recorder) -> None:
     assert not server.pages
 
 
-@pytest.mark.parametrize('message', ['{"type":"drive","linear":2,"angular":0}', b'\0', 'x' * 300])
+@pytest.mark.parametrize('message', ['{"type":"drive","forward":2}', b'\0', 'x' * 300])
 def test_malformed_message_closes_the_connection(server: Recorder, message: str | bytes) -> None:
     with page(server) as client:
         client.send(message)

@@ -119,7 +119,7 @@ def test_page_drives_by_hand(begin: Callable[..., Any], tmp_path: Path) -> None:
         wait(socket, 'hello')
         until = time.monotonic() + 1.0
         while time.monotonic() < until:
-            socket.send(json.dumps({'type': 'drive', 'linear': 1.0, 'angular': 0.0}))
+            socket.send(json.dumps({'type': 'drive', 'forward': 1.0, 'turn': 0.0, 'brake': 0.0}))
             time.sleep(0.1)
         wait(socket, lambda m: m.get('speed', 0.0) > 1.0)
         socket.send(json.dumps({'type': 'reset'}))

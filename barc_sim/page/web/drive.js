@@ -22,7 +22,7 @@ const clip = (value) => Math.min(Math.max(value, -1), 1);
 
 export class Driving {
   /**
-   * `send` takes linear and angular, from -1 to 1, and the brake, from 0 to 1. `enabled` returns
+   * `send` takes forward and turn, from -1 to 1, and the brake, from 0 to 1. `enabled` returns
    * whether keys drive now. While a control has the focus, keys are its own.
    */
   constructor(send, enabled, commands) {
@@ -136,11 +136,11 @@ export class Driving {
     for (const cap of document.querySelectorAll('kbd')) {
       cap.classList.toggle('held', held.has(cap.dataset.held));
     }
-    const linear = clip(held.has('forward') - held.has('back') + this.pads.throttle);
-    const angular = clip(held.has('left') - held.has('right') + this.pads.steer);
-    const moving = held.size > 0 || linear !== 0 || angular !== 0;
+    const forward = clip(held.has('forward') - held.has('back') + this.pads.throttle);
+    const turn = clip(held.has('left') - held.has('right') + this.pads.steer);
+    const moving = held.size > 0 || forward !== 0 || turn !== 0;
     if (held.has('stop')) this.send(0, 0, 1);
-    else if (moving || this.moving) this.send(linear, angular, 0);
+    else if (moving || this.moving) this.send(forward, turn, 0);
     this.moving = moving;
   }
 }

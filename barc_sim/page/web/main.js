@@ -238,7 +238,7 @@ element('reset').addEventListener('click', reset);
 element('pause').addEventListener('click', pause);
 element('finish').addEventListener('click', () => connection.send('finish'));
 new Driving(
-  (linear, angular, brake) => connection.send('drive', { linear, angular, brake }),
+  (forward, turn, brake) => connection.send('drive', { forward, turn, brake }),
   () => facts.mode === 'teleop' && !facts.replay && !ended,
   { KeyR: reset, KeyP: pause },
 );
