@@ -177,8 +177,9 @@ class Track:
             header, *columns = read_columns(lines, _SEGMENTS, _CENTRE_LINE, _RACING_LINE)
             if header == _SEGMENTS:
                 return cls.of_rows(zip(*columns, strict=True), name)
-            if not all(map(isfinite, chain(*columns))):
-                raise ValueError('each of its numbers must be finite')
+            for value in chain(*columns):
+                if not isfinite(value):
+                    raise ValueError(f'{value!r} is not a finite number')
             x, y, *widths = columns[:4]
             if not _MIN_POINTS <= len(x) <= _MAX_POINTS:
                 raise ValueError(f'{len(x)} points, not {_MIN_POINTS} to {_MAX_POINTS}')
@@ -206,7 +207,8 @@ class Track:
             start, arcs, deviation = _fit([*map(complex, x, y)], tolerance)
         except ArithmeticError:
             raise UserError(
-                'two points in a row are the same or too far apart, or the line turns back at one'
+                'two points in a row are the same or too far apart, or the line turns back at one: '
+                'leave it out'
             ) from None
         lengths, curvatures = zip(*arcs, strict=True)
         return cls(lengths, curvatures, width, name, start, deviation)
@@ -380,34 +382,30 @@ def _fit(points: list[complex], tolerance: float) -> tuple[Pose, list[tuple[floa
         ((p - a) / abs(p - a) ** 2 + (b - p) / abs(b - p) ** 2)
         for a, p, b in zip(before, points, after, strict=True)
     ]
-    tangents = [each / abs(each) for each in headings]
-    points, tangents = [*points, points[0]], [*tangents, tangents[0]]
+    nodes = [(p, each / abs(each)) for p, each in zip(points, headings, strict=True)]
+    nodes.append(nodes[0])
     arcs: list[tuple[float, float]] = []
     maximum, i = 0.0, 0
-    while i < len(points) - 1:
-        found, deviation, last = _biarc(points, tangents, i, i + 1), 0.0, i + 1
-        for j in range(i + 2, len(points) if tolerance else 0):
-            if points[j] == points[i]:
+    while i < len(points):
+        for j in range(i + 1, len(nodes) if tolerance else i + 2):
+            if nodes[j][0] == nodes[i][0]:
                 break
-            trial = _biarc(points, tangents, i, j)
-            off = _deviation(_pose(points[i], tangents[i]), trial, points[i + 1 : j])
+            trial = _biarc(*nodes[i], *nodes[j])
+            off = _deviation(_pose(*nodes[i]), trial, points[i + 1 : j])
             if off > tolerance:
                 break
-            found, deviation, last = trial, off, j
+            found, deviation, last = trial, off, j  # of the first, no points are between
         arcs += found
         maximum, i = max(maximum, deviation), last
-    return _pose(points[0], tangents[0]), arcs, maximum
+    return _pose(*nodes[0]), arcs, maximum
 
 
 def _pose(point: complex, tangent: complex) -> Pose:
     return Pose(point.real, point.imag, phase(tangent))
 
 
-def _biarc(
-    points: list[complex], tangents: list[complex], i: int, j: int
-) -> list[tuple[float, float]]:
-    """Return lengths and curvatures of two arcs from point `i` to point `j`."""
-    p, t, q, u = points[i], tangents[i], points[j], tangents[j]
+def _biarc(p: complex, t: complex, q: complex, u: complex) -> list[tuple[float, float]]:
+    """Return lengths and curvatures of two arcs from `p` to `q`, with headings `t` and `u`."""
     v, w = q - p, t + u
     dot, bend = (v * w.conjugate()).real, 2.0 * (1.0 - (t * u.conjugate()).real)
     chord = abs(v) ** 2
@@ -434,7 +432,7 @@ def _deviation(start: Pose, arcs: list[tuple[float, float]], points: list[comple
         s, e_y = first.project(point.real, point.imag)
         return abs(behind.project(point.real, point.imag)[1] if s > length else e_y)
 
-    return max(map(off, points))
+    return max(map(off, points), default=0.0)
 
 
 def l_shape(

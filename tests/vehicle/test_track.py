@@ -146,7 +146,7 @@ def test_a_circle_of_points_is_fitted_by_few_arcs(tmp_path: Path) -> None:
         ),
         (
             'x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n9,0,3,nan\n0,9,3,3\n',
-            'each of its numbers must be finite',
+            'nan is not a finite number',
         ),
     ],
 )
