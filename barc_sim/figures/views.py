@@ -69,7 +69,7 @@ AHEAD = '#C4D3DD'  #: of the part of the run after the shown time
 #: [m] from the centre of mass to the rear axle and to the front axle.
 AXLES = (-1.5, 1.5)
 BEYOND = 60.0  #: [m] of the road that are drawn before and after a run
-POST = 10.0  #: [m] between two labels of the position
+POST = 10.0  #: [m] between two labels of the position; the side of a square, from above
 LABELS = 12  #: more than are visible
 _READING, _READINGS = 0.135, 0.81  #: the widths of a reading, and of all, at most, as shares
 EDGE = {'color': INK, 'lw': 1.4}
@@ -349,7 +349,7 @@ class TopView(RunView):
 
     def _draw_scene(self, axes: Axes) -> list[Artist]:
         axes.set(facecolor='#F7F7F4')
-        self._axes = axes
+        axes.text(0.01, 0.03, f'squares of {POST:g} m', transform=axes.transAxes, color=MUTED)
         self._grid, self._world, self._body, self._steering = (Affine2D() for _ in range(4))
         world = self._world + axes.transData
         self._trail = Line2D([], [], color=BLUE, lw=2.0, transform=world)
@@ -372,11 +372,7 @@ class TopView(RunView):
         moving += [self._trail, *_car_from_above(self._body + axes.transData, self._steering)]
         for artist in moving:
             _ = axes.add_line(artist) if isinstance(artist, Line2D) else axes.add_artist(artist)
-        self._labels = [
-            axes.text(0.0, 0.0, '', color=MUTED, fontsize=8, va='bottom', clip_on=True)
-            for _ in range(LABELS)
-        ]
-        return [*moving, *self._labels]
+        return moving
 
     def _draw_course(self, axes: Axes) -> None:
         """Draw the whole path, or the whole track."""
@@ -396,13 +392,6 @@ class TopView(RunView):
         self._trail.set_data(*np.vstack([self._path[: k + 1], (x, y)]).T)
         self._body.clear().rotate(psi)
         self._steering.clear().rotate(np.nan_to_num(servo))
-        (left, right), bottom = self._axes.get_xlim(), self._axes.get_ylim()[0]
-        first = np.floor(x / POST) - LABELS // 2
-        for i, label in enumerate(self._labels):
-            at = (first + i) * POST
-            label.set_visible(bool(left < at - x < right - 2.0))
-            label.set_position((at - x + 0.3, bottom + 0.3))
-            label.set_text(reading(float(at), 0, ' m'))
         readings = {'Heading': reading(float(np.degrees(psi)) % 360.0, 0, '°')}
         if self._on_track:
             readings = self._place_ghost(self._on_track, k, t, x, y)
