@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.user_code.code import CALLED
+from barc_sim.lab.user_code.folder import BY_EYE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -476,7 +477,8 @@ class Lab:
     handout: Handout
     code: type[JudgedCode]  #: its requests
     parts: Mapping[str, Part]
-    by_eye: frozenset[str] = frozenset()  #: criteria that a person judges, with a sum of their own
+    #: What a person judges, with a sum of its own: by criterion, what to look at.
+    by_eye: Mapping[str, str] = field(default_factory=dict)
     ready: Callable[[], object] = bool  #: a UserError, where what judges it is not installed
 
     @property
@@ -487,19 +489,28 @@ class Lab:
     def judge(self, code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
         """Return a finding for each criterion of `settings`, in the order of the labels.
 
-        Errors of the code become findings.
+        An error of the code costs the criteria of its part that have no finding before it.
         """
         settings = settings or Settings()
         criteria = self.labels if settings.criteria is None else settings.criteria
         findings: list[Finding] = []
         for name, part in self.parts.items():
-            found: Iterable[Finding] = ()
+            asked, message = [each for each in part.labels if each in criteria], ''
             if not code.has(name):
                 message = f'there is no {self.handout.files[name]}'
-                found = [Finding(each, 0.0, message, skipped=True) for each in part.labels]
-            elif not part.labels.keys().isdisjoint(criteria):
-                found = part.judge(code, settings, criteria)
-            findings += [finding for finding in found if finding.criterion in criteria]
+                findings += [Finding(each, 0.0, message, skipped=True) for each in asked]
+                continue
+            found = {
+                each: Finding(each, 0.0, f'{what}: {BY_EYE}', open=True)
+                for each, what in self.by_eye.items()
+            }
+            try:
+                if {*asked} - found.keys():
+                    for each in part.judge(code, settings, criteria):
+                        found[each.criterion] = each
+            except UserError as error:
+                message = str(error)
+            findings += [found.get(each) or Finding(each, 0.0, message) for each in asked]
         return findings
 
     def judge_folder(

@@ -224,7 +224,7 @@ def _tasks(rubric: Rubric, title: str) -> list[_Task]:
     def named(task: str) -> str:
         return f'{title}: {task}' if title != 'Score' else task
 
-    eye = rubric.lab.by_eye - rubric.optional
+    eye = rubric.lab.by_eye.keys() - rubric.optional
     kinds = {
         title: rubric.points.keys() - rubric.optional - eye,
         named('Task 3'): rubric.optional,

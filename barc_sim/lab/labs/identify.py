@@ -17,7 +17,6 @@ from barc_sim.lab import files
 from barc_sim.lab.confined.process import JudgedCode, numbers_of
 from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, read_law, share
 from barc_sim.lab.user_code.adapters import COMMANDS
-from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.tuning.identification import covariance
 from barc_sim.vehicle.bike_model import Command, Vehicle
 from barc_sim.vehicle.plant import Actuator, Plant
@@ -178,25 +177,17 @@ def _figure(car: Car, commands: Sequence[float], found: Sequence[float], title: 
 
 def _judge(code: JudgedCode, settings: Settings, _: Collection[str]) -> Iterator[Finding]:
     """Yield a finding for each criterion; the cars are those of the seed and the name."""
-    car, commands = car_of(''), None
-    try:
-        car = car_of(str(code.call('name')))
-        commands = _commands(code)
-        yield Finding('commands.limits', *_judge_limits(car, commands))
-        yield from _judge_information(car, commands)
-    except UserError as error:
-        yield from (Finding(each, 0.0, str(error)) for each in LABELS if each[:8] == 'commands')
+    car = car_of(str(code.call('name')))
     findings, (trial,) = FUNCTIONS.judge(code, f'{settings.seed} {car}')
     yield from findings
     score, text = (0.0, trial.failure) if trial.failure else _judge_intervals(trial)
     yield Finding('estimate.intervals', score, text)
-    drive = None
-    if commands and not trial.failure:
-        with suppress(UserError):
-            row = [_T, measured(car, commands), commands]
-            drive = shown(car, commands, code.rows('estimate', [row])[0])
-    text = f'the plot of the residuals, and two sentences: {BY_EYE}'
-    yield Finding('estimate.residuals', 0.0, text, drive, open=True)
+    commands, evidence = _commands(code), None  # an error costs the criteria of the commands
+    with suppress(UserError):
+        row = [_T, measured(car, commands), commands]
+        evidence = shown(car, commands, code.rows('estimate', [row])[0])
+    yield Finding('commands.limits', *_judge_limits(car, commands), evidence)
+    yield from _judge_information(car, commands)
 
 
 def _commands(code: JudgedCode) -> tuple[float, ...]:
@@ -254,5 +245,5 @@ IDENTIFY = Lab(
     files.IDENTIFY,
     JudgedCode,
     {'identify': Part(LABELS, _judge)},
-    by_eye=frozenset({'estimate.residuals'}),
+    by_eye={'estimate.residuals': 'the plot of the residuals, and two sentences'},
 )

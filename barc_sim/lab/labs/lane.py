@@ -18,11 +18,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneController, LaneLaw, LaneLQR, steady_turn
-from barc_sim.errors import UserError
 from barc_sim.lab import files
 from barc_sim.lab.confined.process import JudgedCode, numbers_of
 from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, read_law, share
-from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import LAP_HEADINGS, track_laps_of
@@ -205,37 +203,33 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
     What follows from a mistake in the feedback is not taken off again: barc_sim's law drives, too,
     and the better drive counts.
     """
-    try:
-        probes, by = Probes(code), settings.thresholds
-        yield Finding('lane.signs', *probes.judge())
-        laws: dict[str, Callable[[Plant], LaneController]] = {'': partial(_Law, code)}
-        ours = {_PUT_RIGHT: lambda _: LaneLQR()}
-        laws |= ours if probes.made('Signs') else {}
-        score, text, whose = max((*_returned(law), whose) for whose, law in laws.items())
-        if score < 1.0:
-            named = probes.named('On a straight', text)
-            laws |= ours if named != text and not probes.made('No effect') else {}
-            text = named
-        yield Finding('lane.return', score, f'{whose}{text}')
-        for criterion, track, laps in (
-            ('lane.laps', Track.named('L'), _LAPS),
-            ('lane.hidden', hidden_track(settings.seed), 1),
-        ):
-            if criterion not in criteria:
-                continue
-            way = laps * track.length
-            logs = {whose: drive_law(law, track, way) for whose, law in laws.items()}
-            whose, log = max(logs.items(), key=lambda item: by.score(*drive_errors(item[1])))
-            score = by.score(*drive_errors(log))
-            text = f'{describe(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
-            shown = None
-            if criterion == 'lane.laps':
-                text = probes.named('In turns', text) if score < 1.0 else text
-                shown = Evidence(_table(logs['']), partial(_figure, logs['']))
-            yield Finding(criterion, score, f'{whose}{text}', shown)
-    except UserError as error:
-        yield from (Finding(name, 0.0, str(error)) for name in DRIVE_LABELS if name != 'lane.delay')
-    yield Finding('lane.delay', 0.0, f'the plot of e_y, and two sentences: {BY_EYE}', open=True)
+    probes, by = Probes(code), settings.thresholds
+    yield Finding('lane.signs', *probes.judge())
+    laws: dict[str, Callable[[Plant], LaneController]] = {'': partial(_Law, code)}
+    ours = {_PUT_RIGHT: lambda _: LaneLQR()}
+    laws |= ours if probes.made('Signs') else {}
+    score, text, whose = max((*_returned(law), whose) for whose, law in laws.items())
+    if score < 1.0:
+        named = probes.named('On a straight', text)
+        laws |= ours if named != text and not probes.made('No effect') else {}
+        text = named
+    yield Finding('lane.return', score, f'{whose}{text}')
+    for criterion, track, laps in (
+        ('lane.laps', Track.named('L'), _LAPS),
+        ('lane.hidden', hidden_track(settings.seed), 1),
+    ):
+        if criterion not in criteria:
+            continue
+        way = laps * track.length
+        logs = {whose: drive_law(law, track, way) for whose, law in laws.items()}
+        whose, log = max(logs.items(), key=lambda item: by.score(*drive_errors(item[1])))
+        score = by.score(*drive_errors(log))
+        text = f'{describe(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
+        shown = None
+        if criterion == 'lane.laps':
+            text = probes.named('In turns', text) if score < 1.0 else text
+            shown = Evidence(_table(logs['']), partial(_figure, logs['']))
+        yield Finding(criterion, score, f'{whose}{text}', shown)
 
 
 def drive_law(
@@ -321,5 +315,5 @@ LANE = Lab(
     files.LANE,
     LaneCode,
     {'lane': Part({**LABELS, **DRIVE_LABELS}, _judge)},
-    by_eye=frozenset({'lane.delay'}),
+    by_eye={'lane.delay': 'the plot of e_y, and two sentences'},
 )

@@ -24,7 +24,6 @@ from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, r
 from barc_sim.lab.labs.lane import hidden_track
 from barc_sim.lab.user_code.adapters import line_through
 from barc_sim.lab.user_code.code import POINTS
-from barc_sim.lab.user_code.folder import BY_EYE
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.vehicle.bike_model import L_F, L_R
 from barc_sim.vehicle.track import Track
@@ -161,37 +160,26 @@ class _Line:
         return figure
 
 
-def _judge_line(code: JudgedCode, seed: int) -> Iterator[Finding]:
-    """Yield a finding for each criterion of the line."""
-    left = ['line.inside', 'line.bending', 'line.lap', 'line.hidden']
-    try:
-        own, text = _Line(code, _L), 'it keeps its bounds'
-        if outside := own.beyond > _TOLERANCE:
-            text = f'it leaves its bounds by {own.beyond:.3g} m; the rest is judged within these'
-        yield Finding(left.pop(0), float(not outside), text)
-        yield Finding(left.pop(0), *own.judge_bending())
-        yield Finding(left.pop(0), *own.judge_laps())
-        hidden = _Line(code, hidden_track(seed))
-        (bent, text), (driven, lap_text, _) = hidden.judge_bending(), hidden.judge_laps()
-        yield Finding(left.pop(0), min(bent, driven), f'{text}; {lap_text}')
-    except UserError as error:
-        yield from (Finding(name, 0.0, str(error)) for name in left)
-
-
 def _judge(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
-    """Yield a finding for each criterion."""
-    speed, *mpc = FUNCTIONS.judge(code, settings.seed)[0]
-    yield speed
-    if any(name.startswith('line.') for name in criteria):
-        yield from _judge_line(code, settings.seed)
-    yield from mpc
-    yield Finding('line.gain', 0.0, f'the figure, and two sentences: {BY_EYE}', open=True)
+    """Yield a finding for each criterion; those of the line come last: an error costs the rest."""
+    yield from FUNCTIONS.judge(code, settings.seed)[0]
+    if not any(name.startswith('line.') for name in criteria):
+        return
+    own, text = _Line(code, _L), 'it keeps its bounds'
+    if outside := own.beyond > _TOLERANCE:
+        text = f'it leaves its bounds by {own.beyond:.3g} m; the rest is judged within these'
+    yield Finding('line.inside', float(not outside), text)
+    yield Finding('line.bending', *own.judge_bending())
+    yield Finding('line.lap', *own.judge_laps())
+    hidden = _Line(code, hidden_track(settings.seed))
+    (bent, text), (driven, lap_text, _) = hidden.judge_bending(), hidden.judge_laps()
+    yield Finding('line.hidden', min(bent, driven), f'{text}; {lap_text}')
 
 
 RACELINE = Lab(
     files.RACELINE,
     JudgedCode,
     {'raceline': Part(LABELS, _judge)},
-    by_eye=frozenset({'line.gain'}),
+    by_eye={'line.gain': 'the figure, and two sentences'},
     ready=solver,
 )
