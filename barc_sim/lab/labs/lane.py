@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache, partial
 from itertools import count
-from math import inf, pi
+from math import inf
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any, cast
@@ -82,10 +82,7 @@ _SEEN = 80.0  #: [m] of the way back
 _DISTANCE = (30.0, 60.0)  #: [m] until it is back
 _OVERSHOOT = (0.2, 0.6)  #: share of the start
 _SATURATED = (0.1, 0.5)  #: share of the steps up to the first distance
-_PROBED = 0.1  #: [m] and [rad] errors
 _CURVATURE = 0.05  #: [1/m]
-_STEER, _E_PSI = steady_turn(_CURVATURE)
-_LEFT, _RIGHT = (Track((2.0 * pi / _CURVATURE,), (each,)) for each in (_CURVATURE, -_CURVATURE))
 _BEND = Track((50.0, 100.0), (0.0, _CURVATURE))
 _SHIFT = 8  #: [m] at which the curvature may be read
 _NEAR = 1e-3  #: [rad]
@@ -128,22 +125,16 @@ class Probes:
     def __init__(self, code: LaneCode) -> None:
         """Call the law."""
         self.code = code
-        self._rows = {
-            'e_y': (_STRAIGHT, _PROBED, 0.0),
-            'e_psi': (_STRAIGHT, 0.0, _PROBED),
-            'curvature': (_LEFT, 0.0, _E_PSI),
-            'level': (_LEFT, 0.0, 0.0),
-            'e_y_mirrored': (_STRAIGHT, -_PROBED, 0.0),
-            'e_psi_mirrored': (_STRAIGHT, 0.0, -_PROBED),
-            'curvature_mirrored': (_RIGHT, 0.0, -_E_PSI),
-            'level_mirrored': (_RIGHT, 0.0, 0.0),
-            'against': (_RIGHT, 0.0, _E_PSI),
-        }
+        self._rows: dict[str, Any] = {each.name: each.values for each in CLASS.situations['Lane']}
         self._values: dict[str, Any] = {
-            name: code.steer(code.new_lane(track), (*errors, SPEED, 0.0))
-            for name, (track, *errors) in self._rows.items()
+            name: code.steer(*self._request(name)) for name in self._rows
         }
-        self._values |= {'steer': _STEER, 'steady': _E_PSI, 'late': self._late()}
+        self._values['late'] = self._late()
+
+    def _request(self, name: str) -> tuple[int, tuple[Any, ...]]:
+        """Return a new `Lane` in a situation, and what it is called with there."""
+        *errors, curvature = self._rows[name].values()
+        return self.code.new_lane(Track((100.0,), (curvature,))), (*errors, SPEED, 0.0)
 
     def _late(self) -> int:
         number = self.code.new_lane(_BEND)
@@ -163,11 +154,10 @@ class Probes:
         ]
 
     def _placed(self, name: str) -> str:
-        """Return the line that makes the output for an input, or reads the curvature, as a text."""
-        track, *errors = self._rows.get(name, self._rows['curvature'])
+        """Return the line that returns the angle in a situation, or reads the curvature."""
         values = [self._values[name]] if name in self._rows else [_CURVATURE, -_CURVATURE]
-        request = self.code.new_lane(track), [(*errors, SPEED, 0.0)]
-        line = self.code.line_of('steer', request, values, [])
+        number, row = self._request(name if name in self._rows else 'curvature')
+        line = self.code.line_of('steer', (number, [row]), values, [])
         return f'{line}: ' if line else ''
 
     def judge(self) -> tuple[float, str]:
@@ -188,7 +178,11 @@ def _near(one: float, other: float) -> bool:
     return abs(one - other) <= _NEAR
 
 
-CLASS = replace(read_law(Path(__file__).with_name('lane_class.txt')), functions={'near': _near})
+_TURN = dict(zip(('STEER', 'STEADY'), steady_turn(_CURVATURE), strict=True))
+CLASS = replace(
+    read_law(Path(__file__).with_name('lane_class.txt'), CURVATURE=_CURVATURE, **_TURN),
+    functions={'near': _near},
+)
 
 
 @cache
