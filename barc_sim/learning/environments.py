@@ -107,11 +107,12 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
         """Begin an episode."""
         super().reset(seed=seed)
         task = self.task
-        drawn = task.draw(self.np_random.random(len(task.draws)).tolist(), options)
+        seed_share, *shares = self.np_random.random(1 + len(task.draws)).tolist()
+        drawn = task.draw(shares, options)
         if task.ranges:
             self._plant = task.plant(drawn)
         if task.is_noisy:
-            self._plant.sensor = task.sensor(drawn['noise'], drawn['seed'])
+            self._plant.sensor = task.sensor(drawn['noise'], seed_share)
         self._plant.place(task.state(drawn), near=drawn['s'])
         self._pid.reset()
         self._command, self._near = Command(), drawn['s']
@@ -203,8 +204,8 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
 
     def _begin(self, cars: Cars, options: Options = None) -> None:
         """Begin an episode with each of these."""
-        task, plants, count = self.task, self._plant, len(self.task.draws)
-        shares = np.array([self._generators[car].random(count) for car in cars.tolist()]).T
+        task, plants, count = self.task, self._plant, 1 + len(self.task.draws)
+        seeds, *shares = np.array([self._generators[car].random(count) for car in cars.tolist()]).T
         drawn = task.draw(shares, options)
         plants.vary(cars, drawn)
         if 'delay' in drawn:
@@ -212,7 +213,7 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
             if task.delays_servo:
                 plants.servo.delay(cars, drawn['delay'])
         if task.is_noisy:
-            plants.sensor.replace(cars, map(task.sensor, drawn['noise'], drawn['seed']))
+            plants.sensor.replace(cars, map(task.sensor, drawn['noise'], seeds))
         plants.place(
             cars,
             task.state(drawn),

@@ -6,11 +6,11 @@ batch, and the policy that drives a run, which is here, too.
 
 from __future__ import annotations
 
-import os
 from bisect import bisect_right
 from itertools import pairwise, product
 from math import inf, isnan, pi, radians
 from operator import itemgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -27,6 +27,7 @@ from barc_sim.vehicle.plant import Sensor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from os import PathLike
 
     from numpy.typing import NDArray
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Plant
 
     Floats = NDArray[np.float64]
+    Numbers = Any  #: a number of one car, or an array of many
 
 #: [m] where the road ahead is observed: its curvature or its incline.
 AHEAD = (0.0, 5.0, 10.0, 15.0, 20.0)
@@ -76,35 +78,40 @@ class Task:
 
         UserError: an option is unknown, or out of its limits.
         """
-        for name in options.keys() - {*OPTIONS}:
-            all_names = *OPTIONS, 'speed', 'acceleration_limit', 'ranges'
-            raise UserError(f'option {name!r} must be one of {", ".join(all_names)}')
-        if options.get('track') and 'track' not in self.course:
-            raise UserError(
-                f'track {options["track"]!r}: these hills are on a straight road: leave it out'
-            )
+        allowed = [name for name in OPTIONS if name != 'track' or name in self.course]
+        for name in options.keys() - {*allowed}:
+            allowed += 'speed', 'acceleration_limit', 'ranges'
+            raise UserError(f'option {name!r} must be one of {", ".join(allowed)}')
         self.speed = self.default_speed if speed is None else speed
         SPEED.check(self.speed, 'speed')
         check_arguments(acceleration_limit=acceleration_limit)
         given = {name: each for name, each in options.items() if each not in (None, '')}
-        #: Whether `delay` is that of the servo, too.
-        self.delays_servo = 'servo' not in given
+        self.delays_servo = 'servo' not in given  #: Whether `delay` is that of the servo, too.
         self._options: dict[str, Any] = {**self.course, **given}
-        self.plain = plain = self.plant({})  #: the plant of the options alone
-        self.road, self.track, self.ts = plain.road, plain.track, plain.ts
+        self.plain = self.plant({})  #: the plant of the options alone
+        self.road, self.track, self.ts = self.plain.road, self.plain.track, self.plain.ts
         self._options |= {'road': self.road, 'track': self.track}  # read once
         self.ranges = _checked(ranges or {})
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
-        self.is_noisy = plain.sensor.is_noisy or 'noise' in self.ranges
-        self.length = self.track.length if self.track else self.road.starts[-1]  # [m]
-        self.half_width = 0.5 * self.track.width if self.track else inf  # [m]
-        self._set_draws()
+        least, most = self.start_speeds
+        starts = {'v': (least * self.speed, most * self.speed)}  # from and to
+        self._allowed = {'s': LIMITS['distance'].between, 'v': (-MAX_SPEED, MAX_SPEED)}
         if track := self.track:
+            self.length, self.half_width = track.length, 0.5 * track.width  # [m]
             self.ahead = _preview(track.starts, track.curvature, track.is_closed)
+            max_ahead, e_y = 1.0 / self.half_width, self.half_width
+            starts |= {'e_y': (-e_y / 3.0, e_y / 3.0), 'e_psi': (-_START_E_PSI, _START_E_PSI)}
+            self._allowed |= {'s': (0.0, self.length), 'e_y': (-e_y, e_y), 'e_psi': (-pi, pi)}
         else:
+            self.length, self.half_width = self.road.starts[-1], inf
             self.ahead = _preview(self.road.starts, lambda x: radians(self.road.grade_deg(x)))
-        #: The bounds of what is seen, either way: of `SEEN`, and of the road ahead.
+            max_ahead = 0.5 * pi
+        noise = self.plain.sensor.noise.v_x
+        self.is_noisy = self.plain.sensor.is_noisy or 'noise' in self.ranges
+        #: What an episode draws, each from and to.
+        self.draws = {'s': (0.0, self.length), **starts, 'noise': (noise, noise), **self.ranges}
+        #: The bounds of what is seen and commanded, either way.
         self.limits = {
             'error': 2.0 * MAX_SPEED,
             'e_y': 2.0 * self.half_width,
@@ -113,30 +120,9 @@ class Task:
             'motor': acceleration_limit,
             'servo': STEERING_LIMIT,
         }
-        ahead = 1.0 / self.half_width if self.track else 0.5 * pi
-        self.high = np.array([*map(self.limits.get, self.observed), *[ahead] * len(AHEAD)])
+        own = [self.limits[name] for name in self.observed]
+        self.high = np.array([*own, *[max_ahead] * len(AHEAD)])
         self._low, self._own = -self.high, itemgetter(*map(SEEN.index, self.observed))
-
-    def _set_draws(self) -> None:
-        """Set what an episode draws, from and to, and what its options may give."""
-        least, most = self.start_speeds
-        e_y = self.half_width / 3.0
-        on_track = {'e_y': (-e_y, e_y), 'e_psi': (-_START_E_PSI, _START_E_PSI)}
-        noise = self.plain.sensor.noise.v_x
-        self.draws: dict[str, tuple[float, float]] = {
-            's': (0.0, self.length),
-            **(on_track if self.track else {}),
-            'v': (least * self.speed, most * self.speed),
-            **({'noise': (noise, noise), 'seed': (0.0, 2.0**53)} if self.is_noisy else {}),
-            **self.ranges,
-        }
-        self._allowed = {name: row.between for name, row in _VARIED.items()} | {
-            's': (0.0, self.length) if self.track else LIMITS['distance'].between,
-            'e_y': (-self.half_width, self.half_width),
-            'e_psi': (-pi, pi),
-            'v': (-MAX_SPEED, MAX_SPEED),
-            'seed': (0.0, 2.0**53),
-        }
 
     def plant(self, drawn: Mapping[str, float]) -> Plant:
         """Return the plant of an episode with these numbers of `ranges`."""
@@ -149,10 +135,10 @@ class Task:
         return plant_of(**options)
 
     def sensor(self, noise: float, seed: float) -> Sensor:
-        """Return the sensor of an episode, with this noise of the speed [m/s]."""
-        return Sensor(self.plain.sensor.noise._replace(v_x=noise), int(seed))
+        """Return the sensor of an episode: its noise of the speed [m/s], its seed from 0 to 1."""
+        return Sensor(self.plain.sensor.noise._replace(v_x=noise), int(seed * 2.0**53))
 
-    def draw(self, shares: Any, options: Mapping[str, float] | None) -> dict[str, Any]:  # noqa: ANN401
+    def draw(self, shares: Numbers, options: Mapping[str, float] | None) -> dict[str, Numbers]:
         """Return the numbers of an episode: at these shares of `draws`, or as the `options` say.
 
         UserError: an option is unknown, or out of its limits.
@@ -160,27 +146,27 @@ class Task:
         pairs = zip(self.draws.items(), shares, strict=True)
         drawn = {name: low + (high - low) * share for (name, (low, high)), share in pairs}
         for name, value in (options or {}).items():
-            if name not in drawn:
-                raise UserError(f'options: {name!r} must be one of {", ".join(drawn)}')
+            if name not in self._allowed:
+                raise UserError(f'options: {name!r} must be one of {", ".join(self._allowed)}')
             if why := not_between(value, *self._allowed[name]):
                 raise UserError(f'options: {name}: {why}')
             drawn[name] = value + 0.0 * drawn[name]
         return drawn
 
-    def state(self, drawn: Mapping[str, Any]) -> State:
-        """Return the state with which an episode begins; arrays, of arrays."""
+    def state(self, drawn: Mapping[str, Numbers]) -> State:
+        """Return the state with which an episode begins."""
         s, v = drawn['s'], drawn['v']
         if self.track:
             return State(*self.track.place(s, drawn['e_y'], drawn['e_psi']), v)
         return State(s, 0.0 * s, 0.0 * s, v)
 
-    def command(self, action: Any, cars: int | None = None) -> tuple[Any, Any]:  # noqa: ANN401
+    def command(self, action: Numbers, cars: int | None = None) -> tuple[Numbers, Numbers]:
         """Return acceleration [m/s²], None for the PID's, and steering [rad] of an action.
 
         They are arrays of the actions of many `cars`. UserError: it is no action.
         """
         names = self.actions
-        shares: Any
+        shares: Numbers
         try:
             if cars is None:
                 shares = [1.0 if x > 1.0 else max(x, -1.0) for x in np.asarray(action).tolist()]
@@ -195,11 +181,11 @@ class Task:
                 f'action {action}: each car takes a list of {" and ".join(names)}, from -1 to 1 '
                 'and not NaN'
             )
-        motor: Any = shares[0] * self.limits['motor'] if 'motor' in names else None
+        motor: Numbers = shares[0] * self.limits['motor'] if 'motor' in names else None
         servo = shares[-1] * self.limits['servo'] if 'servo' in names else 0.0 * abs(motor)
         return motor, servo
 
-    def observe(self, seen: tuple[Any, ...], ahead: Any) -> Floats:  # noqa: ANN401 (or arrays)
+    def observe(self, seen: tuple[Numbers, ...], ahead: Numbers) -> Floats:
         """Return the observation, of shape (numbers,), or (cars, numbers).
 
         `seen` is what `SEEN` names, and `ahead` the curvature [1/m], or incline [rad], at each of
@@ -210,14 +196,14 @@ class Task:
         within: Floats = np.minimum(values, self.high, out=values)
         return within
 
-    def is_over(self, s: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401 (flags of arrays)
+    def is_over(self, s: Numbers, e_y: Numbers, v: Numbers) -> Numbers:
         """Return whether the car is off the track, or beyond the limits."""
         if not self.track:
             return (abs(v) > MAX_SPEED) | (s < BEHIND)
         over = (abs(e_y) > self.half_width) | (abs(v) > MAX_SPEED)
         return over if self.track.is_closed else over | (s >= self.length)
 
-    def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401
+    def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:
         """Return the reward of a step of `way` [m] that ended there."""
         raise NotImplementedError
 
@@ -240,7 +226,7 @@ def _checked(ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float
 
 def _preview(
     starts: Sequence[float], at: Callable[[float], float], is_closed: bool = False
-) -> Callable[[Any], Any]:
+) -> Callable[[Numbers], Numbers]:
     """Return a function of s [m]: what is at each of `AHEAD` from there; a row each, of an array.
 
     `at` changes at `starts` alone, [m], of which the last is the length where the way `is_closed`:
@@ -254,7 +240,7 @@ def _preview(
     table = [tuple(at(middle + d) for d in AHEAD) for middle in middles]
     edges, rows = np.array(ends), np.array(table).T
 
-    def ahead(s: Any) -> Any:  # noqa: ANN401 (a number or an array)
+    def ahead(s: Numbers) -> Numbers:
         if isinstance(s, float):
             return table[bisect_right(ends, s % length if is_closed else s)]
         s = s - np.floor(s / length) * length if is_closed else s  # as `%` does, in a third
@@ -286,7 +272,7 @@ class Hills(Task):
     course: ClassVar = {'road': 'lab'}
     default_speed = SPEED_REFERENCE
 
-    def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
+    def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
         """Return the reward of a step of `way` [m] that ended there."""
         return 1.0 - abs(self.speed - v) / self.speed
 
@@ -314,7 +300,7 @@ class Lane(Task):
     actions = ('servo',)
     start_speeds = (1.0, 1.0)
 
-    def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
+    def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
         """Return the reward of a step of `way` [m] that ended there."""
         return 1.0 - abs(e_y) / self.half_width
 
@@ -337,7 +323,7 @@ class Race(Task):
     observed = ('e_y', 'e_psi', 'speed', 'motor', 'servo')
     actions = ('motor', 'servo')
 
-    def reward(self, way: Any, e_y: Any, v: Any) -> Any:  # noqa: ANN401, ARG002
+    def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
         """Return the reward of a step of `way` [m] that ended there."""
         return way
 
@@ -350,16 +336,6 @@ class Policy:
 
     One of `barc_sim/Lane-v0` or `barc_sim/Race-v0` is a lane controller, as of `lap`, and one of
     `barc_sim/Hills-v0` a speed controller, as of `simulate`; `barc acc --policy FILE` takes each.
-
-    Examples
-    --------
-    >>> from barc_sim import lap
-    >>> def policy(observation):
-    ...     e_y, e_psi, speed, latest, curvature, *ahead = observation
-    ...     return [6.0 * curvature - 0.4 * e_y - 1.2 * (e_psi + 1.5 * curvature)]
-    >>> log = lap(Policy(policy), 'oval', laps=1)
-    >>> print(f'{abs(log.e_y).max():.2f} m off the line')
-    0.04 m off the line
     """
 
     gains: ClassVar[Mapping[str, Gain]] = {}
@@ -368,7 +344,7 @@ class Policy:
 
     def __init__(
         self,
-        policy: Callable[[Any], Any] | str | os.PathLike[str],
+        policy: Callable[[Any], Any] | str | PathLike[str],
         task: str = 'Lane',
         **options: Any,  # noqa: ANN401 (of the environment)
     ) -> None:
@@ -384,8 +360,6 @@ class Policy:
     def reset(self) -> None:
         """Forget the past: the next call is the first."""
         self._motor = self._servo = self._x = 0.0
-        if len(self.task.actions) > 1:
-            self.acceleration = 0.0  #: [m/s²] in place of the speed controller's
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
@@ -393,8 +367,8 @@ class Policy:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
         ahead = [curvature(d) for d in AHEAD]
         self._act(self.task.speed - speed, e_y, e_psi, speed, ahead)
-        if len(self.task.actions) > 1:
-            self.acceleration = self._motor
+        if 'motor' in self.task.actions:
+            self.acceleration = self._motor  #: [m/s²] in place of the speed controller's
         return self._servo
 
     def see(self, x: float) -> None:
@@ -407,19 +381,19 @@ class Policy:
         self._act(speed_reference - speed_current, 0.0, 0.0, speed_current, ahead)
         return self._motor
 
-    def _act(self, error: float, e_y: float, e_psi: float, speed: float, ahead: Any) -> None:  # noqa: ANN401
+    def _act(self, error: float, e_y: float, e_psi: float, speed: float, ahead: Numbers) -> None:
         seen = error, e_y, e_psi, speed, self._motor, self._servo
         motor, self._servo = self.task.command(self._policy(self.task.observe(seen, ahead)))
         self._motor = motor or 0.0
 
 
-def onnx_policy(path: str | os.PathLike[str]) -> Callable[[Any], Any]:
+def onnx_policy(path: str | PathLike[str]) -> Callable[[Any], Any]:
     """Return the policy in an ONNX file: one input of shape (1, numbers), and the action first.
 
     UserError: there is no such file, onnxruntime is not installed, or it holds no such policy.
     """
-    name = os.fspath(path)
-    if not os.path.isfile(name):  # noqa: PTH113 (as it is given)
+    name = str(path)
+    if not Path(name).is_file():
         raise UserError(f'{name!r} cannot be read: there is no such file')
     onnxruntime = extra('onnxruntime', repr(name), 'onnx')
     try:
@@ -429,7 +403,7 @@ def onnx_policy(path: str | os.PathLike[str]) -> Callable[[Any], Any]:
         raise UserError(f'{name!r} is no ONNX file of one input: {error}') from None
     kind = np.float64 if 'double' in given.type else np.float32
 
-    def policy(observation: Floats) -> Any:  # noqa: ANN401 (an array)
+    def policy(observation: Floats) -> Numbers:
         try:
             return session.run(None, {given.name: observation.astype(kind)[None]})[0][0]
         except Exception as error:  # noqa: BLE001 (as above)
