@@ -120,9 +120,9 @@ class Task:
             'motor': acceleration_limit,
             'servo': STEERING_LIMIT,
         }
-        own = [self.limits[name] for name in self.observed]
-        self.high = np.array([*own, *[max_ahead] * len(AHEAD)])
-        self._low, self._own = -self.high, itemgetter(*map(SEEN.index, self.observed))
+        self._high = np.array([self.limits[name] for name in self.observed])
+        self.high = np.append(self._high, [max_ahead] * len(AHEAD))
+        self._low, self._own = -self._high, itemgetter(*map(SEEN.index, self.observed))
 
     def plant(self, drawn: Mapping[str, float]) -> Plant:
         """Return the plant of an episode with these numbers of `ranges`."""
@@ -191,10 +191,11 @@ class Task:
         `seen` is what `SEEN` names, and `ahead` the curvature [1/m], or incline [rad], at each of
         `AHEAD`.
         """
-        values = np.array((*self._own(seen), *ahead)).T
-        np.maximum(values, self._low, out=values)
-        within: Floats = np.minimum(values, self.high, out=values)
-        return within
+        values: Floats = np.array((*self._own(seen), *ahead)).T
+        own = values[..., : len(self.observed)]  # what is ahead is within its bounds
+        np.maximum(own, self._low, out=own)
+        np.minimum(own, self._high, out=own)
+        return values
 
     def is_over(self, s: Numbers, e_y: Numbers, v: Numbers) -> Numbers:
         """Return whether the car is off the track, or beyond the limits."""

@@ -351,7 +351,8 @@ class Plants:
         """Begin a run with each of these, on a track at these s, e_y and e_psi."""
         for column, values in zip(self.state, state, strict=True):
             column[cars] = values
-        self._slip[:, cars] = state.v, 0.0 * state.v, 0.0 * state.v
+        if self._lateral:
+            self._slip[0, cars], self._slip[1:, cars] = state.v, 0.0
         self.steps[cars] = self._lap_began[cars] = self.lap_time[cars] = 0
         self.motor.stop(cars)
         self.servo.stop(cars)

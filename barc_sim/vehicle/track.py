@@ -319,14 +319,17 @@ class Track:
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
         n, ends = len(self.lengths), np.array(self.starts)
-        following, _ = self._in_segments(near)
-        for _ in range(n):
-            i = following
-            s, e_y, heading = self._project_many(i, x, y)
+        i, _ = self._in_segments(near)
+        s, e_y, heading = self._project_many(i, x, y)
+        for _ in range(n - 1):
             step = (s >= ends[i + 1]).astype(np.intp) - (s < ends[i])
-            following = (i + step) % n if self.is_closed else np.clip(i + step, 0, n - 1)
-            if (following == i).all():
+            if not self.is_closed:
+                step = np.clip(i + step, 0, n - 1) - i
+            left = np.flatnonzero(step)  # few: to project all once more would take twice as long
+            if not left.size:
                 break
+            i[left] = (i[left] + step[left]) % n
+            s[left], e_y[left], heading[left] = self._project_many(i[left], x[left], y[left])
         if self.is_closed:
             s += self.length * np.round((near - s) / self.length)
         found: Any = s, e_y, _wrapped(psi - heading), self._table[i, _CURVATURE]
