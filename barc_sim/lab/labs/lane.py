@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from barc_sim.control.lane import STEERING_LIMIT, LaneController, LaneLaw, LaneLQR, steady_turn
+from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, LaneLQR, steady_turn
 from barc_sim.lab import files
 from barc_sim.lab.confined.process import JudgedCode, numbers_of
 from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, read_law, share
@@ -32,8 +32,11 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.judge import Floats, Settings
+    from barc_sim.control.lane import LaneController
+    from barc_sim.lab.judge import Floats, Settings, Thresholds
     from barc_sim.vehicle.plant import Plant
+
+    NewLaw = Callable[[Plant], LaneController]
 
 
 LABELS = {
@@ -199,7 +202,7 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
     """
     probes, by = Probes(code), settings.thresholds
     yield Finding('lane.signs', *probes.judge())
-    laws: dict[str, Callable[[Plant], LaneController]] = {'': partial(_Law, code)}
+    laws: dict[str, NewLaw] = {'': partial(_Law, code)}
     ours = {_PUT_RIGHT: lambda _: LaneLQR()}
     laws |= ours if probes.made('Signs') else {}
     score, text, whose = max((*_returned(law), whose) for whose, law in laws.items())
@@ -214,21 +217,17 @@ def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) ->
     ):
         if criterion not in criteria:
             continue
-        way = laps * track.length
-        logs = {whose: drive_law(law, track, way) for whose, law in laws.items()}
-        whose, log = max(logs.items(), key=lambda item: by.score(*drive_errors(item[1])))
-        score = by.score(*drive_errors(log))
-        text = f'{describe(log)} ({by.full_rms:g} and {by.full_max:g} m are full marks)'
+        drives = {whose: _kept(law, track, laps, by) for whose, law in laws.items()}
+        whose, (score, text, _) = max(drives.items(), key=lambda item: item[1][0])
         shown = None
         if criterion == 'lane.laps':
             text = probes.named('In turns', text) if score < 1.0 else text
-            shown = Evidence(_table(logs['']), partial(_figure, logs['']))
+            log = drives[''][2]
+            shown = Evidence(_table(log), partial(_figure, log))
         yield Finding(criterion, score, f'{whose}{text}', shown)
 
 
-def drive_law(
-    law: Callable[[Plant], LaneController], track: Track, distance: float, e_y: float = 0.0
-) -> TrackLog:
+def _drive(law: NewLaw, track: Track, distance: float, e_y: float = 0.0) -> TrackLog:
     """Drive with a law from a standstill, or beside the line at full speed."""
     plant = plant_of(track=track, road='flat', dynamics='dynamic')
     if e_y:
@@ -244,20 +243,14 @@ def drive_law(
     return log
 
 
-def drive_errors(log: TrackLog) -> tuple[float, float]:
-    """Return the RMS and the maximum of e_y [m]; of a car that left the track, infinite."""
-    is_on_track = np.abs(log.e_y[-1]) < 0.5 * log.width[-1]  # a drive ends at its distance, or off
-    if not is_on_track:
-        return inf, inf
-    return float(np.sqrt(np.mean(log.e_y**2))), float(np.abs(log.e_y).max())
-
-
-def describe(log: TrackLog) -> str:
-    """Return a sentence on the errors."""
-    rms, maximum = drive_errors(log)
-    if rms == inf:
-        return f'the car leaves the track after {log.s[-1]:.0f} m'
-    return f'RMS error {rms:.2f} m, at most {maximum:.2f} m'
+def _kept(law: NewLaw, track: Track, laps: int, by: Thresholds) -> tuple[float, str, TrackLog]:
+    """Return score, message and log of laps."""
+    log = _drive(law, track, laps * track.length)
+    marks = f'({by.full_rms:g} and {by.full_max:g} m are full marks)'
+    if abs(log.e_y[-1]) >= 0.5 * track.width:  # a drive ends at its distance, or off the track
+        return 0.0, f'the car leaves the track after {log.s[-1]:.0f} m {marks}', log
+    rms, maximum = float(np.sqrt(np.mean(log.e_y**2))), float(np.abs(log.e_y).max())
+    return by.score(rms, maximum), f'RMS error {rms:.2f} m, at most {maximum:.2f} m {marks}', log
 
 
 def _table(log: TrackLog) -> Table:
@@ -277,9 +270,9 @@ def _figure(log: TrackLog, title: str = '') -> Figure:
     return figure
 
 
-def _returned(law: Callable[[Plant], LaneController]) -> tuple[float, str]:
+def _returned(law: NewLaw) -> tuple[float, str]:
     """Return score and message of the way back."""
-    log = drive_law(law, _STRAIGHT, _SEEN, _OFF)
+    log = _drive(law, _STRAIGHT, _SEEN, _OFF)
     away = log.s[np.abs(log.e_y) > _BACK]
     over = max(-float(log.e_y.min()), 0.0) / _OFF
     limited = float(np.mean(np.abs(log.servo[log.s < _DISTANCE[0]]) >= STEERING_LIMIT))
