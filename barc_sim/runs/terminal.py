@@ -179,14 +179,14 @@ def _print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *ends: 
     from rich.table import Table  # noqa: PLC0415
 
     title, first, *others = headings
-    table = Table(title=title, title_justify='left', box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
     table.add_column(first, no_wrap=True)
     for heading in others:
         table.add_column(heading, justify='right')
     for row in rows:
         table.add_row(*row)
     console = _console()
-    for each in (table, *ends):
+    for each in (title, table, *ends):
         console.print(each)
 
 
