@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -16,11 +16,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.task import Future
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.cli.process import StopSignals
 from barc_sim.errors import UserError
+from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.peers import full_names, others_here
 from barc_sim.ros.process import ros
 from barc_sim.ros.topics import message_class, request
@@ -28,8 +30,6 @@ from barc_sim.ros.topics import message_class, request
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from rclpy.subscription import Subscription
-    from rclpy.task import Future
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
@@ -46,7 +46,7 @@ _POLL_PERIOD = 0.02  #: [s]
 #: before the service discovers the client; a response is lost then.
 _RESPONSE_PATIENCE = 2.0
 _ATTEMPTS = 3
-_DEPTH = 10_000  #: messages that can wait for the next poll
+_DEPTH = 10_000  #: messages that can wait to be printed
 _MAX_SHOWN = 128  #: elements of an array, characters of a string
 #: SafeDumper, in C where libyaml is installed.
 _Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
@@ -74,11 +74,11 @@ class GraphObserver:
         """Observe with `node`, which no executor spins."""
         self.node = node
         self._domain = f'ROS domain {node.context.get_domain_id()}'
-        self._stop = stop
+        self.stop = stop
 
     def pause(self, seconds: float) -> None:
         """Wait for this time [s]."""
-        if self._stop.requested.wait(seconds):
+        if self.stop.requested.wait(seconds):
             raise KeyboardInterrupt
 
     def wait_for(self, condition: Callable[[], object], patience: float | None = None) -> bool:
@@ -153,40 +153,32 @@ class GraphObserver:
         raise UserError(f'{node} does not respond: it is busy or it hangs; check it, and try again')
 
 
-def _subscribe(observer: GraphObserver, topic: str, kind: type[Any]) -> Subscription:
-    """Subscribe to a topic, of the class `kind`, by the strictest QoS that all publishers offer."""
-    publishers = observer.node.get_publishers_info_by_topic(topic)
-    qos = request(publishers, _DEPTH)
-    if not publishers:  # none to match yet: request the weakest
-        qos.reliability, qos.durability = ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE
-    return observer.node.create_subscription(kind, topic, lambda _: None, qos)
-
-
-def _take(subscription: Subscription) -> Iterator[Any]:
-    """Yield the messages that have arrived."""
-    with subscription.handle:
-        for _ in range(_DEPTH):  # what arrives meanwhile could go on for ever
-            taken = subscription.handle.take_message(subscription.msg_type, False)
-            if taken is None:
-                return
-            yield taken[0]
-
-
 def print_messages(observer: GraphObserver, name: str, count: int | None) -> None:
     """Print `count` messages of a topic, or those up to a signal."""
     topic = observer.find(name, 'topic', observer.topics)
     kind = message_class(observer.topics()[topic])
     if not observer.wait_for(lambda: observer.node.count_publishers(topic)):
         print(f'barc echo: {topic} has no publisher yet', file=sys.stderr)  # noqa: T201
-    subscription = _subscribe(observer, topic, kind)
-    with suppress(KeyboardInterrupt):  # the usual end
-        while True:
-            for message in _take(subscription):
-                print(f'{to_yaml(message)}---', flush=True)  # noqa: T201
-                count = count and count - 1
-                if count == 0:
-                    return
-            observer.pause(_POLL_PERIOD)
+    publishers = observer.node.get_publishers_info_by_topic(topic)
+    qos = request(publishers, _DEPTH)
+    if not publishers:  # none to match yet: request the weakest
+        qos.reliability, qos.durability = ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE
+    finished, left = Future(), count
+
+    def on_message(message: Any) -> None:  # noqa: ANN401 (generated classes)
+        nonlocal left
+        if finished.done():
+            return
+        print(f'{to_yaml(message)}---', flush=True)  # noqa: T201
+        left = left and left - 1
+        if left == 0:
+            finished.set_result(None)
+
+    observer.node.create_subscription(kind, topic, on_message, qos)
+    observer.stop.then(lambda: finished.set_result(None))
+    with QuickExecutor() as executor:
+        executor.add_node(observer.node)
+        executor.spin_until_future_complete(finished)
 
 
 def to_yaml(message: Any) -> str:  # noqa: ANN401 (generated classes)
