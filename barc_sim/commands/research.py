@@ -181,7 +181,8 @@ def add_arguments_identify(parser: Parser) -> None:
         'steered, its tyres and yaw inertia: each with an interval of 95 %.'
     )
     parser.epilog = (
-        'A drive that shows much: `barc acc --controller-type prbs`, also steps and coast-down. '
+        'A drive that shows much: `barc acc --controller-type prbs --road flat`, also steps and '
+        'coast-down. '
         "Another robot's bag: --field v_x=/odom.twist.twist.linear.x --field motor=/cmd.accel"
     )
     parser.add_argument(

@@ -82,8 +82,10 @@ class Estimate(NamedTuple):
     meaning: str
 
     def __str__(self) -> str:
-        """Return value and interval with its two leading digits; six of the value at most."""
-        if not max(1e-6 * abs(self.value), 1e-9) < self.interval < inf:
+        """Return value and interval with its two leading digits; a dash for what is not known."""
+        if self.interval == inf:
+            return '-'
+        if self.interval <= max(1e-6 * abs(self.value), 1e-9):
             return f'{self.value:.6g} ± {self.interval:.2g} {self.unit}'
         digits = max(1 - int(np.floor(np.log10(self.interval))), 0)
         value = round(self.value, digits) + 0.0  # never -0

@@ -68,8 +68,9 @@ def test_a_delay_that_no_command_shows_is_named() -> None:
     """A constant command does not show it."""
     log = drive(seed=1)
     log.motor[:] = 0.0
-    remarks = identify(log).remarks
-    assert any(remark.startswith('motor_delay cannot be identified') for remark in remarks)
+    found = identify(log)
+    assert str(found['motor_delay']) == '-'
+    assert any(remark.startswith('motor_delay cannot be identified') for remark in found.remarks)
 
 
 @pytest.mark.slow
