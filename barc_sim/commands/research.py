@@ -269,8 +269,7 @@ def add_arguments_raceline(parser: Parser) -> None:
 
 def run_raceline(options: Namespace) -> None:
     """Print the lap's time, and write the line."""
-    from barc_sim.control.lane import speed_profile  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.control.planning import lap_time, racing_line, write_line  # noqa: PLC0415
+    from barc_sim.control.planning import lap_time, racing_line, write_line  # noqa: PLC0415 (slow)
     from barc_sim.vehicle.track import Track  # noqa: PLC0415
 
     output = target(options.output, ('csv',)) if options.output else None
@@ -278,19 +277,16 @@ def run_raceline(options: Namespace) -> None:
     track = Track.named(options.track)
     line = racing_line(track, margin=options.margin)
     limits = options.speed, options.lateral, options.longitudinal
-    speeds = []
     for name, each in (('centre line', track), ('racing line', line)):
-        speeds.append(speed_profile(each, *limits))
-        radius = 1.0 / max(map(abs, each.curvatures))
-        time = lap_time(each, speeds[-1])
+        radius, time = 1.0 / max(map(abs, each.curvatures)), lap_time(each, limits)
         print(  # noqa: T201
             f'{name}  {time:6.2f} s  {each.length:7.1f} m  smallest radius {radius:5.1f} m'
         )
     if output:
         with saving(output, '--output') as part:
-            write_line(part, track, line, speeds[1])
+            write_line(part, track, line, limits)
         print(output)  # noqa: T201
     if path:
         from barc_sim.figures.track_figure import line_figure  # noqa: PLC0415
 
-        save_figure(path, line_figure(track, line, *speeds))
+        save_figure(path, line_figure(track, line, limits))

@@ -26,12 +26,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.control.lane import STEERING_LIMIT, steady_turn
+from barc_sim.control.lane import STEERING_LIMIT, speed_profile, steady_turn
 from barc_sim.errors import UserError, extra
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
     from os import PathLike
     from pathlib import Path
 
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from barc_sim.control.lane import Curvature
 
     Floats = NDArray[np.float64]
+    #: Speed [m/s], and accelerations across and along [m/s²], at most.
+    Limits = tuple[float, float, float]
 
 _MARGIN = 0.2  #: of the width
 _SPACING = 0.5  #: [m] between two points of the line, as far as the limits of their number allow
@@ -68,9 +70,9 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
 
     Examples
     --------
-    >>> from barc_sim import racing_line, speed_profile, Track
+    >>> from barc_sim import racing_line, Track
     >>> for track in (Track.named('L'), racing_line('L')):
-    ...     print(f'{lap_time(track, speed_profile(track, 12.0, 3.5, 2.0)):.2f} s')
+    ...     print(f'{lap_time(track, (12.0, 3.5, 2.0)):.2f} s')
     25.38 s
     21.07 s
     """
@@ -131,16 +133,14 @@ def bending(track: Track) -> float:
     return sum(k * k * length for k, length in zip(track.curvatures, track.lengths, strict=True))
 
 
-def lap_time(track: Track, speed: Callable[[float, float], float]) -> float:
-    """Return the time [s] of a flying lap at `speed` [m/s], a function of time and place."""
-    n = round(track.length / _STEP)
+def lap_time(track: Track, limits: Limits) -> float:
+    """Return the time [s] of a flying lap, as fast as `limits` of `speed_profile` allow."""
+    n, speed = round(track.length / _STEP), speed_profile(track, *limits)
     step = track.length / n
     return sum(step / speed(0.0, (k + 0.5) * step) for k in range(n))
 
 
-def write_line(
-    path: Path, track: Track, line: Track, speed: Callable[[float, float], float]
-) -> None:
+def write_line(path: Path, track: Track, line: Track, limits: Limits) -> None:
     """Write a racing line as a file of a track: its points, the ways to the edges, and its speed.
 
     `Track.named` reads it, and so does what reads the files of the racetrack database.
@@ -148,6 +148,7 @@ def write_line(
     s = np.array(line.starts[:-1:2])  # two arcs lead from point to point
     x, y, psi = map(np.asarray, line.place(s))
     e_y, half = np.asarray(track.frenet(x, y, psi).e_y), 0.5 * track.width
+    speed = speed_profile(line, *limits)
     planned = np.array([speed(0.0, each) for each in s.tolist()])
     rows = np.column_stack([x, y, half + e_y, half - e_y, planned])
     header = 'x_m,y_m,w_tr_right_m,w_tr_left_m,speed_mps'

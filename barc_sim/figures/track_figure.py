@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from barc_sim.control.lane import STEERING_LIMIT
+from barc_sim.control.lane import STEERING_LIMIT, speed_profile
 from barc_sim.control.planning import lap_time
 from barc_sim.figures.style import (
     BLUE,
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from barc_sim.control.planning import Limits
     from barc_sim.simulation.log import TrackLog
     from barc_sim.simulation.metrics import TrackLap
 
@@ -193,40 +194,34 @@ def _draw_charts(charts: list[Axes], curves: list[_Curve], course: Course) -> No
 
 
 @style.context(STYLE)
-def line_figure(track: Track, line: Track, *speeds: Callable[[float, float], float]) -> Figure:
+def line_figure(track: Track, line: Track, limits: Limits) -> Figure:
     """Draw a racing line in colours of its speed; and speed and curvature, with the centre line's.
 
-    `speeds` [m/s] are functions of time and place, on the centre line and on the racing line.
+    Speeds are the fastest within `limits`, those of `speed_profile`.
     """
     figure = Figure(figsize=TRACK_SIZE, layout='constrained')
     grid = figure.add_gridspec(2, 2, width_ratios=[1.25, 1.0])
     seen, above, below = (figure.add_subplot(cell) for cell in (grid[:, 0], grid[0, 1], grid[1, 1]))
-    course, way = Course.of(track), Course.of(line)
-    draw_course(seen, course)
-    planned = [
-        np.array([speed(0.0, s) for s in each.s.tolist()])
-        for each, speed in zip((course, way), speeds, strict=True)
-    ]
+    draw_course(seen, Course.of(track))
+    for each, name, color in ((track, 'centre line', _OTHER), (line, 'racing line', BLUE)):
+        way, profile = Course.of(each), speed_profile(each, *limits)
+        speeds = np.array([profile(0.0, s) for s in way.s.tolist()])
+        # Over the place on the centre line beside each point.
+        beside = np.asarray(track.frenet(way.x, way.y, way.psi).s) % track.length
+        order = np.argsort(beside)
+        label = f'{name}, {lap_time(each, limits):.2f} s'
+        above.plot(beside[order], speeds[order], color=color, lw=1.6, label=label)
+        below.plot(beside[order], way.curvature[order], color=color, lw=1.6)
     points = np.column_stack([way.x, way.y])
     coloured = LineCollection([*np.stack([points[:-1], points[1:]], axis=1)], lw=3.5)
-    coloured.set_array(planned[1][:-1])
+    coloured.set_array(speeds[:-1])
     seen.add_collection(coloured)
     figure.colorbar(coloured, ax=seen, label='Speed [m/s]', orientation='horizontal', shrink=0.7)
     seen.set(xlabel='x [m]', ylabel='y [m]')
-    # The line's points over the place on the centre line beside them.
-    beside = np.asarray(track.frenet(way.x, way.y, way.psi).s) % track.length
-    order = np.argsort(beside)
-    bends = course.curvature, way.curvature
-    times = [f'{lap_time(*each):.2f} s' for each in zip((track, line), speeds, strict=True)]
-    for axes, (of_centre, of_line) in zip((above, below), (planned, bends), strict=True):
-        axes.plot(course.s, of_centre, color=_OTHER, lw=1.2, label=f'centre line, {times[0]}')
-        axes.plot(
-            beside[order], of_line[order], color=BLUE, lw=1.8, label=f'racing line, {times[1]}'
-        )
-        axes.set_xlim(0.0, track.length)
-    above.set(ylabel='Speed [m/s]')
+    above.set(ylabel='Speed [m/s]', xlim=(0.0, track.length))
     above.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
     below.set(ylabel='Curvature [1/m]', xlabel='Place along the centre line [m]')
+    below.set_xlim(0.0, track.length)
     return figure
 
 

@@ -134,7 +134,9 @@ class _Line:
         if log.s[-1] < 2.0 * self.line.length:
             return 0.0, f'the car leaves the track, {log.s[-1]:.0f} m along the line', shown
         across = float(np.abs(log.v_x * log.psi_dot).max())
-        text = f'best lap {log.best:.2f} s (not judged; planned {lap_time(self.line, speed):.2f} s)'
+        text = (
+            f'best lap {log.best:.2f} s (not judged; planned {lap_time(self.line, LIMITS):.2f} s)'
+        )
         text += f', at most {across:.2f} m/s² across ({_LOAD[0] * LIMITS[1]:.2f} is full marks)'
         return share(across / LIMITS[1], *_LOAD), text, shown
 
@@ -143,10 +145,10 @@ class _Line:
         rows = []
         lines = {'centre': self.track, 'yours': self.line, 'best': _best(self.track)}
         for name, line in lines.items():
-            planned = lap_time(line, speed_profile(line, *LIMITS))
             driven = f'{log.best:.2f} s' if name == 'yours' and log.best < inf else ''
-            cells = f'{line.length:.1f} m', f'{bending(line):.3g} 1/m', f'{planned:.2f} s', driven
-            rows.append((name, *cells))
+            planned = f'{lap_time(line, LIMITS):.2f} s'
+            length, bends = f'{line.length:.1f} m', f'{bending(line):.3g} 1/m'
+            rows.append((name, length, bends, planned, driven))
         header = ('line', 'length', 'bending', 'planned lap', 'driven')
         return Table(f'{self.track.name}, line by line', header, rows)
 
@@ -154,8 +156,7 @@ class _Line:
         """Draw the line between the edges, and its speed."""
         from barc_sim.figures.track_figure import line_figure  # noqa: PLC0415 (slow)
 
-        speeds = (speed_profile(each, *LIMITS) for each in (self.track, self.line))
-        figure = line_figure(self.track, self.line, *speeds)
+        figure = line_figure(self.track, self.line, LIMITS)
         figure.suptitle(title)
         return figure
 
