@@ -7,9 +7,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from barc_sim.lab.confined.process import JudgedCode
 from barc_sim.lab.files import FILES
-from barc_sim.lab.labs.hills import HILLS, HillsCode
-from barc_sim.lab.labs.lane import LaneCode
+from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.user_code.code import UserCode, find_files
 from barc_sim.lab.user_code.folder import BUDGET
 
@@ -272,7 +272,7 @@ def program(e_y, e_psi, speed):
 """
 
 
-class LocalCode(HillsCode, LaneCode):
+class LocalCode(JudgedCode):
     """User code that is called in this process: nothing stops an endless loop."""
 
     def __init__(self, code: Any) -> None:  # noqa: ANN401 (a UserCode, or what has its names)

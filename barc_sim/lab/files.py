@@ -7,7 +7,6 @@ read here without running it: its errors, its gains, and whether it is a program
 from __future__ import annotations
 
 import ast
-import hashlib
 import re
 import warnings
 from contextlib import suppress
@@ -152,7 +151,6 @@ class Source(NamedTuple):
     name: str  #: in the user's folder
     path: Path
     text: str
-    sha256: str  #: of the file's bytes, which are `text` in UTF-8
 
 
 def read(path: Path, name: str) -> Source:
@@ -169,7 +167,7 @@ def read(path: Path, name: str) -> Source:
             f'{name}, line {line}: the byte 0x{data[error.start]:02x} is not UTF-8: '
             'save the file in the encoding UTF-8'
         ) from error
-    return Source(name, path, text, hashlib.sha256(data).hexdigest())
+    return Source(name, path, text)
 
 
 class Compiled(NamedTuple):

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from barc_sim.errors import UserError
-from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.confined.process import JudgedCode, Limits
 from barc_sim.lab.user_code.code import CALLED
 from barc_sim.lab.user_code.folder import BY_EYE
 
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.confined.process import JudgedCode
     from barc_sim.lab.files import ChosenGains, Handout
 
     Formulas = Mapping[str, str]
@@ -475,7 +474,6 @@ class Lab:
     """A lab: what is handed out, and how what comes back is judged."""
 
     handout: Handout
-    code: type[JudgedCode]  #: its requests
     parts: Mapping[str, Part]
     #: What a person judges, with a sum of its own: by criterion, what to look at.
     by_eye: Mapping[str, str] = field(default_factory=dict)
@@ -520,7 +518,7 @@ class Lab:
 
         There may be no files. Without `sandbox` their code is not confined: it is the user's own.
         """
-        with self.code(folder, limits, sandbox=sandbox) as code:
+        with JudgedCode(folder, limits, sandbox=sandbox) as code:
             found = self.judge(code, settings)
             gains, tolerated = code.chosen_gains(), code.tolerated()
         return Report(found, code.printed, gains, tolerated)

@@ -13,6 +13,7 @@ import time
 from collections import defaultdict
 from contextlib import suppress
 from importlib.util import find_spec
+from itertools import count
 from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -211,14 +212,11 @@ def _start(folder: Path, limits: Limits, *, sandbox: bool) -> subprocess.Popen[b
 
 _MAX_PHRASES = 20
 _MAX_ENDS = 3  # a function that has ended its process, or looped, so often is not called again
-#: The user's name for what a request calls.
-_CALLED = {'make_lane': 'Lane', 'steer': 'Lane', 'relay_commands': 'relay'} | dict.fromkeys(
-    ('make_pid', 'steps'), 'PID'
-)
+_numbers = count()  # of the objects that are made
 
 
 class JudgedCode:
-    """A user's files in `folder`, called in a process confined to it; a lab adds what it calls.
+    """A user's files in `folder`, called in a process confined to it.
 
     Each failure is a UserCodeError. If a call ends the process, the next one uses a new process.
     All calls together have `Limits.total` seconds; after that each one fails.
@@ -251,6 +249,19 @@ class JudgedCode:
         """Return the numbers that a user's function returns for each row of arguments."""
         found = self.call('functions', name, rows)
         return rows_of(name, found, len(rows), CALLED[name].numbers)
+
+    def make(self, name: str, *arguments: Any) -> int:  # noqa: ANN401 (JSON)
+        """Return the number of a new object of a user's class.
+
+        Its file is loaded again, so that no global variable has a value of an earlier run.
+        """
+        number = next(_numbers)
+        self.call('make', name, number, *arguments)
+        return number
+
+    def steps(self, name: str, number: int, rows: Sequence[Sequence[float]]) -> list[float]:
+        """Return the outputs of an object for one row of inputs after the other."""
+        return numbers_of(name, self.call('steps', name, number, rows), len(rows))
 
     def chosen_gains(self) -> ChosenGains | None:
         """Return the gains that `controller.py`, once loaded, chooses; None if it has none."""
@@ -331,9 +342,10 @@ class JudgedCode:
             self._left -= time.monotonic() - began
 
     def _called(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
+        """Return the user's name for what a request calls."""
         if do == 'lines':
             return self._called(*arguments)
-        return str(arguments[0]) if do == 'functions' else _CALLED.get(do, do)
+        return 'relay' if do == 'relay_commands' else str(arguments[0]) if arguments else do
 
     def _out_of_time(self) -> str:
         return (

@@ -15,7 +15,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
-from itertools import count, pairwise
+from itertools import pairwise
 from math import inf, isfinite
 from pathlib import Path
 from random import Random
@@ -26,7 +26,6 @@ import numpy as np
 from barc_sim.control.speed import KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab import files
-from barc_sim.lab.confined.process import numbers_of
 from barc_sim.lab.files import ChosenGains
 from barc_sim.lab.judge import (
     Evidence,
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from barc_sim.lab.confined.process import JudgedCode
     from barc_sim.lab.judge import Floats, Index, Judged, Settings, Thresholds
     from barc_sim.simulation.log import Log
 
@@ -86,27 +86,9 @@ FUNCTIONS = Functions(
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
 
 
-class HillsCode(relay.RelayCode):
-    """A user's model, controller and relay."""
-
-    _pids = count()
-
-    def new_pid(self, kp: float, ki: float, kd: float) -> int:
-        """Return the number of a new `PID`, without limits if it takes some.
-
-        Its file is loaded again, so that no global variable has a value of an earlier run.
-        """
-        number = next(self._pids)
-        self.call('make_pid', number, kp, ki, kd)
-        return number
-
-    def steps(self, number: int, rows: Sequence[Sample]) -> list[float]:
-        """Return the accelerations [m/s²] of a `PID` for one sample after the other."""
-        return numbers_of('PID', self.call('steps', number, rows), len(rows))
-
-    def outputs(self, gains: Sequence[float], rows: Sequence[Sample]) -> list[float]:
-        """Return those of a new `PID`."""
-        return self.steps(self.new_pid(*gains), rows)
+def _outputs(code: JudgedCode, gains: Sequence[float], rows: Sequence[Sample]) -> list[float]:
+    """Return the accelerations [m/s²] of a new `PID` for one sample after the other."""
+    return code.steps('PID', code.make('PID', *gains), rows)
 
 
 NOT_A_CAR = 1e6  #: [m/s²]
@@ -114,7 +96,7 @@ _MAX_SPEED = 40.0  #: [m/s] A figure ends there.
 
 
 def judge_lab_road(
-    code: HillsCode, gains: ChosenGains | None, by: Thresholds, mended: Sequence[str] = ()
+    code: JudgedCode, gains: ChosenGains | None, by: Thresholds, mended: Sequence[str] = ()
 ) -> Judged:
     """Return the finding for the lab's road, with what the speed does on each stretch of it.
 
@@ -122,7 +104,7 @@ def judge_lab_road(
     drives, too, with the gains that were chosen, and the better drive counts.
     """
     if gains is None:
-        code.outputs((0.0, 0.0, 0.0), [(0.0, 0.0, TS)])  # its own error, if there is one
+        _outputs(code, (0.0, 0.0, 0.0), [(0.0, 0.0, TS)])  # its own error, if there is one
         raise UserError(
             'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with the tuned '
             'ones as its last line'
@@ -205,13 +187,10 @@ def _usual() -> Log:
 class _Driving(PID):
     """A user's controller on the road."""
 
-    def __init__(self, code: HillsCode, gains: ChosenGains) -> None:
+    def __init__(self, code: JudgedCode, gains: ChosenGains) -> None:
         super().__init__()
-        self._steps, self._gains, self.calls = (
-            partial(code.steps, code.new_pid(*gains[:3])),
-            gains,
-            0,
-        )
+        self._steps = partial(code.steps, 'PID', code.make('PID', *gains[:3]))
+        self._gains, self.calls = gains, 0
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
@@ -277,10 +256,10 @@ PID_LAW = replace(
 )
 
 
-def judge_pid(code: HillsCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
+def judge_pid(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
     """Yield a finding for each criterion of `controller.py`."""
     with suppress(UserError):
-        code.new_pid(KP, KI, KD)
+        code.make('PID', KP, KI, KD)
     gains = code.chosen_gains()
     findings = judge_terms(code, settings.seed)
     yield from findings
@@ -302,7 +281,7 @@ class Term(NamedTuple):
     amplitude: float  #: [m/s] of the error, for a gain of 1
     max_sum: float = inf  #: [m/s] of the errors
 
-    def tried(self, code: HillsCode, seed: int) -> Trial:
+    def tried(self, code: JudgedCode, seed: int) -> Trial:
         """Return the outputs: a row for each gain, and a column for each call."""
         sequences = [
             wandering(seed, f'{self.criterion} {gain}', self.amplitude / gain, self.max_sum)
@@ -314,7 +293,7 @@ class Term(NamedTuple):
         with np.errstate(all='ignore'):
             try:
                 calls = zip(gains, sequences, strict=True)
-                outputs = np.array([code.outputs(*each) for each in calls])
+                outputs = np.array([_outputs(code, *each) for each in calls])
             except UserError as error:
                 failure = str(error)
         inputs = {'reference': reference, 'measured': measured, 'dt': dt}
@@ -411,7 +390,7 @@ _IGNORED = (
 )
 
 
-def judge_terms(code: HillsCode, seed: int) -> list[Finding]:
+def judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
     """Return the finding for each term."""
     findings = _judge_terms(code, seed)
     random = '' if all(each.passed for each in findings) else _randomness(code, seed)
@@ -421,11 +400,11 @@ def judge_terms(code: HillsCode, seed: int) -> list[Finding]:
     ]
 
 
-def _randomness(code: HillsCode, seed: int) -> str:
+def _randomness(code: JudgedCode, seed: int) -> str:
     """Return a sentence if outputs differ for the same speeds, else nothing."""
     rows = wandering(seed, 'random', 0.3)
     with suppress(UserError):
-        one, other = (code.outputs((1.0, 0.0, 0.0), rows) for _ in range(2))
+        one, other = (_outputs(code, (1.0, 0.0, 0.0), rows) for _ in range(2))
         if not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE):
             return (
                 'the same speeds give different outputs: does PID use random numbers, or the '
@@ -435,10 +414,10 @@ def _randomness(code: HillsCode, seed: int) -> str:
 
 
 @np.errstate(all='ignore')
-def _judge_terms(code: HillsCode, seed: int) -> list[Finding]:
+def _judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
     rows = wandering(seed, 'gains', 0.01)
     with suppress(UserError):
-        one, other = (code.outputs(gains, rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7)))
+        one, other = (_outputs(code, gains, rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7)))
         if one == other and any(one):
             is_a_pid = len({*map(abs, one)}) > _LENGTH // 2 and max(one) < NOT_A_CAR
             return [Finding(term.criterion, _HALF * is_a_pid, _IGNORED) for term in TERMS]
@@ -454,11 +433,11 @@ def _judge_terms(code: HillsCode, seed: int) -> list[Finding]:
     return findings
 
 
-def _is_scaled_by_kp(code: HillsCode, name: str, rows: Sequence[Sample]) -> bool:
+def _is_scaled_by_kp(code: JudgedCode, name: str, rows: Sequence[Sample]) -> bool:
     """Return whether a term that is 0 without kp is there with it."""
     one, other = ((1.0, *(each * (name == of) for of in 'ID')) for each in (1.0, 0.0))
     with suppress(UserError):
-        return code.outputs(one, rows) != code.outputs(other, rows)
+        return _outputs(code, one, rows) != _outputs(code, other, rows)
     return False
 
 
@@ -481,18 +460,17 @@ def _call(trial: Trial, index: Index) -> str:
     return f'call {k + 1}, with a gain of {gain:g} and e = {error[k]:.6g} m/s{before},'
 
 
-def _line(code: HillsCode, trial: Trial, _: str, index: Index, wrong: list[float]) -> str:
+def _line(code: JudgedCode, trial: Trial, _: str, index: Index, wrong: list[float]) -> str:
     row, k = index
     columns = (trial.inputs[key][row, : k + 1].tolist() for key in ('reference', 'measured', 'dt'))
     *before, call = zip(*columns, strict=True)
-    pid = code.new_pid(*(float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')))
-    code.steps(pid, before)
-    return code.line_of('steps', (pid, [call]), wrong, call)
+    pid = code.make('PID', *(float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')))
+    code.steps('PID', pid, before)
+    return code.line_of('steps', ('PID', pid, [call]), wrong, call)
 
 
 HILLS = Lab(
     files.HILLS,
-    HillsCode,
     {
         'model': Part(MODEL_LABELS, lambda code, its, _: FUNCTIONS.judge(code, its.seed)[0]),
         'controller': Part(PID_LABELS, judge_pid),

@@ -243,7 +243,6 @@ def _judge_intervals(trial: Trial) -> tuple[float, str]:
 
 IDENTIFY = Lab(
     files.IDENTIFY,
-    JudgedCode,
     {'identify': Part(LABELS, _judge)},
     by_eye={'estimate.residuals': 'the plot of the residuals, and two sentences'},
 )

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache, partial
-from itertools import count
 from math import inf
 from pathlib import Path
 from random import Random
@@ -19,7 +18,6 @@ import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, LaneLQR, steady_turn
 from barc_sim.lab import files
-from barc_sim.lab.confined.process import JudgedCode, numbers_of
 from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, read_law, share
 from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
 from barc_sim.simulation.log import TrackLog
@@ -33,6 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from barc_sim.control.lane import LaneController
+    from barc_sim.lab.confined.process import JudgedCode
     from barc_sim.lab.judge import Floats, Settings, Thresholds
     from barc_sim.vehicle.plant import Plant
 
@@ -93,29 +92,23 @@ _ONE_WRONG = 0.2  #: of the points are left
 _PUT_RIGHT = 'with LaneLQR in its place: '
 
 
-class LaneCode(JudgedCode):
-    """A user's `lane.py`."""
+def _new(code: JudgedCode, track: Track) -> int:
+    """Return the number of a new `Lane` on a track."""
+    return code.make('Lane', track.starts[1:], track.curvatures)
 
-    _lanes = count()
 
-    def new_lane(self, track: Track) -> int:
-        """Return the number of a new `Lane` on a track; its file is loaded again."""
-        number = next(self._lanes)
-        self.call('make_lane', number, track.starts[1:], track.curvatures)
-        return number
-
-    def steer(self, number: int, row: Sequence[float]) -> float:
-        """Return the steering angle [rad] of a `Lane` for e_y, e_psi, speed and place."""
-        return numbers_of('Lane', self.call('steer', number, [row]), 1)[0]
+def _steer(code: JudgedCode, number: int, row: Sequence[float]) -> float:
+    """Return the steering angle [rad] of a `Lane` for e_y, e_psi, speed and place."""
+    return code.steps('Lane', number, [row])[0]
 
 
 class _Law(LaneLaw):
     """A user's `Lane` that drives a plant."""
 
-    def __init__(self, code: LaneCode, plant: Plant) -> None:
+    def __init__(self, code: JudgedCode, plant: Plant) -> None:
         super().__init__()
         assert plant.track  # noqa: S101 (there is one)
-        self._plant, self._steer = plant, partial(code.steer, code.new_lane(plant.track))
+        self._plant, self._steer = plant, partial(_steer, code, _new(code, plant.track))
 
     def steer_calculate(self, e_y: float, e_psi: float, speed: float, _: object) -> float:
         """Return the steering angle [rad]."""
@@ -125,24 +118,24 @@ class _Law(LaneLaw):
 class Probes:
     """What a law returns for each of its inputs alone, and which mistakes that shows."""
 
-    def __init__(self, code: LaneCode) -> None:
+    def __init__(self, code: JudgedCode) -> None:
         """Call the law."""
         self.code = code
         self._rows: dict[str, Any] = {each.name: each.values for each in CLASS.situations['Lane']}
         self._values: dict[str, Any] = {
-            name: code.steer(*self._request(name)) for name in self._rows
+            name: _steer(code, *self._request(name)) for name in self._rows
         }
         self._values['late'] = self._late()
 
     def _request(self, name: str) -> tuple[int, tuple[Any, ...]]:
         """Return a new `Lane` in a situation, and what it is called with there."""
         *errors, curvature = self._rows[name].values()
-        return self.code.new_lane(Track((100.0,), (curvature,))), (*errors, SPEED, 0.0)
+        return _new(self.code, Track((100.0,), (curvature,))), (*errors, SPEED, 0.0)
 
     def _late(self) -> int:
-        number = self.code.new_lane(_BEND)
+        number = _new(self.code, _BEND)
         for d in range(-_SHIFT, _SHIFT + 1):
-            steer = self.code.steer(number, (0.0, 0.0, SPEED, 50.0 + d))
+            steer = _steer(self.code, number, (0.0, 0.0, SPEED, 50.0 + d))
             if _near(steer, 0.5 * (self._values['level'] - self._values['level_mirrored'])):
                 return d
         return 0
@@ -160,7 +153,7 @@ class Probes:
         """Return the line that returns the angle in a situation, or reads the curvature."""
         values = [self._values[name]] if name in self._rows else [_CURVATURE, -_CURVATURE]
         number, row = self._request(name if name in self._rows else 'curvature')
-        line = self.code.line_of('steer', (number, [row]), values, [])
+        line = self.code.line_of('steps', ('Lane', number, [row]), values, [])
         return f'{line}: ' if line else ''
 
     def judge(self) -> tuple[float, str]:
@@ -194,7 +187,9 @@ def _usual() -> TrackLog:
     return lap(speed=SPEED, laps=_LAPS, dynamics='dynamic')
 
 
-def judge_lane(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
+def judge_lane(
+    code: JudgedCode, settings: Settings, criteria: Collection[str]
+) -> Iterator[Finding]:
     """Yield a finding for each criterion `lane.…`.
 
     What follows from a mistake in the feedback is not taken off again: barc_sim's law drives, too,
@@ -292,7 +287,7 @@ def hidden_track(seed: int) -> Track:
     return Track.of_rows(((length, -radius) for length, radius in rows), 'the hidden track')
 
 
-def _judge(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
+def _judge(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
     yield from FUNCTIONS.judge(code, settings.seed)[0]
     if not DRIVE_LABELS.keys().isdisjoint(criteria):
         yield from judge_lane(code, settings, criteria)
@@ -300,7 +295,6 @@ def _judge(code: LaneCode, settings: Settings, criteria: Collection[str]) -> Ite
 
 LANE = Lab(
     files.LANE,
-    LaneCode,
     {'lane': Part({**LABELS, **DRIVE_LABELS}, _judge)},
     by_eye={'lane.delay': 'the plot of e_y, and two sentences'},
 )

@@ -19,7 +19,6 @@ from barc_sim.control.lane import LaneLQR, speed_profile
 from barc_sim.control.planning import bending, lap_time, racing_line, solver
 from barc_sim.errors import UserError
 from barc_sim.lab import files
-from barc_sim.lab.confined.process import JudgedCode
 from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, read_law, share
 from barc_sim.lab.labs.lane import hidden_track
 from barc_sim.lab.user_code.adapters import line_through
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from barc_sim.lab.confined.process import JudgedCode
     from barc_sim.lab.judge import Floats, Settings
     from barc_sim.simulation.log import TrackLog
 
@@ -179,7 +179,6 @@ def _judge(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> I
 
 RACELINE = Lab(
     files.RACELINE,
-    JudgedCode,
     {'raceline': Part(LABELS, _judge)},
     by_eye={'line.gain': 'the figure, and two sentences'},
     ready=solver,

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.errors import UserError
-from barc_sim.lab.confined.process import JudgedCode, rows_of
+from barc_sim.lab.confined.process import rows_of
 from barc_sim.lab.judge import Finding
 from barc_sim.lab.user_code.folder import BY_EYE, MAX_COMMANDS, NOT_WRITTEN, Command, TimedTwist
 from barc_sim.vehicle.parameters import PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+
+    from barc_sim.lab.confined.process import JudgedCode
 
 
 LABELS = {
@@ -53,14 +55,13 @@ _NOTHING = Command(0.0, 0.0, 0.0)
 Drives = dict[_Key, list[Command]]
 
 
-class RelayCode(JudgedCode):
-    """A user's relay."""
-
-    def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
-        """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
-        found = self.call('relay_commands', twists, duration, _relay_calls(twists, duration))
-        rows = min(len(found), MAX_COMMANDS) if isinstance(found, list) else -1
-        return [Command(*row) for row in rows_of('relay', found, rows, len(Command._fields))]
+def relay_commands(
+    code: JudgedCode, twists: Sequence[TimedTwist], duration: float
+) -> list[Command]:
+    """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
+    found = code.call('relay_commands', twists, duration, _relay_calls(twists, duration))
+    rows = min(len(found), MAX_COMMANDS) if isinstance(found, list) else -1
+    return [Command(*row) for row in rows_of('relay', found, rows, len(Command._fields))]
 
 
 def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwist]:
@@ -74,14 +75,14 @@ def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwi
     return calls
 
 
-def judge_relay(code: RelayCode) -> list[Finding]:
+def judge_relay(code: JudgedCode) -> list[Finding]:
     """Return a finding for each criterion `relay.…`; all are skipped if it is not written yet.
 
     That of a program that reads keys itself is open.
     """
     try:
         drives = {
-            key: code.relay_commands(_twists(key), _END) for key in (_UP, _DOWN, _LEFT, _RIGHT)
+            key: relay_commands(code, _twists(key), _END) for key in (_UP, _DOWN, _LEFT, _RIGHT)
         }
     except UserError as error:
         text = str(error)

@@ -10,6 +10,7 @@ import os
 import shlex
 import sys
 from bisect import bisect_right
+from hashlib import sha256
 from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -144,7 +145,11 @@ class UserCode:
         self._folders = {
             path.parent: Folder(path.parent, output, budget=budget) for path in self.paths.values()
         }
-        self._made: dict[int, Any] = {}  # by the requests' numbers
+        for part, path in self.paths.items():
+            if path.name != (usual := FILES.get(part, path.name)):
+                phrase = f'{path.name} is taken as {usual}: did you mean that name?'
+                self._folders[path.parent].tolerate(phrase)
+        self._made: dict[int, Callable[..., float]] = {}  # by the requests' numbers
         self._loaded: dict[str, Any] = {}  # by part: a UserFunction, a RelayProgram, or its error
 
     def load(self) -> Self:
@@ -193,7 +198,7 @@ class UserCode:
         from barc_sim.lab.user_code.relay_program import RelayProgram  # noqa: PLC0415 (200 ms)
 
         if ros == 'rospy':
-            folder.tolerated.append(f'{path.name}: a program of ROS 1, which runs here without it')
+            folder.tolerate(f'{path.name}: a program of ROS 1, which runs here without it')
         return RelayProgram(folder, path, ros)
 
     def function(self, *names: str, fresh: bool = False) -> UserFunction:
@@ -288,33 +293,19 @@ class UserCode:
     @property
     def tolerated(self) -> tuple[str, ...]:
         """What was tolerated in the loaded files, a phrase each."""
-        renamed = [
-            f'{path.name} is taken as {FILES[part]}: did you mean that name?'
-            for part, path in self.paths.items()
-            if path.name != FILES.get(part, path.name) and self._source(part)
-        ]
-        found = [phrase for folder in self._folders.values() for phrase in folder.tolerated]
-        return tuple(renamed + found)
+        return tuple(phrase for folder in self._folders.values() for phrase in folder.tolerated)
 
     @property
     def sources(self) -> list[Source]:
         """The loaded files, and those that they import from their folders."""
         return [each for folder in self._folders.values() for each in folder.sources.values()]
 
-    def _source(self, part: str) -> Source | None:
-        path = self.paths[part]
-        return self._folders[path.parent].sources.get(str(path))
-
-    @property
-    def files(self) -> dict[str, str]:
-        """The names of the loaded files, by part."""
-        return {part: source.name for part in self.paths if (source := self._source(part))}
-
     def describe(self) -> dict[str, str]:
         """Return the entry of a bag's metadata: files by part, and hashes."""
-        hashes = {source.name: source.sha256 for source in self.sources}
-        entry = {'files': self.files, 'sha256': hashes}
-        return {'student_code': json.dumps(entry)} if hashes else {}
+        loaded = {source.path: source.name for source in self.sources}
+        files = {part: loaded[path] for part, path in self.paths.items() if path in loaded}
+        hashes = {each.name: sha256(each.text.encode()).hexdigest() for each in self.sources}
+        return {'student_code': json.dumps({'files': files, 'sha256': hashes})} if hashes else {}
 
     def attachments(self) -> dict[str, bytes]:
         """Return the user's files, by their names as attachments of a bag."""
@@ -332,32 +323,31 @@ class UserCode:
         function = self.function(name, fresh=fresh)
         return [function(*row) for row in rows]
 
-    def make_pid(self, number: int, kp: float, ki: float, kd: float) -> None:
-        """Make the controller `number`, without limits; its file is loaded again."""
-        limits = {'output_min': -inf, 'output_max': inf}
-        self._made[number] = self.new_pid(kp, ki, kd, fresh=True, **limits)
+    def make(self, name: str, number: int, *arguments: Any) -> None:  # noqa: ANN401 (JSON)
+        """Make the `PID` or `Lane` of this number; its file is loaded again.
 
-    def steps(self, number: int, rows: Sequence[tuple[float, float, float]]) -> list[float]:
-        """Return the outputs of a controller for one row after the other."""
-        controller = self._object(number)
-        return [controller.acc_calculate(*row) for row in rows]
+        A PID gets its gains, and no limits; a Lane its track: the segments' ends and curvatures.
+        """
+        if name == 'PID':
+            limits = {'output_min': -inf, 'output_max': inf}
+            self._made[number] = self.new_pid(*arguments, fresh=True, **limits).acc_calculate
+            return
+        lane, (ends, curvatures) = self.new('lane', fresh=True), arguments
 
-    def make_lane(self, number: int, ends: Sequence[float], curvatures: Sequence[float]) -> None:
-        """Make the `Lane` `number`, for a track of these segments; its file is loaded again."""
-        self._made[number] = self.new('lane', fresh=True), ends, curvatures
-
-    def steer(self, number: int, rows: Sequence[tuple[float, float, float, float]]) -> list[float]:
-        """Return the outputs of a `Lane` for e_y, e_psi, speed and place on the track."""
-        steer, ends, curvatures = self._object(number)
-
-        def ahead(place: float) -> Callable[[float], float]:
+        def steer(e_y: float, e_psi: float, speed: float, place: float) -> float:
             def curvature(d: float) -> float:
                 return float(curvatures[bisect_right(ends, (place + d) % ends[-1]) % len(ends)])
 
             curvature.__qualname__ = 'curvature'  # as an error shows it
-            return curvature
+            return float(lane(e_y, e_psi, speed, curvature))
 
-        return [steer(*errors, ahead(place)) for *errors, place in rows]
+        self._made[number] = steer
+
+    def steps(self, name: str, number: int, rows: Sequence[Sequence[float]]) -> list[float]:
+        """Return the outputs of what was made, for one row of inputs after the other."""
+        if number not in self._made:
+            raise UserError(f'{name}: the process of this object has ended')
+        return [self._made[number](*row) for row in rows]
 
     def lines(self, do: str, *arguments: Any) -> list[tuple[str, float]]:  # noqa: ANN401 (JSON)
         """Return the lines that give numbers to names in a request, with these; last, its return.
@@ -396,11 +386,6 @@ class UserCode:
     def notes(self) -> dict[str, Any]:
         """Return the chosen gains and what was tolerated."""
         return {'gains': self.gains, 'tolerated': self.tolerated}
-
-    def _object(self, number: int) -> Any:  # noqa: ANN401 (a UserObject, or one and its track)
-        if number not in self._made:
-            raise UserError('PID: the process of this controller has ended')
-        return self._made[number]
 
 
 class UserObject:

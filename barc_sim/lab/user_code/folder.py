@@ -194,7 +194,7 @@ class Folder:
         result = compiled(source)
         self.trees[str(file)] = result.tree
         for phrase in result.tolerated:
-            self._tolerate(f'{source.name}: {phrase}')
+            self.tolerate(f'{source.name}: {phrase}')
         return result.code
 
     def parse(self, file: Path) -> ast.Module:
@@ -256,11 +256,12 @@ class Folder:
             'it for your own runs, put it into the folder, or do without it'
         )
         why = 'ROS is not needed' if is_ros else 'it is not here'
-        self._tolerate(f'{self.sources[path].name} imports {name}: {why}')
+        self.tolerate(f'{self.sources[path].name} imports {name}: {why}')
         absent: Any = Absent(name if fromlist else top, reason)
         return absent  # type: ignore[no-any-return]
 
-    def _tolerate(self, phrase: str) -> None:
+    def tolerate(self, phrase: str) -> None:
+        """Add a phrase on what is wrong, and is taken all the same."""
         if phrase not in self.tolerated:
             self.tolerated.append(phrase)
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import pytest
 from relays import ROS_2
 
-from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.confined.process import JudgedCode, Limits
 from barc_sim.lab.grade.grade import grade, load
-from barc_sim.lab.labs.hills import HillsCode
+from barc_sim.lab.labs.relay import relay_commands
 from barc_sim.lab.submission import read
 
 if TYPE_CHECKING:
@@ -56,8 +56,8 @@ GRABS = (
 
 
 def test_no_module_in_reach_has_the_answers(folder: Callable[..., Path]) -> None:
-    with HillsCode(folder(bike_model=LOOK, relay=ROS_2)) as code:
-        code.relay_commands([], 1.0)
+    with JudgedCode(folder(bike_model=LOOK, relay=ROS_2)) as code:
+        relay_commands(code, [], 1.0)
         code.rows('bikeFE', [[0.0] * 11])
     assert code.printed.splitlines() == ['[]'] * 4
 

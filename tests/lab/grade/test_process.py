@@ -21,8 +21,8 @@ from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.confined import process
 from barc_sim.lab.confined.child import MACHINES, call_filter, call_numbers
-from barc_sim.lab.confined.process import Limits, check
-from barc_sim.lab.labs.hills import HillsCode
+from barc_sim.lab.confined.process import JudgedCode, Limits, check
+from barc_sim.lab.labs.relay import relay_commands
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -127,7 +127,7 @@ def asked(
 ) -> list[tuple[float, ...]]:
     path = folder(bike_model=f'import os\n{code}\n{BIKE_FE}', helper='ANSWER = 42')
     folder('neighbour', bike_model=BIKE_FE)
-    with HillsCode(path, limits) as confined:
+    with JudgedCode(path, limits) as confined:
         return [*confined.rows('bikeFE', [ROW])]
 
 
@@ -138,7 +138,7 @@ def test_it_cannot(folder: Callable[..., Path]) -> None:
         'except BaseException as error:\n    print(type(error).__name__, error)\n'
         for code, _ in REFUSED.values()
     )
-    with HillsCode(
+    with JudgedCode(
         folder(bike_model=f'import os\n{attempts}\n{BIKE_FE}'), Limits(memory=1 << 28)
     ) as code:
         code.rows('bikeFE', [ROW])
@@ -165,7 +165,7 @@ def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) 
     sleepy = BIKE_FE.replace(':', ':\n    import time; time.sleep(0.3)')
     path = folder(bike_model=sleepy)
     began = time.monotonic()
-    with HillsCode(path, Limits(total=1.0)) as code, suppress(UserError):
+    with JudgedCode(path, Limits(total=1.0)) as code, suppress(UserError):
         for _ in range(100):
             code.rows('bikeFE', [ROW])
     with pytest.raises(UserError, match=r'used up the 1 s that it has'):
@@ -208,7 +208,7 @@ def test_it_sees_the_same_order_of_sets_each_time(folder: Callable[..., Path]) -
     path = folder(bike_model=text)
     answers = set()
     for _ in range(2):
-        with HillsCode(path) as confined:
+        with JudgedCode(path) as confined:
             answers |= {*confined.rows('bikeFE', [ROW])}
 
     assert len(answers) == 1
@@ -218,7 +218,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=BIKE_FE)
     before = [*Path('/proc/self/fd').iterdir()]
 
-    with HillsCode(path) as confined:
+    with JudgedCode(path) as confined:
         confined.rows('bikeFE', [ROW])
 
     assert len([*Path('/proc/self/fd').iterdir()]) == len(before)
@@ -226,7 +226,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
 
 def test_without_the_sandbox_only_the_limits_hold(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=f'open("/etc/passwd")\n{BIKE_FE}')
-    with HillsCode(path, sandbox=False) as confined:
+    with JudgedCode(path, sandbox=False) as confined:
         assert confined.rows('bikeFE', [ROW]) == [(1.0, 2.0, 3.0, 4.0)]
 
 
@@ -322,9 +322,9 @@ class PID:
 
 def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
     here = PID(3.0, 2.0, 0.1)
-    with HillsCode(folder(controller=CONTROLLER)) as code:
+    with JudgedCode(folder(controller=CONTROLLER)) as code:
         expected = [here.acc_calculate(*sample) for sample in SAMPLES]
-        assert code.outputs((3.0, 2.0, 0.1), SAMPLES) == expected
+        assert code.steps('PID', code.make('PID', 3.0, 2.0, 0.1), SAMPLES) == expected
 
 
 def test_an_infinity_that_is_forged_is_refused(folder: Callable[..., Path]) -> None:
@@ -341,36 +341,36 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
         pass
 """
     with (
-        HillsCode(folder(bike_model=text), QUICK) as code,
+        JudgedCode(folder(bike_model=text), QUICK) as code,
         pytest.raises(UserError, match='not finite'),
     ):
         code.rows('bikeFE', [ROW])
 
 
 def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..., Path]) -> None:
-    with HillsCode(folder(controller=PID_LOOPING_AT_5), QUICK) as code:
-        stuck = code.new_pid(1.0, 1.0, 1.0)
+    with JudgedCode(folder(controller=PID_LOOPING_AT_5), QUICK) as code:
+        stuck = code.make('PID', 1.0, 1.0, 1.0)
         with pytest.raises(UserError, match=r'line 6: acc_calculate.* not return within 0.3 s'):
-            code.steps(stuck, [(8.0, 5.0, 0.02)])
+            code.steps('PID', stuck, [(8.0, 5.0, 0.02)])
         with pytest.raises(UserError, match=r'crashed'):
-            code.steps(stuck, [(8.0, 6.0, 0.02)])
+            code.steps('PID', stuck, [(8.0, 6.0, 0.02)])
 
-        with pytest.raises(UserError, match='the process of this controller has ended'):
-            code.steps(stuck, [(8.0, 4.0, 0.02)])
-        assert code.outputs((1.0, 1.0, 1.0), [(8.0, 4.0, 0.02)]) == [1.0]
+        with pytest.raises(UserError, match='the process of this object has ended'):
+            code.steps('PID', stuck, [(8.0, 4.0, 0.02)])
+        assert code.steps('PID', code.make('PID', 1.0, 1.0, 1.0), [(8.0, 4.0, 0.02)]) == [1.0]
 
 
 def test_a_function_that_keeps_ending_its_process_is_not_called_again(
     folder: Callable[..., Path],
 ) -> None:
     text = 'import os\nprint("called")\nos._exit(3)\n'
-    with HillsCode(folder(bike_model=text, controller=CONTROLLER)) as code:
+    with JudgedCode(folder(bike_model=text, controller=CONTROLLER)) as code:
         for _ in range(5):
             with pytest.raises(UserError, match='ended itself with exit code 3'):
                 code.rows('bikeFE', [ROW])
 
         assert code.printed.count('called') == 3
-        assert code.outputs((1.0, 0.0, 0.0), [(8.0, 7.0, 0.02)]) == [1.0]
+        assert code.steps('PID', code.make('PID', 1.0, 0.0, 0.0), [(8.0, 7.0, 0.02)]) == [1.0]
 
 
 @pytest.mark.parametrize(
@@ -388,11 +388,11 @@ def test_forged_answers_of_any_shape_and_size_are_sentences(
 ) -> None:
     patch = f"import sys\nsys.modules['barc_sim.lab.user_code.code'].UserCode.{forged}\n"
     text = f'{patch}def relay(x, z): return [x, z]\n'
-    with HillsCode(folder(relay=text, bike_model=patch + MODEL)) as code:
+    with JudgedCode(folder(relay=text, bike_model=patch + MODEL)) as code:
         code.rows('bikeFE', [[0.1] * 11])
         if 'relay' in forged:
             with pytest.raises(UserError, match='relay'):
-                code.relay_commands([], 1.0)
+                relay_commands(code, [], 1.0)
 
         assert len(str(code.chosen_gains())) < 500
         assert sum(map(len, code.tolerated())) < 10_000

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 #: A request for each part.
 CALLS = {
     'model': ('functions', 'bikeFE', []),
-    'controller': ('make_pid', 1, 1.0, 1.0, 1.0),
+    'controller': ('make', 'PID', 1, 1.0, 1.0, 1.0),
     'relay': ('relay_commands', [], 1.0, []),
 }
 ROW = (1.0, 2.0, 0.5, 8.0, 0.25, 0.1, 0.013, 2000.0, 0.017, 0.1, 0.02)

@@ -18,6 +18,7 @@ from relays import (
 from user_files import LocalCode, load_folder
 
 from barc_sim.lab.files import UserCodeError
+from barc_sim.lab.labs.relay import relay_commands
 from barc_sim.lab.user_code.code import UserCode
 from barc_sim.lab.user_code.folder import Command, TimedTwist, UserFunction
 
@@ -37,7 +38,7 @@ Load = Callable[[str], UserCode]
 
 
 def judged(code: UserCode, twists: list[TimedTwist], duration: float) -> list[Command]:
-    return LocalCode(code).relay_commands(twists, duration)
+    return relay_commands(LocalCode(code), twists, duration)
 
 
 @pytest.fixture
