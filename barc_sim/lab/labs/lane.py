@@ -12,7 +12,7 @@ from functools import cache, partial
 from math import inf
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -258,11 +258,9 @@ def _table(log: TrackLog) -> Table:
 
 def _figure(log: TrackLog, title: str = '') -> Figure:
     """Draw the best lap beside that with barc_sim's law."""
-    from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
+    from barc_sim.figures.track_figure import track_figure  # noqa: PLC0415 (slow)
 
-    figure = cast('Figure', plot(log, _usual(), labels=['your Lane', 'LaneLQR']))
-    figure.axes[0].set_title(title, loc='left', pad=24.0)
-    return figure
+    return track_figure(log, _usual(), labels=['your Lane', 'LaneLQR'], title=title, track='L')
 
 
 def _returned(law: NewLaw) -> tuple[float, str]:
