@@ -131,10 +131,9 @@ def _refuse(
 
 
 def _check_laws(options: Namespace, inputs: Inputs) -> None:
-    """Refuse laps that the track does not have, and gains that the run's laws do not have."""
+    """Refuse gains that the run's laws do not have, or that are given twice."""
     code, track = inputs.user_code, inputs.track
     if track:
-        track.check_laps(1 if options.laps is None else options.laps)
         name = 'of lane.py' if code.lane else options.lane or DEFAULT_LANE
         law: Any = UserLane(code) if code.lane else LANE_TYPES[name]()
         _check_gains(f'the law {name}', law, options.lane_gain)
