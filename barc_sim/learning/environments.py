@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import cos, sin
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
@@ -12,9 +13,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from barc_sim.control.speed import speed_controller
-from barc_sim.learning.tasks import TASKS, Task
+from barc_sim.learning.tasks import BLOCK, TASKS, Task
 from barc_sim.simulation.fast import PIDs, Plants
 from barc_sim.vehicle.bike_model import Command
+from barc_sim.vehicle.plant import MeasurementError, with_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.learning.rendering import Picture
+    from barc_sim.vehicle.bike_model import Motion
 
     Floats = NDArray[np.float64]
     Cars = NDArray[np.intp]
@@ -38,6 +41,7 @@ class _Drive:
     _plant: Any
     _pid: Any
     _begin: Callable[[Any], None]
+    _measure: Callable[[], Motion]  #: the motion, with noise
     _command: Any  #: a Command
     _near: Any  #: s of the latest measured place [m]
 
@@ -71,7 +75,7 @@ class _Drive:
                 'lap_times': plant.lap_times,
             }
         if task.is_noisy:
-            (s, y, psi, speed, _, _), _ = plant.sensor.measure(plant.motion())
+            s, y, psi, speed, _, _ = self._measure()
             if track:
                 s, e_y, e_psi, _ = track.frenet(s, y, psi, self._near)
             self._near = s
@@ -107,15 +111,12 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
         """Begin an episode."""
         super().reset(seed=seed)
         task = self.task
-        seed_share, *shares = self.np_random.random(1 + len(task.draws)).tolist()
-        drawn = task.draw(shares, options)
+        drawn = task.draw(self.np_random.random(len(task.draws)).tolist(), options)
         if task.ranges:
             self._plant = task.plant(drawn)
-        if task.is_noisy:
-            self._plant.sensor = task.sensor(drawn['noise'], seed_share)
         self._plant.place(task.state(drawn), near=drawn['s'])
         self._pid.reset()
-        self._command, self._near = Command(), drawn['s']
+        self._command, self._near, self._noise = Command(), drawn['s'], drawn['noise']
         if self._picture:
             self._picture.begin()
         found = self._observe()
@@ -129,6 +130,12 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
         if self._is_shown:
             self.render()
         return observation, reward, is_over, False, info
+
+    def _measure(self) -> Motion:
+        true, k = self._plant.motion(), self._plant.steps % BLOCK
+        if not k:
+            self._errors = self.task.errors(self.np_random, self._noise).tolist()
+        return with_error(true, MeasurementError(*self._errors[k]), cos(true.psi), sin(true.psi))
 
     def render(self) -> Any:  # noqa: ANN401 (as Gymnasium's)
         """Return a picture of the car where it is now, or show it in a window."""
@@ -183,7 +190,8 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         self._plant = Plants(n, task.plain, max(task.ranges.get('delay', (0.0,))))
         self._pid = PIDs(n, speed_controller(limit=task.limits['motor']))
         self._command = Command(*np.zeros((2, n)))
-        self._near, self._over = np.zeros(n), np.zeros(n, np.bool_)
+        self._near, self._noise = np.zeros((2, n))
+        self._errors, self._over = np.zeros((n, BLOCK, 6)), np.zeros(n, np.bool_)
         self._begin(np.arange(n), options)
         return self._observe()
 
@@ -198,29 +206,34 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         self._over = terminated | truncated
         return observation, rewards, terminated, truncated, info
 
+    def _measure(self) -> Motion:
+        true, k = self._plant.motion(), self._plant.steps % BLOCK
+        for car in np.flatnonzero(k == 0).tolist():
+            self._errors[car] = self.task.errors(self._generators[car], self._noise[car])
+        error = MeasurementError(*self._errors[np.arange(self.num_envs), k].T)
+        return with_error(true, error, np.cos(true.psi), np.sin(true.psi))
+
     def _observe(self) -> tuple[Any, dict[str, Any]]:
         observation, info = super()._observe()
         return observation, {name: each.copy() for name, each in info.items()}
 
     def _begin(self, cars: Cars, options: Options = None) -> None:
         """Begin an episode with each of these."""
-        task, plants, count = self.task, self._plant, 1 + len(self.task.draws)
-        seeds, *shares = np.array([self._generators[car].random(count) for car in cars.tolist()]).T
+        task, plants, count = self.task, self._plant, len(self.task.draws)
+        shares = np.array([self._generators[car].random(count) for car in cars.tolist()]).T
         drawn = task.draw(shares, options)
         plants.vary(cars, drawn)
         if 'delay' in drawn:
             plants.motor.delay(cars, drawn['delay'])
             if task.delays_servo:
                 plants.servo.delay(cars, drawn['delay'])
-        if task.is_noisy:
-            plants.sensor.replace(cars, map(task.sensor, drawn['noise'], seeds))
         plants.place(
             cars,
             task.state(drawn),
             [drawn[name] for name in ('s', 'e_y', 'e_psi') if name in drawn],
         )
         self._pid.reset(cars)
-        self._near[cars] = drawn['s']
+        self._near[cars], self._noise[cars] = drawn['s'], drawn['noise']
         for column in self._command:
             column[cars] = 0.0
 

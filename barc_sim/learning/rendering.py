@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
 from math import nan
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,6 @@ from barc_sim.figures.style import Course
 from barc_sim.figures.views import SIZE, frames, view_of
 from barc_sim.simulation.closed_loop import log_of_rows
 from barc_sim.simulation.log import LANE_STATE, columns_of
-from barc_sim.vehicle.plant import Sensor
 
 if TYPE_CHECKING:
     from barc_sim.figures.views import RunView
@@ -61,9 +59,7 @@ class Picture:
         """Return the picture; None where a window shows it, or should."""
         if self._in_window and not self._window:
             return None
-        still = copy(plant)
-        still.sensor = Sensor()  # the run's own would draw other noise after it
-        self._rows.append((still.observe(), command, (0.0,)))
+        self._rows.append((plant.observe(), command, (0.0,)))
         self._times.append(plant.steps * plant.ts)
         lane = columns_of(LANE_STATE).values() if plant.track else ()
         unknown: Any = dict.fromkeys(lane, np.full(len(self._rows), nan))

@@ -23,7 +23,7 @@ from barc_sim.simulation.closed_loop import LIMITS, check_arguments, plant_of
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import State, Vehicle
 from barc_sim.vehicle.parameters import ROWS
-from barc_sim.vehicle.plant import Sensor
+from barc_sim.vehicle.plant import NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 #: [m] where the road ahead is observed: its curvature or its incline.
 AHEAD = (0.0, 5.0, 10.0, 15.0, 20.0)
+BLOCK = 64  #: measurements whose noise is drawn at once
 MAX_SPEED = 50.0  #: [m/s] A faster car's episode ends.
 BEHIND = -10.0  #: [m] So does that of a car that rolls so far back, before the start of the hills.
 _START_E_PSI = 0.2  #: [rad] either way
@@ -84,8 +85,10 @@ class Task:
             raise UserError(f'option {name!r} must be one of {", ".join(allowed)}')
         self.speed = self.default_speed if speed is None else speed
         SPEED.check(self.speed, 'speed')
-        check_arguments(acceleration_limit=acceleration_limit)
         given = {name: each for name, each in options.items() if each not in (None, '')}
+        noise = given.pop('noise', 0.0)  # which is not the plant's: it is of `np_random`
+        check_arguments(acceleration_limit=acceleration_limit, noise=noise)
+        self._noise = noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise)
         self.delays_servo = 'servo' not in given  #: Whether `delay` is that of the servo, too.
         self._options: dict[str, Any] = {**self.course, **given}
         self.plain = self.plant({})  #: the plant of the options alone
@@ -107,10 +110,10 @@ class Task:
             self.length, self.half_width = self.road.starts[-1], inf
             self.ahead = _preview(self.road.starts, lambda x: radians(self.road.grade_deg(x)))
             max_ahead = 0.5 * pi
-        noise = self.plain.sensor.noise.v_x
-        self.is_noisy = self.plain.sensor.is_noisy or 'noise' in self.ranges
+        self.is_noisy = any(self._noise) or 'noise' in self.ranges
         #: What an episode draws, each from and to.
-        self.draws = {'s': (0.0, self.length), **starts, 'noise': (noise, noise), **self.ranges}
+        self.draws = {'s': (0.0, self.length), **starts, 'noise': (self._noise.v_x,) * 2}
+        self.draws |= self.ranges
         #: The bounds of what is seen and commanded, either way.
         self.limits = {
             'error': 2.0 * MAX_SPEED,
@@ -134,9 +137,12 @@ class Task:
             options['delay'] = drawn['delay']
         return plant_of(**options)
 
-    def sensor(self, noise: float, seed: float) -> Sensor:
-        """Return the sensor of an episode: its noise of the speed [m/s], its seed from 0 to 1."""
-        return Sensor(self.plain.sensor.noise._replace(v_x=noise), int(seed * 2.0**53))
+    def errors(self, generator: np.random.Generator, noise: float) -> Floats:
+        """Return the errors of the next `BLOCK` measurements, each of shape (6,).
+
+        `noise` [m/s] is that of the speed.
+        """
+        return generator.standard_normal((BLOCK, 6)) * self._noise._replace(v_x=noise)
 
     def draw(self, shares: Numbers, options: Mapping[str, float] | None) -> dict[str, Numbers]:
         """Return the numbers of an episode: at these shares of `draws`, or as the `options` say.

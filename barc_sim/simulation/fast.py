@@ -26,7 +26,7 @@ from barc_sim.vehicle.bike_model import (
     resistance,
     surroundings,
 )
-from barc_sim.vehicle.plant import MeasurementError, Sensor, in_steps, with_error
+from barc_sim.vehicle.plant import MeasurementError, in_steps, with_error
 from barc_sim.vehicle.track import Frenet
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.bike_model import Vehicle
-    from barc_sim.vehicle.plant import Actuator, Plant
+    from barc_sim.vehicle.plant import Actuator, Plant, Sensor
     from barc_sim.vehicle.road import Road
     from barc_sim.vehicle.track import Track
 
@@ -195,7 +195,6 @@ def _speed_errors(sensor: Sensor, blocks: list[Floats]) -> Iterator[list[float]]
         yield blocks[-1][3].tolist()
 
 
-_DRAWN = 64  #: measurements whose noise is drawn at once, of each of many cars
 #: What `bicycles` takes of `math`, for arrays.
 _FUNCTIONS = SimpleNamespace(sin=np.sin, cos=np.cos, hypot=np.hypot, atan2=np.arctan2)
 
@@ -289,31 +288,6 @@ class Actuators:
         return mean
 
 
-class Sensors:
-    """`Sensor` for many cars, whose noise may differ."""
-
-    def __init__(self, n: int) -> None:
-        """Add no noise before `replace`."""
-        self._sensors = [Sensor()] * n
-        self._errors, self._next = np.zeros((n, _DRAWN, 6)), np.zeros(n, np.intp)
-
-    def replace(self, cars: Cars, sensors: Iterable[Sensor]) -> None:
-        """Measure these cars with others from now on."""
-        self._next[cars] = 0
-        for car, sensor in zip(cars.tolist(), sensors, strict=True):
-            self._sensors[car] = sensor
-
-    def measure(self, true: Motion) -> tuple[Motion, MeasurementError]:
-        """Return the motions as measured, and the errors: measured minus true."""
-        k = self._next
-        for car in np.flatnonzero(k == 0).tolist():
-            self._errors[car] = self._sensors[car].draw(_DRAWN).T
-        error = MeasurementError(*self._errors[np.arange(len(k)), k].T)
-        self._next = (k + 1) % _DRAWN
-        heading: Any = np.cos(true.psi), np.sin(true.psi)
-        return with_error(true, error, *heading), error
-
-
 class Plants:
     """Many plants, each as `Plant` steps it by forward Euler: its names, with arrays for numbers.
 
@@ -328,7 +302,6 @@ class Plants:
             Actuators(n, state.actuator, self.ts, max_delay)
             for state in (like.actuators.motor, like.actuators.servo)
         )
-        self.sensor = Sensors(n)
         self.state: Arrays = State(*np.zeros((4, n)))
         self._slip = np.zeros((3, n))  # v_x, v_y [m/s] and psi_dot [rad/s] of the dynamic bicycle
         self.frenet: Arrays = Frenet(*np.zeros((4, n))) if like.track else None
