@@ -133,8 +133,3 @@ def _name(value: object) -> str:
 
 def _links(pairs: Iterable[tuple[object, object]]) -> tuple[Link, ...]:
     return tuple((_name(source), _name(target)) for source, target in pairs)
-
-
-def purposes(graph: NodeGraph) -> list[tuple[str, str]]:
-    """Return each node with its purpose; empty for a node that is not ours."""
-    return [(name, NODES.get(name.rpartition('/')[2], '')) for name in graph.nodes]

@@ -13,7 +13,7 @@ from matplotlib import rc_context, style
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyBboxPatch
 
-from barc_sim.bags.names import EVERYONES, purposes
+from barc_sim.bags.names import EVERYONES, NODES
 from barc_sim.figures.style import BLUE, GREY, INK, MUTED, STYLE
 
 if TYPE_CHECKING:
@@ -99,9 +99,12 @@ def _draw_topic(
 
 def lines(graph: NodeGraph) -> list[str]:
     """Return the table of nodes in lines of text, the heading first."""
-    rows = [('node', 'what it does'), *purposes(graph)]
-    width = max(len(name) for name, _ in rows)
-    return [f'{name:{width}}  {purpose or "(not of this package)"}' for name, purpose in rows]
+    rows = {'node': 'what it does'}
+    rows |= {
+        name: NODES.get(name.rpartition('/')[2], '(not of this package)') for name in graph.nodes
+    }
+    width = max(map(len, rows))
+    return [f'{name:{width}}  {purpose}' for name, purpose in rows.items()]
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -16,7 +16,7 @@ from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
 
 from barc_sim.bags import reader
-from barc_sim.bags.names import NodeGraph, purposes
+from barc_sim.bags.names import NodeGraph
 from barc_sim.figures.graph_figure import graph_figure
 from barc_sim.figures.run_figures import (
     drive_figure,
@@ -156,7 +156,6 @@ def page(facts: Facts) -> str:
         sources=[*_shown(facts.sources)],
         code_style=_FORMATTER.get_style_defs('.code'),  # type: ignore[no-untyped-call]
         graph=graph,
-        nodes=purposes(facts.graph) if facts.graph else [],
     )
 
 

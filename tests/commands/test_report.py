@@ -119,7 +119,7 @@ def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
     assert 'Path, heading, speed and steering' in page.text
     assert 'position along the road' not in ' '.join(str(image['alt']) for image in page.images)
     assert '/vehicle_simulator' in page.text
-    assert 'owns time, and steps the car' in page.text
+    assert '/vehicle_simulator publishes /z_vhcl' in str(page.images[-1]['alt'])
     assert 'Speed error' not in page.text
     assert "The controller's terms" not in page.text
 
