@@ -106,7 +106,7 @@ class Law:
         return values
 
     def changed(self, inputs: Inputs, mistake: Mistake, at: Sequence[int]) -> list[float]:
-        """Return the values that a mistake changes, at an index of the inputs."""
+        """Return the numbers that a mistake changes, at an index of the inputs; not those of rows."""
         shape = np.broadcast_shapes(*(np.shape(values) for values in inputs.values()))
         at = tuple(at[: len(shape)])
         wrong, right = self.compute(inputs, mistake.formulas), self.compute(inputs)

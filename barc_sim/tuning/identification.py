@@ -278,6 +278,7 @@ class _Search(NamedTuple):
         """
         predicted = np.full_like(stretch.measured, inf)
         ts, mass, weight = stretch.ts, self.vehicle.mass, self.vehicle.mass * self.vehicle.gravity
+        force = [-weight * sine for sine in stretch.sines]
         lateral = {name: values[name] for name in LateralParameters._fields if name in values}
         with suppress(UserError, OverflowError, ValueError):
             plant = Plant(
@@ -288,7 +289,7 @@ class _Search(NamedTuple):
                     friction=values['friction_per_mass'] * mass,
                 ),
                 ts=ts,
-                disturbance=lambda t, _: -weight * stretch.sines[round(t / ts)],
+                disturbance=(lambda t, _: force[round(t / ts)]) if any(force) else None,
                 motor=Actuator(values['motor_delay'], values.get('motor_lag', 0.0)),
                 servo=Actuator(values.get('servo_delay', 0.0), values.get('servo_lag', 0.0)),
                 integrator=self.integrator,

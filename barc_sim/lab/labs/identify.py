@@ -222,7 +222,7 @@ def _judge_information(car: Car, commands: Sequence[float]) -> Iterator[Finding]
     possible = car.intervals(np.clip(commands, -_MAX_COMMAND, _MAX_COMMAND).tolist())
     for (name, (full, zero)), best in zip(_SHOWN.items(), possible.tolist(), strict=True):
         score = share(best, full, zero)
-        how = f'at best ± {best:.2g} {_UNITS[name]}' if best < np.inf else 'not at all'
+        how = f'at best ± {best:.2g} {_UNITS[name]}' if best < inf else 'not at all'
         text = f'your commands show the {name} {how} (± {full:g} is full marks)'
         yield Finding(f'commands.{name}', score, text)
 

@@ -134,9 +134,8 @@ class _Line:
         if log.s[-1] < 2.0 * self.line.length:
             return 0.0, f'the car leaves the track, {log.s[-1]:.0f} m along the line', shown
         across = float(np.abs(log.v_x * log.psi_dot).max())
-        text = (
-            f'best lap {log.best:.2f} s (not judged; planned {lap_time(self.line, LIMITS):.2f} s)'
-        )
+        planned = lap_time(self.line, LIMITS)
+        text = f'best lap {log.best:.2f} s (not judged; planned {planned:.2f} s)'
         text += f', at most {across:.2f} m/s² across ({_LOAD[0] * LIMITS[1]:.2f} is full marks)'
         return share(across / LIMITS[1], *_LOAD), text, shown
 
