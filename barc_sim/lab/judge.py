@@ -106,7 +106,7 @@ class Law:
         return values
 
     def changed(self, inputs: Inputs, mistake: Mistake, at: Sequence[int]) -> list[float]:
-        """Return the numbers that a mistake changes, at an index of the inputs; not those of rows."""
+        """Return the numbers, but no rows of them, that a mistake changes at an index of inputs."""
         shape = np.broadcast_shapes(*(np.shape(values) for values in inputs.values()))
         at = tuple(at[: len(shape)])
         wrong, right = self.compute(inputs, mistake.formulas), self.compute(inputs)
