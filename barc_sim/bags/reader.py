@@ -6,7 +6,7 @@ import logging
 from array import array
 from collections import defaultdict
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from struct import Struct
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,7 @@ from barc_sim.simulation.log import (
     recordable,
 )
 from barc_sim.vehicle.road import STEEPEST_DEG
+from barc_sim.vehicle.track import TRACKS, Track
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -120,6 +121,8 @@ class Bag:
             )
         log = join(samples[cars[0]])
         _check_log(self.path, log)
+        if isinstance(log, TrackLog) and (track := self.info.get('track')) in TRACKS:
+            log = replace(log, track=Track.named(track))
         return log
 
 

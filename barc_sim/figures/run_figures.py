@@ -153,8 +153,7 @@ def _name_position(axes: Axes, *logs: Log) -> None:
 def run_figure(log: Log, info: Mapping[str, str], title: str, figure: Figure | None) -> Figure:
     """Draw a run with this metadata as fits it: over the road, on its track, or from above."""
     if isinstance(log, TrackLog):
-        heading = {'title': title, 'settings': settings(info), 'track': info.get('track', '')}
-        return track_figure(log, **heading, figure=figure)
+        return track_figure(log, title=title, settings=settings(info), figure=figure)
     if is_by_hand(log):
         return drive_figure(log, title=title, figure=figure)
     return speed_figure(log, title=title, settings=settings(info), figure=figure)

@@ -148,7 +148,9 @@ class Course(NamedTuple):
 
     @classmethod
     def driven(cls, log: TrackLog) -> Course:
-        """Return the centre line of a track as far as a run has driven along it."""
+        """Return the track of a run; as far as it has driven along it, where it is unknown."""
+        if log.track:
+            return cls.of(log.track)
         known = np.isfinite(log.s)  # a recorder may see states before the first place
         log = log.map(lambda column: column[known])
         x, y, heading = use_measurement(log).true_pose

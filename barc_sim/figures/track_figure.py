@@ -29,7 +29,6 @@ from barc_sim.figures.style import (
     use_measurement,
 )
 from barc_sim.simulation.metrics import LAP_HEADINGS, track_laps_of
-from barc_sim.vehicle.track import TRACKS, Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from barc_sim.control.planning import Limits
     from barc_sim.simulation.log import TrackLog
     from barc_sim.simulation.metrics import TrackLap
+    from barc_sim.vehicle.track import Track
 
     Floats = NDArray[np.float64]
 
@@ -92,13 +92,11 @@ def track_figure(
     title: str = '',
     settings: str = '',
     figure: Figure | None = None,
-    track: str = '',
 ) -> Figure:
     """Draw a run's way from above, and errors, speed and steering of its laps over their place.
 
     The best lap is in front; a table has the laps. Of several runs, with their `labels`, the best
     laps are drawn. `title` and `settings` are the two lines of the heading, and `figure` is empty.
-    A `track` with a name is drawn whole, and another one as far as a run went.
     """
     alone = len(logs) == 1
     if alone:
@@ -118,8 +116,7 @@ def track_figure(
     seen, table = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3, 0])
     charts = [figure.add_subplot(grid[0, 1])]
     charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
-    known = Course.of(Track.named(track)) if track in TRACKS else None
-    course = known or max(map(Course.driven, logs), key=lambda each: float(each.s[-1]))
+    course = max(map(Course.driven, logs), key=lambda each: float(each.s[-1]))
     _draw_map(seen, course, curves)
     _draw_table(table, '' if alone else 'best lap of', rows, curves[-1].lap if alone else None)
     _draw_charts(charts, curves, course)

@@ -179,7 +179,7 @@ def _figures(facts: Facts) -> Iterator[_Figure]:
     log, is_straight = facts.log, FILES['identify'] in facts.sources
     if isinstance(log, TrackLog):
         yield _drawn(
-            track_figure(log, track=facts.info.get('track', '')),
+            track_figure(log),
             'Laps of the track',
             'The path on the track from above, and a table of laps; beside it the errors e_y and '
             'e_psi, speed and steering over the place in the lap.',

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from copy import deepcopy
+from dataclasses import replace
 from math import inf, nan
 from operator import attrgetter
 from types import SimpleNamespace
@@ -358,7 +359,8 @@ def closed_loop(
     }
     for i, name in enumerate(keeping.own_terms if keeping else ()):
         of_lane[LANE + name] = np.array([each['values'][i] for each in steering])
-    return log_of_rows(rows, plant.period_ns, references, terms, **of_lane)
+    log = log_of_rows(rows, plant.period_ns, references, terms, **of_lane)
+    return replace(log, track=track) if isinstance(log, TrackLog) else log
 
 
 def log_of_rows(

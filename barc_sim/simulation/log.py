@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping  # noqa: TC003 (get_type_hints reads it)
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import PID
 from barc_sim.errors import extra
+from barc_sim.vehicle.track import Track  # noqa: TC001 (as above)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -130,7 +131,7 @@ class Log:
         """Return a log of `function(column)` for each column, such as some of its rows."""
         own = {name: function(values) for name, values in self.own_terms.items()}
         columns = {name: function(getattr(self, name)) for name in self.declared}
-        return type(self)(**columns, own_terms=own)
+        return replace(self, **columns, own_terms=own)
 
     @property
     def terms(self) -> dict[str, Floats]:
@@ -238,6 +239,7 @@ class TrackLog(Log):
     steer_saturated: Annotated[
         Flags, Column('', 'whether a limit cut the steering', LANE_STATE, 'saturated')
     ]
+    track: Track | None = None  #: None: unknown, as of a bag of a track without a name
 
     @property
     def distance(self) -> Floats:

@@ -38,7 +38,8 @@ def test_edges_are_half_the_width_from_the_line(name: str) -> None:
     whole = lap(track=track, laps=3)
     # Recorded from the second lap on, and a state before its place.
     late = whole.map(lambda column: column[whole.lap >= 1.0])
-    driven = Course.driven(replace(late, s=np.append(np.nan, late.s[1:])))
+    assert Course.driven(late).s[-1] == Course.of(track).s[-1]
+    driven = Course.driven(replace(late, s=np.append(np.nan, late.s[1:]), track=None))
     assert driven.width == track.width
     assert driven.length == pytest.approx(track.length, abs=1e-6)
     for course in (driven, Course.of(track)):
@@ -101,7 +102,7 @@ def test_every_run_has_a_figure(log: TrackLog) -> None:
     legend = both.axes[2].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ['all', 'some']
     # The whole track, though this run has not driven along it.
-    for figure in (plot(unfinished, log), run_figure(unfinished, {'track': 'L'}, '', None)):
+    for figure in (plot(unfinished), plot(replace(unfinished, track=None), log)):
         assert '160 m' in [text.get_text() for text in figure.axes[0].texts]
 
 

@@ -260,7 +260,7 @@ def _figure(log: TrackLog, title: str = '') -> Figure:
     """Draw the best lap beside that with barc_sim's law."""
     from barc_sim.figures.track_figure import track_figure  # noqa: PLC0415 (slow)
 
-    return track_figure(log, _usual(), labels=['your Lane', 'LaneLQR'], title=title, track='L')
+    return track_figure(log, _usual(), labels=['your Lane', 'LaneLQR'], title=title)
 
 
 def _returned(law: NewLaw) -> tuple[float, str]:
