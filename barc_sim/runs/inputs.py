@@ -107,7 +107,12 @@ def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | No
             f'and speed-mpc {both}',
         ),
         (code.lane and named_law, ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
-        (given('reference'), ('speed_profile',), (), f'and --reference both give the speed: {one}'),
+        (
+            given('reference'),
+            ('speed', 'speed_profile'),
+            (),
+            f'and --reference both give the speed: {one}',
+        ),
         (given('policy'), driven, driven, f'and --policy {both}'),
         (given('no_controller'), _OF_CONTROLLER, (), f'and --no-controller: {one}'),
         (given('no_relay'), ('relay',), (), f'and --no-relay: {one}'),
