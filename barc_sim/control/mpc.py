@@ -62,7 +62,7 @@ class MPC(LaneLaw):
 
     def reset(self) -> None:
         """Forget the past: the next call is the first."""
-        from barc_sim.control.planning import solver  # noqa: PLC0415 (slow: not for --help)
+        from barc_sim.control.planning import NO_PLAN, solver  # noqa: PLC0415 (slow: not for --help)
 
         super().reset()
         solver()  # or a UserError
@@ -71,7 +71,7 @@ class MPC(LaneLaw):
         self._servo = self._latest = 0.0  # [rad] the angle, and the command before
         self._sent: deque[float] = deque()  # the commands on their way
         #: The latest plan, shape `(21, 2)`: distance ahead and e_y [m].
-        self.prediction: Any = None
+        self.prediction: Any = NO_PLAN
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature

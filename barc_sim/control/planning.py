@@ -53,6 +53,7 @@ HORIZON = 20  #: steps of an MPC
 _LAG = 0.05  #: [m] λ is rounded to multiples, so that few programs have to be made
 _ONE = np.eye(HORIZON)
 _CHANGE = _ONE - np.eye(HORIZON, k=-1)
+NO_PLAN = np.zeros((HORIZON + 1, 2))  #: the prediction before the first state
 
 
 def solver() -> Any:  # noqa: ANN401 (a function without types)

@@ -11,6 +11,7 @@ pytest.importorskip('rclpy')
 
 from command_line import call
 
+from barc_sim.bags.contents import Contents
 from barc_sim.bags.reader import read
 from barc_sim.control.cruise_control import LANE_TYPES
 from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
@@ -79,6 +80,9 @@ def test_predictive_control_has_the_bits_of_python(tmp_path: Path, law: str, eng
     assert log.own_terms.keys() == {'lane.solve_time', 'lane.infeasible'}
     for name in log.columns().keys() - {'lane.solve_time'}:
         assert log.columns()[name].tobytes() == expected[name].tobytes(), name
+    messages = Contents(max((tmp_path / 'bags').iterdir())).messages()
+    plans = sum(message.topic.name == '/prediction' for message in messages)
+    assert plans == pytest.approx(len(log) / 5, abs=1)
 
 
 def test_laps_follow_one_another_and_are_listed(tmp_path: Path) -> None:
