@@ -129,7 +129,7 @@ class Probes:
 
     def _request(self, name: str) -> tuple[int, tuple[Any, ...]]:
         """Return a new `Lane` in a situation, and what it is called with there."""
-        *errors, curvature = self._rows[name].values()
+        *errors, curvature = map(float, self._rows[name].values())
         return _new(self.code, Track((100.0,), (curvature,))), (*errors, SPEED, 0.0)
 
     def _late(self) -> int:
@@ -167,7 +167,7 @@ class Probes:
 
     def named(self, topic: str, text: str) -> str:
         """Return the text after the sentence of the topic's first mistake that the law has."""
-        return '. '.join([*self.made(topic)[:1], text])
+        return '; '.join([*self.made(topic)[:1], text])
 
 
 def _near(one: float, other: float) -> bool:

@@ -439,7 +439,9 @@ def _defined(folder: Folder, path: Path, names: Sequence[str]) -> tuple[str, Any
 
 
 def _load(folder: Folder, path: Path) -> ModuleType:
-    """Return the module of a file; a UserCodeError names why it cannot be loaded."""
+    """Return the module of a file; a UserCodeError names why it cannot be loaded, once tried."""
+    if path in folder.failed:
+        raise folder.failed[path]
     loading = Budget(_LOADING) if folder.budget else None
     try:
         return loading.call(folder.load, path) if loading else folder.load(path)
@@ -457,7 +459,9 @@ def _load(folder: Folder, path: Path) -> ModuleType:
                 f'loading the file took longer than {_LOADING if loading else error.seconds:g} '
                 's: is there an endless loop outside its functions?'
             )
-        raise UserCodeError(f'{raised_at(folder, error) or path.name}: {fault}') from error
+        found = UserCodeError(f'{raised_at(folder, error) or path.name}: {fault}')
+        folder.failed[path] = found
+        raise found from error
 
 
 def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:

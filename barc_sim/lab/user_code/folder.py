@@ -154,6 +154,7 @@ class Folder:
         #: Gives the modules that take the place of others.
         self.stand_in: Callable[[str], Any] = lambda _: None
         self.sources: dict[str, Source] = {}  #: the loaded files, by path
+        self.failed: dict[Path, UserCodeError] = {}  #: why files cannot be loaded
         self._names = {file.stem for file in path.glob('*.py')} - sys.stdlib_module_names
         self._modules: dict[str, ModuleType] = {}
         #: The names that all of its files find.

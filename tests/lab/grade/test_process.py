@@ -360,6 +360,16 @@ def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..
         assert code.steps('PID', code.make('PID', 1.0, 1.0, 1.0), [(8.0, 4.0, 0.02)]) == [1.0]
 
 
+def test_an_endless_loop_in_a_file_takes_its_time_once(folder: Callable[..., Path]) -> None:
+    path = folder(lane='while True:\n    pass\n')
+    with JudgedCode(path, Limits(call=0.5)) as code:
+        before = os.times().children_user
+        for name in ('straight_errors', 'arc_errors', 'steady') * 3:
+            with pytest.raises(UserError, match=r'loading the file took longer than 0.5 s'):
+                code.rows(name, [[0.0] * 6])
+    assert os.times().children_user - before < 2.0
+
+
 def test_a_function_that_keeps_ending_its_process_is_not_called_again(
     folder: Callable[..., Path],
 ) -> None:
