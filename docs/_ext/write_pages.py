@@ -31,7 +31,7 @@ from barc_sim.simulation.log import COLUMNS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from barc_sim.lab.judge import Law
+    from barc_sim.lab.law import Law
 
 DOCS = Path(__file__).parents[1]
 #: In the order in which they import one another.

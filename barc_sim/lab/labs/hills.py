@@ -37,9 +37,9 @@ from barc_sim.lab.judge import (
     Table,
     Trial,
     judged,
-    read_law,
 )
 from barc_sim.lab.labs import relay
+from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import DISTANCE, Progress, closed_loop
 from barc_sim.simulation.metrics import summary
@@ -52,7 +52,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from barc_sim.lab.confined.process import JudgedCode
-    from barc_sim.lab.judge import Floats, Index, Judged, Settings, Thresholds
+    from barc_sim.lab.judge import Index, Judged, Settings, Thresholds
+    from barc_sim.lab.law import Floats
     from barc_sim.simulation.log import Log
 
 

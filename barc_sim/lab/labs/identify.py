@@ -15,7 +15,8 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.lab import files
 from barc_sim.lab.confined.process import JudgedCode, numbers_of
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, read_law, share
+from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, share
+from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.tuning.identification import covariance
 from barc_sim.vehicle.bike_model import Command, Vehicle
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.lab.judge import Floats, Settings, Trial
+    from barc_sim.lab.judge import Settings, Trial
+    from barc_sim.lab.law import Floats
 
 LABELS = {
     'commands.limits': 'Commands: within the limits',

@@ -18,7 +18,8 @@ import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, LaneLQR, steady_turn
 from barc_sim.lab import files
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, read_law, share
+from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, share
+from barc_sim.lab.law import read_law
 from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import LAP_HEADINGS, track_laps_of
@@ -32,7 +33,8 @@ if TYPE_CHECKING:
 
     from barc_sim.control.lane import LaneController
     from barc_sim.lab.confined.process import JudgedCode
-    from barc_sim.lab.judge import Floats, Settings, Thresholds
+    from barc_sim.lab.judge import Settings, Thresholds
+    from barc_sim.lab.law import Floats
     from barc_sim.vehicle.plant import Plant
 
     NewLaw = Callable[[Plant], LaneController]

@@ -19,8 +19,9 @@ from barc_sim.control.lane import LaneLQR, speed_profile
 from barc_sim.control.planning import bending, lap_time, racing_line, solver
 from barc_sim.errors import UserError
 from barc_sim.lab import files
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, read_law, share
+from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, share
 from barc_sim.lab.labs.lane import hidden_track
+from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.adapters import line_through
 from barc_sim.lab.user_code.code import POINTS
 from barc_sim.simulation.closed_loop import lap
@@ -33,7 +34,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from barc_sim.lab.confined.process import JudgedCode
-    from barc_sim.lab.judge import Floats, Settings
+    from barc_sim.lab.judge import Settings
+    from barc_sim.lab.law import Floats
     from barc_sim.simulation.log import TrackLog
 
 LABELS = {

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from barc_sim.lab.judge import Mistake, Trial, close
+from barc_sim.lab.judge import Trial, close
 from barc_sim.lab.labs import hills, lane, raceline
 from barc_sim.lab.labs.hills import BIKE, EQUATIONS, PID_LAW, agree, factor_of, wandering
+from barc_sim.lab.law import Mistake
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
-    from barc_sim.lab.judge import Functions, Law
+    from barc_sim.lab.judge import Functions
+    from barc_sim.lab.law import Law
 
 
 def drawn(law: Law) -> dict[str, Any]:

@@ -1,0 +1,187 @@
+"""A lab's laws, with the common mistakes in them.
+
+A lab has its laws in text files such as `labs/bike.txt`. After a description come texts in
+capitals, then the right formulas, indented. Each section has a topic, and mistakes: a line for the
+sentence, then the wrong formulas, indented. `name in x y` after a topic repeats its section with
+each of these values for `{name}`; texts are put in in the same way. Formulas are Python over arrays
+of NumPy.
+
+A mistake is thus a wrong program of a few lines. It is named if it gives the same numbers as the
+user's code, for the same inputs.
+
+The section `Inputs` has a number for each input, or a range. Each entry of a section `Situations`
+has a name, the results that it tests, and the inputs that are others there.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import product
+from random import Random
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
+    from types import CodeType
+
+    Formulas = Mapping[str, str]
+    Inputs = Mapping[str, 'Floats']
+    Case = tuple[Inputs, 'Floats']  # what a function got, and one of its results
+    Agree = Callable[['Floats', 'Floats'], bool]
+
+Floats = NDArray[np.float64]
+Range = tuple[float, float]  #: uniform between the two
+
+_FUNCTIONS = {**vars(np), 'atan': np.arctan}  #: of the formulas
+
+
+class Mistake(NamedTuple):
+    """A mistake in a law: a common one, or one that has no formulas."""
+
+    topic: str  #: of one common mistake
+    sentence: str  #: what to check, as the user reads it
+    formulas: Formulas  #: the wrong ones, by quantity
+    kind: str  #: the sentence as the file has it: one mistake, made in several results
+
+
+class Situation(NamedTuple):
+    """Inputs of a law, and the results that they test."""
+
+    name: str
+    tests: Collection[str]
+    values: Mapping[str, float | Range]  #: of each input
+
+    def inputs(self, seed: int | str, count: int) -> dict[str, Floats]:
+        """Return `count` values of each input, the same for the same seed."""
+        # A string seeds the generator alike in every version of Python.
+        uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
+        rows = [
+            [uniform(*each) if isinstance(each, tuple) else each for each in self.values.values()]
+            for _ in range(count)
+        ]
+        return dict(zip(self.values, np.array(rows).T, strict=True))
+
+
+@dataclass(frozen=True)
+class Law:
+    """The right formulas of what a user's function computes, and the wrong ones."""
+
+    formulas: Formulas
+    mistakes: tuple[Mistake, ...]  #: the likelier ones first
+    situations: Mapping[str, tuple[Situation, ...]] = field(default_factory=dict)
+    functions: Mapping[str, Any] = field(default_factory=dict)  #: and arrays, of the formulas
+
+    def compute(self, inputs: Inputs, changes: Formulas | None = None) -> dict[str, Floats]:
+        """Return all quantities; `changes` replace formulas, and inputs before they are used."""
+        changes, values = changes or {}, dict(inputs)
+        first = {name: each for name, each in changes.items() if name in inputs}
+        later = {name: each for name, each in changes.items() if name not in inputs}
+        for name, formula in {**first, **self.formulas, **later}.items():
+            names = {**_FUNCTIONS, **self.functions}
+            values[name] = np.asarray(eval(_compiled(formula), names, values), np.float64)  # noqa: S307 (ours)
+        return values
+
+    def changed(self, inputs: Inputs, mistake: Mistake, at: Sequence[int]) -> list[float]:
+        """Return the numbers, but no rows of them, that a mistake changes at an index of inputs."""
+        shape = np.broadcast_shapes(*(np.shape(values) for values in inputs.values()))
+        at = tuple(at[: len(shape)])
+        wrong, right = self.compute(inputs, mistake.formulas), self.compute(inputs)
+        values = (
+            [float(np.broadcast_to(made[name], shape)[at]) for made in (wrong, right)]
+            for name in right
+            if right[name].ndim <= len(shape)
+        )
+        return [mine for mine, usual in values if mine != usual]
+
+    def explain(
+        self, cases: Mapping[str, Case], wrong: Iterable[str], agree: Agree
+    ) -> dict[str, Mistake]:
+        """Return the mistake that explains each wrong result, where one does.
+
+        Of several it is the one that explains the most results, right ones included.
+
+        Parameters
+        ----------
+        cases
+            What the user's function got, and what it returned, by result; right ones, too.
+        wrong
+            The names of the wrong ones.
+        agree
+            Whether two arrays are the same results.
+        """
+
+        def explains(mistake: Mistake, name: str) -> bool:
+            inputs, got = cases[name]
+            made = self.compute(inputs, mistake.formulas)[name]
+            return agree(got, np.broadcast_to(made, got.shape))
+
+        found: dict[str, Mistake] = {}
+        made = [(each, [name for name in cases if explains(each, name)]) for each in self.mistakes]
+        for mistake, names in sorted(made, key=lambda each: -len(each[1])):
+            found |= {n: mistake for n in wrong if n in names and n not in found}
+        return found
+
+
+def read_law(file: Path, **values: object) -> Law:
+    """Return the law in a file, with `values` put in."""
+    head, *sections = file.read_text(encoding='utf-8').split('\n# ')
+    right: dict[str, str] = {}
+    mistakes: list[Mistake] = []
+    inputs: dict[str, float | Range] = {}
+    situations: dict[str, tuple[Situation, ...]] = {}
+    for line in head.splitlines():
+        name, equals, text = line.strip().partition(' = ')
+        if equals:
+            target: dict[str, Any] = right if line.startswith(' ') else values
+            target[name] = text.format_map(values)
+    for section in sections:
+        title, _, text = section.partition('\n')
+        topic, *loops = title.split('; ')
+        if topic == 'Inputs':
+            inputs = _ranges(next(_entries(text, values)).formulas)
+        elif topic == 'Situations':
+            situations[loops[0]] = tuple(_situations(_entries(text, values), inputs))
+        else:
+            for chosen in product(*map(_choices, loops)):
+                if len({value for _, value in chosen}) == len(loops):
+                    entries = _entries(text, {**values, **dict(chosen)})
+                    mistakes += (each._replace(topic=topic) for each in entries)
+    return Law(right, tuple(mistakes), situations)
+
+
+def _choices(loop: str) -> list[tuple[str, str]]:
+    """Return the name and each value of a loop."""
+    name, _, values = loop.partition(' in ')
+    return [(name, value) for value in values.split()]
+
+
+def _entries(text: str, values: Mapping[str, object]) -> Iterator[Mistake]:
+    """Yield the entries of a section, with `values` put in."""
+    for entry in re.split(r'\n(?! )', text.strip()):
+        kind, *lines = entry.splitlines()
+        formulas = (line.strip().format_map(values).partition(' = ') for line in lines)
+        wrong = {name: formula for name, _, formula in formulas}
+        yield Mistake('', kind.format_map(values), wrong, kind)
+
+
+def _ranges(formulas: Formulas) -> dict[str, float | Range]:
+    return {name: eval(each, dict(_FUNCTIONS)) for name, each in formulas.items()}  # noqa: S307 (ours)
+
+
+def _situations(
+    entries: Iterable[Mistake], inputs: Mapping[str, float | Range]
+) -> Iterator[Situation]:
+    for entry in entries:
+        name, _, tests = entry.sentence.partition('; ')
+        yield Situation(name, tests.split(), {**inputs, **_ranges(entry.formulas)})
+
+
+@cache
+def _compiled(formula: str) -> CodeType:
+    return compile(formula, formula, 'eval')
