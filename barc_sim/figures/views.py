@@ -93,14 +93,14 @@ class RunView(ABC):
     chart_limits: tuple[float, float]
 
     def __init__(
-        self, log: Log, figure: Figure, *, title: str = '', way: Course | Stretch | None = None
+        self, log: Log, figure: Figure, *, title: str = '', stretch: Stretch | None = None
     ) -> None:
         """Draw the fixed parts on `figure`, which is empty, and show the first state.
 
-        `way` is the whole track, or stretch of a road; without it, as much of it as was driven.
+        Without a `stretch` of the road, as much of it as was driven is drawn.
         """
         self.figure = figure
-        self._way: Any = way
+        self._given = stretch
         self.read(log)
         with style.context(STYLE):
             scene, course, chart = (figure.add_axes(place) for place in self.PLACES)
@@ -217,7 +217,7 @@ class SideView(RunView):
         super().read(log)
         self.along = self._log.distance
         driven = driven_road(self._log) or Road.flat()
-        self._stretch: Stretch = self._way or (driven, self.along.min(), self.along.max())
+        self._stretch = self._given or (driven, self.along.min(), self.along.max())
         self._road = self._stretch[0]
         self.course = self.along, np.asarray(self._road.elevation(self.along))
 
@@ -358,7 +358,7 @@ class TopView(RunView):
             _grid(POST, '#CFCFC8', self._grid + axes.transData),
         ]
         if self._on_track:
-            self._line: Course = self._way or Course.driven(self._on_track)
+            self._line = Course.driven(self._on_track)
             half = self._line.width / 2.0
             moving += [
                 Line2D(*self._line.beside(e_y), transform=world, **look)
@@ -465,12 +465,10 @@ def _car_from_above(body: Transform, steering: Affine2D) -> list[Artist]:
     ]
 
 
-def view_of(
-    log: Log, figure: Figure, title: str = '', way: Course | Stretch | None = None
-) -> RunView:
+def view_of(log: Log, figure: Figure, title: str = '', stretch: Stretch | None = None) -> RunView:
     """Return the view for this run: from above on a track, and if a driver steered."""
     is_above = isinstance(log, TrackLog) or is_by_hand(log)
-    return (TopView if is_above else SideView)(log, figure, title=title, way=way)
+    return (TopView if is_above else SideView)(log, figure, title=title, stretch=stretch)
 
 
 MP4_DPI, MP4_FPS = 100, 50  # 1280 x 720, every state

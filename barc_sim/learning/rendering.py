@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from barc_sim.figures import style
-from barc_sim.figures.style import Course
 from barc_sim.figures.views import SIZE, frames, view_of
 from barc_sim.simulation.closed_loop import log_of_rows
 from barc_sim.simulation.log import LANE_STATE, columns_of
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.bike_model import Command
     from barc_sim.vehicle.plant import Plant
-    from barc_sim.vehicle.road import Road
 
 _DPI = 50  # 640 x 360
 _SHORTEST = 100.0  # [m] of a road that is drawn at once
@@ -63,7 +61,8 @@ class Picture:
         self._times.append(plant.steps * plant.ts)
         lane = columns_of(LANE_STATE).values() if plant.track else ()
         unknown: Any = dict.fromkeys(lane, np.full(len(self._rows), nan))
-        log = log_of_rows(self._rows, plant.period_ns, self._task.speed, **unknown)
+        speed = self._task.speed
+        log = log_of_rows(self._rows, plant.period_ns, speed, track=plant.track, **unknown)
         log = replace(log, t=np.array(self._times))
         length = max(self._task.length, _SHORTEST)
         if (stretch := plant.distance // length) == self._stretch:
@@ -84,13 +83,10 @@ class Picture:
     def _begin(self, log: Log, first: float, last: float) -> None:
         """Draw what stands still: the track with its lap, or the road between two places [m]."""
         task, figure = self._task, Figure(SIZE, _DPI)
-        way: Course | tuple[Road, float, float]
+        stretch, limits = (task.road, first, last), (0.0, 2.0 * task.speed)
         if task.track:
-            half = 0.5 * task.track.width
-            way, limits = Course.of(task.track), (-half, half)
-        else:
-            way, limits = (task.road, first, last), (0.0, 2.0 * task.speed)
-        self._view: RunView = view_of(log, figure, self._title, way)
+            limits = -task.half_width, task.half_width
+        self._view: RunView = view_of(log, figure, self._title, stretch)
         _, course, chart = figure.axes[:3]
         chart.set(xlim=(first, last), ylim=limits)
         if not task.track:

@@ -359,8 +359,7 @@ def closed_loop(
     }
     for i, name in enumerate(keeping.own_terms if keeping else ()):
         of_lane[LANE + name] = np.array([each['values'][i] for each in steering])
-    log = log_of_rows(rows, plant.period_ns, references, terms, **of_lane)
-    return replace(log, track=track) if isinstance(log, TrackLog) else log
+    return log_of_rows(rows, plant.period_ns, references, terms, track, **of_lane)
 
 
 def log_of_rows(
@@ -368,6 +367,7 @@ def log_of_rows(
     period_ns: int,
     references: Sequence[float] | float = nan,
     terms: Sequence[str] = (),
+    track: Track | None = None,
     **columns: Any,  # noqa: ANN401 (arrays)
 ) -> Log:
     """Return the log of states and their commands, in steps of `period_ns`.
@@ -381,7 +381,7 @@ def log_of_rows(
     unknown = np.full(len(rows), nan)
     for name in [name for name in columns if name not in TrackLog.declared]:
         recorded[name] = columns.pop(name)
-    return log_of(
+    log = log_of(
         period_ns,
         _arrays(measured),
         _arrays(errors),
@@ -394,6 +394,7 @@ def log_of_rows(
         own_terms=recorded,
         **columns,
     )
+    return replace(log, track=track) if isinstance(log, TrackLog) else log
 
 
 def _arrays(records: Sequence[Any]) -> Any:  # noqa: ANN401 (a record of arrays)
