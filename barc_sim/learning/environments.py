@@ -227,11 +227,7 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
             plants.motor.delay(cars, drawn['delay'])
             if task.delays_servo:
                 plants.servo.delay(cars, drawn['delay'])
-        plants.place(
-            cars,
-            task.state(drawn),
-            [drawn[name] for name in ('s', 'e_y', 'e_psi') if name in drawn],
-        )
+        plants.place(cars, task.state(drawn), drawn)
         self._pid.reset(cars)
         self._near[cars], self._noise[cars] = drawn['s'], drawn['noise']
         for column in self._command:

@@ -46,9 +46,8 @@ BEHIND = -10.0  #: [m] So does that of a car that rolls so far back, before the 
 _START_E_PSI = 0.2  #: [rad] either way
 #: The options of `simulate` and `lap` that an environment has.
 OPTIONS = 'road', 'track', 'vehicle', 'dynamics', 'lateral', 'noise', 'delay', 'servo', 'ts'
-_PARAMETERS = *Vehicle._fields, *LateralParameters._fields
-#: What `ranges` may have, and its limits.
-_VARIED = {name: (ROWS | LIMITS)[name] for name in (*_PARAMETERS, 'noise', 'delay')}
+_NAMES = *Vehicle._fields, *LateralParameters._fields, 'noise', 'delay'
+_VARIED = {name: (ROWS | LIMITS)[name] for name in _NAMES}  #: what `ranges` may have
 #: What a car measures, and its latest command: speed to hold less the measured one [m/s], e_y [m],
 #: e_psi [rad], speed along the car's axis [m/s], acceleration [m/s²], steering [rad].
 SEEN = 'error', 'e_y', 'e_psi', 'speed', 'motor', 'servo'
@@ -123,9 +122,9 @@ class Task:
             'motor': acceleration_limit,
             'servo': STEERING_LIMIT,
         }
-        self._high = np.array([self.limits[name] for name in self.observed])
-        self.high = np.append(self._high, [max_ahead] * len(AHEAD))
-        self._low, self._own = -self._high, itemgetter(*map(SEEN.index, self.observed))
+        own = [self.limits[name] for name in self.observed]
+        self.high = np.array([*own, *[max_ahead] * len(AHEAD)])
+        self._low, self._own = -self.high, itemgetter(*map(SEEN.index, self.observed))
 
     def plant(self, drawn: Mapping[str, float]) -> Plant:
         """Return the plant of an episode with these numbers of `ranges`."""
@@ -197,11 +196,10 @@ class Task:
         `seen` is what `SEEN` names, and `ahead` the curvature [1/m], or incline [rad], at each of
         `AHEAD`.
         """
-        values: Floats = np.array((*self._own(seen), *ahead)).T
-        own = values[..., : len(self.observed)]  # what is ahead is within its bounds
-        np.maximum(own, self._low, out=own)
-        np.minimum(own, self._high, out=own)
-        return values
+        values = np.array((*self._own(seen), *ahead)).T
+        np.maximum(values, self._low, out=values)
+        within: Floats = np.minimum(values, self.high, out=values)
+        return within
 
     def is_over(self, s: Numbers, e_y: Numbers, v: Numbers) -> Numbers:
         """Return whether the car is off the track, or beyond the limits."""

@@ -30,7 +30,7 @@ from barc_sim.vehicle.plant import MeasurementError, in_steps, with_error
 from barc_sim.vehicle.track import Frenet
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -320,8 +320,8 @@ class Plants:
                     column[cars] = values
                     setattr(self, record, held._replace(**{name: column}))
 
-    def place(self, cars: Cars, state: Arrays, on_track: Sequence[Floats]) -> None:
-        """Begin a run with each of these, on a track at these s, e_y and e_psi."""
+    def place(self, cars: Cars, state: Arrays, on_track: Mapping[str, Floats]) -> None:
+        """Begin a run with each of these, which on a track is at this s, e_y and e_psi."""
         for column, values in zip(self.state, state, strict=True):
             column[cars] = values
         if self._lateral:
@@ -330,10 +330,10 @@ class Plants:
         self.motor.stop(cars)
         self.servo.stop(cars)
         if self.track:
-            for column, values in zip(self.frenet[:3], on_track, strict=True):
-                column[cars] = values
-            self.lap[cars] = on_track[0] // self.track.length
-            self._is_whole[cars] = on_track[0] == 0.0
+            for name in ('s', 'e_y', 'e_psi'):
+                getattr(self.frenet, name)[cars] = on_track[name]
+            self.lap[cars] = on_track['s'] // self.track.length
+            self._is_whole[cars] = on_track['s'] == 0.0
             self.lap_times[cars] = [()] * len(cars)
 
     def advance(self, command: Arrays) -> None:

@@ -178,6 +178,15 @@ def test_a_seed_repeats_and_another_differs(name: str) -> None:
     assert len({*map(tuple, first)}) == 3  # each car has numbers of its own
 
 
+def test_the_noise_has_the_levels_that_are_given() -> None:
+    kinds: dict[str, Any] = {'vectorization_mode': 'vector_entry_point', 'noise': NOISE}
+    env = gymnasium.make_vec(IDS['Lane'], 2000, track='oval', **kinds)
+    observation, _ = env.reset(seed=1, options={'s': 10.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 6.0})
+    means, levels = observation.mean(axis=0)[:3], observation.std(axis=0)[:3]
+    np.testing.assert_allclose(means, [0.0, 0.0, 6.0], atol=0.005)
+    np.testing.assert_allclose(levels, [NOISE.ey, NOISE.epsi, NOISE.v_x], rtol=0.1)
+
+
 def drive(env: Any, lane: LaneLQR, steps: int) -> list[tuple[float, float]]:  # noqa: ANN401
     """Return s and e_y of the states of a law that steers."""
     track = env.unwrapped.task.track
