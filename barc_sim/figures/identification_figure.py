@@ -15,7 +15,12 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import Floats
 
-SIGNALS = {'v_x': 'Speed [m/s]', 'psi_dot': 'Yaw rate [rad/s]', 'v_y': 'Lateral speed [m/s]'}
+#: By signal: its name and unit.
+SIGNALS = {
+    'v_x': ('Speed', 'm/s'),
+    'psi_dot': ('Yaw rate', 'rad/s'),
+    'v_y': ('Lateral speed', 'm/s'),
+}
 
 
 @style.context(STYLE)
@@ -37,10 +42,11 @@ def identification_figure(
         line = np.where(begins, np.nan, predicted)
         above.plot(time, measured, '.', ms=2.0, color=INK, alpha=0.5, label='measured')
         above.plot(time, line, lw=1.2, color=BLUE, label='predicted from the first state')
-        above.set_ylabel(SIGNALS[name])
+        label, unit = SIGNALS[name]
+        above.set_ylabel(f'{label} [{unit}]')
         below.plot(time, predicted - measured, lw=0.6, color=VERMILLION)
         below.axhline(0.0, lw=0.8, color=INK)
-        below.set_ylabel(f'Error {SIGNALS[name][SIGNALS[name].index("[") :]}')
+        below.set_ylabel(f'Error [{unit}]')
     panels[0, 0].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     panels[-1, 0].set_xlabel('Time [s]')
     return figure
