@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.lab.confined.process import JudgedCode
-from barc_sim.lab.files import FILES
+from barc_sim.lab.files import FILES, files_in
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.user_code.code import UserCode, find_files
 from barc_sim.lab.user_code.folder import BUDGET
@@ -16,6 +18,7 @@ from barc_sim.lab.user_code.folder import BUDGET
 if TYPE_CHECKING:
     from collections.abc import Collection
 
+    from barc_sim.lab.grade.grade import Rubric
     from barc_sim.lab.judge import Finding, Settings
 
 MODEL = """\
@@ -347,3 +350,22 @@ def read_programs(table: str) -> dict[str, Program]:
             changes = (*programs[name].changes, (old, new))
             programs[name] = programs[name]._replace(changes=changes)
     return programs
+
+
+def points_of(
+    program: Program, text: str, rubric: Rubric, folder: Path, criteria: Collection[str] = ()
+) -> float:
+    """Return the points of a lab's file, in these criteria, and check the remark and its line."""
+    (name,) = rubric.lab.handout.files.values()
+    (folder / name).write_text(text, encoding='utf-8')
+    criteria = criteria or rubric.points
+    code = LocalCode(UserCode(files_in(folder), budget=None))
+    findings = rubric.lab.judge(code, replace(rubric.settings, criteria=criteria))
+    assert [each.criterion for each in findings] == [*criteria]
+    remarks = '\n'.join(each.message for each in findings)
+    before, sentence, _ = remarks.partition(program.sentence)
+    assert sentence, remarks
+    if program.line:
+        number = int(re.findall(rf'{name}, line (\d+)', before.splitlines()[-1])[-1])
+        assert text.splitlines()[number - 1].strip().startswith(program.line)
+    return sum(rubric.points_for(each) for each in findings if not each.open)

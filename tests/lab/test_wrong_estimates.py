@@ -6,18 +6,15 @@ eye.
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from user_files import IDENTIFY as RIGHT
-from user_files import LocalCode, read_programs, replaced
+from user_files import points_of, read_programs, replaced
 
-from barc_sim.lab.files import files_in
 from barc_sim.lab.grade.grade import load
-from barc_sim.lab.labs.identify import IDENTIFY, NOISE, car_of, measured, shown
-from barc_sim.lab.user_code.code import UserCode
+from barc_sim.lab.labs.identify import NOISE, car_of, measured, shown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -68,19 +65,8 @@ RUBRIC = load('identify')
 @pytest.mark.parametrize('name', PROGRAMS)
 def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
     program = PROGRAMS[name]
-    text = replaced(RIGHT, *program.changes)
-    (tmp_path / 'identify.py').write_text(text, encoding='utf-8')
-    code = LocalCode(UserCode(files_in(tmp_path), budget=None))
-    findings = IDENTIFY.judge(code, RUBRIC.settings)
-    assert {each.criterion for each in findings} == IDENTIFY.labels.keys()
-    remarks = '\n'.join(each.message for each in findings)
-    assert program.sentence in remarks, remarks
-    points = sum(RUBRIC.points_for(each) for each in findings if not each.open)
-    assert points == pytest.approx(program.points, abs=5.0), remarks
-    if program.line:
-        remark = next(m for m in remarks.splitlines() if program.sentence in m)
-        (number,) = re.findall(r'identify\.py, line (\d+)', remark)
-        assert text.splitlines()[int(number) - 1].strip().startswith(program.line)
+    points = points_of(program, replaced(RIGHT, *program.changes), RUBRIC, tmp_path)
+    assert points == pytest.approx(program.points, abs=5.0)
 
 
 def test_each_name_has_a_car_of_its_own_that_is_the_same_each_time() -> None:
