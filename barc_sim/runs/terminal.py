@@ -6,6 +6,7 @@ import sys
 import time
 from contextlib import suppress
 from math import degrees, inf, isnan
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import COAST, DriverInput
@@ -99,6 +100,8 @@ class Display:
         if not self._progress:
             print(line(), flush=True)  # noqa: T201
             return
+        # The terminal writes ^C behind the line: a longer one would stay beside the next.
+        self._progress.console.width = get_terminal_size().columns - len('^C')
         with suppress(OSError):
             self._progress.start()
             tasks = self._progress.task_ids or [self._progress.add_task('', total=self._total)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import re
 import sys
 import time
 from contextlib import closing, redirect_stdout, suppress
@@ -99,6 +100,18 @@ def test_terminal_gets_a_line_in_place_and_its_cursor_back(
     assert 'grade +10°' in text  # the last state, however soon after the one before it
     assert text.rindex(SHOW) > text.rfind(HIDE)
     assert text.replace(SHOW, '').endswith('\n')
+
+
+def test_the_line_leaves_room_for_what_ctrl_c_writes(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('COLUMNS', '40')
+    with redirect_stdout(terminal.stdout):
+        shown = Display(180.0)
+        shown.show(*STATE)
+        lines = re.sub(r'\x1b\[[\d;?]*[A-Za-z]', '', terminal.shown()).split('\r')
+        shown.close()
+    assert max(map(len, lines)) == 38
 
 
 def test_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
