@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.judge import Evidence, Finding, Lab
     from barc_sim.lab.submission import Submission
 
-    _Read = Callable[[str, object], Any]
+    _Expected = tuple[Callable[[Any], bool], str]
 
 _HEAD = """\
 # Yours: barc grade reads this file each time, and keeps what you enter.
@@ -105,10 +105,6 @@ class ByHand(NamedTuple):
     points: Mapping[str, tuple[float, str]] = {}  #: and a comment on them, by criterion
     comment: str = ''  #: on all of it
 
-    def __bool__(self) -> bool:
-        """Return whether anything is entered."""
-        return bool(self.points or self.comment)
-
 
 def entered(folder: Path, rubric: Rubric) -> ByHand:
     """Return what is entered in the file in `folder`; nothing without one; or a UserError."""
@@ -123,16 +119,17 @@ def nothing_entered(rubric: Rubric) -> str:
 
 
 def _by_hand(rubric: Rubric, values: object) -> ByHand:
-    found = _mapping('it', values or {}, {'comment': _any, 'points': _any})
-    criteria = {name: partial(_entry, worth) for name, worth in rubric.points.items()}
-    points = _mapping('points', found.get('points') or {}, criteria)
-    given = {name: entry for name, entry in points.items() if entry}
+    found = _mapping('it', values or {}, dict.fromkeys(('comment', 'points'), _ANY))
+    points = _mapping('points', found.get('points') or {}, dict.fromkeys(rubric.points, _ANY))
+    given = {
+        name: _entry(name, value, rubric.points[name])
+        for name, value in points.items()
+        if value is not None
+    }
     return ByHand(given, one_line(str(found.get('comment') or ''), _MAX_COMMENT))
 
 
-def _entry(worth: float, name: str, value: object) -> tuple[float, str] | None:
-    if value is None:
-        return None
+def _entry(name: str, value: object, worth: float) -> tuple[float, str]:
     number, _, comment = str(value).partition(' ')
     try:
         points = float(number)
@@ -147,35 +144,31 @@ def _entry(worth: float, name: str, value: object) -> tuple[float, str] | None:
 
 
 def _rubric(values: object) -> Rubric:
-    found = _mapping('it', values, _KEYS)
+    found = {**_mapping('it', values, _KEYS)}
     if 'criteria' not in found:
         raise ValueError('there is no key criteria: expected the points of each criterion')
-    required, optional = found.pop('criteria'), found.pop('task_3', {})
+    required, optional = (
+        _mapping(key, found.pop(key, {}), dict.fromkeys(LABELS, _POINTS))
+        for key in ('criteria', 'task_3')
+    )
     for name in required.keys() & optional.keys():
         raise ValueError(f'{name!r} stands in criteria and in task_3: delete one of the two')
-    points = {name: worth for name in LABELS if (worth := (required | optional).get(name))}
+    given = required | optional
+    points = {name: float(given[name]) for name in LABELS if given.get(name)}
+    if not points:
+        raise ValueError('no criterion has points: expected at least one')
     of_labs = {lab.handout.folder: name for lab in _LABS for name in points if name in lab.labels}
     if len(of_labs) > 1:
         first, second, *_ = of_labs.values()
         raise ValueError(f'{first!r} and {second!r} are of two labs: keep the criteria of one')
-    names = [each.name for each in fields(Settings) if each.name in found]
-    settings = Settings(criteria=tuple(points), **{name: found.pop(name) for name in names})
-    return Rubric(points, settings, optional=frozenset(optional), **found)
+    thresholds = _thresholds(found.pop('thresholds', {}))
+    settings = Settings(found.pop('seed', Settings.seed), thresholds, tuple(points))
+    return Rubric(points, settings, optional=frozenset(optional.keys() & points.keys()), **found)
 
 
-def _mapping(what: str, values: object, read: Mapping[str, _Read]) -> dict[str, Any]:
-    """Return the values of a mapping, each read as its key's; refuse other keys."""
-    if not isinstance(values, dict):
-        raise ValueError(f'{what} is {values!r}: expected lines "key: value"')  # noqa: TRY004
-    for key in values:
-        if key not in read:
-            raise ValueError(f'{key!r} is unknown: expected one of {", ".join(read)}')
-    return {key: read[key](key, value) for key, value in values.items()}
-
-
-def _thresholds(key: str, values: object) -> Thresholds:
+def _thresholds(values: object) -> Thresholds:
     names = [each.name for each in fields(Thresholds)]
-    thresholds = Thresholds(**_mapping(key, values, dict.fromkeys(names, _positive)))
+    thresholds = Thresholds(**_mapping('thresholds', values, dict.fromkeys(names, _POSITIVE)))
     for error in ('rms', 'max'):
         full, zero = (getattr(thresholds, f'{end}_{error}') for end in ('full', 'zero'))
         if not full < zero:
@@ -183,45 +176,35 @@ def _thresholds(key: str, values: object) -> Thresholds:
     return thresholds
 
 
-def _criteria(key: str, values: object) -> dict[str, float]:
-    points = _mapping(key, values, dict.fromkeys(LABELS, _points))
-    if not any(points.values()):
-        raise ValueError('no criterion has points: expected at least one')
-    return {name: float(worth) for name, worth in points.items() if worth}
-
-
-def _scalar(fits: Callable[[Any], bool], expected: str, sentence: str = '{} is {!r}') -> _Read:
-    """Return what reads a value that `fits`."""
-
-    def read(key: str, value: object) -> Any:  # noqa: ANN401 (any that fits)
+def _mapping(what: str, values: object, keys: Mapping[str, _Expected]) -> dict[str, Any]:
+    """Return a mapping that has no other keys, and values that fit them; else a ValueError."""
+    if not isinstance(values, dict):
+        raise ValueError(f'{what} is {values!r}: expected lines "key: value"')  # noqa: TRY004
+    for key, value in values.items():
+        if key not in keys:
+            raise ValueError(f'{key!r} is unknown: expected one of {", ".join(keys)}')
+        fits, expected = keys[key]
         if not fits(value):
-            raise ValueError(f'{sentence.format(key, value)}: expected {expected}')
-        return value
-
-    return read
-
-
-_any = _scalar(lambda _: True, '')
+            raise ValueError(f'{key} is {value!r}: expected {expected}')
+    return values
 
 
 def _is_number(value: object) -> bool:
     return type(value) in {int, float}
 
 
-_positive = _scalar(lambda value: _is_number(value) and 0.0 < value < inf, 'a number above 0')
-_points = _scalar(
-    lambda value: _is_number(value) and 0.0 <= value <= _MAX_POINTS,
+# Whether a value fits, and what is expected.
+_ANY: _Expected = (lambda _: True), ''
+_POSITIVE: _Expected = (lambda value: _is_number(value) and 0.0 < value < inf), 'a number above 0'
+_POINTS: _Expected = (
+    (lambda value: _is_number(value) and 0.0 <= value <= _MAX_POINTS),
     f'points from 0 to {_MAX_POINTS}',
-    '{} is worth {!r}',
 )
-#: What reads the value of each key.
-_KEYS: dict[str, _Read] = {
-    'title': _scalar(lambda value: isinstance(value, str), 'a text, in quotes'),
-    'seed': _scalar(lambda value: type(value) is int and value >= 0, 'a whole number from 0 on'),
-    'visibility': _scalar(VISIBILITIES.__contains__, f'one of {", ".join(VISIBILITIES)}'),
-    'thresholds': _thresholds,
-    'criteria': _criteria,
-    'task_3': _criteria,
+_KEYS: dict[str, _Expected] = {
+    'title': ((lambda value: isinstance(value, str)), 'a text, in quotes'),
+    'seed': ((lambda value: type(value) is int and value >= 0), 'a whole number from 0 on'),
+    'visibility': (VISIBILITIES.__contains__, f'one of {", ".join(VISIBILITIES)}'),
+    **dict.fromkeys(('thresholds', 'criteria', 'task_3'), _ANY),
 }
 
 
