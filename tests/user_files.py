@@ -10,9 +10,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.lab.confined.process import JudgedCode
-from barc_sim.lab.files import FILES, files_in
+from barc_sim.lab.files import FILES, files_in, find_files
 from barc_sim.lab.labs.hills import HILLS
-from barc_sim.lab.user_code.code import UserCode, find_files
+from barc_sim.lab.user_code.code import UserCode
 from barc_sim.lab.user_code.folder import BUDGET
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import FIGURES, save_figure, target
 from barc_sim.errors import UserError, one_line
-from barc_sim.lab.files import RUBRICS, handout_of
+from barc_sim.lab.files import RUBRICS, find_files, handout_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -54,7 +54,6 @@ def run(options: Namespace) -> int:
         where there is nothing to check, or the figure cannot be saved.
     """
     from barc_sim.lab.grade.grade import load  # noqa: PLC0415
-    from barc_sim.lab.user_code.code import find_files  # noqa: PLC0415
 
     if options.save is not None and options.no_plot:
         raise UserError('--save and --no-plot contradict each other: give one of them')

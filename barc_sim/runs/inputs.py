@@ -11,8 +11,9 @@ from barc_sim.bags.recording import check_root
 from barc_sim.control.cruise_control import DEFAULT_LANE, DEFAULT_TYPE, LANE_TYPES, TYPES
 from barc_sim.control.speed import PID, gain_parameters
 from barc_sim.errors import UserError
+from barc_sim.lab.files import find_files
 from barc_sim.lab.user_code.adapters import UserCommands, UserController, UserLane, line_through
-from barc_sim.lab.user_code.code import UserCode, find_files
+from barc_sim.lab.user_code.code import UserCode
 from barc_sim.runs.options import choose_engine
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track

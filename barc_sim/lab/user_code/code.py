@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
 import sys
 from bisect import bisect_right
 from hashlib import sha256
@@ -22,7 +21,6 @@ from barc_sim.lab.files import (
     ChosenGains,
     Source,
     UserCodeError,
-    files_in,
     find_gains,
     key_reader,
     ros_of_program,
@@ -44,7 +42,7 @@ from barc_sim.lab.user_code.folder import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from types import FrameType, ModuleType
 
     from typing_extensions import Self
@@ -462,20 +460,6 @@ def _load(folder: Folder, path: Path) -> ModuleType:
         found = UserCodeError(f'{raised_at(folder, error) or path.name}: {fault}')
         folder.failed[path] = found
         raise found from error
-
-
-def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
-    """Return the files in `folder`, by part."""
-    if folder.is_file():
-        raise UserCodeError(f'{str(folder)!r} is a file: name the folder that it is in')
-    if not folder.is_dir():
-        raise UserCodeError(
-            f'there is no folder {str(folder)!r}: barc new {shlex.quote(str(folder))} writes one'
-        )
-    if found := files_in(folder, parts):
-        return found
-    names = ', '.join(FILES[part] for part in parts)
-    raise UserCodeError(f'the folder {str(folder)!r} has no {names}: expected one at least')
 
 
 def attached(found: Mapping[str, bytes]) -> dict[str, bytes]:
