@@ -13,10 +13,12 @@ from matplotlib.figure import Figure
 from barc_sim.control.lane import LaneLQR
 from barc_sim.errors import UserError
 from barc_sim.figures import style
+from barc_sim.learning.tasks import AHEAD, TASKS
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.track import Track
 
 gymnasium = pytest.importorskip('gymnasium', reason='needs the extra gym')
 
@@ -39,7 +41,12 @@ OPTIONS: dict[str, dict[str, Any]] = {
 ELSEWHERE: dict[str, dict[str, Any]] = {
     'Hills': {'road': 'flat', 'acceleration_limit': 3.0},
     'Lane': {'track': 'figure-eight', 'servo': Actuator(rate=2.0, limit=0.3)},
-    'Race': {'track': 'oval', 'road': Road((0.0, 30.0), (5.0, -3.0)), 'servo': Actuator()},
+    'Race': {
+        'track': 'oval',
+        'road': Road((0.0, 30.0), (5.0, -3.0)),
+        'servo': Actuator(lag=0.2),
+        'ranges': {'delay': (0.0, 0.1)},
+    },
 }
 INFO = ('s', 'e_y', 'lap', 'lap_time')
 CASES = [(name, options) for name in IDS for options in (*OPTIONS.values(), ELSEWHERE[name])]
@@ -220,6 +227,36 @@ def test_a_lap_ends_no_episode_and_the_edge_does() -> None:
     assert not truncated
     assert abs(info['e_y']) > 3.0
     assert rewards[-1] < 0.0 < rewards[0]
+
+
+@pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
+def test_only_whole_laps_are_timed(mode: str) -> None:
+    kinds: dict[str, Any] = {'vectorization_mode': mode, 'track': 'circle', 'speed': 20.0}
+    env = gymnasium.make_vec(IDS['Lane'], 2, **kinds)
+    beta = np.arcsin(1.5 / 20.0)
+    action = np.full((2, 1), np.arctan(2.0 * np.tan(beta)) / 0.5)
+    for s, laps in ((0.0, 2), (1.0, 1)):
+        env.reset(options={'s': s, 'e_y': 0.0, 'e_psi': -beta, 'v': 20.0})
+        for _ in range(640):
+            *_, info = env.step(action)
+        assert [len(times) for times in info['lap_times']] == [laps, laps]
+        assert info['lap_times'][0][-1] == pytest.approx(2.0 * np.pi, rel=0.01)
+
+
+def test_what_is_ahead_is_that_of_road_and_track() -> None:
+    road, track = (
+        Road((0.0, 3.0, 50.0), (5.0, -3.0, 1.0)),
+        Track((10.0, 7.0, 9.0), (0.1, 0.0, -0.1)),
+    )
+    s = np.linspace(-30.0, 90.0, 977)
+    places = np.array([s + d for d in AHEAD])
+    of_road, of_track = TASKS['Hills'](road=road).ahead, TASKS['Lane'](track=track).ahead
+    closed, lap = TASKS['Lane'](track='L').ahead, Track.named('L')
+    np.testing.assert_array_equal(of_road(s), np.radians(road.grade_deg(places)))
+    np.testing.assert_array_equal(of_track(s), track.curvature(places))
+    np.testing.assert_array_equal(closed(s), lap.curvature(places))
+    for ahead in (of_road, of_track, closed):
+        np.testing.assert_array_equal(np.transpose([*map(ahead, s.tolist())]), ahead(s))
 
 
 @pytest.mark.parametrize(
