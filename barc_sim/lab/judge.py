@@ -210,22 +210,6 @@ class Finding:
         return self.score >= 1.0
 
 
-#: Score, message and evidence of a finding.
-Judged = tuple[float, str] | tuple[float, str, Any]
-
-
-@np.errstate(all='ignore')
-def judged(criterion: str, judge: Callable[..., Judged], *args: Any) -> Finding:  # noqa: ANN401
-    """Return the finding on a criterion: what `judge` returns, or nothing for an error of the code.
-
-    NumPy warns of no number: user code can return those of any size.
-    """
-    try:
-        return Finding(criterion, *judge(*args))
-    except UserError as error:
-        return Finding(criterion, 0.0, str(error))
-
-
 #: For `check`: its user waits, and has written the code.
 _CHECKED = Limits(call=2.0, wait=10.0, total=45.0)
 

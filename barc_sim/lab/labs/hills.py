@@ -36,7 +36,6 @@ from barc_sim.lab.judge import (
     Part,
     Table,
     Trial,
-    judged,
 )
 from barc_sim.lab.labs import relay
 from barc_sim.lab.law import read_law
@@ -52,7 +51,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from barc_sim.lab.confined.process import JudgedCode
-    from barc_sim.lab.judge import Index, Judged, Settings, Thresholds
+    from barc_sim.lab.judge import Index, Settings, Thresholds
     from barc_sim.lab.law import Floats
     from barc_sim.simulation.log import Log
 
@@ -96,10 +95,11 @@ NOT_A_CAR = 1e6  #: [m/s²]
 _MAX_SPEED = 40.0  #: [m/s] A figure ends there.
 
 
+@np.errstate(all='ignore')  # of numbers of any size
 def judge_lab_road(
     code: JudgedCode, gains: ChosenGains | None, by: Thresholds, mended: Sequence[str] = ()
-) -> Judged:
-    """Return the finding for the lab's road, with what the speed does on each stretch of it.
+) -> tuple[float, str, Evidence | None]:
+    """Return score, message and evidence of the drive over the lab's road, stretch by stretch.
 
     What follows from a wrong term is not taken off again: where some are `mended`, barc_sim's PID
     drives, too, with the gains that were chosen, and the better drive counts.
@@ -269,8 +269,8 @@ def judge_pid(code: JudgedCode, settings: Settings, criteria: Collection[str]) -
             gains = ChosenGains(KP, KI, KD, 'which have no effect')
         there = zip('PID', (each.score for each in findings), strict=True)
         mended = [name for name, score in there if 0.0 < score < 1.0]
-        drive = code, gains, settings.thresholds, mended
-        yield judged('loop.lab_road', judge_lab_road, *drive)
+        drive = judge_lab_road(code, gains, settings.thresholds, mended)
+        yield Finding('loop.lab_road', *drive)
 
 
 class Term(NamedTuple):

@@ -6,16 +6,15 @@ from typing import TYPE_CHECKING
 
 from user_files import replaced
 
+from barc_sim.errors import UserError
 from barc_sim.lab.files import ChosenGains
-from barc_sim.lab.judge import Thresholds, judged
+from barc_sim.lab.judge import Finding, Thresholds
 from barc_sim.lab.labs.hills import judge_lab_road
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from user_files import LocalCode
-
-    from barc_sim.lab.judge import Finding
 
     Lab = Callable[..., LocalCode]
     Gains = tuple[float, float, float]
@@ -25,7 +24,10 @@ RUN = (30.0, 200.0, 0.1)
 
 def driven(code: LocalCode, gains: Gains) -> Finding:
     chosen = ChosenGains(*gains, 'the test')
-    return judged('loop.lab_road', judge_lab_road, code, chosen, Thresholds())
+    try:
+        return Finding('loop.lab_road', *judge_lab_road(code, chosen, Thresholds()))
+    except UserError as error:
+        return Finding('loop.lab_road', 0.0, str(error))
 
 
 def test_the_message_names_the_worst_stretch(lab: Lab, controller: str) -> None:
