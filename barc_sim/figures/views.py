@@ -5,10 +5,9 @@ from __future__ import annotations
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from contextlib import closing, suppress
+from contextlib import suppress
 from itertools import chain
 from shutil import which
-from tempfile import TemporaryFile
 from typing import IO, TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
@@ -550,20 +549,15 @@ def write_mp4(path: pathlib.Path, images: Images, *, size: tuple[int, int], fps:
         )
     pixels = {'-f': 'rawvideo', '-pix_fmt': 'rgba', '-s': '{}x{}'.format(*size), '-r': str(fps)}
     options = [*chain(*pixels.items()), '-i', '-', *chain(*ENCODING.items())]
-    with TemporaryFile() as errors:
-        encoder = subprocess.Popen(  # noqa: S603 (ffmpeg)
-            [program, '-loglevel', 'error', '-y', *options, '-f', 'mp4', str(path)],
-            stdin=subprocess.PIPE,
-            stderr=errors,
-        )
-        # One that ends early leaves the reason in `errors`.
-        with encoder, suppress(BrokenPipeError), closing(cast('IO[bytes]', encoder.stdin)) as pipe:
+    command = [program, '-loglevel', 'error', '-y', *options, '-f', 'mp4', str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:  # noqa: S603
+        with suppress(BrokenPipeError):  # it has ended early, and stderr has the reason
             for image in images:
-                pipe.write(image.tobytes())
-        if encoder.returncode:
-            errors.seek(0)
-            *_, reason = ['', *errors.read().decode(errors='replace').splitlines()]
-            raise OSError(f'{program}: {reason}')
+                cast('IO[bytes]', encoder.stdin).write(image.tobytes())
+        _, errors = encoder.communicate()
+    if encoder.returncode:
+        *_, reason = ['', *errors.decode(errors='replace').splitlines()]
+        raise OSError(f'{program}: {reason}')
 
 
 def ffmpeg() -> str | None:
