@@ -89,8 +89,9 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
 
     What is observed, commanded and rewarded is in `learning.tasks`, by the environment's name.
     `info` has s [m] and, on a track, e_y [m], the number of the lap, the time since it began [s],
-    and the times of the laps so far; a lap ends no episode. `reset` takes where the car starts as
-    options: `{'s': 0.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 0.0}`, or some of these.
+    and the times of the whole laps so far; a lap ends no episode. `reset` takes where the car
+    starts as options: `{'s': 0.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 0.0}`, or some of these. All
+    random numbers, noise too, are of `np_random`.
 
     `render` returns the picture of a replay, of shape (360, 640, 3), or shows it in a window.
     """

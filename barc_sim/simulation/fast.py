@@ -1,8 +1,9 @@
-"""The laws once more, for speed: one loop in plain floats, and many cars in NumPy arrays.
+"""The closed loop for speed: one loop in plain floats, and many cars in NumPy arrays.
 
 `_drive` has `PID` and `next_speed` written out, as a call costs as much as a law; `pid_log` makes a
-log of it. `PIDs` and `Plants` are many cars at once. Tests compare logs to the last bit, and
-`Plants` to rounding, as NumPy's functions differ from Python's in the last bit.
+log of it. `PIDs` and `Plants` are many cars at once, by the laws of `vehicle/bicycles.py`. Tests
+compare logs to the last bit, and `Plants` to rounding, as NumPy's functions differ from Python's in
+the last bit.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ integrated with forward Euler. Positions run along the road's surface.
 
 The law of resistance, air drag and rolling friction, is `resistance`; `surroundings` gives its two
 parts for the log. `next_speed` is one step of the longitudinal motion. `simulation/fast.py` has
-both once more: without calls, and for arrays.
+it once more, without a call.
 """
 
 from __future__ import annotations
