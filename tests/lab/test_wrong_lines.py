@@ -54,8 +54,10 @@ no line | 45 | raise | line is not written yet (TODO)
     x, y, psi = np.array -> raise NotImplementedError⏎    x, y, psi = np.array
 no half step | 84 | b1 = | b1 misses d**2 / (2 * L)
     + d**2 / (2 * L) -> + 0.0
-the wrong way | 79 | return | steering to the left (u > 0) turns the car to the left
+the wrong way | 84 | return | steering to the left (u > 0) turns the car to the left
     b1, d / L] -> -b1, -d / L]
+another model | 84 |  | predict is wrong. The largest error
+    b1, d / L] -> 0.7 * b1 + d, d / L]
 half of H | 84 |  | H is half of what it must be
     np.append(H -> np.append(H / 2
 a huge model | 65 |  | number 1, gave 1e+300

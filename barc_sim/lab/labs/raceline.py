@@ -95,6 +95,7 @@ FUNCTIONS = Functions(
     count=10,
     agree=partial(np.allclose, rtol=_TOLERANCE, atol=_TOLERANCE),
     min_loss=0.6,
+    calls={'program': 'predict'},
 )
 #: The best line of a track.
 _best = cache(racing_line)
