@@ -146,7 +146,8 @@ def _draw_map(axes: Axes, course: Course, curves: list[_Curve]) -> None:
     for s in np.arange(0.0, course.s[-1] - 0.4 * step, step):
         u, v = (float(np.interp(s, course.s, each)) for each in beside)
         axes.text(u, v, f'{s:g} m', color=MUTED, fontsize=8, ha='center', va='center')
-    axes.margins(0.12)
+    axes.update_datalim(np.column_stack(beside))  # the words stand within the axes, too
+    axes.margins(0.06)
     axes.set(xlabel='x [m]', ylabel='y [m]')
 
 

@@ -50,6 +50,14 @@ def test_edges_are_half_the_width_from_the_line(name: str) -> None:
             np.testing.assert_allclose(found.s, course.s, atol=1e-6)
 
 
+def test_the_metres_beside_the_track_stand_within_the_axes() -> None:
+    seen, *_ = track_figure(lap(track='figure-eight', laps=1)).axes
+    FigureCanvasAgg(seen.figure).draw()
+    places = [text.get_position() for text in seen.texts if text.get_text().endswith(' m')]
+    assert len(places) > 5
+    assert all(seen.viewLim.contains(*place) for place in places)
+
+
 def test_laps_are_those_of_the_log(log: TrackLog) -> None:
     laps, numbers = track_laps_of(log)
     assert [each.time for each in laps.finished] == log.lap_times.tolist()
