@@ -469,5 +469,5 @@ class Progress:
             return f'stands at {x:.1f} m: the commands do not move it'
         where = f'is at {x:.1f} m, at {v:.2f} m/s, and was at {self._best:.1f} m'
         if x < self._best - _BACKWARDS:
-            return f'{where}: are the commands large enough for this hill?'
+            return f'{where}: the commands may be too small for this hill'
         return f'{where}: does the model return x, y, psi and v of the next step?'

@@ -224,7 +224,7 @@ def follow(
         (
             lambda t: (max(0.0, 9.0 - t), -1.0),
             20.0,
-            'is at 0.0 m, at -1.00 m/s, and was at 9.0 m: are the commands large enough',
+            'is at 0.0 m, at -1.00 m/s, and was at 9.0 m: the commands may be too small',
         ),
         (lambda _: (nan, 1.0), 20.0, 'is at nan m, at 1.00 m/s'),
     ],
