@@ -464,10 +464,10 @@ class Progress:
         """Return what the car does, with the cause where the states show it."""
         x, v = self._x, self._v
         if x < -_BACKWARDS and self._best < _BACKWARDS:
-            return f'drives backwards, to {x:.4g} m: is the error speed_reference - speed_current?'
+            return f'drives backwards, to {x:.4g} m: the error is speed_reference - speed_current'
         if abs(v) <= _STANDS:
             return f'stands at {x:.1f} m: the commands do not move it'
         where = f'is at {x:.1f} m, at {v:.2f} m/s, and was at {self._best:.1f} m'
         if x < self._best - _BACKWARDS:
             return f'{where}: the commands may be too small for this hill'
-        return f'{where}: does the model return x, y, psi and v of the next step?'
+        return f'{where}: the model must return x, y, psi and v of the next step'

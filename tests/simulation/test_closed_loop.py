@@ -218,9 +218,9 @@ def follow(
 @pytest.mark.parametrize(
     ('motion', 'gave_up', 'does'),
     [
-        (lambda _: (8.0, 8.0), 20.0, 'is at 8.0 m, at 8.00 m/s, and was at 8.0 m: does the model'),
+        (lambda _: (8.0, 8.0), 20.0, 'is at 8.0 m, at 8.00 m/s, and was at 8.0 m: the model must'),
         (lambda _: (0.0, 0.0), 20.0, 'stands at 0.0 m: the commands do not move it'),
-        (lambda t: (-t, -1.0), 20.0, 'drives backwards, to -20.02 m: is the error'),
+        (lambda t: (-t, -1.0), 20.0, 'drives backwards, to -20.02 m: the error is'),
         (
             lambda t: (max(0.0, 9.0 - t), -1.0),
             20.0,
