@@ -78,18 +78,25 @@ class Law:
     functions: Mapping[str, Any] = field(default_factory=dict)  #: and arrays, of the formulas
 
     def compute(self, inputs: Inputs, changes: Formulas | None = None) -> dict[str, Floats]:
-        """Return all quantities; `changes` replace formulas, and inputs before they are used."""
+        """Return all quantities; `changes` replace formulas, and inputs before they are used.
+
+        A quantity with a formula that is among the inputs stays as it is there.
+        """
         changes, values = changes or {}, dict(inputs)
         first = {name: each for name, each in changes.items() if name in inputs}
         later = {name: each for name, each in changes.items() if name not in inputs}
         for name, formula in {**first, **self.formulas, **later}.items():
+            if name in inputs and name in self.formulas:
+                continue
             names = {**_FUNCTIONS, **self.functions}
             values[name] = np.asarray(eval(_compiled(formula), names, values), np.float64)  # noqa: S307 (ours)
         return values
 
     def changed(self, inputs: Inputs, mistake: Mistake, at: Sequence[int]) -> list[float]:
         """Return the numbers, but no rows of them, that a mistake changes at an index of inputs."""
-        shape = np.broadcast_shapes(*(np.shape(values) for values in inputs.values()))
+        shape = np.broadcast_shapes(
+            *(np.shape(values) for name, values in inputs.items() if name not in self.formulas)
+        )
         at = tuple(at[: len(shape)])
         wrong, right = self.compute(inputs, mistake.formulas), self.compute(inputs)
         values = (
