@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -105,20 +105,24 @@ class _Line:
     """A student's line of a track, its offsets cut to their bounds."""
 
     def __init__(self, code: JudgedCode, track: Track) -> None:
-        """Call `line`; UserError: no car can follow it."""
-        arguments, through = line_through(track)
+        """Call `line`."""
+        arguments, self._through = line_through(track)
         half, offsets = arguments[-1], np.array(code.rows('line', [arguments])[0])
         self.beyond = float(np.abs(offsets).max()) - half
-        inside = np.clip(offsets, -half, half)
-        self.track, self.line = track, through(inside.tolist())
-        self.mirrored = inf  #: the bending of its mirror image; infinite if no car can follow that
-        with suppress(UserError):
-            self.mirrored = bending(through((-inside).tolist()))
+        self.track, self._offsets = track, np.clip(offsets, -half, half)
+
+    @cached_property
+    def line(self) -> Track:
+        """The track along it; a UserError where no car can follow it."""
+        return self._through(self._offsets.tolist())
 
     def judge_bending(self) -> tuple[float, str]:
         """Return score and message of how much it bends."""
         best, centre, own = map(bending, (_best(self.track), self.track, self.line))
-        score, of_mirrored = (share(each, _BENT * best, centre) for each in (own, self.mirrored))
+        mirrored = inf
+        with suppress(UserError):  # no car can follow the mirror image of some
+            mirrored = bending(self._through((-self._offsets).tolist()))
+        score, of_mirrored = (share(each, _BENT * best, centre) for each in (own, mirrored))
         text = f'{own:.3g} 1/m is the integral of its squared curvature; that of the centre line '
         text += f'{centre:.3g}, of the best line {best:.3g}'
         if score < 1.0:
