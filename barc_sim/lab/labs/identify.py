@@ -53,13 +53,13 @@ _SIGMAS = 1.96  #: standard deviations: 95 %
 _WRONG = 0.05  #: share by which a right estimate may be off
 _FULL_SHARE = 0.8  #: of the intervals that hold the truth, for full marks
 _WIDE = 3.0  #: times the smallest interval that is possible
-#: Hints on intervals that are up to so many times as wide.
+#: Up to how many times as wide as possible, the score at most, and a hint.
 _HINTS = (
-    (0.0, '; an interval is how far the truth may be off either way: return numbers above 0'),
-    (0.35, '; too narrow: is it a variance?'),
-    (0.7, '; is it one standard deviation? 1.96 of them hold 95 %'),
-    (_WIDE, ''),
-    (inf, '; too wide'),
+    (0.0, 0.0, '; an interval is how far the truth may be off either way: return numbers above 0'),
+    (0.35, 1.0, '; too narrow: is it a variance?'),
+    (0.7, 0.6, '; is it one standard deviation? 1.96 of them hold 95 %'),
+    (_WIDE, 1.0, ''),
+    (inf, 1.0, '; too wide'),
 )
 _UNITS = {'drag': '1/m', 'friction': 'm/s²', 'delay': 's'}
 _STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the differences
@@ -237,10 +237,10 @@ def _judge_intervals(trial: Trial) -> tuple[float, str]:
     best = np.array([car.intervals(_USUAL) for car in _cars(*true.T)])
     inside = float(np.mean(np.abs(values - true) <= intervals))
     width = float(np.median(intervals / best))
-    hint = next(text for most, text in _HINTS if width <= most)
-    score = share(-inside, -_FULL_SHARE, 0.0) * share(width, _WIDE, 4.0 * _WIDE)
+    most, hint = next(row[1:] for row in _HINTS if width <= row[0])
+    score = share(-inside, -_FULL_SHARE, 0.0) * _WIDE / max(width, _WIDE)
     text = f'{inside:.0%} of the intervals hold the truth; they are {width:.2g} times the smallest '
-    return score, f'{text}that is possible{hint}'
+    return min(score, most), f'{text}that is possible{hint}'
 
 
 IDENTIFY = Lab(
