@@ -73,6 +73,7 @@ class QuickExecutor(MultiThreadedExecutor):
         self._events = Events(self.context, self._fail)
         self._leadership = Leadership()
         self._change: object = object()  # another one when a coroutine's wait may have ended
+        self._have_stepped = False  # tasks, since the last poll
         notify_of_triggers(self._guard, self._on_change)
         self._closed = False
 
@@ -88,8 +89,9 @@ class QuickExecutor(MultiThreadedExecutor):
                 time.sleep(1e-4)
             self._events.close()
             self._leadership.close()
-            for task in [task for task, entry in self._tasks.items() if entry]:
-                task.cancel()  # a callback's coroutine, which gives its group back
+            for task, entry in self._tasks.copy().items():
+                if entry:
+                    task.cancel()  # a callback's coroutine, which gives its group back
 
     def _fail(self, error: BaseException) -> None:
         self._failures.append(error)
@@ -115,7 +117,7 @@ class QuickExecutor(MultiThreadedExecutor):
     def _call_task_in_next_spin(self, task: Task) -> None:
         """Step a new task soon, or one whose coroutine yields without a future."""
         task.seen = self  # nothing
-        self._tasks.setdefault(task)
+        self._tasks[task] = self._tasks.pop(task, None)  # after the others
         self._change = object()
         self._events.wake()
 
@@ -264,11 +266,13 @@ class QuickExecutor(MultiThreadedExecutor):
                     if events.woken:
                         continue
                     executed = True
-                now = events.poll(0 if executed and events.ready else deadline)
+                stepped, self._have_stepped = self._have_stepped, False
+                now = events.poll(0 if stepped or (executed and events.ready) else deadline)
                 executed = self._execute_ready()
+                events.woken |= stepped or now >= deadline
                 if now >= deadline:
+                    self._change = object()
                     self._end_spins(expired=now)
-                    events.woken = True
         except _Lost:
             return
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
@@ -276,9 +280,12 @@ class QuickExecutor(MultiThreadedExecutor):
         self._leadership.release(0.0 if self._spins or self._is_shutdown else _LINGER)
 
     def _step_tasks(self) -> None:
-        """Step each task that is new or may go on, in rclpy's order."""
+        """Step each task that is new or may go on, in rclpy's order, once between two polls."""
+        if self._have_stepped:
+            return
         nodes, once = self.get_nodes(), self._once
-        for task, entry in list(self._tasks.items())[:: 1 if _RESUMES else -1]:
+        tasks = self._tasks.copy().items()  # other threads create some
+        for task, entry in tasks if _RESUMES else reversed(tasks):
             if task.done() or task.cancelled():
                 self._tasks.pop(task, None)
                 if error := task.exception():
@@ -288,6 +295,7 @@ class QuickExecutor(MultiThreadedExecutor):
                 or task.seen in (None, self._change)
                 or (entry and entry.node not in nodes)
             ):
+                self._have_stepped = True  # what is ready has the next turn
                 self._run(None, (self._step, (task,)))
                 if once:
                     break

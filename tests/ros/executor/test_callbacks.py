@@ -551,6 +551,45 @@ def test_a_coroutine_that_only_yields_goes_on_in_the_next_spin(executor: QuickEx
     assert task.result() == 'done'
 
 
+def test_tasks_that_make_new_ones_starve_no_timer_and_no_deadline(
+    executor: QuickExecutor, node: Node
+) -> None:
+    end = time.monotonic() + DEADLINE
+    ticks = []
+    node.create_timer(0.01, lambda: ticks.append(1))
+
+    def go_on() -> None:
+        if time.monotonic() < end:
+            executor.create_task(go_on)
+
+    go_on()
+    executor.spin_until_future_complete(Future(), 0.3)
+    ticked = len(ticks)
+    while len(ticks) < ticked + 2 and time.monotonic() < end:
+        executor.spin_once(0.1)
+
+    assert ticked >= 2
+    assert time.monotonic() < end
+
+
+@TASKS
+def test_a_coroutine_looks_again_at_what_no_event_tells_when_a_time_is_over(
+    executor: QuickExecutor,
+) -> None:
+    future = Future()
+
+    async def wait() -> int:
+        return await future
+
+    task = executor.create_task(wait)
+    executor.spin_once(0.01)
+    future.set_result(1)
+    for _ in range(10):
+        executor.spin_once(0.01)
+
+    assert task.done()
+
+
 @TASKS
 def test_a_cancelled_task_is_dropped(executor: QuickExecutor, until: Until) -> None:
     async def wait() -> None:
