@@ -72,6 +72,7 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
     Examples
     --------
     >>> from barc_sim import racing_line, Track
+    >>> from barc_sim.control.planning import lap_time
     >>> for track in (Track.named('L'), racing_line('L')):
     ...     print(f'{lap_time(track, (12.0, 3.5, 2.0)):.2f} s')
     25.38 s
