@@ -92,7 +92,7 @@ def read(path: Path) -> Submission:
             with _members(path) as members:
                 chosen = _beside_the_code(members, notes)
                 files, left_out = take(chosen)
-            notes += left_out if members else ['it is empty']
+            notes += left_out if members else ['it holds nothing to grade']
     except Exception as error:  # noqa: BLE001 (a submission decides what opening it raises)
         notes.append(f'it cannot be read: {_reason_of(error)}')
     if len(notes) > _MAX_NOTES:
@@ -130,7 +130,7 @@ class Member(NamedTuple):
 def _members(path: Path) -> Iterator[list[Member]]:
     """Give the files of a folder or an archive; with a damaged one, any exception can be raised."""
     if path.is_dir():
-        yield [*islice(listed(path), MAX_ENTRIES)]
+        yield [*islice((each for each in listed(path) if not _is_evidence(each)), MAX_ENTRIES)]
         return
     with (
         open_regular(path, follow=False) as file,
@@ -221,7 +221,7 @@ def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
     notes: list[str] = []
     folders: set[str] = set()
     for member in members:
-        if f'/{member.path}'.lower().endswith(_EVIDENCE):
+        if _is_evidence(member):
             continue
         if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
             notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
@@ -240,6 +240,10 @@ def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
             files[member.path] = data
             folders.update(map(str, path.parents))
     return files, notes
+
+
+def _is_evidence(member: Member) -> bool:
+    return f'/{member.path}'.lower().endswith(_EVIDENCE)
 
 
 def _fault(member: Member, path: PurePosixPath, files: dict[str, bytes], folders: set[str]) -> str:

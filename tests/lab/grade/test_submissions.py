@@ -49,6 +49,16 @@ def test_code_in_a_folder_within_is_found(tmp_path: Path, *, is_archive: bool) -
     assert submission.notes == ('lab/old/relay.py is not graded: lab/relay.py comes first',)
 
 
+def test_the_pictures_of_a_film_do_not_hide_the_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('barc_sim.lab.submission.MAX_ENTRIES', 3)
+    for name in ('film/1.png', 'film/2.png', 'film/3.png', 'lab/relay.py'):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert read(tmp_path).files == {'relay.py': b''}
+
+
 def test_a_link_that_the_grader_names_is_followed(
     folder: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -165,8 +175,8 @@ def test_what_cannot_be_graded_has_a_remark(
 
 
 def test_an_empty_submission_has_a_remark(folder: Callable[..., Path], tmp_path: Path) -> None:
-    assert read(folder()).notes == ('it is empty',)
-    assert read(zipped(tmp_path / 'eve.zip')).notes == ('it is empty',)
+    assert read(folder()).notes == ('it holds nothing to grade',)
+    assert read(zipped(tmp_path / 'eve.zip')).notes == ('it holds nothing to grade',)
 
 
 @pytest.mark.parametrize('name', BOMBS)
