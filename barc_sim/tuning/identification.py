@@ -184,14 +184,15 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
         delay, n = lag.replace('lag', 'delay'), fit.errors.size
         shorter = max(fit.values[delay] - _UNKNOWN[lag].start, 0.0)
         with_lag = search.fit(fit.values | {delay: shorter, lag: _UNKNOWN[lag].start})
-        if n * np.log(fit.cost / with_lag.cost) > np.log(n):
+        if fit.cost > with_lag.cost * n ** (1.0 / n):
             fit = with_lag
         else:
             remarks.append(f'{lag} is not seen: there is none, or it counts as delay')
     fit = search._replace(sizes=_size(fit.errors)).fit(fit.values)
     # The first speeds are found, too.
     degrees = fit.errors.size - len(fit.values) - sum(each.in_motion for each in stretches)
-    spread = covariance(fit.slopes) * (2.0 * fit.cost / degrees)
+    # Of a car at rest the cost is 0: what is not known stays infinite.
+    spread = covariance(fit.slopes) * max(2.0 * fit.cost / degrees, 1e-300)
     half = special.stdtrit(degrees, 0.975) * np.sqrt(np.diag(spread))
     estimates = {
         name: Estimate(value, float(interval), *_UNKNOWN[name][2:4])

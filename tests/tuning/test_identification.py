@@ -74,6 +74,12 @@ def test_a_delay_that_no_command_shows_is_named() -> None:
 
 
 @pytest.mark.slow
+def test_a_car_at_rest_shows_nothing() -> None:
+    found = identify(simulate(speed_reference=0.0, road='flat', distance=0.0, max_duration=10.0))
+    assert [*map(str, found.estimates.values())] == ['-'] * 3
+    assert 'nothing that was measured depends on it alone' in ''.join(found.remarks)
+
+
 def test_tyres_and_yaw_inertia_are_found_where_the_car_steered() -> None:
     """Servo, too: the steering of this drive has a delay and a lag."""
     log = lap(
