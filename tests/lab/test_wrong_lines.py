@@ -52,6 +52,8 @@ a zigzag | 50 |  | no car can follow them
     return n⏎⏎⏎def predict -> return [half * (-1)**k for k in range(120)]⏎⏎⏎def predict
 no line | 45 | raise | line is not written yet (TODO)
     x, y, psi = np.array -> raise NotImplementedError⏎    x, y, psi = np.array
+a model that is not written | 65 | raise | predict is not written yet (TODO)
+    d = 0.1 * speed -> raise NotImplementedError
 no half step | 84 | b1 = | b1 misses d**2 / (2 * L)
     + d**2 / (2 * L) -> + 0.0
 the wrong way | 84 | return | steering to the left (u > 0) turns the car to the left

@@ -471,7 +471,14 @@ class UserFunction:
             return UserCodeError(f'{place}: {call} uses {error}')
         # The lab's own templates have the name TODO where code is missing.
         if isinstance(error, NotImplementedError) or getattr(error, 'name', '') == 'TODO':
-            return UserCodeError(f'{place}: {self._name()} {NOT_WRITTEN}')
+            names = [
+                frame.f_code.co_name
+                for frame, line in traceback.walk_tb(error.__traceback__)
+                if self.folder.place(frame.f_code.co_filename, line)
+            ]
+            # It can be a function that this one calls; `__init__` and `<listcomp>` are none.
+            name = next((n for n in names[-1:] if n.strip('_<>') == n), self._name())
+            return UserCodeError(f'{place}: {name} {NOT_WRITTEN}')
         text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
         hint = _hint(self.folder, error)
         text = f'{text}: {hint}' if hint else text
