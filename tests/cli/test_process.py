@@ -252,8 +252,9 @@ def test_hang_up_that_nohup_ignores_stays_ignored(ready: Ready) -> None:
 signal.signal(signal.SIGHUP, signal.SIG_IGN)
 with StopSignals() as stop:
     ready()
-    stop.then(lambda: os.write(1, b'asked\\n'))
-    stop.requested.wait()
+    written = threading.Event()
+    stop.then(lambda: (os.write(1, b'asked\\n'), written.set()))
+    written.wait()
 """)
     process.send_signal(signal.SIGHUP)
     process.send_signal(signal.SIGTERM)
