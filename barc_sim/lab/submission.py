@@ -90,11 +90,12 @@ def read(path: Path) -> Submission:
             notes.append(fault)
         else:
             with _members(path) as members:
-                chosen = _beside_the_code(members, notes)
-                files, left_out = take(chosen)
-            notes += left_out if members else ['it holds nothing to grade']
+                files, left_out = take(_beside_the_code(members, notes))
+            notes += left_out
     except Exception as error:  # noqa: BLE001 (a submission decides what opening it raises)
         notes.append(f'it cannot be read: {_reason_of(error)}')
+    if not files and not notes:
+        notes.append('it holds nothing to grade')
     if len(notes) > _MAX_NOTES:
         notes[_MAX_NOTES:] = [f'and {len(notes) - _MAX_NOTES} more']
     return Submission(escaped(path.name), files, tuple(notes))

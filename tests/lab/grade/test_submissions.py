@@ -174,9 +174,13 @@ def test_what_cannot_be_graded_has_a_remark(
     assert read(tmp_path / name).notes[0].startswith(note)
 
 
-def test_an_empty_submission_has_a_remark(folder: Callable[..., Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize('files', [{}, {'plot.png': b'a picture'}, {'.': b'no name'}])
+def test_an_empty_submission_has_a_remark(tmp_path: Path, files: dict[str, bytes]) -> None:
+    assert read(zipped(tmp_path / 'eve.zip', **files)).notes == ('it holds nothing to grade',)
+
+
+def test_an_empty_folder_has_a_remark(folder: Callable[..., Path]) -> None:
     assert read(folder()).notes == ('it holds nothing to grade',)
-    assert read(zipped(tmp_path / 'eve.zip')).notes == ('it holds nothing to grade',)
 
 
 @pytest.mark.parametrize('name', BOMBS)
