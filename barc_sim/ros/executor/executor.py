@@ -57,8 +57,7 @@ class QuickExecutor(MultiThreadedExecutor):
     A callback, of any group, runs in the thread of the pool that polled; another one polls when it
     lasts longer than a millisecond. The promises of groups are kept, and `num_threads` callbacks
     run at the same time at most. Of several entities with messages, each is executed once in turn.
-    An exception in a callback ends the spin at once; one in rclpy's own code (a clock's message
-    with a time before 1970) is a warning.
+    An exception in a callback ends the spin at once; one in rclpy's own code is a warning.
     """
 
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
@@ -89,9 +88,8 @@ class QuickExecutor(MultiThreadedExecutor):
                 time.sleep(1e-4)
             self._events.close()
             self._leadership.close()
-            for task, entry in self._tasks.copy().items():
-                if entry:
-                    task.cancel()  # a callback's coroutine, which gives its group back
+            for task in [task for task, entry in self._tasks.copy().items() if entry]:
+                task.cancel()  # a callback's coroutine, which gives its group back
 
     def _fail(self, error: BaseException) -> None:
         self._failures.append(error)
@@ -269,7 +267,8 @@ class QuickExecutor(MultiThreadedExecutor):
                 stepped, self._have_stepped = self._have_stepped, False
                 now = events.poll(0 if stepped or (executed and events.ready) else deadline)
                 executed = self._execute_ready()
-                events.woken |= stepped or now >= deadline
+                if stepped or now >= deadline:
+                    events.woken = True
                 if now >= deadline:
                     self._change = object()
                     self._end_spins(expired=now)
@@ -280,21 +279,17 @@ class QuickExecutor(MultiThreadedExecutor):
         self._leadership.release(0.0 if self._spins or self._is_shutdown else _LINGER)
 
     def _step_tasks(self) -> None:
-        """Step each task that is new or may go on, in rclpy's order, once between two polls."""
-        if self._have_stepped:
-            return
-        nodes, once = self.get_nodes(), self._once
-        tasks = self._tasks.copy().items()  # other threads create some
+        """Step each task that is new or may go on, in rclpy's order."""
+        nodes, once = [None, *self.get_nodes()], self._once
+        # Once between two polls; other threads create some.
+        tasks = ({} if self._have_stepped else self._tasks.copy()).items()
         for task, entry in tasks if _RESUMES else reversed(tasks):
+            is_due = not task.executing() and task.seen not in (None, self._change)
             if task.done() or task.cancelled():
                 self._tasks.pop(task, None)
                 if error := task.exception():
                     self._fail(error)
-            elif not (
-                task.executing()
-                or task.seen in (None, self._change)
-                or (entry and entry.node not in nodes)
-            ):
+            elif is_due and getattr(entry, 'node', None) in nodes:
                 self._have_stepped = True  # what is ready has the next turn
                 self._run(None, (self._step, (task,)))
                 if once:
@@ -314,15 +309,13 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def _execute_ready(self) -> bool:
         """Execute each entry that is ready once; return whether any was executed."""
-        events = self._events
-        ready = events.ready
-        executed = False
-        for _ in range(len(ready)):
-            entry = ready.popleft()
+        events, executed = self._events, False
+        for _ in range(len(events.ready)):
+            entry = events.ready.popleft()
             if not entry.pending:
                 entry.queued = False
             elif not entry.begin():
-                ready.append(entry)
+                events.ready.append(entry)
             elif call := self._take(entry):
                 executed = True
                 self._run(entry, call)

@@ -21,7 +21,6 @@ _MOST = 64  # descriptors in one poll
 #: four bytes: only x86-64 packs it without gaps. The number of the call sched_setattr.
 _LENGTH, _PLACE, _SCHED_SETATTR = (3, 1, 314) if platform.machine() == 'x86_64' else (4, 2, 274)
 _MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
-_NOT_IN_CHILDREN = 1  # SCHED_FLAG_RESET_ON_FORK
 
 #: [s] After a wait shorter than the second, the next one looks again for the first before it
 #: sleeps: a halted core takes 50 us to wake up, more than another process needs for its answer.
@@ -42,7 +41,7 @@ _ppoll = ctypes.CDLL(None).ppoll  # gives the lock up; `select`'s functions roun
 def shorten_slices() -> None:
     """Have the kernel let this thread run sooner after it wakes up; its share of a core stays."""
     if os.sched_getscheduler(0) == os.SCHED_OTHER:  # 0.1 ms, from Linux 6.12 on; usual: 1.4 ms
-        own = pack('IIQiIQQQ', 48, 0, _NOT_IN_CHILDREN, os.getpriority(0, 0), 0, 100_000, 0, 0)
+        own = pack('IIQiIQQQ', 48, 0, 1, os.getpriority(0, 0), 0, 100_000, 0, 0)  # not children's
         _LIBC.syscall(_SCHED_SETATTR, 0, own, 0)  # refused where a sandbox does: as before then
 
 
