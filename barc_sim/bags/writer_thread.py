@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import MessageFields
     from barc_sim.bags.writer import BagWriter
 
-#: [s] between two polls of the source, and after one that finds many messages: to publish takes
-#: longer the more wait in DDS, and a long poll makes the executor hand over to another thread.
-_PERIOD, _PERIOD_OF_MANY = 0.05, 0.01
+#: [s] between two polls of the source: each makes the control loop wait for Python's lock. Shorter
+#: after one that finds many messages: to publish takes longer the more wait in DDS, and a long poll
+#: makes the executor hand over to another thread.
+_PERIOD, _PERIOD_OF_MANY = 0.1, 0.01
 _MANY = 100
 #: [s] between the ends of two chunks. A kill loses the messages of this time, and of one poll.
 _CHUNK_PERIOD = 0.1
