@@ -17,23 +17,26 @@ if TYPE_CHECKING:
 
     from barc_sim.control.lane import Curvature
 
-_SIGNAL = {
-    'amplitude': Gain(2.0, 'm/s²', 'acceleration of the test signal, either way', 8.0, (0.0, 1e3)),
-    'hold': Gain(0.5, '1/s', 'gain that keeps the speed near its reference', 5.0, (0.0, 1e3)),
-}
 
+class Steps:
+    """Steps up, back, down and back, upon a slow P controller that keeps the speed.
 
-class TestSignal:
-    """What the signals of the motor have in common: a slow P controller, and a signal upon it."""
+    They show delay and lag by eye. The other signals of the motor differ in `values` or `signal`.
+    """
 
-    __test__ = False  # for pytest
-    gains: Mapping[str, Gain] = {}
+    gains: Mapping[str, Gain] = {
+        'amplitude': Gain(2.0, 'm/s²', 'of the test signal, either way', 8.0, (0.0, 1e3)),
+        'hold': Gain(0.5, '1/s', 'gain that keeps the speed near its reference', 5.0, (0.0, 1e3)),
+        'interval': Gain(2.0, 's', 'between two steps', 20.0, (1e-3, 1e3)),
+    }
     terms: Mapping[str, str] = {
         'test_signal': 'what shows the car',
         'holding': 'what keeps the speed near its reference',
     }
     amplitude: float
     hold: float
+    interval: float
+    values: Sequence[int] = (0, 1, 0, -1)  #: times the amplitude, in turn
 
     def __init__(
         self, *, output_min: float = -inf, output_max: float = inf, **gains: float
@@ -60,23 +63,8 @@ class TestSignal:
         self.saturated = not self.output_min <= raw <= self.output_max
         return min(max(raw, self.output_min), self.output_max)
 
-    def signal(self, speed_reference: float, speed_current: float, /) -> float:
-        """Return the signal [m/s²] at `t`."""
-        raise NotImplementedError
-
-
-class Steps(TestSignal):
-    """Steps up, back, down and back: what a delay and a lag look like by eye."""
-
-    gains: Mapping[str, Gain] = {
-        **_SIGNAL,
-        'interval': Gain(2.0, 's', 'between two steps', 20.0, (1e-3, 1e3)),
-    }
-    interval: float
-    values: Sequence[int] = (0, 1, 0, -1)  #: times the amplitude, in turn
-
-    def signal(self, _: float, __: float) -> float:
-        """Return the step of now."""
+    def signal(self, _: float, __: float, /) -> float:
+        """Return the signal [m/s²] at `t`, for the speeds of `acc_calculate`."""
         return self.amplitude * self.values[int(self.t / self.interval + 1e-9) % len(self.values)]
 
 
@@ -100,32 +88,27 @@ class PRBS(Steps):
     """
 
     gains: Mapping[str, Gain] = {
-        **_SIGNAL,
+        **Steps.gains,
         'interval': Gain(0.3, 's', 'how long the signal stays at least', 2.0, (1e-3, 100.0)),
     }
     values = tuple(1 if bit else -1 for bit in _binary_sequence())
 
 
-class CoastDown(TestSignal):
+class CoastDown(Steps):
     """Goes up to the reference, and rolls down to a share of it: it shows drag and friction."""
 
     gains: Mapping[str, Gain] = {
-        **_SIGNAL,
-        'hold': _SIGNAL['hold']._replace(default=0.0),
+        'amplitude': Steps.gains['amplitude'],
+        'hold': Steps.gains['hold']._replace(default=0.0),
         'share': Gain(0.3, '-', 'of the reference, to which it rolls', 1.0, (0.0, 1.0)),
     }
     share: float
 
-    def reset(self) -> None:
-        """Begin the signal anew."""
-        super().reset()
-        self._rolls = False
-
-    def signal(self, speed_reference: float, speed_current: float) -> float:
+    def signal(self, speed_reference: float, speed_current: float, /) -> float:
         """Return the amplitude on the way up, and 0 on the way down."""
-        end = self.share * speed_reference if self._rolls else speed_reference
-        self._rolls = speed_current > end
-        return 0.0 if self._rolls else self.amplitude
+        rolls = self.t > 0.0 and self.test_signal == 0.0
+        rolls = speed_current > speed_reference * (self.share if rolls else 1.0)
+        return 0.0 if rolls else self.amplitude
 
 
 class SineSteer(LaneLQR):

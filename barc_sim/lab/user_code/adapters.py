@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from barc_sim.control.driver import Driver
-from barc_sim.control.excitation import TestSignal
+from barc_sim.control.excitation import Steps
 from barc_sim.control.lane import LaneLaw
 from barc_sim.control.speed import PID, Adapter, Gain
 from barc_sim.errors import UserError
@@ -61,9 +61,10 @@ def controller_of(file: Path) -> UserController:
     return UserController(UserCode({'controller': file}, output=lambda _: None).load())
 
 
-class UserCommands(TestSignal):
+class UserCommands(Steps):
     """A user's function `command` of the time as a `Controller` without gains and terms."""
 
+    gains: Mapping[str, Gain] = {}
     terms: Mapping[str, str] = {}
     hold = 0.0
     holds_speed = False
