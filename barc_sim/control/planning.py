@@ -89,29 +89,35 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
         )
     n = min(max(round(track.length / _SPACING), _MIN_POINTS), _MAX_POINTS)
     h = track.length / n
-    centre = track.place(np.arange(n) * h)
-    normal = -np.sin(centre.psi), np.cos(centre.psi)
-    one = np.eye(n)
+    s, one = h * np.arange(n), np.eye(n)
+    psi = np.asarray(track.place(s).psi)
     ahead, behind = np.roll(one, 1, axis=1), np.roll(one, -1, axis=1)
     first, second = (ahead - behind) / (2.0 * h), (ahead - 2.0 * one + behind) / h**2
-    bounds, none = np.full(n, half - margin), np.empty((0, n))
-    offsets = np.zeros(n)
-    solve = solver()
+    bounds, offsets, solve = np.full(n, half - margin), np.zeros(n), solver()
     for _ in range(_ROUNDS):
-        x, y = (c + offsets * across for c, across in zip(centre[:2], normal, strict=True))
-        residuals, jacobian = _curvatures(first, second, x, y, *normal)
+        x, y, _ = map(np.asarray, track.place(s, offsets))
+        residuals, jacobian = _curvatures(first, second, x, y, -np.sin(psi), np.cos(psi))
         hessian = jacobian.T @ jacobian + 1e-9 * one
         gradient = jacobian.T @ (residuals - jacobian @ offsets)
-        found, _, flag, _ = solve(hessian, gradient, none, bounds, -bounds)
+        found, _, flag, _ = solve(hessian, gradient, np.empty((0, n)), bounds, -bounds)
         if flag < 1:
             raise UserError(f'no racing line of {track.name!r} was found: give another margin')
         found = np.clip(found, -bounds, bounds)
         moved, offsets = float(np.abs(found - offsets).max()), found
         if moved < _SETTLED:
             break
-    x, y = (c + offsets * across for c, across in zip(centre[:2], normal, strict=True))
-    width = 2.0 * (half - float(np.abs(offsets).max()))
-    return Track.through(x.tolist(), y.tolist(), width, f'{track.name} racing line')
+    return line_beside(track, offsets)
+
+
+def line_beside(track: Track, offsets: Floats) -> Track:
+    """Return the closed line through points `offsets` [m] to the left of the centre line.
+
+    On that they are equally far apart, from its start on. The line is as wide as both edges allow.
+    """
+    s = track.length / len(offsets) * np.arange(len(offsets))
+    x, y, _ = map(np.asarray, track.place(s, offsets))
+    width = track.width - 2.0 * float(np.abs(offsets).max())
+    return Track.through(x, y, width, f'{track.name} racing line')
 
 
 def _curvatures(

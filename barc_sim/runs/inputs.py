@@ -12,7 +12,13 @@ from barc_sim.control.cruise_control import DEFAULT_LANE, DEFAULT_TYPE, LANE_TYP
 from barc_sim.control.speed import PID, gain_parameters
 from barc_sim.errors import UserError
 from barc_sim.lab.files import find_files
-from barc_sim.lab.user_code.adapters import UserCommands, UserController, UserLane, line_through
+from barc_sim.lab.user_code.adapters import (
+    UserCommands,
+    UserController,
+    UserLane,
+    line_along,
+    line_arguments,
+)
 from barc_sim.lab.user_code.code import UserCode
 from barc_sim.runs.options import choose_engine
 from barc_sim.vehicle.road import Road
@@ -70,8 +76,7 @@ def read_inputs(options: Namespace) -> Inputs:
     user_code = UserCode(_files(options), output=output).load()
     _refuse_contradictions(options, user_code, track)
     if user_code.raceline and track:
-        arguments, through = line_through(track)
-        track = through(user_code.raceline(*arguments))
+        track = line_along(track, user_code.raceline(*line_arguments(track)))
     inputs = Inputs(road, track, user_code)
     if options.mode == 'acc':
         _check_laws(options, inputs)
@@ -101,12 +106,7 @@ def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | No
         (not (track or code.model or code.controller), (), ('lane', 'raceline'), on_track),
         (another, ('controller_type',), (), f'{ours} --lab or --controller gives another: {one}'),
         (code.identify, _OF_SPEED, ('controller',), f'and identify.py {both}'),
-        (
-            given('lane') == 'speed-mpc',
-            _OF_SPEED,
-            ('controller',),
-            f'and speed-mpc {both}',
-        ),
+        (given('lane') == 'speed-mpc', _OF_SPEED, ('controller',), f'and speed-mpc {both}'),
         (code.lane and named_law, ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
         (
             given('reference'),

@@ -19,7 +19,7 @@ from barc_sim.control.lane import speed_profile
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs.raceline import LAW
-from barc_sim.lab.user_code.adapters import line_through
+from barc_sim.lab.user_code.adapters import line_along
 from barc_sim.lab.user_code.code import POINTS
 from barc_sim.vehicle.track import Track
 
@@ -141,9 +141,8 @@ def test_the_program_has_the_cost_of_the_states() -> None:
 
 
 def test_a_line_beyond_the_edges_is_refused() -> None:
-    _, through = line_through(Track.named('L'))
     with pytest.raises(UserError, match='an offset of line is 3 m: the edges of L are 3 m from'):
-        through([3.0] * POINTS)
+        line_along(Track.named('L'), [3.0] * POINTS)
 
 
 @pytest.mark.parametrize('command', ['check', 'grade'])

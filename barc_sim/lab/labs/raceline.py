@@ -22,7 +22,7 @@ from barc_sim.lab import files
 from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, share
 from barc_sim.lab.labs.lane import hidden_track
 from barc_sim.lab.law import read_law
-from barc_sim.lab.user_code.adapters import line_through
+from barc_sim.lab.user_code.adapters import line_along, line_arguments
 from barc_sim.lab.user_code.code import POINTS
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.vehicle.bike_model import L_F, L_R
@@ -106,7 +106,7 @@ class _Line:
 
     def __init__(self, code: JudgedCode, track: Track) -> None:
         """Call `line`."""
-        arguments, self._through = line_through(track)
+        arguments = line_arguments(track)
         half, offsets = arguments[-1], np.array(code.rows('line', [arguments])[0])
         self.beyond = float(np.abs(offsets).max()) - half
         self.track, self._offsets = track, np.clip(offsets, -half, half)
@@ -114,14 +114,14 @@ class _Line:
     @cached_property
     def line(self) -> Track:
         """The track along it; a UserError where no car can follow it."""
-        return self._through(self._offsets.tolist())
+        return line_along(self.track, self._offsets.tolist())
 
     def judge_bending(self) -> tuple[float, str]:
         """Return score and message of how much it bends."""
         best, centre, own = map(bending, (_best(self.track), self.track, self.line))
         mirrored = inf
         with suppress(UserError):  # no car can follow the mirror image of some
-            mirrored = bending(self._through((-self._offsets).tolist()))
+            mirrored = bending(line_along(self.track, (-self._offsets).tolist()))
         score, of_mirrored = (share(each, _BENT * best, centre) for each in (own, mirrored))
         text = f'{own:.3g} 1/m is the integral of its squared curvature; that of the centre line '
         text += f'{centre:.3g}, of the best line {best:.3g}'

@@ -9,18 +9,19 @@ import numpy as np
 from barc_sim.control.driver import Driver
 from barc_sim.control.excitation import Steps
 from barc_sim.control.lane import LaneLaw
+from barc_sim.control.planning import line_beside
 from barc_sim.control.speed import PID, Adapter, Gain
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.code import POINTS, UserCode
 from barc_sim.vehicle.bike_model import Command
-from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from barc_sim.control.lane import Curvature
     from barc_sim.lab.user_code.code import UserObject
+    from barc_sim.vehicle.track import Track
 
 COMMANDS = 60.0  #: [s] of `identify.py`
 _HALF_STEP = 0.01  # [s]
@@ -116,29 +117,26 @@ class UserLane:
         return output
 
 
-def line_through(track: Track) -> tuple[list[Any], Callable[[Sequence[float]], Track]]:
-    """Return the arguments of a user's `line`, and what makes a track of the offsets it returns."""
-    half = 0.3 * track.width  # a fifth of the width is left beside each edge
-    points = track.place(np.arange(POINTS) * (track.length / POINTS))
-    x, y, psi = (np.asarray(each) for each in points[:3])
+def line_arguments(track: Track) -> list[Any]:
+    """Return the arguments of a user's `line`: it leaves a fifth of the width beside each edge."""
+    points = track.place(track.length / POINTS * np.arange(POINTS))
+    return [*(np.asarray(each).tolist() for each in points), 0.3 * track.width]
 
-    def through(offsets: Sequence[float]) -> Track:
-        n = np.array(offsets)
-        line = (x - n * np.sin(psi)).tolist(), (y + n * np.cos(psi)).tolist()
-        maximum, edge = float(np.abs(n).max()), 0.5 * track.width
-        if maximum >= edge:
-            raise UserError(
-                f'an offset of line is {maximum:.3g} m: the edges of {track.name} are {edge:g} m '
-                'from its centre line'
-            )
-        try:
-            return Track.through(*line, 2.0 * (edge - maximum), f'a line of {track.name}')
-        except UserError:
-            raise UserError(
-                'the offsets of line jump from point to point: no car can follow them'
-            ) from None
 
-    return [x.tolist(), y.tolist(), psi.tolist(), half], through
+def line_along(track: Track, offsets: Sequence[float]) -> Track:
+    """Return the track along the offsets [m] that a user's `line` returned."""
+    maximum, edge = max(map(abs, offsets)), 0.5 * track.width
+    if maximum >= edge:
+        raise UserError(
+            f'an offset of line is {maximum:.3g} m: the edges of {track.name} are {edge:g} m '
+            'from its centre line'
+        )
+    try:
+        return line_beside(track, np.array(offsets))
+    except UserError:
+        raise UserError(
+            'the offsets of line jump from point to point: no car can follow them'
+        ) from None
 
 
 class UserDriver(Driver):
