@@ -238,7 +238,7 @@ class Actuators:
         """Delay these cars' commands by so many seconds from now on."""
         steps = np.array([in_steps(delay, self._ts) for delay in delays.tolist()]).reshape(-1, 2)
         self._whole[cars], self._early[cars] = steps.T
-        self._delays, self._splits = bool(self._whole.any()), bool(self._early.any())
+        self._delays = bool(self._whole.any() or self._early.any())
 
     def stop(self, cars: Cars) -> None:
         """Set these to zero, and drop their waiting commands."""
@@ -248,13 +248,11 @@ class Actuators:
         """Go one step after `command`; return the means over it."""
         if self._limit < inf:
             command = np.clip(command, -self._limit, self._limit)
-        if not (self._delays or self._splits):
+        if not self._delays:
             return self._respond(command, self._ts)
         self._step += 1
         self._queue[self._step % len(self._queue)] = command
         newer, early = self._ago(self._whole), self._early
-        if not self._splits:
-            return self._respond(newer, self._ts)
         # Of a share of zero nothing is left: its mean counts for nothing, and it moves nothing.
         older = np.where(early > 0.0, self._ago(self._whole + 1), self.value)
         mean = early * self._respond(older, np.where(early > 0.0, early, 1.0) * self._ts)
@@ -348,20 +346,15 @@ class Plants:
         if self.track:
             self._locate(self.track)
 
-    @property
-    def v_x(self) -> Floats:
-        """The speeds along the cars' axes [m/s]."""
+    def motion(self) -> Motion:
+        """Return the true states; the velocities besides v_x are left at zero."""
+        x, y, psi, v = self.state
         tangent = self._tangent(self.servo.value)
-        v_x: Floats = self.state.v / np.sqrt(1.0 + tangent * tangent)
+        v_x = v / np.sqrt(1.0 + tangent * tangent)
         if self._lateral:
             slipping = self._slip[0]
             v_x = np.where(slipping > self._lateral.dynamic_above, slipping, v_x)
-        return v_x
-
-    def motion(self) -> Motion:
-        """Return the true states; the velocities besides v_x are left at zero."""
-        x, y, psi, _ = self.state
-        return Motion(x, y, psi, self.v_x, 0.0, 0.0)  # type: ignore[arg-type]  # arrays
+        return Motion(x, y, psi, v_x, 0.0, 0.0)
 
     def _tangent(self, servo: Floats) -> Floats:
         """Return the tangent of `slip_angle`."""
