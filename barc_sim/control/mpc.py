@@ -5,7 +5,6 @@ The quadratic program is in `planning`, which needs NumPy: `--help` lists the ga
 
 from __future__ import annotations
 
-from collections import deque
 from math import nan
 from time import thread_time
 from typing import TYPE_CHECKING, Any
@@ -69,7 +68,7 @@ class MPC(LaneLaw):
         self.of_e_y = self.of_e_psi = nan  # one sum of the plan
         self.solve_time = self.infeasible = 0.0
         self._servo = self._latest = 0.0  # [rad] the angle, and the command before
-        self._sent: deque[float] = deque()  # the commands on their way
+        self._sent: list[float] = []  # the commands on their way
         #: The latest plan, shape `(21, 2)`: distance ahead and e_y [m].
         self.prediction: Any = NO_PLAN
 
@@ -89,7 +88,7 @@ class MPC(LaneLaw):
         self.infeasible = float(not is_feasible)
         self._latest = min(max(command, -STEERING_LIMIT), STEERING_LIMIT)
         self._sent.append(self._latest)
-        self._servo, _ = actuator.respond(self._servo, self._sent.popleft(), self.period)
+        self._servo, _ = actuator.respond(self._servo, self._sent.pop(0), self.period)
         self.solve_time = thread_time() - began
         return self._latest
 
@@ -97,11 +96,8 @@ class MPC(LaneLaw):
         self, actuator: Actuator, e_y: float, e_psi: float, v: float, curvature: Curvature
     ) -> tuple[float, tuple[float, float, float]]:
         """Return the distance [m] until the next command acts; and e_y, e_psi and δ there."""
-        waiting = round(self.delay / self.period)
-        while len(self._sent) < waiting:
-            self._sent.appendleft(self._servo)
-        while len(self._sent) > waiting:
-            self._sent.popleft()
+        steps = round(self.delay / self.period)  # which may have changed
+        self._sent = ([self._servo] * steps + self._sent)[len(self._sent) :]
         length, angle, ahead, step = self.l_f + self.l_r, self._servo, 0.0, v * self.period
         for command in self._sent:
             angle, mean = actuator.respond(angle, command, self.period)

@@ -32,14 +32,13 @@ class Picture:
 
     def __init__(self, task: Task, *, in_window: bool) -> None:
         """Open a window `in_window`; warn where there is no display."""
-        self._task, self._in_window = task, in_window
-        self.begin()
-        self._title = type(task).__name__
+        self._task, self._in_window, self._title = task, in_window, type(task).__name__
         self._window = style.window(self._title) if in_window else None
         if self._window:
             self._window.canvas.mpl_connect('close_event', lambda _: self.close())
         elif in_window:
             warn(_NO_WINDOW, stacklevel=3)
+        self.begin()
 
     def begin(self) -> None:
         """Forget the way so far, of another episode."""

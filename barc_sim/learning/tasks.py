@@ -83,9 +83,7 @@ class Task:
             allowed += 'speed', 'acceleration_limit', 'ranges'
             raise UserError(f'option {name!r} must be one of {", ".join(allowed)}')
         self.speed = self.default_speed if speed is None else speed
-        SPEED.check(self.speed, 'speed')
-        if self.speed <= 0.0:
-            raise UserError(f'speed: {self.speed!r} must be above 0 m/s')
+        SPEED._replace(between=(1e-3, SPEED.between[1])).check(self.speed, 'speed')
         given = {name: each for name, each in options.items() if each not in (None, '')}
         noise = given.pop('noise', 0.0)  # which is not the plant's: it is of `np_random`
         check_arguments(acceleration_limit=acceleration_limit, noise=noise)

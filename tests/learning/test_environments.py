@@ -264,7 +264,7 @@ def test_what_is_ahead_is_that_of_road_and_track() -> None:
     [
         ({'noise': -1.0}, 'noise: -1 is not a number'),
         ({'speed': 'fast'}, "speed: 'fast' is not a number"),
-        ({'speed': 0.0}, 'speed: 0.0 must be above 0 m/s'),
+        ({'speed': 0.0}, 'speed: 0 is not a number from 0.001 to 100'),
         ({'colour': 'red'}, "option 'colour' must be one of road,"),
         ({'vehicle': {'mass': 1.0}}, 'must be of type Vehicle'),
         ({'track': 'nowhere'}, "track 'nowhere' is neither"),

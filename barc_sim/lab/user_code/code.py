@@ -93,12 +93,7 @@ CALLED = {
     'predict': Called('raceline', 'speed', 6, 'six finite numbers, [a11, a12, a21, a22, b1, b2]'),
     'program': Called('raceline', 'e_y e_psi speed', 110, '110 finite numbers, np.append(H, g)'),
     'command': Called('identify', 't', 1, 'a finite number, the acceleration [m/s²]'),
-    'estimate': Called(
-        'identify',
-        't v a',
-        6,
-        'six finite numbers: drag, friction and delay, each with its interval',
-    ),
+    'estimate': Called('identify', 't v a', 6, 'six finite numbers, [drag, …, delay_interval]'),
 }
 #: What a part is loaded for: the first of these that its file defines.
 _MAIN = {
