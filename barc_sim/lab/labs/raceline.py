@@ -55,13 +55,6 @@ _TOLERANCE = 1e-6
 _L = Track.named('L')
 
 
-def curvatures_from(start: Floats) -> Floats:
-    """Return the curvatures of a lap of L from each `start` [m] on."""
-    points = start[:, np.newaxis] + _L.length / POINTS * np.arange(POINTS)
-    curvatures: Floats = np.asarray(_L.curvature(points))  # of all of these
-    return curvatures
-
-
 def passed(limits: Floats, gain: Floats, *, closed: bool = True) -> Floats:
     """Return rows of `limits` cut to what grows by its `gain` at most from point to point."""
     found: Floats = limits.copy()
@@ -85,8 +78,8 @@ def effects_of(models: Floats) -> Floats:
 
 
 LAW = replace(
-    read_law(Path(__file__).with_suffix('.txt'), L_F=L_F, L_R=L_R),
-    functions={each.__name__: each for each in (curvatures_from, passed, effects_of)},
+    read_law(Path(__file__).with_suffix('.txt'), L_F=L_F, L_R=L_R, LAP=_L.length, POINTS=POINTS),
+    functions={'curvature': _L.curvature, 'passed': passed, 'effects_of': effects_of},
 )
 FUNCTIONS = Functions(
     LAW,
