@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 from bisect import bisect_right
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import cos, isfinite, radians, sin
@@ -224,10 +225,11 @@ def read_columns(lines: list[str], *headers: str) -> tuple[Any, ...]:
 
 def _numbers(row: list[str], header: str) -> list[float]:
     names = header.split(',')
-    try:
-        return [float(cell) for cell, _ in zip(row, names, strict=True)]
-    except ValueError:
-        raise ValueError(f'{",".join(row)!r} must be {len(names)} numbers, {header}') from None
+    with suppress(ValueError):
+        numbers = [float(cell) for cell, _ in zip(row, names, strict=True)]
+        if all(map(isfinite, numbers)):
+            return numbers
+    raise ValueError(f'{",".join(row)!r} must be {len(names)} finite numbers, {header}')
 
 
 #: Of time since the start [s] and place along the road [m].

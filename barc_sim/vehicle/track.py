@@ -15,7 +15,7 @@ from bisect import bisect_right
 from cmath import phase
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain, pairwise
+from itertools import pairwise
 from math import atan2, cos, floor, hypot, isfinite, pi, remainder, sin, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -177,9 +177,6 @@ class Track:
             header, *columns = read_columns(lines, _SEGMENTS, _CENTRE_LINE, _RACING_LINE)
             if header == _SEGMENTS:
                 return cls.of_rows(zip(*columns, strict=True), name)
-            for value in chain(*columns):
-                if not isfinite(value):
-                    raise ValueError(f'{value!r} is not a finite number')
             x, y, *widths = columns[:4]
             if not _MIN_POINTS <= len(x) <= _MAX_POINTS:
                 raise ValueError(f'{len(x)} points, not {_MIN_POINTS} to {_MAX_POINTS}')

@@ -135,18 +135,18 @@ def test_a_circle_of_points_is_fitted_by_few_arcs(tmp_path: Path) -> None:
         ),
         ('length_m,radius_m\n10,1\n', 'an arc of 10 m with radius 1 m is more than a whole turn'),
         ('length_m,radius_m\n5,2\n', 'radius 2 m must be above half of the width, 6 m'),
-        ('length_m,radius_m\n5,x\n', "'5,x' must be 2 numbers, length_m,radius_m"),
+        ('length_m,radius_m\n5,x\n', "'5,x' must be 2 finite numbers, length_m,radius_m"),
         ('start_m,grade_deg\n5,2\n', "its header is 'start_m,grade_deg', not 'length_m,radius_m'"),
         ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n1,0,3,3\n', '2 points, not 3 to 10000'),
         ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n0,0,3,3\n1,0,3,3\n', 'two points in a row'),
         ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n9,0,3,3\n5,0,3,3\n', 'the line turns back'),
         (
             'x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3\n1,0,3\n0,1,3\n',
-            "'0,0,3' must be 4 numbers, x_m,y_m",
+            "'0,0,3' must be 4 finite numbers, x_m,y_m",
         ),
         (
             'x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n9,0,3,nan\n0,9,3,3\n',
-            'nan is not a finite number',
+            "'9,0,3,nan' must be 4 finite numbers",
         ),
     ],
 )
