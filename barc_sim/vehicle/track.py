@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
 _TOLERANCE = 0.05  #: [m] A fitted arc passes the points of a file within this.
+_THIN = 1e-9  #: [m] The width of arcs that are tried: any radius goes.
 _MIN_POINTS, _MAX_POINTS = 3, 10_000  #: of a file with a centre line
 _SEGMENTS, _CENTRE_LINE = 'length_m,radius_m', 'x_m,y_m,w_tr_right_m,w_tr_left_m'
 _RACING_LINE = f'{_CENTRE_LINE},speed_mps'
@@ -73,12 +74,6 @@ class _Segment(NamedTuple):
     sine: float
     curvature: float  #: [1/m]
     half: float  #: [rad] of its turn
-
-    @classmethod
-    def at(cls, start: float, pose: Pose, length: float, curvature: float) -> _Segment:
-        """Return the segment that begins `start` m along the track, at `pose`."""
-        frame = *pose, cos(pose.psi), sin(pose.psi)
-        return cls(start, start + length, *frame, curvature, 0.5 * curvature * length)
 
     def project(self, x: float, y: float) -> tuple[float, float]:
         """Return s and e_y [m] of a point, beyond the ends of the segment, too."""
@@ -148,7 +143,8 @@ class Track:
                     'm: make the arc wider, or the track narrower'
                 )
             start = segments[-1].end if segments else 0.0
-            segments.append(_Segment.at(start, pose, length, curvature))
+            frame = *pose, cos(pose.psi), sin(pose.psi), curvature, 0.5 * curvature * length
+            segments.append(_Segment(start, start + length, *frame))
             pose = _ahead(pose, curvature, length)
         end, gap = segments[-1].end, hypot(pose.x - self.start[0], pose.y - self.start[1])
         turned = abs(remainder(pose.psi - self.start[2], _TURN))
@@ -201,14 +197,15 @@ class Track:
         There are as few arcs as stay within `tolerance` [m] of the points: 0, through each.
         """
         try:
-            start, arcs, deviation = _fit([*map(complex, x, y)], tolerance)
+            parts, deviation = _fit([*map(complex, x, y)], tolerance)
         except ArithmeticError:
             raise UserError(
                 'two points in a row are the same or too far apart, or the line turns back at one: '
                 'leave it out'
             ) from None
+        arcs = [arc for each in parts for arc in zip(each.lengths, each.curvatures, strict=True)]
         lengths, curvatures = zip(*arcs, strict=True)
-        return cls(lengths, curvatures, width, name, start, deviation)
+        return cls(lengths, curvatures, width, name, parts[0].start, deviation)
 
     @classmethod
     def of_rows(cls, rows: Iterable[tuple[float, float]], name: str) -> Track:
@@ -374,8 +371,8 @@ def beside_arc(curvature: float, a: float, b: float) -> tuple[float, float]:
 # "Biarc curves", Computer-Aided Design 7, 1975). As few of the points as possible are such ends.
 
 
-def _fit(points: list[complex], tolerance: float) -> tuple[Pose, list[tuple[float, float]], float]:
-    """Return the start of a closed line, its arcs, and how far the farthest point is from them."""
+def _fit(points: list[complex], tolerance: float) -> tuple[list[Track], float]:
+    """Return the biarcs of a closed line, and how far the farthest point is from them."""
     before, after = [points[-1], *points[:-1]], [*points[1:], points[0]]
     # The heading of the circle through a point and its neighbours.
     headings = [
@@ -384,35 +381,34 @@ def _fit(points: list[complex], tolerance: float) -> tuple[Pose, list[tuple[floa
     ]
     nodes = [(p, each / abs(each)) for p, each in zip(points, headings, strict=True)]
     nodes.append(nodes[0])
-    arcs: list[tuple[float, float]] = []
+    biarcs: list[Track] = []
     maximum, i = 0.0, 0
     while i < len(points):
         for j in range(i + 1, len(nodes) if tolerance else i + 2):
             if nodes[j][0] == nodes[i][0]:
                 break
             trial = _biarc(*nodes[i], *nodes[j])
-            off = _deviation(_pose(*nodes[i]), trial, points[i + 1 : j])
+            between = (trial.frenet(p.real, p.imag, 0.0, near=0.0) for p in points[i + 1 : j])
+            off = max((abs(place.e_y) for place in between), default=0.0)
             if off > tolerance:
                 break
             found, deviation, last = trial, off, j  # of the first, no points are between
-        arcs += found
+        biarcs.append(found)
         maximum, i = max(maximum, deviation), last
-    return _pose(*nodes[0]), arcs, maximum
+    return biarcs, maximum
 
 
-def _pose(point: complex, tangent: complex) -> Pose:
-    return Pose(point.real, point.imag, phase(tangent))
-
-
-def _biarc(p: complex, t: complex, q: complex, u: complex) -> list[tuple[float, float]]:
-    """Return lengths and curvatures of two arcs from `p` to `q`, with headings `t` and `u`."""
+def _biarc(p: complex, t: complex, q: complex, u: complex) -> Track:
+    """Return two arcs from `p` to `q`, with headings `t` and `u`."""
     v, w = q - p, t + u
     dot, bend = (v * w.conjugate()).real, 2.0 * (1.0 - (t * u.conjugate()).real)
     chord = abs(v) ** 2
     # The distance from each end along its heading to the joint's tangent.
     d = chord / (dot + sqrt(dot * dot + bend * chord))
     joint = 0.5 * (p + d * t + q - d * u)
-    return [_arc(joint - p, t), _arc(q - joint, (q - joint) ** 2 / (u * abs(q - joint) ** 2))]
+    arcs = _arc(joint - p, t), _arc(q - joint, (q - joint) ** 2 / (u * abs(q - joint) ** 2))
+    lengths, curvatures = zip(*arcs, strict=True)
+    return Track(lengths, curvatures, _THIN, start=Pose(p.real, p.imag, phase(t)))
 
 
 def _arc(chord: complex, tangent: complex) -> tuple[float, float]:
@@ -420,19 +416,6 @@ def _arc(chord: complex, tangent: complex) -> tuple[float, float]:
     half = phase(chord / tangent)
     length = abs(chord) * (half / sin(half) if half else 1.0)
     return length, 2.0 * half / length
-
-
-def _deviation(start: Pose, arcs: list[tuple[float, float]], points: list[complex]) -> float:
-    """Return how far the farthest of `points` is from two arcs that begin at `start`."""
-    (length, curvature), second = arcs
-    first = _Segment.at(0.0, start, length, curvature)
-    behind = _Segment.at(length, _ahead(start, curvature, length), *second)
-
-    def off(point: complex) -> float:
-        s, e_y = first.project(point.real, point.imag)
-        return abs(behind.project(point.real, point.imag)[1] if s > length else e_y)
-
-    return max(map(off, points), default=0.0)
 
 
 def l_shape(
