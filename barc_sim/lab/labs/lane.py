@@ -7,9 +7,11 @@ before what was measured in the drive.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 from functools import cache, partial
 from math import inf
+from operator import itemgetter
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any
@@ -27,14 +29,13 @@ from barc_sim.vehicle.bike_model import L_F, L_R, State
 from barc_sim.vehicle.track import Track, l_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
     from barc_sim.control.lane import LaneController
     from barc_sim.lab.confined.process import JudgedCode
     from barc_sim.lab.judge import Settings, Thresholds
-    from barc_sim.lab.law import Floats
     from barc_sim.vehicle.plant import Plant
 
     NewLaw = Callable[[Plant], LaneController]
@@ -48,28 +49,6 @@ LABELS = {
     'steady.delta': 'Steady turn: steering',
     'steady.e_psi': 'Steady turn: e_psi',
 }
-
-
-def _wrapped(angle: Floats) -> Floats:
-    return np.arctan2(np.sin(angle), np.cos(angle))
-
-
-LAW = replace(
-    read_law(Path(__file__).with_name('lane.txt'), L_F=L_F, L_R=L_R),
-    functions={'wrapped': _wrapped},
-)
-_RESULTS = {
-    'straight_errors': ('straight_e_y', 'straight_e_psi'),
-    'arc_errors': ('arc_e_y', 'arc_e_psi'),
-    'steady': ('steady_delta', 'steady_e_psi'),
-}
-FUNCTIONS = Functions(
-    LAW,
-    _RESULTS,
-    dict(zip((name for own in _RESULTS.values() for name in own), LABELS, strict=True)),
-)
-
-
 DRIVE_LABELS = {
     'lane.signs': 'Lane: signs and symmetry',
     'lane.return': 'Lane: back from 1 m beside the line',
@@ -77,20 +56,35 @@ DRIVE_LABELS = {
     'lane.hidden': 'Lane: a hidden track',
     'lane.delay': 'Lane: what a delay does',
 }
+_RESULTS = {
+    'straight_errors': ('straight_e_y', 'straight_e_psi'),
+    'arc_errors': ('arc_e_y', 'arc_e_psi'),
+    'steady': ('steady_delta', 'steady_e_psi'),
+}
+LAW = replace(
+    read_law(Path(__file__).with_name('lane.txt'), L_F=L_F, L_R=L_R),
+    functions={'wrapped': lambda angle: np.angle(np.exp(1j * angle))},
+)
+FUNCTIONS = Functions(
+    LAW,
+    _RESULTS,
+    dict(zip((name for own in _RESULTS.values() for name in own), LABELS, strict=True)),
+)
 SPEED = 6.0  #: [m/s]
+_CURVATURE = 0.05  #: [1/m]
+_TURN = dict(zip(('STEER', 'STEADY'), steady_turn(_CURVATURE), strict=True))
+CLASS = read_law(Path(__file__).with_name('lane_class.txt'), CURVATURE=_CURVATURE, **_TURN)
+_STRAIGHT, _BEND = Track((1e4,), (0.0,)), Track((50.0, 100.0), (0.0, _CURVATURE))
+_SHIFTS = range(-8, 9)  #: [m] at which the curvature may be read
+_NEAR = 1e-3  #: [rad]
+_ONE_WRONG = 0.2  #: of the points are left
 _LAPS, _MAX_DURATION = 3, 200.0
-_STRAIGHT = Track((1e4,), (0.0,), name='a straight')
 _OFF, _BACK = 1.0, 0.1  #: [m] beside the line, at the start and when it counts as back
 _SEEN = 80.0  #: [m] of the way back
 # Full marks up to the first, none from the second on:
 _DISTANCE = (30.0, 60.0)  #: [m] until it is back
 _OVERSHOOT = (0.2, 0.6)  #: share of the start
 _SATURATED = (0.1, 0.5)  #: share of the steps up to the first distance
-_CURVATURE = 0.05  #: [1/m]
-_BEND = Track((50.0, 100.0), (0.0, _CURVATURE))
-_SHIFT = 8  #: [m] at which the curvature may be read
-_NEAR = 1e-3  #: [rad]
-_ONE_WRONG = 0.2  #: of the points are left
 _PUT_RIGHT = 'with LaneLQR in its place: '
 
 
@@ -99,128 +93,85 @@ def _new(code: JudgedCode, track: Track) -> int:
     return code.make('Lane', track.starts[1:], track.curvatures)
 
 
-def _steer(code: JudgedCode, number: int, row: Sequence[float]) -> float:
-    """Return the steering angle [rad] of a `Lane` for e_y, e_psi, speed and place."""
-    return code.steps('Lane', number, [row])[0]
-
-
 class _Law(LaneLaw):
     """A user's `Lane` that drives a plant."""
 
     def __init__(self, code: JudgedCode, plant: Plant) -> None:
         super().__init__()
         assert plant.track  # noqa: S101 (there is one)
-        self._plant, self._steer = plant, partial(_steer, code, _new(code, plant.track))
+        self._steps, self._plant = partial(code.steps, 'Lane', _new(code, plant.track)), plant
 
     def steer_calculate(self, e_y: float, e_psi: float, speed: float, _: object) -> float:
         """Return the steering angle [rad]."""
-        return self._steer((e_y, e_psi, speed, self._plant.distance))
+        return self._steps([(e_y, e_psi, speed, self._plant.distance)])[0]
 
 
-class Probes:
-    """What a law returns for each of its inputs alone, and which mistakes that shows."""
+def _mistakes(code: JudgedCode) -> Mapping[str, list[str]]:
+    """Return the sentences of the mistakes in `Lane`, by topic, after the lines of them."""
+    situations = {each.name: each.values.values() for each in CLASS.situations['Lane']}
 
-    def __init__(self, code: JudgedCode) -> None:
-        """Call the law."""
-        self.code = code
-        self._rows: dict[str, Any] = {each.name: each.values for each in CLASS.situations['Lane']}
-        self._values: dict[str, Any] = {
-            name: _steer(code, *self._request(name)) for name in self._rows
-        }
-        self._values['late'] = self._late()
+    def call(name: str) -> tuple[str, int, Sequence[Any]]:
+        """Return a new `Lane`, and what it is called with in a situation."""
+        *errors, curvature = map(float, situations[name])  # type: ignore[arg-type]  # no ranges
+        return 'Lane', _new(code, Track((100.0,), (curvature,))), [(*errors, SPEED, 0.0)]
 
-    def _request(self, name: str) -> tuple[int, tuple[Any, ...]]:
-        """Return a new `Lane` in a situation, and what it is called with there."""
-        *errors, curvature = map(float, self._rows[name].values())
-        return _new(self.code, Track((100.0,), (curvature,))), (*errors, SPEED, 0.0)
-
-    def _late(self) -> int:
-        number = _new(self.code, _BEND)
-        for d in range(-_SHIFT, _SHIFT + 1):
-            steer = _steer(self.code, number, (0.0, 0.0, SPEED, 50.0 + d))
-            if _near(steer, 0.5 * (self._values['level'] - self._values['level_mirrored'])):
-                return d
-        return 0
-
-    def made(self, topic: str) -> list[str]:
-        """Return the sentences of the mistakes of a topic that the law has."""
-        return [
-            self._placed(each.formulas['line']) + each.sentence.format(**self._values)
-            for each in CLASS.mistakes
-            if each.topic == topic
-            and CLASS.compute(self._values, {'made': each.formulas['made']})['made']
-        ]
-
-    def _placed(self, name: str) -> str:
-        """Return the line that returns the angle in a situation, or reads the curvature."""
-        values = [self._values[name]] if name in self._rows else [_CURVATURE, -_CURVATURE]
-        number, row = self._request(name if name in self._rows else 'curvature')
-        line = self.code.line_of('steps', ('Lane', number, [row]), values, [])
-        return f'{line}: ' if line else ''
-
-    def judge(self) -> tuple[float, str]:
-        """Return score and message on the signs and the symmetry."""
-        if wrong := self.made('Signs'):
-            return _ONE_WRONG if len(wrong) == 1 else 0.0, '; '.join(wrong)
-        for topic, score in (('No effect', 0.0), ('Symmetry', 0.5)):
-            if wrong := self.made(topic):
-                return score, wrong[0]
-        return 1.0, 'the signs are right, and the mirror image gives the opposite angle'
-
-    def named(self, topic: str, text: str) -> str:
-        """Return the text after the sentence of the topic's first mistake that the law has."""
-        return '; '.join([*self.made(topic)[:1], text])
+    values: dict[str, Any] = {name: code.steps(*call(name))[0] for name in situations}
+    level = 0.5 * (values['level'] - values['level_mirrored'])
+    rows = [(0.0, 0.0, SPEED, 50.0 + shift) for shift in _SHIFTS]
+    steers = zip(_SHIFTS, code.steps('Lane', _new(code, _BEND), rows), strict=True)
+    values['late'] = next((d for d, steer in steers if abs(steer - level) <= _NEAR), 0)
+    made = defaultdict(list)
+    for topic, sentence, formulas, _ in CLASS.mistakes:
+        if CLASS.compute(values, {'made': formulas['made']})['made']:
+            name, wrong = 'curvature', [_CURVATURE, -_CURVATURE]  # where it is read
+            if formulas['line'] in situations:
+                name, wrong = formulas['line'], [values[formulas['line']]]
+            line = code.line_of('steps', call(name), wrong, [])
+            where = f'{line}: ' if line else ''
+            made[topic].append(f'{where}{sentence.format(**values)}')
+    return made
 
 
-def _near(one: float, other: float) -> bool:
-    return abs(one - other) <= _NEAR
+def _signs(made: Mapping[str, list[str]]) -> tuple[float, str]:
+    """Return score and message on the signs and the symmetry."""
+    if wrong := made['Signs']:
+        return _ONE_WRONG if len(wrong) == 1 else 0.0, '; '.join(wrong)
+    for topic, score in (('No effect', 0.0), ('Symmetry', 0.5)):
+        if made[topic]:
+            return score, made[topic][0]
+    return 1.0, 'the signs are right, and the mirror image gives the opposite angle'
 
 
-_TURN = dict(zip(('STEER', 'STEADY'), steady_turn(_CURVATURE), strict=True))
-CLASS = replace(
-    read_law(Path(__file__).with_name('lane_class.txt'), CURVATURE=_CURVATURE, **_TURN),
-    functions={'near': _near},
-)
-
-
-@cache
-def _usual() -> TrackLog:
-    """Return laps with barc_sim's law."""
-    return lap(speed=SPEED, laps=_LAPS, dynamics='dynamic')
-
-
-def judge_lane(
-    code: JudgedCode, settings: Settings, criteria: Collection[str]
-) -> Iterator[Finding]:
-    """Yield a finding for each criterion `lane.…`.
+def _judge(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
+    """Yield a finding for each criterion.
 
     What follows from a mistake in the feedback is not taken off again: barc_sim's law drives, too,
     and the better drive counts.
     """
-    probes, by = Probes(code), settings.thresholds
-    yield Finding('lane.signs', *probes.judge())
+    yield from FUNCTIONS.judge(code, settings.seed)[0]
+    if DRIVE_LABELS.keys().isdisjoint(criteria):
+        return
+    made, by = _mistakes(code), settings.thresholds
+    yield Finding('lane.signs', *_signs(made))
     laws: dict[str, NewLaw] = {'': partial(_Law, code)}
     ours = {_PUT_RIGHT: lambda _: LaneLQR()}
-    laws |= ours if probes.made('Signs') else {}
-    score, text, whose = max((*_returned(law), whose) for whose, law in laws.items())
+    laws |= ours if made['Signs'] else {}
+    drives = [(*_returned(law), whose) for whose, law in laws.items()]
+    score, text, whose = max(drives, key=itemgetter(0))
     if score < 1.0:
-        named = probes.named('On a straight', text)
-        laws |= ours if named != text and not probes.made('No effect') else {}
-        text = named
+        text = '; '.join([*made['On a straight'][:1], text])
+        laws |= ours if made['On a straight'] and not made['No effect'] else {}
     yield Finding('lane.return', score, f'{whose}{text}')
     for criterion, track, laps in (
         ('lane.laps', Track.named('L'), _LAPS),
         ('lane.hidden', hidden_track(settings.seed), 1),
     ):
-        if criterion not in criteria:
-            continue
-        drives = {whose: _kept(law, track, laps, by) for whose, law in laws.items()}
-        whose, (score, text, _) = max(drives.items(), key=lambda item: item[1][0])
+        kept = [(*_kept(law, track, laps, by), whose) for whose, law in laws.items()]
+        score, text, _, whose = max(kept, key=itemgetter(0))
         shown = None
         if criterion == 'lane.laps':
-            text = probes.named('In turns', text) if score < 1.0 else text
-            log = drives[''][2]
-            shown = Evidence(_table(log), partial(_figure, log))
+            text = '; '.join([*made['In turns'][:1], text]) if score < 1.0 else text
+            shown = kept[0][2]  # of the user's own
         yield Finding(criterion, score, f'{whose}{text}', shown)
 
 
@@ -240,31 +191,6 @@ def _drive(law: NewLaw, track: Track, distance: float, e_y: float = 0.0) -> Trac
     return log
 
 
-def _kept(law: NewLaw, track: Track, laps: int, by: Thresholds) -> tuple[float, str, TrackLog]:
-    """Return score, message and log of laps."""
-    log = _drive(law, track, laps * track.length)
-    marks = f'({by.full_rms:g} and {by.full_max:g} m are full marks)'
-    if abs(log.e_y[-1]) >= 0.5 * track.width:  # a drive ends at its distance, or off the track
-        return 0.0, f'the car leaves the track after {log.s[-1]:.0f} m {marks}', log
-    rms, maximum = float(np.sqrt(np.mean(log.e_y**2))), float(np.abs(log.e_y).max())
-    return by.score(rms, maximum), f'RMS error {rms:.2f} m, at most {maximum:.2f} m {marks}', log
-
-
-def _table(log: TrackLog) -> Table:
-    """Return the laps, as text."""
-    laps, _ = track_laps_of(log)
-    shown = [*laps.finished, laps.current][:_LAPS]
-    rows = [(f'{lap.number + 1}', *lap.cells) for lap in shown]
-    return Table('lap by lap', ('lap', *LAP_HEADINGS), rows)
-
-
-def _figure(log: TrackLog, title: str = '') -> Figure:
-    """Draw the best lap beside that with barc_sim's law."""
-    from barc_sim.figures.track_figure import track_figure  # noqa: PLC0415 (slow)
-
-    return track_figure(log, _usual(), labels=['your Lane', 'LaneLQR'], title=title)
-
-
 def _returned(law: NewLaw) -> tuple[float, str]:
     """Return score and message of the way back."""
     log = _drive(law, _STRAIGHT, _SEEN, _OFF)
@@ -279,18 +205,39 @@ def _returned(law: NewLaw) -> tuple[float, str]:
     return score, text
 
 
+def _kept(law: NewLaw, track: Track, laps: int, by: Thresholds) -> tuple[float, str, Evidence]:
+    """Return score, message and evidence of laps."""
+    log = _drive(law, track, laps * track.length)
+    driven, _ = track_laps_of(log)
+    rows = [(f'{each.number + 1}', *each.cells) for each in [*driven.finished, driven.current]]
+    table = Table('lap by lap', ('lap', *LAP_HEADINGS), rows[:laps])
+    shown = Evidence(table, partial(_figure, log))
+    marks = f'({by.full_rms:g} and {by.full_max:g} m are full marks)'
+    if abs(log.e_y[-1]) >= 0.5 * track.width:  # a drive ends at its distance, or off the track
+        return 0.0, f'the car leaves the track after {log.s[-1]:.0f} m {marks}', shown
+    rms, maximum = float(np.sqrt(np.mean(log.e_y**2))), float(np.abs(log.e_y).max())
+    return by.score(rms, maximum), f'RMS error {rms:.2f} m, at most {maximum:.2f} m {marks}', shown
+
+
+def _figure(log: TrackLog, title: str = '') -> Figure:
+    """Draw the best lap beside that with barc_sim's law."""
+    from barc_sim.figures.track_figure import track_figure  # noqa: PLC0415 (slow)
+
+    return track_figure(log, _usual(), labels=['your Lane', 'LaneLQR'], title=title)
+
+
+@cache
+def _usual() -> TrackLog:
+    """Return laps with barc_sim's law."""
+    return lap(speed=SPEED, laps=_LAPS, dynamics='dynamic')
+
+
 def hidden_track(seed: int) -> Track:
     """Return an L of other radii, mirrored."""
     uniform = Random(f'{seed} track').uniform  # noqa: S311 (a simulation, not a secret)
     first, second, upper, lower = (round(uniform(9.0, 13.0), 1) for _ in range(4))
     rows = l_shape(first, second, upper, lower, straight=round(uniform(14.0, 20.0), 1))
     return Track.of_rows(((length, -radius) for length, radius in rows), 'the hidden track')
-
-
-def _judge(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
-    yield from FUNCTIONS.judge(code, settings.seed)[0]
-    if not DRIVE_LABELS.keys().isdisjoint(criteria):
-        yield from judge_lane(code, settings, criteria)
 
 
 LANE = Lab(
