@@ -71,7 +71,7 @@ class Feed:
     def __init__(self) -> None:
         """Begin without states."""
         self.laps = Laps()  #: those of the run so far
-        self.track_laps = TrackLaps()
+        self.track_laps: TrackLaps | None = None  #: once a place on a track has come
         self.plan: list[tuple[float, float]] = []  #: [m] of the way that the steering plans
         self._first: int | None = None  # stamp [ns] at which the time of the rows begins
         self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
@@ -127,7 +127,8 @@ class Feed:
         reference = self._latest[PID_STATE][_REFERENCE]
         theta_deg = self._latest[ENVIRONMENT][_THETA]
         lap = self.laps.add(t, distance, across, speed, reference, theta_deg)
-        if self.is_on_track:
+        if not isnan(self._latest[TRACK_STATE][0]):
+            self.track_laps = self.track_laps or TrackLaps()
             past, lap_time, e_y = (self._latest[TRACK_STATE][i] for i in _ON_TRACK)
             servo = self._latest[COMMAND][_SERVO]
             lap = self.track_laps.add(t, past, lap_time, e_y, servo)
@@ -142,16 +143,6 @@ class Feed:
             lap,
             *(value for topic in TOPICS for value in self._latest[topic]),
         )
-
-    @property
-    def is_on_track(self) -> bool:
-        """Whether a place on a track has come."""
-        return not isnan(self._latest[TRACK_STATE][0])
-
-    @property
-    def shown_laps(self) -> Laps | TrackLaps:
-        """The laps so far: of the track, if a place on one has come."""
-        return self.track_laps if self.is_on_track else self.laps
 
     def history(self) -> bytes:
         """Return the rows of the last minute."""

@@ -241,18 +241,13 @@ _course = cache(Course.of)
 
 def track_facts(course: Course) -> dict[str, Any]:
     """Return the fields that turn the page into that of a track, with its centre line."""
-    points = {
-        name: [round(each, 6) for each in getattr(course, name).tolist()] for name in _OF_POINTS
-    }
+    points = {name: getattr(course, name).round(6).tolist() for name in course._fields[:5]}
     return {
         'mode': 'track',
         'track': {**points, 'length': min(course.length, points['s'][-1]), 'width': course.width},
         'terms': [f'steer_{name}' for name in LaneLaw.terms],
         'presets': {},
     }
-
-
-_OF_POINTS = ('s', 'x', 'y', 'psi', 'curvature')  #: of a track's centre line, for the page
 
 
 def _presets(law: object) -> dict[str, dict[str, float]]:

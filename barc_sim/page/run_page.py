@@ -182,7 +182,7 @@ class RunPage(ViewServer):
         values = self._run.values
         shown = {name: values[name] for name in self._run.gains if name in values}
         now = ', '.join(f'{name.removeprefix(LANE)} {value:g}' for name, value in shown.items())
-        laps = self.feed.shown_laps
+        laps = self.feed.track_laps or self.feed.laps
         seen = self._gains.setdefault(laps.current.number, [])
         if now and seen[-1:] != [now]:
             seen.append(now)
