@@ -149,7 +149,8 @@ class MirrorNode(Node):
         if track:
             self._road_pub.publish(track_markers(track, self._odom))
             self._track_pub = self.create_publisher(Path, names.TRACK_PATH, _LATCHED)
-            self._track_pub.publish(track_path(track, self._odom))
+            header = to_header(0, self._odom)
+            self._track_pub.publish(Path(header=header, **to_poses(header, _line(track))))
         else:
             self._road_pub.publish(road_markers(self._road, self._odom))
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS_ALL)
@@ -260,18 +261,9 @@ def road_markers(road: Road, frame: str) -> MarkerArray:
 
 def track_markers(track: Track, frame: str) -> MarkerArray:
     """Return a track's surface, and its centre line."""
-    half = 0.5 * track.width
-    left, right, middle = (
-        [Point(x=x, y=y) for x, y in zip(*_line(track, e_y)[:2], strict=True)]
-        for e_y in (half, -half, 0.0)
-    )
-    return _surface('track', frame, left, right, middle)
-
-
-def track_path(track: Track, frame: str) -> Path:
-    """Return a track's centre line."""
-    header = to_header(0, frame)
-    return Path(header=header, **to_poses(header, _line(track)))
+    lines = (_line(track, side * track.width) for side in (0.5, -0.5, 0.0))
+    edges = ([Point(x=x, y=y) for x, y, _ in zip(*line, strict=True)] for line in lines)
+    return _surface('track', frame, *edges)
 
 
 def _line(track: Track, e_y: float = 0.0) -> list[list[float]]:
