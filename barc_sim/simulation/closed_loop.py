@@ -151,8 +151,11 @@ def simulate(
         'euler' or 'rk4', in steps of `ts` [s], in whole nanoseconds.
     dynamics, lateral
         'kinematic', or 'dynamic': the bicycle with tyres of this `lateral`.
-    track, lane, servo, e_y
+    track, lane
         The arguments of `lap`; the run is on the road's axis unless there is a track.
+    servo, e_y
+        The steering: on a track with a lag of 0.1 s and 1 rad/s at most, unless given. Where the
+        car starts there [m], to the left of the centre line.
 
     Raises
     ------
@@ -242,8 +245,6 @@ def lap(
     *,
     speed: float | str | PathLike[str] | Signal = 6.0,
     laps: int = 3,
-    e_y: float = 0.0,
-    servo: Actuator | None = None,
     **options: Any,  # noqa: ANN401 (of `simulate`)
 ) -> TrackLog:
     """Return the log of laps from a standstill; it ends early where the car leaves the track.
@@ -261,10 +262,6 @@ def lap(
         `speed_profile` returns.
     laps
         How many follow one another.
-    e_y
-        [m] to the left of the centre line, where the car starts.
-    servo
-        The steering: with a lag of 0.1 s and 1 rad/s at most, unless given.
     options
         All other arguments of `simulate`. A `delay` is that of the steering, too.
 
@@ -286,8 +283,6 @@ def lap(
     return simulate(  # type: ignore[return-value]  # on a track
         track=road,
         lane=lane or LaneLQR(),
-        servo=servo,
-        e_y=e_y,
         reference=reference_of(speed),
         distance=laps * road.length,
         **defaults | options,
