@@ -157,11 +157,7 @@ def _add_track_options(parser: Parser) -> None:
         help=f'laps of a track: {", ".join(TRACKS)}, or a CSV file: length_m,radius_m (none)',
     )
     parser.add_argument(
-        '--lane',
-        type=_lane,
-        metavar='LAW',
-        help=f'what steers on a track: {", ".join(LANE_TYPES)}, or a file like lane.py '
-        f'({DEFAULT_LANE})',
+        '--lane', choices=tuple(LANE_TYPES), help=f'what steers on a track ({DEFAULT_LANE})'
     )
     parser.add_argument(
         '--lane-gain',
@@ -178,15 +174,6 @@ def _add_track_options(parser: Parser) -> None:
         metavar=('LATERAL', 'LONGITUDINAL'),
         help='drive as fast as these accelerations [m/s²] allow on the track, --speed at most',
     )
-
-
-def _lane(text: str) -> str | Path:
-    """Return the name of a steering law, or the path of a file with one."""
-    if text not in LANE_TYPES and not text.endswith('.py'):
-        raise ArgumentTypeError(
-            f'{text!r} is neither {", ".join(map(repr, LANE_TYPES))} nor a file like lane.py'
-        )
-    return text if text in LANE_TYPES else Path(text)
 
 
 def _gain(text: str) -> tuple[str, float]:

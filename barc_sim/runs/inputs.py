@@ -99,7 +99,7 @@ def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | No
     """Refuse what is for a part of the run that it does not have, or that is given twice."""
     one, given = 'give one of the two only', vars(options).get
     on_track, ours = 'is for a track: give one, as in --track L', "names one of barc_sim's, and"
-    named_law, another = isinstance(given('lane'), str), code.controller or code.identify
+    another = code.controller or code.identify
     driven, both = _STEERING if track else _DRIVING, f'both drive: {one}'
     for applies, names, parts, why in (
         (not track, _OF_TRACK, (), on_track),
@@ -107,7 +107,7 @@ def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | No
         (another, ('controller_type',), (), f'{ours} --lab or --controller gives another: {one}'),
         (code.identify, _OF_SPEED, ('controller',), f'and identify.py {both}'),
         (given('lane') == 'speed-mpc', _OF_SPEED, ('controller',), f'and speed-mpc {both}'),
-        (code.lane and named_law, ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
+        (code.lane, ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
         (
             given('reference'),
             ('speed', 'speed_profile'),

@@ -99,12 +99,10 @@ def test_laps_follow_one_another_and_are_listed(tmp_path: Path) -> None:
 
 def test_a_file_of_ones_own_drives(tmp_path: Path) -> None:
     (tmp_path / 'lane.py').write_text(LANE, 'utf-8')
-    words = ('--track', 'circle', '--speed', '6', '--lane-gain', 'k_y=0.3', *FAST)
-    _, log = drive(tmp_path, *words, '--lab', '.')
+    words = ('--track', 'circle', '--speed', '6', '--lab', '.', *FAST)
+    _, log = drive(tmp_path, *words, '--lane-gain', 'k_y=0.3')
     assert (log.steer_feedforward == 3.0 * (1.0 / 20.0)).all()
-    _, same = drive(tmp_path, *words, '--lane', 'lane.py')
-    assert same == log
-    _, other = drive(tmp_path, *words[:-6], *FAST, '--lane', 'lane.py')
+    _, other = drive(tmp_path, *words)
     assert other != log
 
 
@@ -124,7 +122,7 @@ def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
         ('--lane-gain q_e_y=1', '--lane-gain is for a track'),
         ('--speed-profile 3 2', '--speed-profile is for a track'),
         ('--lab .', 'lane.py is for a track'),
-        ('--track L --lane pid', "'pid' is neither 'lqr', 'stanley', 'pure-pursuit', 'mpc'"),
+        ('--track L --lane pid', "invalid choice: 'pid'"),
         ('--track L --lane-gain k=1', 'the law lqr has no such gain; expected one of q_e_y, q_e_'),
         ('--track L --lane-gain q_e_y=0', 'q_e_y: 0 is not a number from 1e-06 to 1000'),
         ('--track L --lane speed-mpc --speed 6', '--speed and speed-mpc both drive: give one of'),
@@ -137,8 +135,8 @@ def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
         ('--track open.csv --laps 2', "track 'open.csv' is not closed: expected laps 1, not 2"),
         ('--track L --laps -1', '-1 is not a whole number from 0'),
         (
-            '--track L --lane wanting.py',
-            'wanting.py, line 3: Lane takes (k), and each is a gain: expected',
+            '--track L --lab wanting',
+            'lane.py, line 3: Lane takes (k), and each is a gain: expected',
         ),
     ],
 )
@@ -146,7 +144,8 @@ def test_what_cannot_be_driven_is_refused_in_a_sentence(
     tmp_path: Path, words: str, complaint: str
 ) -> None:
     (tmp_path / 'lane.py').write_text(LANE, 'utf-8')
-    (tmp_path / 'wanting.py').write_text(LANE.replace('k_y=0.2, k_psi=0.8', 'k'), 'utf-8')
+    (tmp_path / 'wanting').mkdir()
+    (tmp_path / 'wanting/lane.py').write_text(LANE.replace('k_y=0.2, k_psi=0.8', 'k'), 'utf-8')
     (tmp_path / 'open.csv').write_text('length_m,radius_m\n50,0\n', 'utf-8')
     done = call('acc', '--engine', 'local', *FAST, *words.split(), cwd=tmp_path)
     assert done.returncode != 0
