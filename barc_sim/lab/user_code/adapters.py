@@ -12,7 +12,7 @@ from barc_sim.control.lane import LaneLaw
 from barc_sim.control.planning import line_beside
 from barc_sim.control.speed import PID, Adapter, Gain
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.code import POINTS, UserCode
+from barc_sim.lab.user_code.code import POINTS, UserCode, gains_of
 from barc_sim.vehicle.bike_model import Command
 
 if TYPE_CHECKING:
@@ -90,8 +90,7 @@ class UserLane:
 
     def __init__(self, code: UserCode) -> None:
         """Begin with the gains that are the defaults of its constructor."""
-        self._code = code
-        defaults = code.lane_gains
+        self._code, defaults = code, gains_of(code.lane)
         self.gains = {
             name: Gain(value, '-', f'{name} of lane.py', 2.0 * abs(value) or 1.0, (-1e6, 1e6))
             for name, value in defaults.items()

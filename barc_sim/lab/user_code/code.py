@@ -219,7 +219,7 @@ class UserCode:
                 f'{found.place()}: the class {name} has no method {called.method}({arguments})'
             )
         if called.takes is None:
-            _defaults(found)
+            gains_of(found)
         return found
 
     def new(self, part: str, *args: float, fresh: bool = False, **options: float) -> UserObject:
@@ -239,11 +239,6 @@ class UserCode:
             by_name = dict(zip(GAINS, gains, strict=True))
             return self.new('controller', fresh=fresh, **by_name, **limits)
         return self.new('controller', *gains, fresh=fresh, **limits)
-
-    @property
-    def lane_gains(self) -> dict[str, float]:
-        """The gains of their class `Lane`: the defaults of its arguments."""
-        return _defaults(self._part('lane'))
 
     def new_relay(self) -> Relay:
         """Return a new relay, to be called for a Twist `dt` seconds after the last call."""
@@ -409,17 +404,17 @@ class UserObject:
                 guarded(setattr, self._instance, name, value, default=None)
 
 
-def _defaults(new: UserFunction) -> dict[str, float]:
-    """Return the arguments of a user's class with their defaults, which must be numbers."""
-    given = new.signature.parameters
-    found = {name: number(each.default) for name, each in given.items()}
-    for name, value in found.items():
-        if value is None:
+def gains_of(lane: UserFunction) -> dict[str, float]:
+    """Return the gains of a user's class `Lane`: its arguments, whose defaults must be numbers."""
+    gains = {}
+    for name, each in lane.signature.parameters.items():
+        if (value := number(each.default)) is None:
             raise UserCodeError(
-                f'{new.place()}: Lane takes ({", ".join(found)}), and each is a gain: expected a '
-                f'number as its default, as in {name}=0.2'
+                f'{lane.place()}: Lane takes ({", ".join(lane.signature.parameters)}), and each is '
+                f'a gain: expected a number as its default, as in {name}=0.2'
             )
-    return {name: value for name, value in found.items() if value is not None}
+        gains[name] = value
+    return gains
 
 
 def _defined(folder: Folder, path: Path, names: Sequence[str]) -> tuple[str, Any]:
