@@ -240,7 +240,7 @@ def run_identify(options: Namespace) -> None:
     for remark in found.remarks:
         print(f'- {remark}')  # noqa: T201
     if path:
-        from barc_sim.figures.identification_figure import identification_figure  # noqa: PLC0415
+        from barc_sim.figures.run_figures import identification_figure  # noqa: PLC0415
 
         title = ', '.join(bag.resolve().name for bag in bags)
         save_figure(path, identification_figure(found.signals, title=title))

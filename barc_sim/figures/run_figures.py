@@ -29,6 +29,7 @@ from barc_sim.figures.style import (
     STYLE,
     TERM_DASHES,
     TERMS,
+    VERMILLION,
     after_run_up,
     limits,
     speed_limits,
@@ -49,6 +50,12 @@ if TYPE_CHECKING:
 _POSITION = 'Position along the road [m]'
 JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.
 _SHOWN = 120  # characters of a setting
+#: By signal of an identification: its name and unit.
+_SIGNALS = {
+    'v_x': ('Speed', 'm/s'),
+    'psi_dot': ('Yaw rate', 'rad/s'),
+    'v_y': ('Lateral speed', 'm/s'),
+}
 
 
 class NotebookFigure(Figure):
@@ -338,3 +345,32 @@ def draw_path(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> Non
     axes.set_aspect('equal', adjustable='datalim')
     axes.set(xlabel='x [m]', ylabel='y [m]')
     axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
+
+
+@style.context(STYLE)
+def identification_figure(
+    signals: Mapping[str, tuple[NDArray[np.float64], ...]], *, title: str = ''
+) -> Figure:
+    """Draw signals by name as `Identified` has them, and the error below; logs follow in turn."""
+    n = len(signals)
+    figure = Figure(figsize=(9.0, 1.2 + 3.2 * n), layout='constrained')
+    figure.suptitle(title)
+    panels = figure.subplots(2 * n, 1, sharex=True, height_ratios=[3.0, 1.2] * n, squeeze=False)
+    for (name, (t, measured, predicted)), (above, below) in zip(
+        signals.items(), panels[:, 0].reshape(n, 2), strict=True
+    ):
+        # One log follows the other, without a line from the end of the first to the next.
+        steps = np.diff(t, prepend=t[0])
+        begins = steps < 0.0
+        time = np.cumsum(np.where(begins, np.median(steps), steps))
+        line = np.where(begins, np.nan, predicted)
+        above.plot(time, measured, '.', ms=2.0, color=INK, alpha=0.5, label='measured')
+        above.plot(time, line, lw=1.2, color=BLUE, label='predicted from the first state')
+        label, unit = _SIGNALS[name]
+        above.set_ylabel(f'{label} [{unit}]')
+        below.plot(time, predicted - measured, lw=0.6, color=VERMILLION)
+        below.axhline(0.0, lw=0.8, color=INK)
+        below.set_ylabel(f'Error [{unit}]')
+    panels[0, 0].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    panels[-1, 0].set_xlabel('Time [s]')
+    return figure

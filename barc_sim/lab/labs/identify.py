@@ -170,7 +170,7 @@ def shown(car: Car, commands: Sequence[float], found: Sequence[float]) -> Eviden
 
 def _figure(car: Car, commands: Sequence[float], found: Sequence[float], title: str = '') -> Figure:
     """Draw the speed, what the estimated car predicts, and the residuals."""
-    from barc_sim.figures.identification_figure import identification_figure  # noqa: PLC0415 (slow)
+    from barc_sim.figures.run_figures import identification_figure  # noqa: PLC0415 (slow)
 
     predicted = driven(Car(*(min(max(each, 0.0), 0.4) for each in found[::2])), commands)
     speeds = np.array(_T), np.array(measured(car, tuple(commands))), predicted
