@@ -419,16 +419,13 @@ def _arc(chord: complex, tangent: complex) -> tuple[float, float]:
 
 
 def l_shape(
-    first: float = 10.2,
-    second: float = 12.2,
-    upper: float = 11.5,
-    lower: float = 12.3,
-    straight: float = 22.5,
+    radii: Iterable[float] = (10.2, 12.2, 11.5, 12.3), straight: float = 22.5
 ) -> tuple[tuple[float, float], ...]:
     """Return lengths and radii [m] of an L; by default ten times as large as BARC's own track.
 
-    The radii are those of two corners and two U-turns; then comes the length of the first straight.
+    The radii are those of two corners and two U-turns; `straight` is the first straight's length.
     """
+    first, second, upper, lower = radii
     short, link = 9.0, 1.5
     side = 2.0 * upper + first + link - second
     back = 2.0 * lower - second + first + short - straight

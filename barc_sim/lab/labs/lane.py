@@ -235,8 +235,8 @@ def _usual() -> TrackLog:
 def hidden_track(seed: int) -> Track:
     """Return an L of other radii, mirrored."""
     uniform = Random(f'{seed} track').uniform  # noqa: S311 (a simulation, not a secret)
-    first, second, upper, lower = (round(uniform(9.0, 13.0), 1) for _ in range(4))
-    rows = l_shape(first, second, upper, lower, straight=round(uniform(14.0, 20.0), 1))
+    radii = [round(uniform(9.0, 13.0), 1) for _ in range(4)]
+    rows = l_shape(radii, straight=round(uniform(14.0, 20.0), 1))
     return Track.of_rows(((length, -radius) for length, radius in rows), 'the hidden track')
 
 
