@@ -170,8 +170,7 @@ def print_track_laps(cars: Mapping[str, TrackLaps], late: str) -> None:
         shown = [(f'{number}', lap) for number, lap in enumerate(laps.finished, 1)]
         if not shown or laps.current.time > _SHOWN:
             shown.append(('not finished', laps.current))
-        for number, lap in shown:
-            rows.append((f'{name} {number}'.strip(), *lap.cells))
+        rows += [(f'{name} {number}'.strip(), *lap.cells) for number, lap in shown]
         if laps.best:
             ends.append(f'{name} best lap {laps.best.time:.2f} s'.strip())
     _print_table(('Laps', 'lap', *LAP_HEADINGS), rows, *ends, late)
