@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -199,6 +200,8 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
 
     def step(self, actions: Any) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:  # noqa: ANN401
         """Go one step with each car; those whose episode is over begin a new one instead."""
+        if not self._generators:
+            raise ResetNeeded('no episode has begun: call reset() before step()')
         motor, servo = self.task.command(actions, self.num_envs)
         restarted = np.flatnonzero(self._over)
         observation, rewards, terminated, info = self._go(motor, servo, restarted)

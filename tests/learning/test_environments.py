@@ -307,6 +307,13 @@ def test_an_action_that_makes_no_sense_is_refused(mode: str) -> None:
             env.step(np.array([action, action], np.float32))
 
 
+@pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
+def test_no_step_comes_before_a_reset(mode: str) -> None:
+    env = gymnasium.make_vec(IDS['Lane'], 2, vectorization_mode=mode)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros((2, 1)))
+
+
 def test_hills_are_on_a_road_alone() -> None:
     with pytest.raises(UserError, match="option 'track' must be one of road, vehicle"):
         gymnasium.make(IDS['Hills'], track='L')
