@@ -75,16 +75,6 @@ class _Segment(NamedTuple):
     curvature: float  #: [1/m]
     half: float  #: [rad] of its turn
 
-    def project(self, x: float, y: float) -> tuple[float, float]:
-        """Return s and e_y [m] of a point, beyond the ends of the segment, too."""
-        start, _, x_0, y_0, _, cosine, sine, curvature, half = self
-        dx, dy = x - x_0, y - y_0
-        a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
-        e_y, turned = beside_arc(curvature, a, b)
-        if curvature:
-            a = (half + remainder(turned - half, _TURN)) / curvature
-        return start + a, e_y
-
 
 _CURVATURE = _Segment._fields.index('curvature')
 
@@ -264,16 +254,21 @@ class Track:
         n, length, is_closed = len(self.lengths), self.starts[-1], self.is_closed
         i, _ = self.segment(near)
         for _ in range(n):
-            there = self._segments[i]
-            s, e_y = there.project(x, y)
-            step = (s >= there.end) - (s < there.start)
+            start, end, x_0, y_0, psi_0, cosine, sine, curvature, half = self._segments[i]
+            dx, dy = x - x_0, y - y_0
+            a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
+            e_y, turned = beside_arc(curvature, a, b)
+            if curvature:
+                a = (half + remainder(turned - half, _TURN)) / curvature
+            s = start + a
+            step = (s >= end) - (s < start)
             if not step or not (is_closed or 0 <= i + step < n):
                 break
             i = (i + step) % n
-        e_psi = remainder(psi - there.psi - there.curvature * (s - there.start), _TURN)
+        e_psi = remainder(psi - psi_0 - curvature * (s - start), _TURN)
         if is_closed:
             s += length * round((near - s) / length)
-        return Frenet(s, e_y, e_psi, there.curvature)
+        return Frenet(s, e_y, e_psi, curvature)
 
     def segment(self, s: float) -> tuple[int, float]:
         """Return the number of the segment at `s`, and how far into it that is [m]."""
