@@ -42,7 +42,7 @@ class _Drive:
     _plant: Any
     _pid: Any
     _begin: Callable[[Any], None]
-    _measure: Callable[[Motion], Motion]  #: adds noise
+    _measure: Callable[[], Motion]  #: the motion, with noise
     _command: Any  #: a Command
     _near: Any  #: s of the latest measured place [m]
 
@@ -66,8 +66,7 @@ class _Drive:
         """Return the observation, and `info`."""
         task, plant, track = self.task, self._plant, self.task.track
         s, e_y, e_psi, _ = plant.frenet or (plant.state.x, 0.0, 0.0, 0.0)
-        true = plant.motion()
-        info, speed, self._s = {'s': s}, true.v_x, s
+        info, speed, self._s = {'s': s}, plant.v_x, s
         if track:
             info = {
                 's': s,
@@ -77,7 +76,7 @@ class _Drive:
                 'lap_times': plant.lap_times,
             }
         if task.is_noisy:
-            s, y, psi, speed, *_ = self._measure(true)
+            s, y, psi, speed, _, _ = self._measure()
             if track:
                 s, e_y, e_psi, _ = track.frenet(s, y, psi, self._near)
             self._near = s
@@ -134,8 +133,8 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
             self.render()
         return observation, reward, is_over, False, info
 
-    def _measure(self, true: Motion) -> Motion:
-        k = self._plant.steps % BLOCK
+    def _measure(self) -> Motion:
+        true, k = self._plant.motion(), self._plant.steps % BLOCK
         if not k:
             self._errors = self.task.errors(self.np_random, self._noise).tolist()
         return with_error(true, MeasurementError(*self._errors[k]), cos(true.psi), sin(true.psi))
@@ -211,8 +210,8 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         self._over = terminated | truncated
         return observation, rewards, terminated, truncated, info
 
-    def _measure(self, true: Motion) -> Motion:
-        k = self._plant.steps % BLOCK
+    def _measure(self) -> Motion:
+        true, k = self._plant.motion(), self._plant.steps % BLOCK
         for car in np.flatnonzero(k == 0).tolist():
             self._errors[car] = self.task.errors(self._generators[car], self._noise[car])
         error = MeasurementError(*self._errors[np.arange(self.num_envs), k].T)
