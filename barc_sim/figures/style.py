@@ -151,15 +151,13 @@ class Course(NamedTuple):
         """Return the track of a run; as far as it has driven along it, where it is unknown."""
         if log.track:
             return cls.of(log.track)
-        known = np.isfinite(log.s)  # a recorder may see states before the first place
-        log = log.map(lambda column: column[known])
+        length = log.lap_length
+        one_lap = log.s < np.nanmin(log.s) + length  # s is unknown before the first place
+        log = log.map(lambda column: column[one_lap])
         x, y, heading = use_measurement(log).true_pose
         psi = heading - log.e_psi
-        length = log.lap_length
-        first = np.flatnonzero(log.s < log.s[0] + length)
         s = np.mod(log.s, length) if np.isfinite(length) else log.s  # a bag may begin in any lap
-        s, unique = np.unique(s[first], return_index=True)
-        rows = first[unique]
+        s, rows = np.unique(s, return_index=True)
         if np.isfinite(length):  # the first point once more, at the end
             s, rows = np.append(s, s[0] + length), np.append(rows, rows[0])
         e_y, psi = log.e_y[rows], psi[rows]
