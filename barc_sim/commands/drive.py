@@ -157,7 +157,9 @@ def _add_track_options(parser: Parser) -> None:
         help=f'laps of a track: {", ".join(TRACKS)}, or a CSV file: length_m,radius_m (none)',
     )
     parser.add_argument(
-        '--lane', choices=tuple(LANE_TYPES), help=f'what steers on a track ({DEFAULT_LANE})'
+        '--lane',
+        choices=tuple(LANE_TYPES),
+        help=f'what steers on a track without a lane.py of --lab ({DEFAULT_LANE})',
     )
     parser.add_argument(
         '--lane-gain',
