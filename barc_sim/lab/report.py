@@ -46,6 +46,8 @@ _DASH = '–'  # noqa: RUF001 (the usual sign for an empty cell)
 _SETTINGS = {
     'command': 'Command',
     'road': 'Road',
+    'track': 'Track',
+    'lane': 'Steering law',
     'kp': 'Gain kp',
     'ki': 'Gain ki',
     'kd': 'Gain kd',

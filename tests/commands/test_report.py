@@ -17,7 +17,8 @@ from made_bags import GRAPH, make
 
 from barc_sim.__main__ import main as barc
 from barc_sim.control.driver import DriverInput
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.control.lane import Stanley
+from barc_sim.simulation.closed_loop import closed_loop, lap
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -122,6 +123,13 @@ def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
     assert '/vehicle_simulator publishes /z_vhcl' in str(page.images[-1]['alt'])
     assert 'Speed error' not in page.text
     assert "The controller's terms" not in page.text
+
+
+def test_laps_of_a_track_name_it_and_the_steering_law(tmp_path: Path) -> None:
+    info = {'track': 'circle', 'lane': 'stanley'}
+    page = page_of(make(tmp_path / 'bag', lap(Stanley(), 'circle', laps=1), info))
+    assert re.search(r'Track\s*circle\s*Steering law\s*stanley', page.text)
+    assert 'Laps of the track' in page.text
 
 
 @pytest.mark.parametrize('graph', ['[]', '{"nodes": 1}'])
