@@ -238,7 +238,7 @@ class Actuators:
         """Delay these cars' commands by so many seconds from now on."""
         steps = np.array([in_steps(delay, self._ts) for delay in delays.tolist()]).reshape(-1, 2)
         self._whole[cars], self._early[cars] = steps.T
-        self._delays = bool(self._whole.any() or self._early.any())
+        self._delays, self._splits = bool(self._whole.any()), bool(self._early.any())
 
     def stop(self, cars: Cars) -> None:
         """Set these to zero, and drop their waiting commands."""
@@ -248,11 +248,13 @@ class Actuators:
         """Go one step after `command`; return the means over it."""
         if self._limit < inf:
             command = np.clip(command, -self._limit, self._limit)
-        if not self._delays:
+        if not (self._delays or self._splits):
             return self._respond(command, self._ts)
         self._step += 1
         self._queue[self._step % len(self._queue)] = command
         newer, early = self._ago(self._whole), self._early
+        if not self._splits:
+            return self._respond(newer, self._ts)
         # Of a share of zero nothing is left: its mean counts for nothing, and it moves nothing.
         older = np.where(early > 0.0, self._ago(self._whole + 1), self.value)
         mean = early * self._respond(older, np.where(early > 0.0, early, 1.0) * self._ts)
