@@ -166,6 +166,8 @@ def _judge(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> I
         ('lane.laps', Track.named('L'), _LAPS),
         ('lane.hidden', hidden_track(settings.seed), 1),
     ):
+        if criterion not in criteria:
+            continue
         kept = [(*_kept(law, track, laps, by), whose) for whose, law in laws.items()]
         score, text, _, whose = max(kept, key=itemgetter(0))
         shown = None
