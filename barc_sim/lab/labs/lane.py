@@ -73,10 +73,12 @@ FUNCTIONS = Functions(
 SPEED = 6.0  #: [m/s]
 _CURVATURE = 0.05  #: [1/m]
 _TURN = dict(zip(('STEER', 'STEADY'), steady_turn(_CURVATURE), strict=True))
-CLASS = read_law(Path(__file__).with_name('lane_class.txt'), CURVATURE=_CURVATURE, **_TURN)
 _STRAIGHT, _BEND = Track((1e4,), (0.0,)), Track((50.0, 100.0), (0.0, _CURVATURE))
 _SHIFTS = range(-8, 9)  #: [m] at which the curvature may be read
 _NEAR = 1e-3  #: [rad]
+CLASS = read_law(
+    Path(__file__).with_name('lane_class.txt'), CURVATURE=_CURVATURE, NEAR=_NEAR, **_TURN
+)
 _ONE_WRONG = 0.2  #: of the points are left
 _LAPS, _MAX_DURATION = 3, 200.0
 _OFF, _BACK = 1.0, 0.1  #: [m] beside the line, at the start and when it counts as back
