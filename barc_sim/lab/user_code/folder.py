@@ -374,12 +374,17 @@ def describe_error(error: BaseException) -> str:
 
 def raised_at(folder: Folder, error: BaseException) -> str | None:
     """Return the innermost file and line of the folder in an exception's traceback."""
-    places = [
-        place
+    frames = _frames(folder, error)
+    return frames[-1][0] if frames else None
+
+
+def _frames(folder: Folder, error: BaseException) -> list[tuple[str, str]]:
+    """Return place and function of each of the folder's frames in an exception's traceback."""
+    return [
+        (place, frame.f_code.co_name)
         for frame, line in traceback.walk_tb(error.__traceback__)
         if (place := folder.place(frame.f_code.co_filename, line))
     ]
-    return places[-1] if places else None
 
 
 class Called(NamedTuple):
@@ -471,13 +476,9 @@ class UserFunction:
             return UserCodeError(f'{place}: {call} uses {error}')
         # The lab's own templates have the name TODO where code is missing.
         if isinstance(error, NotImplementedError) or getattr(error, 'name', '') == 'TODO':
-            names = [
-                frame.f_code.co_name
-                for frame, line in traceback.walk_tb(error.__traceback__)
-                if self.folder.place(frame.f_code.co_filename, line)
-            ]
             # It can be a function that this one calls; `__init__` and `<listcomp>` are none.
-            name = next((n for n in names[-1:] if n.strip('_<>') == n), self._name())
+            names = [name for _, name in _frames(self.folder, error)[-1:]]
+            name = next((n for n in names if n.strip('_<>') == n), self._name())
             return UserCodeError(f'{place}: {name} {NOT_WRITTEN}')
         text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
         hint = _hint(self.folder, error)
