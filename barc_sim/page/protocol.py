@@ -241,7 +241,8 @@ _course = cache(Course.of)
 
 def track_facts(course: Course) -> dict[str, Any]:
     """Return the fields that turn the page into that of a track, with its centre line."""
-    points = {name: getattr(course, name).round(6).tolist() for name in course._fields[:5]}
+    names = 's', 'x', 'y', 'psi', 'curvature'
+    points = {name: getattr(course, name).round(6).tolist() for name in names}
     return {
         'mode': 'track',
         'track': {**points, 'length': min(course.length, points['s'][-1]), 'width': course.width},
