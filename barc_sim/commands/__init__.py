@@ -47,7 +47,7 @@ SHARED = dict.fromkeys(GROUPS['drive'], 'drive')
 SHARED |= dict.fromkeys(('plot', 'replay'), 'figures')
 SHARED |= dict.fromkeys(('new', 'report', 'submit'), 'lab')
 SHARED |= dict.fromkeys(('tune', 'identify', 'raceline'), 'research')
-SHARED |= dict.fromkeys(('info', 'convert', 'recover'), 'bags')
+SHARED |= dict.fromkeys(GROUPS['bags'], 'bags')
 SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
 #: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and class.
 NODES = {

@@ -1,14 +1,17 @@
-"""`info`, `convert` and `recover`: what is in a bag, as tables, and whole again."""
+"""`record`, `play`, `info`, `convert` and `recover`: bags of any ROS 2 system."""
 
 from __future__ import annotations
 
+import shlex
+import sys
+from contextlib import ExitStack, suppress
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.cli.parser import add_bag
-from barc_sim.errors import escaped
-from barc_sim.runs.options import add_topic_choice
+from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number
+from barc_sim.errors import UserError, escaped
+from barc_sim.runs.options import add_recording_options, add_topic_choice, recording
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -16,6 +19,130 @@ if TYPE_CHECKING:
 
     from barc_sim.bags.contents import Contents
     from barc_sim.cli.parser import Parser
+
+_RATES = (1e-3, 1e3)
+_MAX_OFFSET = 1e9  #: [s]
+_CLOCK_RATE = 40.0  #: [Hz] as in ros2 bag play
+
+
+def add_arguments_record(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Record every topic that a node publishes or subscribes to, until Ctrl-C.'
+    parser.epilog = 'Services bag_recorder/pause and resume, of the type std_srvs/srv/Trigger.'
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        metavar='DIR',
+        help='directory of the new bag (bags/<date>_<time>)',
+    )
+    parser.add_argument(
+        '--use-sim-time',
+        action='store_true',
+        help='stamp received messages with the time on /clock, as soon as there is one',
+    )
+    add_recording_options(parser)
+    accept_ros_args(parser)
+
+
+def run_record(options: Namespace) -> int:
+    """Record until a signal or a service stops it; return the exit code."""
+    from barc_sim.bags.recording import summary  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415
+    from barc_sim.ros.process import spin  # noqa: PLC0415
+
+    settings, command = recording(options), shlex.join(['barc', *options.argv])
+    recorder = spin(
+        lambda: BagRecorder(recording=settings, path=options.output, metadata={'command': command}),
+        options.ros_args,
+    )
+    lines = [f'{count:9} {topic}' for topic, count in sorted(recorder.counts.items())]
+    lines.append(summary(recorder.counts, recorder.lost, recorder.left_out))
+    lines.append(f'bag {recorder.path}')
+    print('\n'.join(lines))  # noqa: T201
+    return 1 if recorder.failure else 0
+
+
+def add_arguments_play(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = (
+        'Publish the messages of an MCAP bag of any recorder on their topics, with their quality '
+        'of service and spacing, as `ros2 bag play` does.'
+    )
+    parser.epilog = 'Keys: space pauses and resumes, the right arrow steps one message, q ends.'
+    add_bag(parser)
+    parser.add_argument(
+        '-r',
+        '--rate',
+        type=number(*_RATES),
+        default=1.0,
+        metavar='RATE',
+        help='seconds of the bag per second (1)',
+    )
+    parser.add_argument(
+        '-l', '--loop', action='store_true', help='begin again at the end, until Ctrl-C'
+    )
+    parser.add_argument(
+        '--start-offset',
+        type=number(0.0, _MAX_OFFSET),
+        default=0.0,
+        metavar='S',
+        help='begin this long after the start of the bag',
+    )
+    parser.add_argument('-p', '--start-paused', action='store_true', help='begin paused')
+    add_topic_choice(parser, 'play')
+    parser.add_argument(
+        '-m',
+        '--remap',
+        nargs='+',
+        default=[],
+        metavar='OLD:=NEW',
+        help='publish a topic under another name, as in /ecu:=/car2/ecu',
+    )
+    parser.add_argument(
+        '--clock',
+        type=number(*_RATES),
+        nargs='?',
+        const=_CLOCK_RATE,
+        metavar='HZ',
+        help=f"publish the bag's time on /clock, in place of the bag's own ({_CLOCK_RATE:g})",
+    )
+    accept_ros_args(parser)
+
+
+def run_play(options: Namespace) -> int:
+    """Play the bag to its end or until a signal; return the exit code."""
+    from barc_sim.control.keyboard import Terminal  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.nodes.player import BagPlayer, Playback  # noqa: PLC0415
+    from barc_sim.ros.process import PLAYER_PROFILES, spin, use_profiles  # noqa: PLC0415
+
+    use_profiles(profiles=PLAYER_PROFILES)
+    bag = _bag(options)
+    playback = Playback(**{name: getattr(options, name) for name in Playback._fields})
+    rules = [word for rule in options.remap for word in ('--remap', rule)]
+    with ExitStack() as end:
+
+        def create() -> BagPlayer:
+            player = BagPlayer(bag, playback, _show)
+            with suppress(UserError):  # without a terminal there are no keys
+                end.enter_context(Terminal()).listen(player.on_key)
+            return player
+
+        player = spin(create, [*options.ros_args, *([ROS_ARGS, *rules] if rules else [])])
+    _show('')
+    print(f'played {player.progress.strip()}')  # noqa: T201
+    return 1 if player.failure else 0
+
+
+def _show(line: str) -> None:
+    if sys.stderr.isatty():
+        print(f'\r\x1b[K{line}', end='', file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _bag(options: Namespace) -> Path:
+    from barc_sim.bags.reader import newest  # noqa: PLC0415 (slow: not for --help)
+
+    return options.bag or newest()
 
 
 def add_arguments_info(parser: Parser) -> None:
@@ -35,12 +162,6 @@ def run_info(options: Namespace) -> None:
     found = describe(_bag(options))
     for line in [json.dumps(found, indent=2)] if options.json else _described(found):
         print(escaped(line))  # noqa: T201
-
-
-def _bag(options: Namespace) -> Path:
-    from barc_sim.bags.reader import newest  # noqa: PLC0415 (slow: not for --help)
-
-    return options.bag or newest()
 
 
 def _described(found: dict[str, Any]) -> Iterator[str]:

@@ -195,4 +195,6 @@ def run_node(options: Namespace) -> int:
             print(f'{options.name}  {url}', flush=True)  # noqa: T201
         return node
 
-    return call(options.name, lambda: spin(create, options.arguments))
+    return call(
+        options.name, lambda: bool(getattr(spin(create, options.arguments), 'failure', None))
+    )

@@ -9,7 +9,7 @@ import sys
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
 from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
+_Node = TypeVar('_Node', bound='Node')
 #: Threads for callbacks that may block; the quick ones need none.
 NUM_THREADS = 2
 _MAX_DOMAIN = 232  #: whose ports DDS can count
@@ -77,16 +78,13 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
         rclpy.try_shutdown()
 
 
-def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
+def spin(create: Callable[[], _Node], args: list[str] | None = None) -> _Node:
     """Spin the node that `create` returns until it is `finished` or a signal stops it.
 
-    Returns
-    -------
-    int
-        The exit code: 1 if the node has a `failure`.
+    Return the node, which is destroyed.
     """
     with StopSignals() as stop, ros(args):
-        node: Any = create()
+        node = create()
         executor = QuickExecutor(num_threads=NUM_THREADS)
         executor.add_node(node)
         done = getattr(node, 'finished', None) or Future()
@@ -96,7 +94,7 @@ def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
         finally:
             executor.shutdown()
             node.destroy_node()
-    return 1 if getattr(node, 'failure', None) else 0
+    return node
 
 
 def use_profiles(
