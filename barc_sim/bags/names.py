@@ -10,33 +10,15 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from barc_sim.bags import bounds
-from barc_sim.simulation.log import (
-    CLOCK,
-    CONTROLLER_STATE,
-    ENVIRONMENT,
-    LANE_STATE,
-    PID_STATE,
-    STATE,
-    STATE_ERROR,
-    TRACK_STATE,
-)
-from barc_sim.simulation.log import COMMAND as ECU
+from barc_sim.simulation import log
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = [
-    'CLOCK',
-    'CONTROLLER_STATE',
-    'ECU',
-    'ENVIRONMENT',
-    'LANE_STATE',
-    'PID_STATE',
-    'STATE',
-    'STATE_ERROR',
-    'TRACK_STATE',
-]
-
+# Those that a log is made of.
+STATE, STATE_ERROR, TRACK_STATE = log.STATE, log.STATE_ERROR, log.TRACK_STATE
+ECU, ENVIRONMENT, CLOCK = log.COMMAND, log.ENVIRONMENT, log.CLOCK
+PID_STATE, CONTROLLER_STATE, LANE_STATE = log.PID_STATE, log.CONTROLLER_STATE, log.LANE_STATE
 #: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
 CMD_VEL = 'cmd_vel'
 PREDICTION = 'prediction'  #: the way that a law of the lane plans, at every fifth state

@@ -99,8 +99,8 @@ class PeerWatch:
     """Warns, each sentence once, of what keeps a simulator from being commanded.
 
     While time waits for the answer to a state, that state is published again for a controller that
-    has started since. `rivals` are the nodes that publish commands, where there are several: one
-    that was killed counts, too, for the 20 s that DDS needs to notice.
+    has started since. Of nodes that publish commands, one that was killed counts, too, for the 20 s
+    that DDS needs to notice.
     """
 
     def __init__(
@@ -115,7 +115,6 @@ class PeerWatch:
         self._republish, self._publish_clock = republish, publish_clock
         self._states = 0
         self._warned: set[str] = set()
-        self.rivals: list[str] = []  #: the full names of several nodes that publish commands
         # Who publishes commands: at the latest check, and at the last one before the present state.
         self._commanders: set[bytes] = set()
         self._reached: set[bytes] = set()
@@ -139,11 +138,10 @@ class PeerWatch:
         else:
             self._reached = self._commanders
         self._commanders = commanders
-        self.rivals = full_names(ends) if len(ends) > 1 else []
-        if self.rivals:
-            topic, together = self._node.resolve_topic_name(names.ECU), ' and '.join(self.rivals)
+        if len(ends) > 1:
+            topic, rivals = self._node.resolve_topic_name(names.ECU), ' and '.join(full_names(ends))
             end = 'end one; a killed one counts for 20 s'
-            self._warn(f'{together} publish {topic} and drive together: {end}')
+            self._warn(f'{rivals} publish {topic} and drive together: {end}')
         if states and stands_still:
             self._publish_clock()  # for nodes that have started since
         self._states = states

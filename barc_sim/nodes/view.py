@@ -5,16 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from barc_interfaces.msg import (
-    ECU,
-    ControllerState,
-    Environment,
-    EZDynBkMdl,
-    LaneState,
-    PidState,
-    TrackState,
-    ZDynBkMdl,
-)
+from barc_interfaces import msg
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import SetParameters
@@ -38,25 +29,15 @@ from barc_sim.page.protocol import (
 )
 from barc_sim.page.run_page import RunPage
 from barc_sim.ros.node_helpers import declare, to_twist
+from barc_sim.simulation.log import MESSAGE_TYPES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from barc_sim.control.driver import DriverInput
     from barc_sim.page.protocol import Request
     from barc_sim.page.run_page import OnDone
 
 MODES = ('acc', 'teleop')
-_TYPES = {
-    names.STATE: ZDynBkMdl,
-    names.STATE_ERROR: EZDynBkMdl,
-    names.ENVIRONMENT: Environment,
-    names.ECU: ECU,
-    names.PID_STATE: PidState,
-    names.CONTROLLER_STATE: ControllerState,
-    names.TRACK_STATE: TrackState,
-    names.LANE_STATE: LaneState,
-}
+_TYPES = {topic: getattr(msg, kind.split('/')[-1]) for topic, kind in MESSAGE_TYPES.items()}
 _SERVICES = {
     names.RESET_SIMULATOR: Trigger,
     names.RESET_CONTROLLER: Trigger,
@@ -116,20 +97,17 @@ class ViewNode(Node):
         self._cmd_vel_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
         self._feed = Feed()
         for topic, kind in _TYPES.items():
-            self.create_subscription(kind, topic, self._taking(topic), DEPTH)
+            self.create_subscription(kind, topic, partial(self._on_message, topic), DEPTH)
         self.create_subscription(Path, names.PREDICTION, self._on_plan, names.QOS_NEWEST)
         self._calls = {name: self.create_client(kind, name) for name, kind in _SERVICES.items()}
         address = values['host'], values['port']
         self.page = RunPage(values['mode'], *address, run, self._feed, self._drive, self._request)
         self.url = self.page.url
 
-    def _taking(self, topic: str) -> Callable[[Any], None]:
-        def take(message: Any) -> None:  # noqa: ANN401 (of the topic's type)
-            self._feed.take(topic, message)
-            if topic == names.STATE:
-                self.latest = to_nanoseconds(message.header.stamp)
-
-        return take
+    def _on_message(self, topic: str, message: Any) -> None:  # noqa: ANN401 (of the topic's type)
+        self._feed.take(topic, message)
+        if topic == names.STATE:
+            self.latest = to_nanoseconds(message.header.stamp)
 
     def _on_plan(self, plan: Path) -> None:
         places = [each.pose.position for each in plan.poses]

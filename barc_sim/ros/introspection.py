@@ -19,6 +19,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.task import Future
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
+from barc_sim.bags.recording import to_yaml
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.cli.process import StopSignals
 from barc_sim.errors import UserError
@@ -48,9 +49,6 @@ _RESPONSE_PATIENCE = 2.0
 _ATTEMPTS = 3
 _DEPTH = 10_000  #: messages that can wait to be printed
 _MAX_SHOWN = 128  #: elements of an array, characters of a string
-#: SafeDumper, in C where libyaml is installed.
-_Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
-_MAX_WIDTH = 2**30  #: characters of a line of YAML: none is broken
 
 
 @contextmanager
@@ -169,7 +167,7 @@ def print_messages(observer: GraphObserver, name: str, count: int | None) -> Non
         nonlocal left
         if finished.done():
             return
-        print(f'{to_yaml(message)}---', flush=True)  # noqa: T201
+        print(f'{to_yaml(plain(message))}---', flush=True)  # noqa: T201
         left = left and left - 1
         if left == 0:
             finished.set_result(None)
@@ -181,23 +179,16 @@ def print_messages(observer: GraphObserver, name: str, count: int | None) -> Non
         executor.spin_until_future_complete(finished)
 
 
-def to_yaml(message: Any) -> str:  # noqa: ANN401 (generated classes)
-    """Return a message as a YAML document without `---`, with the beginnings of long values."""
-    return yaml.dump(
-        _plain(message), Dumper=_Dumper, allow_unicode=True, width=_MAX_WIDTH, sort_keys=False
-    )
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401
-    """Return `value` in YAML's types."""
+def plain(value: Any) -> Any:  # noqa: ANN401 (generated classes)
+    """Return a message in YAML's types, with the beginnings of long values."""
     if hasattr(value, 'get_fields_and_field_types'):
-        return {name: _plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, bytes):
         value = value.decode('latin-1')
     if isinstance(value, str):
         return value if len(value) <= _MAX_SHOWN else f'{value[:_MAX_SHOWN]}...'
     if hasattr(value, '__len__'):  # a list, an array of Python's or of NumPy's
-        shown = [_plain(element) for element in value[:_MAX_SHOWN]]
+        shown = [plain(element) for element in value[:_MAX_SHOWN]]
         return [*shown, '...'] if len(shown) < len(value) else shown
     return value.item() if hasattr(value, 'item') else value  # NumPy's scalars
 

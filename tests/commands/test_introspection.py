@@ -17,9 +17,10 @@ from std_msgs.msg import Float64MultiArray, String
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.names import NodeGraph
+from barc_sim.bags.recording import to_yaml
 from barc_sim.errors import Parameter
 from barc_sim.figures.graph_figure import lines
-from barc_sim.ros.introspection import to_yaml
+from barc_sim.ros.introspection import plain
 from barc_sim.ros.node_helpers import declare
 
 if TYPE_CHECKING:
@@ -124,12 +125,12 @@ def test_empty_domain_is_one_sentence(ros_domain: int, tmp_path: Path) -> None:
 
 
 def test_messages_are_written_in_the_order_of_the_definition_and_long_values_cut() -> None:
-    assert to_yaml(ECU(motor=1e-7, servo=float('nan'))) == (
+    assert to_yaml(plain(ECU(motor=1e-7, servo=float('nan')))) == (
         "header:\n  stamp:\n    sec: 0\n    nanosec: 0\n  frame_id: ''\n"
         'motor: 1.0e-07\nservo: .nan\n'
     )
-    assert to_yaml(Float64MultiArray(data=[1.0] * 200)).count('\n- ') == 129
-    assert to_yaml(String(data='x' * 200)) == f'data: {"x" * 128}...\n'
+    assert to_yaml(plain(Float64MultiArray(data=[1.0] * 200))).count('\n- ') == 129
+    assert to_yaml(plain(String(data='x' * 200))) == f'data: {"x" * 128}...\n'
 
 
 BUILT_IN = ['start_type_description_service', 'use_sim_time']
