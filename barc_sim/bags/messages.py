@@ -204,37 +204,29 @@ def to_nanoseconds(stamp: Any) -> int:  # noqa: ANN401 (a builtin_interfaces/msg
 
 
 @cache
-def _types() -> Typestore:
-    """Return the types whose definitions are shipped with barc_sim."""
+def store() -> Typestore:
+    """Return the types of Jazzy's common interfaces and of barc_interfaces."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 (100 ms)
 
-    store = get_typestore(Stores.EMPTY)
+    made = get_typestore(Stores.ROS2_JAZZY)
     types: dict[str, Any] = {}
     for name, path in shipped():
-        types |= get_types_from_msg(path.read_text(encoding='utf-8'), name)
-    store.register(types)
-    return store
+        if name not in made.fielddefs:
+            types |= get_types_from_msg(path.read_text(encoding='utf-8'), name)
+    made.register(types)
+    return made
 
 
-def field_types(type_name: str) -> Mapping[str, Any]:
-    """Return the fields of a shipped type with rosbags' descriptions; none of another type."""
-    return dict(_types().fielddefs.get(type_name, ((), ()))[1])
-
-
-def topic(name: str, type_name: str, store: Typestore | None = None) -> Topic:
-    """Return a bag's record of a topic that a run publishes without ROS.
-
-    What is neither installed nor shipped has its definition from `store`.
-    """
-    store = store or _types()
+def topic(name: str, type_name: str) -> Topic:
+    """Return a bag's record of a topic that a run publishes without ROS."""
     try:
         text = definition(type_name)
     except LookupError:
-        text, _ = store.generate_msgdef(type_name, ros_version=2)
+        text, _ = store().generate_msgdef(type_name, ros_version=2)
     return Topic(
         name=name,
         type=type_name,
         definition=text,
-        type_hash=store.hash_rihs01(type_name),
+        type_hash=store().hash_rihs01(type_name),
         offered_qos=[_OFFERED_QOS | _QOS_OF.get(name, {})],
     )

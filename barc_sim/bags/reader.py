@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from barc_sim.bags import bounds
 from barc_sim.bags.contents import Contents, types_of
-from barc_sim.bags.messages import field_types, to_nanoseconds
+from barc_sim.bags.messages import store, to_nanoseconds
 from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import (
@@ -179,7 +179,7 @@ class _Decoder:
     def __init__(self, name: str, topic: Topic) -> None:
         types = types_of(topic)
         for kind, (_, described) in types.items():
-            ours = field_types(kind)
+            ours = dict(store().fielddefs.get(kind, ((), ()))[1])
             if any(of != ours.get(field, of) for field, of in described):
                 raise ValueError(kind)
         self._type = topic.type

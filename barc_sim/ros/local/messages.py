@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_msg
 
-from barc_sim.bags.messages import shipped
+from barc_sim.bags.messages import store
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -39,26 +39,22 @@ _SERVICES = {
 
 
 @cache
-def store() -> Typestore:
-    """Return the common interfaces of Jazzy, with the lab's messages and the services."""
-    made = get_typestore(Stores.ROS2_JAZZY)
-    types: dict[str, Any] = {}
-    for name, path in shipped():
-        if name.startswith('barc_interfaces/'):
-            types |= get_types_from_msg(path.read_text(encoding='utf-8'), name)
-    for name, parts in _SERVICES.items():
+def types() -> Typestore:
+    """Return the types of messages, with the requests and responses of the services."""
+    parts: dict[str, Any] = {}
+    for name, texts in _SERVICES.items():
         package, _, short = name.partition('/')
-        for part, text in zip(_PARTS, parts, strict=True):
-            types |= get_types_from_msg(text, f'{package}/msg/{short}_{part}')
-    made.register(types)
-    return made
+        for part, text in zip(_PARTS, texts, strict=True):
+            parts |= get_types_from_msg(text, f'{package}/msg/{short}_{part}')
+    store().register(parts)
+    return store()
 
 
 def packages() -> list[str]:
     """Return the packages of all types with their kind, as in `std_msgs.msg` and `std_srvs.srv`."""
-    types = [name for name in store().fielddefs if not name.endswith(_PARTS)]
+    messages = [name for name in types().fielddefs if not name.endswith(_PARTS)]
     services = [name.replace('/', '/srv/') for name in _SERVICES]
-    return sorted({name.rpartition('/')[0].replace('/', '.') for name in (*types, *services)})
+    return sorted({name.rpartition('/')[0].replace('/', '.') for name in (*messages, *services)})
 
 
 @cache
@@ -74,7 +70,7 @@ def message_type(name: str) -> type[Any]:
     if kind == 'srv' and f'{package}/{short}' in _SERVICES:
         parts = {part: _message(f'{package}/msg/{short}_{part}') for part in _PARTS}
         return type(short, (), {**parts, '__module__': f'{package}.srv._{short.lower()}'})
-    if kind == 'msg' and name in store().fielddefs:
+    if kind == 'msg' and name in types().fielddefs:
         return _message(name)
     raise LookupError(f'{name} has no definition here')
 
@@ -120,7 +116,7 @@ class Message:
 
     def __serialize__(self) -> bytes:
         """Return the message in CDR."""
-        return bytes(store().serialize_cdr(self.__copy__(), self.__msgtype__))
+        return bytes(types().serialize_cdr(self.__copy__(), self.__msgtype__))
 
 
 def _shown(value: Any) -> str:
@@ -209,7 +205,7 @@ class {short}(Message):
 def _message(name: str) -> type[Any]:
     """Make the class of a message."""
     package, _, short = name.split('/')
-    constants, described = store().fielddefs[name]
+    constants, described = types().fielddefs[name]
     fields = {each: _Field(name, each, *of) for each, of in described if each != _EMPTY}
     scope: dict[str, Any] = {'Message': Message, 'new': object.__new__}
     for each, field in fields.items():

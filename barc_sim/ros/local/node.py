@@ -28,7 +28,7 @@ from barc_sim.ros.local.executor import (
     current,
     not_async,
 )
-from barc_sim.ros.local.messages import LACKS, message_type, store
+from barc_sim.ros.local.messages import LACKS, message_type
 from barc_sim.ros.local.parameters import Arguments, Parameter, Parameters
 
 if TYPE_CHECKING:
@@ -481,7 +481,7 @@ class LocalSubscriptions:
             wanted = name not in self._subscriptions and self._wants(name)
             if wanted and self._node.get_publishers_info_by_topic(name):
                 made = Subscription(self._node, name, message_type(kind), _LATCHED)
-                made.raw, keep = True, partial(self._keep, topic(name, kind, store()))
+                made.raw, keep = True, partial(self._keep, topic(name, kind))
                 made.offer = keep  # type: ignore[method-assign]
                 self._subscriptions[name] = self._node.connect(made)
 
