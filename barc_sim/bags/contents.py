@@ -310,10 +310,7 @@ class Contents:
 
         To read a bag that is `timed` takes limited time.
 
-        Raises
-        ------
-        UserError
-            There is no bag, it cannot be read, or it exceeds a bound.
+        UserError: there is no bag, it cannot be read, or it exceeds a bound.
         """
         self.path = path
         self.topics: dict[str, Topic] = {}
@@ -397,10 +394,7 @@ def types_of(topic: Topic) -> dict[str, Any]:
 def describe(path: Path) -> dict[str, Any]:
     """Read a whole bag; return what is in it, in JSON's types, times in seconds.
 
-    Raises
-    ------
-    UserError
-        There is no bag, or it cannot be read.
+    UserError: there is no bag, or it cannot be read.
     """
     contents = Contents(path)
     deque(contents.messages(), maxlen=0)

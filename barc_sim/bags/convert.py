@@ -43,10 +43,7 @@ def convert(
     the bag, that time in nanoseconds since 1970, and each field, `header.stamp.sec`. A list is JSON
     in its cell. A topic whose messages cannot be decoded is left out, with a warning.
 
-    Raises
-    ------
-    UserError
-        The bag cannot be read, no topic is selected, or the output exists.
+    UserError: the bag cannot be read, no topic is selected, or the output exists.
     """
     contents = Contents(path)
     contents.complete()
@@ -136,10 +133,7 @@ def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
     There must be `v_x`, at whose period the log is; each other column has the value that was
     received last. Times are those of reception.
 
-    Raises
-    ------
-    UserError
-        The bag cannot be read, or a name is no column, topic or field of a number.
+    UserError: the bag cannot be read, or a name is no column, topic or field of a number.
     """
     if unknown := ', '.join(fields.keys() - COLUMNS.keys()):
         raise UserError(f'{unknown}: a log has no such column, but {", ".join(COLUMNS)}')
@@ -173,10 +167,8 @@ def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
 def recover(path: Path, output: Path) -> Contents:
     """Write what can be read of a bag to the new directory `output`; return it.
 
-    Raises
-    ------
-    UserError
-        There is no bag, nothing in it can be read, or the output exists or cannot be written.
+    UserError: there is no bag, nothing in it can be read, or the output exists or cannot be
+    written.
     """
     contents = Contents(path, timed=True)
     make_directory(output, output.parent)

@@ -197,10 +197,7 @@ def check_space(folder: Path, reserve: int) -> None:
 def make_directory(path: Path | None, root: Path) -> Path:
     """Make and return the directory `path` of a bag, or a new `<date>_<time>` in the folder `root`.
 
-    Raises
-    ------
-    UserError
-        It cannot be made.
+    UserError: it cannot be made.
     """
     check_root(path.parent if path else root)
     date = time.strftime('%Y-%m-%d_%H-%M-%S')

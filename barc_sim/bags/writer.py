@@ -64,10 +64,7 @@ class AtomicAppender:
 
     If `commit` fails, the file is as before, the block is kept, and `commit` can be tried again.
 
-    Raises
-    ------
-    OSError
-        The file exists or cannot be made.
+    OSError: the file exists or cannot be made.
     """
 
     def __init__(self, path: Path) -> None:
@@ -199,17 +196,14 @@ class BagWriter:
 
     A method that raises OSError loses nothing: the data is kept, and `flush` tries again.
 
+    UserError: the file exists or cannot be made.
+
     Parameters
     ----------
     directory
         Where to write; the file in it is named after it, as rosbag2 does.
     metadata
         The run's own, kept in the file and in `custom_data` of metadata.yaml.
-
-    Raises
-    ------
-    UserError
-        The file exists or cannot be made.
     """
 
     def __init__(self, directory: Path, *, metadata: Mapping[str, str] | None = None) -> None:

@@ -145,10 +145,7 @@ class WriterThread:
     def _check_disk(self) -> None:
         """Check what the system does not report, or reports too late.
 
-        Raises
-        ------
-        OSError
-            The bag was removed, or the disk is short of space.
+        OSError: the bag was removed, or the disk is short of space.
         """
         if not self._writer.in_place:
             raise OSError(errno.ENOENT, 'it was removed while recording')

@@ -48,10 +48,7 @@ def add_arguments(parser: Parser) -> None:
 def run(options: Namespace) -> int:
     """Print and draw the findings; return 1 if any of them is a mistake.
 
-    Raises
-    ------
-    UserError
-        where there is nothing to check, or the figure cannot be saved.
+    UserError: there is nothing to check, or the figure cannot be saved.
     """
     from barc_sim.lab.grade.grade import load  # noqa: PLC0415
 

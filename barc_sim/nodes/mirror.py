@@ -120,10 +120,7 @@ class MirrorNode(Node):
         `facts` returns what no topic carries. `period` [s] of wall-clock time is that of paths and
         diagnoses.
 
-        Raises
-        ------
-        UserError
-            A parameter is out of range, or the road cannot be read.
+        UserError: a parameter is out of range, or the road cannot be read.
         """
         super().__init__('mirror', **options)
         values = declare(self, PARAMETERS)

@@ -74,6 +74,8 @@ class BagPlayer(Node):
     A thread of its own publishes; `finished` is done at the end. A topic whose type is not
     installed is left out, with a warning.
 
+    UserError: there is no bag, or nothing of it can be played.
+
     Parameters
     ----------
     path
@@ -84,11 +86,6 @@ class BagPlayer(Node):
         Is called with the line of progress, 10 times a second.
     options
         Those of `rclpy.node.Node`.
-
-    Raises
-    ------
-    UserError
-        There is no bag, or nothing of it can be played.
     """
 
     def __init__(

@@ -42,6 +42,8 @@ class BagRecorder(Node):
     A thread of its own writes the messages. Spinning the node finds topics, and serves rosbag2's
     names: `bag_recorder/pause` and `resume`, of the type Trigger.
 
+    UserError: the bag cannot be made.
+
     Parameters
     ----------
     directory
@@ -57,11 +59,6 @@ class BagRecorder(Node):
         Files, by name, to attach to the bag.
     options
         Those of `rclpy.node.Node`.
-
-    Raises
-    ------
-    UserError
-        The bag cannot be made.
 
     Examples
     --------

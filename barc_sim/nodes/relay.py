@@ -47,10 +47,7 @@ class Relay(Node):
     def __init__(self, *, driver: Driver | None = None, **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters, and publish commands; `driver` replaces barc_sim's own.
 
-        Raises
-        ------
-        UserError
-            if a parameter is out of range.
+        UserError: a parameter is out of range.
         """
         super().__init__('relay', **options)
         self.driver = driver or Driver()

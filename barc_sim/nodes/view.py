@@ -79,10 +79,7 @@ class ViewNode(Node):
 
         `run` has what no topic carries; without it the page has no sliders, and learns the road.
 
-        Raises
-        ------
-        UserError
-            A parameter is invalid, or the port cannot be used.
+        UserError: a parameter is invalid, or the port cannot be used.
         """
         super().__init__('view', **options)
         parameters = [

@@ -379,10 +379,7 @@ class Taker:
         Of each, the message in CDR; the times of publication and reception [ns]; the publisher's
         count of its messages, and its GID.
 
-        Raises
-        ------
-        RuntimeError
-            rcl has failed.
+        RuntimeError: rcl has failed.
         """
         take, array, info, unpack = self._take, self._array, self._info, _INFO.unpack_from
         arguments = ctypes.byref(array), ctypes.byref(info), None

@@ -80,10 +80,7 @@ def _modules() -> dict[str, ModuleType]:
 def find_module(name: str) -> ModuleType | None:
     """Return the stand-in for a module of ROS, or None where `name` is none.
 
-    Raises
-    ------
-    ImportError
-        It is a module of rclpy that has no stand-in.
+    ImportError: it is a module of rclpy that has no stand-in.
     """
     if name not in _modules() and name.startswith('rclpy.'):
         raise ImportError(f'{name} {LACKS}', name=name)
@@ -102,10 +99,7 @@ _FINDER: Any = SimpleNamespace(find_spec=_find_spec)
 def install() -> World:
     """Let `import rclpy` find the stand-ins; return the world of their nodes.
 
-    Raises
-    ------
-    UserError
-        This process has imported ROS's own rclpy.
+    UserError: this process has imported ROS's own rclpy.
     """
     there = sys.modules.get('rclpy')
     if there is not None and not isinstance(there, _StandIn):

@@ -61,10 +61,7 @@ def packages() -> list[str]:
 def message_type(name: str) -> type[Any]:
     """Return the class of a message, or a service's with its `Request` and `Response`.
 
-    Raises
-    ------
-    LookupError
-        There is no definition of this name.
+    LookupError: there is no definition of this name.
     """
     package, kind, short = name.split('/')
     if kind == 'srv' and f'{package}/{short}' in _SERVICES:
