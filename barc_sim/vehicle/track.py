@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
 _TOLERANCE = 0.05  #: [m] A fitted arc passes the points of a file within this.
-_THIN = 1e-9  #: [m] The width of arcs that are tried: any radius goes.
 _MIN_POINTS, _MAX_POINTS = 3, 10_000  #: of a file with a centre line
 _SEGMENTS, _CENTRE_LINE = 'length_m,radius_m', 'x_m,y_m,w_tr_right_m,w_tr_left_m'
 _RACING_LINE = f'{_CENTRE_LINE},speed_mps'
@@ -187,15 +186,14 @@ class Track:
         There are as few arcs as stay within `tolerance` [m] of the points: 0, through each.
         """
         try:
-            parts, deviation = _fit([*map(complex, x, y)], tolerance)
+            start, arcs, deviation = _fit([*map(complex, x, y)], tolerance)
         except ArithmeticError:
             raise UserError(
                 'two points in a row are the same or too far apart, or the line turns back at one: '
                 'leave it out'
             ) from None
-        arcs = [arc for each in parts for arc in zip(each.lengths, each.curvatures, strict=True)]
         lengths, curvatures = zip(*arcs, strict=True)
-        return cls(lengths, curvatures, width, name, parts[0].start, deviation)
+        return cls(lengths, curvatures, width, name, start, deviation)
 
     @classmethod
     def of_rows(cls, rows: Iterable[tuple[float, float]], name: str) -> Track:
@@ -366,8 +364,10 @@ def beside_arc(curvature: float, a: float, b: float) -> tuple[float, float]:
 # "Biarc curves", Computer-Aided Design 7, 1975). As few of the points as possible are such ends.
 
 
-def _fit(points: list[complex], tolerance: float) -> tuple[list[Track], float]:
-    """Return the biarcs of a closed line, and how far the farthest point is from them."""
+def _fit(points: list[complex], tolerance: float) -> tuple[Pose, list[tuple[float, float]], float]:
+    """Return start and arcs of a closed line, and how far the farthest point is from them."""
+    import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
     before, after = [points[-1], *points[:-1]], [*points[1:], points[0]]
     # The heading of the circle through a point and its neighbours.
     headings = [
@@ -375,35 +375,40 @@ def _fit(points: list[complex], tolerance: float) -> tuple[list[Track], float]:
         for a, p, b in zip(before, points, after, strict=True)
     ]
     nodes = [(p, each / abs(each)) for p, each in zip(points, headings, strict=True)]
+    start = Pose(points[0].real, points[0].imag, phase(nodes[0][1]))
     nodes.append(nodes[0])
-    biarcs: list[Track] = []
+    places, arcs = np.array(points), list[tuple[float, float]]()
     maximum, i = 0.0, 0
     while i < len(points):
+        p, t = nodes[i]
         for j in range(i + 1, len(nodes) if tolerance else i + 2):
-            if nodes[j][0] == nodes[i][0]:
+            q, u = nodes[j]
+            if q == p:
                 break
-            trial = _biarc(*nodes[i], *nodes[j])
-            between = (trial.frenet(p.real, p.imag, 0.0, near=0.0) for p in points[i + 1 : j])
-            off = max((abs(place.e_y) for place in between), default=0.0)
-            if off > tolerance:
+            joint, heading = _joint(p, t, q, u)
+            trial = _arc(joint - p, t), _arc(q - joint, heading)
+            # e_y of the points between, as of `beside_arc`, in the frame of the joint.
+            z = (places[i + 1 : j] - joint) / heading
+            bend = np.where(z.real < 0.0, trial[0][1], trial[1][1])
+            e_y = (2.0 * z.imag - bend * np.abs(z) ** 2) / (1.0 + np.abs(1.0 + 1j * bend * z))
+            off = float(np.abs(e_y).max(initial=0.0))
+            if not off <= tolerance:
                 break
             found, deviation, last = trial, off, j  # of the first, no points are between
-        biarcs.append(found)
+        arcs += found
         maximum, i = max(maximum, deviation), last
-    return biarcs, maximum
+    return start, arcs, maximum
 
 
-def _biarc(p: complex, t: complex, q: complex, u: complex) -> Track:
-    """Return two arcs from `p` to `q`, with headings `t` and `u`."""
+def _joint(p: complex, t: complex, q: complex, u: complex) -> tuple[complex, complex]:
+    """Return joint, and heading there, of two arcs from `p` to `q` with headings `t` and `u`."""
     v, w = q - p, t + u
     dot, bend = (v * w.conjugate()).real, 2.0 * (1.0 - (t * u.conjugate()).real)
     chord = abs(v) ** 2
     # The distance from each end along its heading to the joint's tangent.
     d = chord / (dot + sqrt(dot * dot + bend * chord))
     joint = 0.5 * (p + d * t + q - d * u)
-    arcs = _arc(joint - p, t), _arc(q - joint, (q - joint) ** 2 / (u * abs(q - joint) ** 2))
-    lengths, curvatures = zip(*arcs, strict=True)
-    return Track(lengths, curvatures, _THIN, start=Pose(p.real, p.imag, phase(t)))
+    return joint, (q - joint) ** 2 / (u * abs(q - joint) ** 2)
 
 
 def _arc(chord: complex, tangent: complex) -> tuple[float, float]:
