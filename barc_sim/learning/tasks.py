@@ -93,7 +93,7 @@ class Task:
         self.plain = self.plant({})  #: the plant of the options alone
         self.road, self.track, self.ts = self.plain.road, self.plain.track, self.plain.ts
         self._options |= {'road': self.road, 'track': self.track}  # read once
-        self.ranges = _checked(ranges or {})
+        self.ranges = _checked(_by_name('ranges', ranges))
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
         least, most = self.start_speeds
@@ -150,7 +150,7 @@ class Task:
         """
         pairs = zip(self.draws.items(), shares, strict=True)
         drawn = {name: low + (high - low) * share for (name, (low, high)), share in pairs}
-        for name, value in (options or {}).items():
+        for name, value in _by_name('options', options).items():
             if name not in self._allowed:
                 raise UserError(f'options: {name!r} must be one of {", ".join(self._allowed)}')
             if why := not_between(value, *self._allowed[name]):
@@ -216,7 +216,15 @@ class Task:
         raise NotImplementedError
 
 
-def _checked(ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+def _by_name(what: str, given: Any) -> dict[str, Any]:  # noqa: ANN401 (or None)
+    """Return a new dict of what is given by name; UserError: it is no dict."""
+    try:
+        return {} if given is None else dict(given)
+    except (TypeError, ValueError):
+        raise UserError(f'{what}: {given!r} is no dict: give each value by its name') from None
+
+
+def _checked(ranges: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
     """Return the ranges of what each episode draws; UserError: one is none."""
     for name, pair in ranges.items():
         if name not in _VARIED:
@@ -229,7 +237,7 @@ def _checked(ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float
             ) from None
         for value in (low, high):
             _VARIED[name].check(value, f'ranges: {name}')
-    return dict(ranges)
+    return ranges
 
 
 def _preview(
