@@ -245,6 +245,8 @@ def _sentence(error: Exception, prog: str) -> str | None:
     elif str(error).startswith('Key backend: '):  # Matplotlib's, if imported
         name = os.environ.get('MPLBACKEND')
         sentence = f'MPLBACKEND is {name!r}, which Matplotlib does not have: unset it'
+    elif str(error).startswith('Symlink loop'):  # pathlib's, before Python 3.13
+        sentence = f'{error}: name another file'
     elif type(error).__name__ == 'RCLError':  # importing it would import ROS
         sentence = f'ROS failed: {str(error).partition(", at ")[0]}'
     return sentence

@@ -55,6 +55,13 @@ def test_user_error_is_one_line_on_stderr_and_exit_code_2(
     assert capsys.readouterr() == ('', 'drive: error: no road to drive on\n')
 
 
+def test_a_link_to_itself_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    loop = tmp_path / 'bag'
+    loop.symlink_to(loop)
+    assert call('drive', lambda: len(loop.resolve(strict=True).name)) == 2
+    assert capsys.readouterr().err.count(str(loop)) == 1
+
+
 def test_ctrl_c_is_silent_and_exit_code_130(capsys: pytest.CaptureFixture[str]) -> None:
     assert call('drive', lambda: raising(KeyboardInterrupt())) == 130
     assert capsys.readouterr() == ('', '')
