@@ -26,7 +26,6 @@ from barc_sim.simulation.log import (
     MESSAGE_TYPES,
     PID_STATE,
     STATE,
-    TRACK_STATE,
     Flags,
     Floats,
     Log,
@@ -302,10 +301,11 @@ def join(samples: Mapping[str, Samples]) -> Log:
     terms: dict[str, Floats] = {}
     for topic in samples:
         terms |= samples[topic].terms(places[topic])
-    kind = TrackLog if TRACK_STATE in samples else Log
+    kind = TrackLog if np.isfinite(columns['s']).any() else Log
     return kind(**{name: columns[name] for name in kind.declared}, own_terms=terms)
 
 
+@np.errstate(invalid='ignore')  # of infinite places
 def _check_log(path: Path, log: Log) -> None:
     """Refuse stamps, places or grades that are none of a run."""
     gaps = np.diff(log.t, prepend=0.0)

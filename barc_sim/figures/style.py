@@ -6,7 +6,7 @@ Matplotlib is imported only where a window opens: the live page starts without i
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -59,6 +59,7 @@ GREY = '#9A9A9A'
 EARTH = '#E4E1DA'
 SURFACE = '#7D776A'
 
+_Log = TypeVar('_Log', bound='Log')
 _SPACING = 0.5  #: [m] between two points of a track that is drawn
 #: Figures look the same with any matplotlibrc.
 STYLE: list[str | dict[str, Any]] = [
@@ -100,7 +101,7 @@ def style_sheet() -> str:
     return '\n'.join([':root {', *variables, '}', *classes, ''])
 
 
-def use_measurement(log: Log) -> Log:
+def use_measurement(log: _Log) -> _Log:
     """Return the log with zero for each unknown measurement error: the measurement is used as true.
 
     Errors are unknown at the end of a killed run, and with a simulator that publishes none.

@@ -98,12 +98,13 @@ def track_figure(
     The best lap is in front; a table has the laps. Of several runs, with their `labels`, the best
     laps are drawn. `title` and `settings` are the two lines of the heading, and `figure` is empty.
     """
-    alone = len(logs) == 1
+    runs = [*map(use_measurement, logs)]
+    alone = len(runs) == 1
     if alone:
-        curves = _laps_of(*logs)
-        rows = [(f'lap {lap.number + 1}', lap) for lap in track_laps_of(*logs)[0].rows]
+        curves = _laps_of(*runs)
+        rows = [(f'lap {lap.number + 1}', lap) for lap in track_laps_of(*runs)[0].rows]
     else:
-        looks = zip([_laps_of(each)[-1] for each in logs], labels, cycle(RUN_COLOURS), strict=False)
+        looks = zip([_laps_of(each)[-1] for each in runs], labels, cycle(RUN_COLOURS), strict=False)
         curves = [
             curve._replace(name=name, line={'color': color, 'lw': 1.6})
             for curve, name, color in looks
@@ -116,11 +117,11 @@ def track_figure(
     seen, table = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3, 0])
     charts = [figure.add_subplot(grid[0, 1])]
     charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
-    course = max(map(Course.driven, logs), key=lambda each: float(each.s[-1]))
+    course = max(map(Course.driven, runs), key=lambda each: float(each.s[-1]))
     _draw_map(seen, course, curves)
     _draw_table(table, '' if alone else 'best lap of', rows, curves[-1].lap if alone else None)
     _draw_charts(charts, curves, course)
-    ends = [end for each in logs for end in speed_limits(each)]
+    ends = [end for each in runs for end in speed_limits(each)]
     charts[2].set_ylim(min(ends), max(ends))
     # A run ends with one state behind the line, which is no line of another lap.
     named = {curve.name: Line2D([], [], **curve.line) for curve in curves if len(curve.log) > 1}
@@ -138,7 +139,7 @@ def _draw_map(axes: Axes, course: Course, curves: list[_Curve]) -> None:
     """Draw the track, with its metres beside it, and the path of each lap."""
     draw_course(axes, course)
     for curve in curves:
-        x, y, _ = use_measurement(curve.log).true_pose
+        x, y, _ = curve.log.true_pose
         axes.plot(x, y, **curve.line)
     step = next(step for step in (10, 20, 25, 50, 100, 200, 500, 1000) if course.s[-1] < 12 * step)
     size = float(np.hypot(np.ptp(course.x), np.ptp(course.y)))

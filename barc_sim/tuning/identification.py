@@ -253,6 +253,7 @@ class _Search(NamedTuple):
         every = found.fun.reshape(len(self.sizes), -1) * self.sizes
         return _Fit(values, found.cost, every, found.jac)
 
+    @np.errstate(invalid='ignore')  # of a car that the integrator cannot follow
     def _errors(self, values: Mapping[str, float]) -> Floats:
         """Return predicted minus measured, divided by `sizes`: a row for each signal.
 

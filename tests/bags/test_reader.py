@@ -253,6 +253,11 @@ def test_every_topic_finds_its_state_by_the_stamp() -> None:
         np.testing.assert_array_equal(values, [np.nan, 10.0, np.nan, 30.0])
 
 
+def test_places_that_belong_to_no_state_are_no_run_on_a_track() -> None:
+    place = Sample(0, 0, (1.0,) * len(TOPICS['track_vhcl']))
+    assert type(join({STATE: [state(0)], 'track_vhcl': [place]})) is Log
+
+
 def test_saturated_is_what_the_controller_published() -> None:
     said = [Sample(1 + k * PERIOD, 100 * k, (8.0, 1.0, 0.0, 0.0, k == 1)) for k in range(2)]
     log = join({STATE: [state(0), state(1)], 'pid_state': said})

@@ -96,7 +96,8 @@ def test_a_reset_begins_a_lap_that_no_time_is_taken_of(log: TrackLog) -> None:
 def test_every_run_has_a_figure(log: TrackLog) -> None:
     unfinished = log.map(lambda column: column[:300])
     one = log.map(lambda column: column[:1])
-    for run in (log, unfinished, one):
+    without_errors = replace(log, e_v_x=np.full(len(log), np.nan))
+    for run in (log, unfinished, one, without_errors):
         info = {'track': 'L', 'lane': 'stanley', 'kp': '30.0'}
         figure = run_figure(run, info, '2026-11-21_12-00-00', None)
         FigureCanvasAgg(figure).draw()
