@@ -103,7 +103,7 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     findings = [each for each in report.findings if each.criterion in worth]
     _print_table(console, ('criterion', 'points', 'finding'), _rows(findings, rubric))
     if report.drive:
-        title, header, rows = report.drive.table
+        title, header, rows, _ = report.drive
         _plain(console, title)
         _print_table(console, header, (map(Text, cells) for cells in rows))
     if report.gains:

@@ -243,18 +243,12 @@ class Settings:
     criteria: Collection[str] | None = None  #: None: all
 
 
-class Table(NamedTuple):
-    """What a drive was like, part by part, as text."""
-
-    title: str
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
 class Evidence(NamedTuple):
-    """A judged drive, as `check` prints it, and as the figures of `check` and `grade` show it."""
+    """A judged drive: a table that `check` prints, and the figure of `check` and `grade`."""
 
-    table: Table  #: the drive, part by part
+    title: str  #: of the table
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]  #: the drive, part by part
     figure: Callable[[str], Figure]  #: draws it with a title
 
 

@@ -100,4 +100,4 @@ def test_the_bound_is_that_of_a_right_estimate() -> None:
 def test_any_estimate_can_be_drawn(found: list[float]) -> None:
     drive = shown(car_of(''), [2.0] * 100 + [0.0] * 2900, found)
     assert len(drive.figure('any').axes) == 2
-    assert len(drive.table.rows) == 3
+    assert len(drive.rows) == 3

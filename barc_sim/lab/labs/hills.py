@@ -34,7 +34,6 @@ from barc_sim.lab.judge import (
     Judge,
     Lab,
     Part,
-    Table,
     Trial,
 )
 from barc_sim.lab.labs import relay
@@ -155,8 +154,8 @@ def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float,
         for each, remark in zip(result.stretches, remarks, strict=True)
     ]
     header = ('from', 'grade', 'RMS', 'at most', 'the speed')
-    table = Table("the lab's road, stretch by stretch", header, rows)
-    return score, text, Evidence(table, partial(_figure, log))
+    title = "the lab's road, stretch by stretch"
+    return score, text, Evidence(title, header, rows, partial(_figure, log))
 
 
 def _own_limit(log: Log) -> float:

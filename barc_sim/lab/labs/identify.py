@@ -15,7 +15,7 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.lab import files
 from barc_sim.lab.confined.process import JudgedCode, numbers_of
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, share
+from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, share
 from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.tuning.identification import covariance
@@ -164,8 +164,8 @@ def shown(car: Car, commands: Sequence[float], found: Sequence[float]) -> Eviden
         own = f'{value:.4g} ± {interval:.2g}'
         rows.append((name, f'{true:.4g} {unit}', own, f'± {possible[k]:.2g}', inside))
     header = ('', 'true', 'your estimate', 'best possible', 'your interval')
-    table = Table('your car, with your commands', header, rows)
-    return Evidence(table, partial(_figure, car, commands, found))
+    figure = partial(_figure, car, commands, found)
+    return Evidence('your car, with your commands', header, rows, figure)
 
 
 def _figure(car: Car, commands: Sequence[float], found: Sequence[float], title: str = '') -> Figure:

@@ -20,7 +20,7 @@ import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, LaneLQR, steady_turn
 from barc_sim.lab import files
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, share
+from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, share
 from barc_sim.lab.law import read_law
 from barc_sim.simulation.closed_loop import closed_loop, lap, plant_of
 from barc_sim.simulation.log import TrackLog
@@ -214,8 +214,7 @@ def _kept(law: NewLaw, track: Track, laps: int, by: Thresholds) -> tuple[float, 
     log = _drive(law, track, laps * track.length)
     driven, _ = track_laps_of(log)
     rows = [(f'{each.number + 1}', *each.cells) for each in [*driven.finished, driven.current]]
-    table = Table('lap by lap', ('lap', *LAP_HEADINGS), rows[:laps])
-    shown = Evidence(table, partial(_figure, log))
+    shown = Evidence('lap by lap', ('lap', *LAP_HEADINGS), rows[:laps], partial(_figure, log))
     marks = f'({by.full_rms:g} and {by.full_max:g} m are full marks)'
     if abs(log.e_y[-1]) >= 0.5 * track.width:  # a drive ends at its distance, or off the track
         return 0.0, f'the car leaves the track after {log.s[-1]:.0f} m {marks}', shown

@@ -19,7 +19,7 @@ from barc_sim.control.lane import LaneLQR, speed_profile
 from barc_sim.control.planning import bending, lap_time, racing_line, solver
 from barc_sim.errors import UserError
 from barc_sim.lab import files
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Table, share
+from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, share
 from barc_sim.lab.labs.lane import hidden_track
 from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.adapters import line_along, line_arguments
@@ -130,7 +130,7 @@ class _Line:
         """Return score, message and evidence of laps at the speed that the line allows."""
         speed = speed_profile(self.line, *LIMITS)
         log = lap(LaneLQR(), self.line, speed=speed, laps=2, dynamics='dynamic')
-        shown = Evidence(self._table(log), self._figure)
+        shown = self._evidence(log)
         if log.s[-1] < 2.0 * self.line.length:
             return 0.0, f'the car leaves the track, {log.s[-1]:.0f} m along the line', shown
         across = float(np.abs(log.v_x * log.psi_dot).max())
@@ -139,7 +139,7 @@ class _Line:
         text += f', at most {across:.2f} m/s² across ({_LOAD[0] * LIMITS[1]:.2f} is full marks)'
         return share(across / LIMITS[1], *_LOAD), text, shown
 
-    def _table(self, log: TrackLog) -> Table:
+    def _evidence(self, log: TrackLog) -> Evidence:
         """Return the planned laps of three lines, and the one that was driven."""
         rows = []
         lines = {'centre': self.track, 'yours': self.line, 'best': _best(self.track)}
@@ -149,7 +149,7 @@ class _Line:
             length, bends = f'{line.length:.1f} m', f'{bending(line):.3g} 1/m'
             rows.append((name, length, bends, planned, driven))
         header = ('line', 'length', 'bending', 'planned lap', 'driven')
-        return Table(f'{self.track.name}, line by line', header, rows)
+        return Evidence(f'{self.track.name}, line by line', header, rows, self._figure)
 
     def _figure(self, title: str = '') -> Figure:
         """Draw the line between the edges, and its speed."""

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from barc_sim.lab.grade import classroom
 from barc_sim.lab.grade import grade as report
 from barc_sim.lab.grade.grade import Grade, Item, Rubric
-from barc_sim.lab.judge import Evidence, Settings, Table
+from barc_sim.lab.judge import Evidence, Settings
 
 HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
 RUBRIC = Rubric(
@@ -27,7 +27,7 @@ RUBRIC = Rubric(
 
 
 def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Grade:
-    runs = Evidence(Table('', (), ()), lambda _: Figure())
+    runs = Evidence('', (), (), lambda _: Figure())
     return Grade(
         name=text,
         rubric=RUBRIC,
