@@ -256,7 +256,8 @@ class Part(NamedTuple):
     """How a lab judges one part of user code."""
 
     labels: Mapping[str, str]  #: its criteria, with their names for readers
-    judge: Callable[..., Iterable[Finding]]  #: gets the code, the settings and the criteria
+    #: Yields a finding for each of them, until all that are asked for are found.
+    judge: Callable[[JudgedCode, Settings], Iterable[Finding]]
 
 
 @dataclass(frozen=True)
@@ -314,8 +315,10 @@ class Lab:
             }
             try:
                 if {*asked} - found.keys():
-                    for each in part.judge(code, settings, criteria):
+                    for each in part.judge(code, settings):
                         found[each.criterion] = each
+                        if found.keys() >= {*asked}:
+                            break
             except UserError as error:
                 message = str(error)
             findings += [found.get(each) or Finding(each, 0.0, message) for each in asked]

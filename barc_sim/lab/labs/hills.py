@@ -45,7 +45,7 @@ from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Vehicle
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from matplotlib.figure import Figure
 
@@ -256,20 +256,18 @@ PID_LAW = replace(
 )
 
 
-def judge_pid(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
+def judge_pid(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield a finding for each criterion of `controller.py`."""
     with suppress(UserError):
         code.make('PID', KP, KI, KD)
     gains = code.chosen_gains()
     findings = judge_terms(code, settings.seed)
     yield from findings
-    if 'loop.lab_road' in criteria:
-        if gains is None and findings[0].message == _IGNORED:
-            gains = ChosenGains(KP, KI, KD, 'which have no effect')
-        there = zip('PID', (each.score for each in findings), strict=True)
-        mended = [name for name, score in there if 0.0 < score < 1.0]
-        drive = judge_lab_road(code, gains, settings.thresholds, mended)
-        yield Finding('loop.lab_road', *drive)
+    if gains is None and findings[0].message == _IGNORED:
+        gains = ChosenGains(KP, KI, KD, 'which have no effect')
+    there = zip('PID', (each.score for each in findings), strict=True)
+    mended = [name for name, score in there if 0.0 < score < 1.0]
+    yield Finding('loop.lab_road', *judge_lab_road(code, gains, settings.thresholds, mended))
 
 
 class Term(NamedTuple):
@@ -472,8 +470,8 @@ def _line(code: JudgedCode, trial: Trial, _: str, index: Index, wrong: list[floa
 HILLS = Lab(
     files.HILLS,
     {
-        'model': Part(MODEL_LABELS, lambda code, its, _: FUNCTIONS.judge(code, its.seed)[0]),
+        'model': Part(MODEL_LABELS, lambda code, its: FUNCTIONS.judge(code, its.seed)[0]),
         'controller': Part(PID_LABELS, judge_pid),
-        'relay': Part(relay.LABELS, lambda code, *_: relay.judge_relay(code)),
+        'relay': Part(relay.LABELS, lambda code, _: relay.judge_relay(code)),
     },
 )

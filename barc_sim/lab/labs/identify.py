@@ -24,7 +24,7 @@ from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from matplotlib.figure import Figure
 
@@ -177,7 +177,7 @@ def _figure(car: Car, commands: Sequence[float], found: Sequence[float], title: 
     return identification_figure({'v_x': speeds}, title=title)
 
 
-def _judge(code: JudgedCode, settings: Settings, _: Collection[str]) -> Iterator[Finding]:
+def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield a finding for each criterion; the cars are those of the seed and the name."""
     car = car_of(str(code.call('name')))
     findings, (trial,) = FUNCTIONS.judge(code, f'{settings.seed} {car}')

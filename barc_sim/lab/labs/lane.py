@@ -29,7 +29,7 @@ from barc_sim.vehicle.bike_model import L_F, L_R, State
 from barc_sim.vehicle.track import Track, l_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
@@ -144,15 +144,13 @@ def _signs(made: Mapping[str, list[str]]) -> tuple[float, str]:
     return 1.0, 'the signs are right, and the mirror image gives the opposite angle'
 
 
-def _judge(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
+def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield a finding for each criterion.
 
     What follows from a mistake in the feedback is not taken off again: barc_sim's law drives, too,
     and the better drive counts.
     """
     yield from FUNCTIONS.judge(code, settings.seed)[0]
-    if DRIVE_LABELS.keys().isdisjoint(criteria):
-        return
     made, by = _mistakes(code), settings.thresholds
     yield Finding('lane.signs', *_signs(made))
     laws: dict[str, NewLaw] = {'': partial(_Law, code)}
@@ -168,8 +166,6 @@ def _judge(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> I
         ('lane.laps', Track.named('L'), _LAPS),
         ('lane.hidden', hidden_track(settings.seed), 1),
     ):
-        if criterion not in criteria:
-            continue
         kept = [(*_kept(law, track, laps, by), whose) for whose, law in laws.items()]
         score, text, _, whose = max(kept, key=itemgetter(0))
         shown = None

@@ -29,7 +29,7 @@ from barc_sim.vehicle.bike_model import L_F, L_R
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Iterator
 
     from matplotlib.figure import Figure
 
@@ -160,11 +160,9 @@ class _Line:
         return figure
 
 
-def _judge(code: JudgedCode, settings: Settings, criteria: Collection[str]) -> Iterator[Finding]:
+def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield a finding for each criterion; those of the line come last: an error costs the rest."""
     yield from FUNCTIONS.judge(code, settings.seed)[0]
-    if not any(name.startswith('line.') for name in criteria):
-        return
     own, text = _Line(code, _L), 'it keeps its bounds'
     if outside := own.beyond > _TOLERANCE:
         text = f'it leaves its bounds by {own.beyond:.3g} m; the rest is judged within these'
