@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -55,119 +54,8 @@ def close(got: Floats, expected: Floats) -> bool:
 
 
 _PROPORTIONAL = 1e-6  #: relative error of a result that is the right one but for a factor
-_FACTOR, _SIGN = 0.4, 0.6  #: of a result's points; see `Judge.loss`
+_FACTOR, _SIGN = 0.4, 0.6  #: of a result's points; see `Functions.loss`
 _ABSENT = 'Absent'  #: A topic that begins so is of results that are not there: each counts.
-
-
-@dataclass(frozen=True)
-class Judge:
-    """Judges what user code returned by a law."""
-
-    law: Law
-    agree: Agree  #: whether two arrays are the same results
-    #: Returns a call as text, of a trial and an index.
-    call: Callable[[Trial, Index], str]
-    #: Returns the line in which a call gives one of these values to a name; empty if none does.
-    line: Callable[[Trial, str, Index, list[float]], str]
-    min_loss: float  #: of a result that is wrong
-
-    def is_right(self, trial: Trial, name: str) -> bool:
-        """Return whether a result is right."""
-        return self.agree(trial.got[name], self.law.compute(trial.inputs)[name])
-
-    def loss(self, trials: Iterable[Trial], name: str) -> float:
-        """Return how wrong a result is, from 0 to 1.
-
-        It is the mean of the trials that test it, and that of all others. A factor that is off by
-        little costs little, another one more, a sign most; what is absent, or has nothing to do
-        with the right result, costs all. A state is judged by its change.
-        """
-        tested, others = [0.0], [0.0]
-        for trial in trials:
-            old = trial.inputs.get(name.removesuffix('_next'), 0.0)
-            right = self.law.compute(trial.inputs)[name]
-            loss = 0.0 if self.is_right(trial, name) else _loss(trial.got[name] - old, right - old)
-            (tested if name in trial.tests else others).append(loss)
-        shares = (sum(each) / max(len(each) - 1, 1) for each in (tested, others))
-        loss = 1.0 - (1.0 - next(shares)) * (1.0 - next(shares))
-        return float(max(loss, self.min_loss)) if loss else 0.0
-
-    def judge(self, trials: Sequence[Trial], names: Iterable[str]) -> dict[str, tuple[float, str]]:
-        """Return how right each result is, from 0 to 1, and the sentence on the mistake in it.
-
-        It loses as much as it is wrong; for one known mistake no more than for a sign. A mistake in
-        several results counts once: each of them loses its share.
-        """
-        own = {name: [trial for trial in trials if name in trial.got] for name in names}
-        losses = {name: loss for name in own if (loss := self.loss(own[name], name))}
-        causes = self.causes(trials, [*losses]) if losses else {}
-        times = Counter(cause.kind for cause in causes.values())
-        verdicts = dict.fromkeys(own, (1.0, ''))
-        placed: dict[str, str] = {}  # one mistake has one line
-        for name, cause in causes.items():
-            absent = cause.topic.startswith(_ABSENT)
-            share = losses[name] / (1 if absent else times[cause.kind])
-            most = _SIGN if cause.topic and not absent else 1.0
-            text = placed.setdefault(cause.sentence, self.placed(own[name], name, cause))
-            verdicts[name] = 1.0 - min(share, most), text
-        return verdicts
-
-    def causes(self, trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Mistake]:
-        """Return for each wrong result the failure, the mistake, or its largest error."""
-        causes: dict[str, Mistake] = {}
-        cases: dict[str, Case] = {}
-        for name in {name: 0 for trial in trials for name in trial.got}:
-            own = [trial for trial in trials if name in trial.got]
-            failed = [trial for trial in own if trial.failure]
-            if len(failed) == len(own):
-                causes[name] = Mistake(_ABSENT, failed[0].failure, {}, '')
-            elif failed:
-                text = f'{failed[0].failure} ({failed[0].name})'
-                causes[name] = Mistake('', text, {}, text)
-            else:
-                cases[name] = _joined(own, name)
-        named = self.law.explain(cases, [name for name in wrong if name in cases], self.agree)
-        return {
-            name: causes.get(name) or named.get(name) or self._largest_error(trials, name)
-            for name in wrong
-        }
-
-    def placed(self, trials: Sequence[Trial], name: str, cause: Mistake) -> str:
-        """Return the sentence of a mistake after the file and line of it, if these are known.
-
-        It is the first line that gives a value of the wrong law to a name, and where there is none
-        the one that returns.
-        """
-        # The last one is the most general.
-        trial = next((each for each in reversed(trials) if not self.is_right(each, name)), None)
-        if trial is None or trial.failure:
-            return cause.sentence
-        index = self._largest(trial, name)
-        wrong = [*self.law.changed(trial.inputs, cause, index), float(trial.got[name][index])]
-        line = self.line(trial, name, index, wrong)
-        return f'{line}: {cause.sentence}' if line else cause.sentence
-
-    def _errors(self, trial: Trial, name: str) -> Floats:
-        return np.abs(trial.got[name] - self.law.compute(trial.inputs)[name])
-
-    def _largest(self, trial: Trial, name: str) -> Index:
-        """Return the index of the largest error."""
-        errors = self._errors(trial, name)
-        return tuple(map(int, np.unravel_index(errors.argmax(), errors.shape)))
-
-    def _largest_error(self, trials: Sequence[Trial], name: str) -> Mistake:
-        """Return a mistake that names where a result is wrong, and its largest error."""
-        own = [trial for trial in trials if name in trial.got]
-        bad = [trial for trial in own if not self.is_right(trial, name)]
-        where = f' in: {", ".join(trial.name for trial in bad)}' if len(bad) < len(own) else ''
-        trial = max(bad, key=lambda each: self._errors(each, name).max())
-        index = self._largest(trial, name)
-        got, right = trial.got[name][index], self.law.compute(trial.inputs)[name][index]
-        text = (
-            f'{name} is wrong{where}. The largest error: {self.call(trial, index)} gave '
-            f'{got:.9g}, expected {right:.9g}'
-        )
-        return Mistake('', text, {}, text)
 
 
 def _loss(got: Floats, right: Floats) -> float:
@@ -358,17 +246,116 @@ class Functions:
     def judge(self, code: JudgedCode, seed: int | str) -> tuple[list[Finding], list[Trial]]:
         """Return a finding for each result that is judged, and all that was returned."""
         trials = [each for name in self.results for each in self._trials(code, name, seed)]
-        judge = Judge(self.law, self.agree, self._shown, partial(self._line, code), self.min_loss)
         judged = [
             each._replace(got={n: got for n, got in each.got.items() if n in self.criteria})
             for each in trials
         ]
         findings = []
-        for name, (score, message) in judge.judge(judged, self.criteria).items():
+        for name, (score, message) in self.verdicts(code, judged, self.criteria).items():
             cases = self.count * sum(name in trial.got for trial in trials)
             right = f'right in all {cases:,} cases'
             findings.append(Finding(self.criteria[name], score, message or right))
         return findings, trials
+
+    def is_right(self, trial: Trial, name: str) -> bool:
+        """Return whether a result is right."""
+        return self.agree(trial.got[name], self.law.compute(trial.inputs)[name])
+
+    def loss(self, trials: Iterable[Trial], name: str) -> float:
+        """Return how wrong a result is, from 0 to 1.
+
+        It is the mean of the trials that test it, and that of all others. A factor that is off by
+        little costs little, another one more, a sign most; what is absent, or has nothing to do
+        with the right result, costs all. A state is judged by its change.
+        """
+        tested, others = [0.0], [0.0]
+        for trial in trials:
+            old = trial.inputs.get(name.removesuffix('_next'), 0.0)
+            right = self.law.compute(trial.inputs)[name]
+            loss = 0.0 if self.is_right(trial, name) else _loss(trial.got[name] - old, right - old)
+            (tested if name in trial.tests else others).append(loss)
+        shares = (sum(each) / max(len(each) - 1, 1) for each in (tested, others))
+        loss = 1.0 - (1.0 - next(shares)) * (1.0 - next(shares))
+        return float(max(loss, self.min_loss)) if loss else 0.0
+
+    def verdicts(
+        self, code: JudgedCode, trials: Sequence[Trial], names: Iterable[str]
+    ) -> dict[str, tuple[float, str]]:
+        """Return how right each result is, from 0 to 1, and the sentence on the mistake in it.
+
+        It loses as much as it is wrong; for one known mistake no more than for a sign. A mistake in
+        several results counts once: each of them loses its share.
+        """
+        own = {name: [trial for trial in trials if name in trial.got] for name in names}
+        losses = {name: loss for name in own if (loss := self.loss(own[name], name))}
+        causes = self._causes(trials, [*losses]) if losses else {}
+        times = Counter(cause.kind for cause in causes.values())
+        verdicts = dict.fromkeys(own, (1.0, ''))
+        placed: dict[str, str] = {}  # one mistake has one line
+        for name, cause in causes.items():
+            absent = cause.topic.startswith(_ABSENT)
+            share = losses[name] / (1 if absent else times[cause.kind])
+            most = _SIGN if cause.topic and not absent else 1.0
+            text = placed.setdefault(cause.sentence, self._placed(code, own[name], name, cause))
+            verdicts[name] = 1.0 - min(share, most), text
+        return verdicts
+
+    def _causes(self, trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Mistake]:
+        """Return for each wrong result the failure, the mistake, or its largest error."""
+        causes: dict[str, Mistake] = {}
+        cases: dict[str, Case] = {}
+        for name in {name: 0 for trial in trials for name in trial.got}:
+            own = [trial for trial in trials if name in trial.got]
+            failed = [trial for trial in own if trial.failure]
+            if len(failed) == len(own):
+                causes[name] = Mistake(_ABSENT, failed[0].failure, {}, '')
+            elif failed:
+                text = f'{failed[0].failure} ({failed[0].name})'
+                causes[name] = Mistake('', text, {}, text)
+            else:
+                cases[name] = _joined(own, name)
+        named = self.law.explain(cases, [name for name in wrong if name in cases], self.agree)
+        return {
+            name: causes.get(name) or named.get(name) or self._largest_error(trials, name)
+            for name in wrong
+        }
+
+    def _placed(self, code: JudgedCode, trials: Sequence[Trial], name: str, cause: Mistake) -> str:
+        """Return the sentence of a mistake after the file and line of it, if these are known.
+
+        It is the first line that gives a value of the wrong law to a name, and where there is none
+        the one that returns.
+        """
+        # The last one is the most general.
+        trial = next((each for each in reversed(trials) if not self.is_right(each, name)), None)
+        if trial is None or trial.failure:
+            return cause.sentence
+        index = self._largest(trial, name)
+        wrong = [*self.law.changed(trial.inputs, cause, index), float(trial.got[name][index])]
+        line = self._line(code, trial, name, index, wrong)
+        return f'{line}: {cause.sentence}' if line else cause.sentence
+
+    def _errors(self, trial: Trial, name: str) -> Floats:
+        return np.abs(trial.got[name] - self.law.compute(trial.inputs)[name])
+
+    def _largest(self, trial: Trial, name: str) -> Index:
+        """Return the index of the largest error."""
+        errors = self._errors(trial, name)
+        return tuple(map(int, np.unravel_index(errors.argmax(), errors.shape)))
+
+    def _largest_error(self, trials: Sequence[Trial], name: str) -> Mistake:
+        """Return a mistake that names where a result is wrong, and its largest error."""
+        own = [trial for trial in trials if name in trial.got]
+        bad = [trial for trial in own if not self.is_right(trial, name)]
+        where = f' in: {", ".join(trial.name for trial in bad)}' if len(bad) < len(own) else ''
+        trial = max(bad, key=lambda each: self._errors(each, name).max())
+        index = self._largest(trial, name)
+        got, right = trial.got[name][index], self.law.compute(trial.inputs)[name][index]
+        text = (
+            f'{name} is wrong{where}. The largest error: {self._call(trial, index)} gave '
+            f'{got:.9g}, expected {right:.9g}'
+        )
+        return Mistake('', text, {}, text)
 
     def _trials(self, code: JudgedCode, name: str, seed: int | str) -> Iterator[Trial]:
         """Call a function in each of its situations; yield what it returns."""
@@ -412,13 +399,15 @@ class Functions:
     def _line(
         self, code: JudgedCode, trial: Trial, name: str, index: Index, wrong: list[float]
     ) -> str:
+        """Return the line in which a call gives one of these values to a name; empty: none does."""
         function, k = self._function(trial), index[0]
         rows = self._rows(function, {n: each[k : k + 1] for n, each in trial.inputs.items()})
         others = [float(self.law.compute(trial.inputs)[n][k]) for n in trial.got if n != name]
         request = function, rows, True  # so that the constants of its file count, too
         return code.line_of('functions', request, wrong, others)
 
-    def _shown(self, trial: Trial, index: Index) -> str:
+    def _call(self, trial: Trial, index: Index) -> str:
+        """Return a call as text."""
         function, (k, *number) = self._function(trial), index
         shown = (
             f'{name}={trial.inputs[name][k]:.6g}' if name in trial.inputs else name

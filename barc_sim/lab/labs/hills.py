@@ -31,7 +31,6 @@ from barc_sim.lab.judge import (
     Evidence,
     Finding,
     Functions,
-    Judge,
     Lab,
     Part,
     Trial,
@@ -370,12 +369,31 @@ def factor_of(trial: Trial) -> float:
     return 0.0
 
 
-class _TermJudge(Judge):
-    """Judges terms: each of their common forms is right."""
+class _Terms(Functions):
+    """The terms: each of their common forms is right."""
 
     def is_right(self, trial: Trial, _: str) -> bool:
         """Return whether a term is right up to a factor, which the gain absorbs."""
         return factor_of(trial) > 0.0
+
+    def _call(self, trial: Trial, index: Index) -> str:
+        row, k = index
+        error = (trial.inputs['reference'] - trial.inputs['measured'])[row]
+        gain = max(float(trial.inputs[name][row, 0]) for name in ('kp', 'ki', 'kd'))
+        before = f' after {error[k - 1]:.6g}' if k else ''
+        return f'call {k + 1}, with a gain of {gain:g} and e = {error[k]:.6g} m/s{before},'
+
+    def _line(
+        self, code: JudgedCode, trial: Trial, _: str, index: Index, wrong: list[float]
+    ) -> str:
+        row, k = index
+        columns = (
+            trial.inputs[key][row, : k + 1].tolist() for key in ('reference', 'measured', 'dt')
+        )
+        *before, call = zip(*columns, strict=True)
+        pid = code.make('PID', *(float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')))
+        code.steps('PID', pid, before)
+        return code.line_of('steps', ('PID', pid, [call]), wrong, call)
 
 
 _KP = (
@@ -420,9 +438,11 @@ def _judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
             is_a_pid = len({*map(abs, one)}) > _LENGTH // 2 and max(one) < NOT_A_CAR
             return [Finding(term.criterion, _HALF * is_a_pid, _IGNORED) for term in TERMS]
     trials = [term.tried(code, seed) for term in TERMS]
-    judge = _TermJudge(PID_LAW, agree, _call, partial(_line, code), _HALF)
+    judge = _Terms(PID_LAW, {}, {}, agree=agree, min_loss=_HALF)
     findings = []
-    for trial, (name, verdict) in zip(trials, judge.judge(trials, 'PID').items(), strict=True):
+    for trial, (name, verdict) in zip(
+        trials, judge.verdicts(code, trials, 'PID').items(), strict=True
+    ):
         score, message = verdict
         if not trial.got[name].any() and _is_scaled_by_kp(code, name, rows):
             score, message = 1.0 - 0.5 * _HALF, _KP
@@ -448,23 +468,6 @@ def _remark(name: str, factor: float) -> str:
     if abs(factor - missing) <= _RELATIVE * missing:
         return f'; {name} has no dt: {advice}, with dt = {TS:g} s, or choose gains that absorb it'
     return f'; {name} is {factor:.6g} times that of the formula: is dt right? The gain absorbs it'
-
-
-def _call(trial: Trial, index: Index) -> str:
-    row, k = index
-    error = (trial.inputs['reference'] - trial.inputs['measured'])[row]
-    gain = max(float(trial.inputs[name][row, 0]) for name in ('kp', 'ki', 'kd'))
-    before = f' after {error[k - 1]:.6g}' if k else ''
-    return f'call {k + 1}, with a gain of {gain:g} and e = {error[k]:.6g} m/s{before},'
-
-
-def _line(code: JudgedCode, trial: Trial, _: str, index: Index, wrong: list[float]) -> str:
-    row, k = index
-    columns = (trial.inputs[key][row, : k + 1].tolist() for key in ('reference', 'measured', 'dt'))
-    *before, call = zip(*columns, strict=True)
-    pid = code.make('PID', *(float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')))
-    code.steps('PID', pid, before)
-    return code.line_of('steps', ('PID', pid, [call]), wrong, call)
 
 
 HILLS = Lab(
