@@ -39,11 +39,19 @@ _TOLERANCE = 1e-9
 class Trial(NamedTuple):
     """What user code returned for the inputs of a law."""
 
+    function: str  #: what was called
     name: str  #: of the situation
     tests: Collection[str]  #: the results that it tests
     inputs: Inputs
+    right: Mapping[str, Floats]  #: the law's quantities
     got: Mapping[str, Floats]  #: by result; NaN where the code failed
     failure: str = ''
+
+    def largest_error(self, name: str) -> tuple[Index, float]:
+        """Return the index of the largest error of a result, and its size."""
+        errors = np.abs(self.got[name] - self.right[name])
+        index = np.unravel_index(errors.argmax(), errors.shape)
+        return tuple(map(int, index)), float(errors[index])
 
 
 def close(got: Floats, expected: Floats) -> bool:
@@ -259,7 +267,7 @@ class Functions:
 
     def is_right(self, trial: Trial, name: str) -> bool:
         """Return whether a result is right."""
-        return self.agree(trial.got[name], self.law.compute(trial.inputs)[name])
+        return self.agree(trial.got[name], trial.right[name])
 
     def loss(self, trials: Iterable[Trial], name: str) -> float:
         """Return how wrong a result is, from 0 to 1.
@@ -271,8 +279,8 @@ class Functions:
         tested, others = [0.0], [0.0]
         for trial in trials:
             old = trial.inputs.get(name.removesuffix('_next'), 0.0)
-            right = self.law.compute(trial.inputs)[name]
-            loss = 0.0 if self.is_right(trial, name) else _loss(trial.got[name] - old, right - old)
+            got, right = trial.got[name] - old, trial.right[name] - old
+            loss = 0.0 if self.is_right(trial, name) else _loss(got, right)
             (tested if name in trial.tests else others).append(loss)
         shares = (sum(each) / max(len(each) - 1, 1) for each in (tested, others))
         loss = 1.0 - (1.0 - next(shares)) * (1.0 - next(shares))
@@ -330,27 +338,19 @@ class Functions:
         trial = next((each for each in reversed(trials) if not self.is_right(each, name)), None)
         if trial is None or trial.failure:
             return cause.sentence
-        index = self._largest(trial, name)
+        index, _ = trial.largest_error(name)
         wrong = [*self.law.changed(trial.inputs, cause, index), float(trial.got[name][index])]
         line = self._line(code, trial, name, index, wrong)
         return f'{line}: {cause.sentence}' if line else cause.sentence
-
-    def _errors(self, trial: Trial, name: str) -> Floats:
-        return np.abs(trial.got[name] - self.law.compute(trial.inputs)[name])
-
-    def _largest(self, trial: Trial, name: str) -> Index:
-        """Return the index of the largest error."""
-        errors = self._errors(trial, name)
-        return tuple(map(int, np.unravel_index(errors.argmax(), errors.shape)))
 
     def _largest_error(self, trials: Sequence[Trial], name: str) -> Mistake:
         """Return a mistake that names where a result is wrong, and its largest error."""
         own = [trial for trial in trials if name in trial.got]
         bad = [trial for trial in own if not self.is_right(trial, name)]
         where = f' in: {", ".join(trial.name for trial in bad)}' if len(bad) < len(own) else ''
-        trial = max(bad, key=lambda each: self._errors(each, name).max())
-        index = self._largest(trial, name)
-        got, right = trial.got[name][index], self.law.compute(trial.inputs)[name][index]
+        trial = max(bad, key=lambda each: each.largest_error(name)[1])
+        index, _ = trial.largest_error(name)
+        got, right = trial.got[name][index], trial.right[name][index]
         text = (
             f'{name} is wrong{where}. The largest error: {self._call(trial, index)} gave '
             f'{got:.9g}, expected {right:.9g}'
@@ -369,7 +369,8 @@ class Functions:
                 failure = str(error)
             got = dict(zip(results, [found] if len(results) == 1 else found.T, strict=True))
             given = self._given(code, name, inputs, found)
-            yield Trial(situation.name, situation.tests, given, got, failure)
+            about = name, situation.name, situation.tests
+            yield Trial(*about, given, self.law.compute(given), got, failure)
 
     def _given(self, code: JudgedCode, name: str, inputs: Inputs, found: Floats) -> Inputs:
         """Return the inputs by which a function is judged.
@@ -392,29 +393,25 @@ class Functions:
         columns = [values[each].tolist() for each in _arguments(name)]
         return [[*row] for row in zip(*columns, strict=True)]
 
-    def _function(self, trial: Trial) -> str:
-        names = (name for name, results in self.results.items() if {*results} >= {*trial.got})
-        return next(names)
-
     def _line(
         self, code: JudgedCode, trial: Trial, name: str, index: Index, wrong: list[float]
     ) -> str:
         """Return the line in which a call gives one of these values to a name; empty: none does."""
-        function, k = self._function(trial), index[0]
-        rows = self._rows(function, {n: each[k : k + 1] for n, each in trial.inputs.items()})
-        others = [float(self.law.compute(trial.inputs)[n][k]) for n in trial.got if n != name]
-        request = function, rows, True  # so that the constants of its file count, too
+        k = index[0]
+        rows = self._rows(trial.function, {n: each[k : k + 1] for n, each in trial.inputs.items()})
+        others = [float(trial.right[n][k]) for n in trial.got if n != name]
+        request = trial.function, rows, True  # so that the constants of its file count, too
         return code.line_of('functions', request, wrong, others)
 
     def _call(self, trial: Trial, index: Index) -> str:
         """Return a call as text."""
-        function, (k, *number) = self._function(trial), index
+        k, *number = index
         shown = (
             f'{name}={trial.inputs[name][k]:.6g}' if name in trial.inputs else name
-            for name in _arguments(function)
+            for name in _arguments(trial.function)
         )
         which = f', number {number[0] + 1},' if number else ''
-        return f'{function}({", ".join(shown)}){which}'
+        return f'{trial.function}({", ".join(shown)}){which}'
 
 
 def _arguments(function: str) -> list[str]:

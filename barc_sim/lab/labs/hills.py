@@ -295,7 +295,8 @@ class Term(NamedTuple):
                 failure = str(error)
         inputs = {'reference': reference, 'measured': measured, 'dt': dt}
         inputs |= dict(zip(('kp', 'ki', 'kd'), np.array(gains).T[..., np.newaxis], strict=True))
-        return Trial(self.criterion, self.name, inputs, {self.name: outputs}, failure)
+        about = 'PID', self.criterion, self.name
+        return Trial(*about, inputs, PID_LAW.compute(inputs), {self.name: outputs}, failure)
 
 
 # Outputs are below 2 m/s², also with a missing dt: a user's limit does not change them.

@@ -70,7 +70,9 @@ CALLS |= {name: np.array([[0.5], [3.0]]) for name in ('kp', 'ki', 'kd')}
 def test_a_mistake_is_named_where_it_changes_a_term(mistake: Mistake) -> None:
     made = PID_LAW.compute(CALLS, mistake.formulas)
     got = {name: np.broadcast_to(made[name], ROWS[0].shape) for name in 'PID'}
-    wrong = [name for name in 'PID' if not factor_of(Trial('', '', CALLS, {name: got[name]}))]
+    wrong = [
+        name for name in 'PID' if not factor_of(Trial('', '', '', CALLS, {}, {name: got[name]}))
+    ]
     assert wrong
     causes = PID_LAW.explain({name: (CALLS, got[name]) for name in 'PID'}, wrong, agree)
     assert {each.sentence for each in causes.values()} == {mistake.sentence}
