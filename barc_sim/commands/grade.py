@@ -11,7 +11,6 @@ import tempfile
 import threading
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
-from functools import partial
 from multiprocessing import connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,10 +99,10 @@ def run(options: Namespace) -> int:
     folders = {path: out if alone else _folder(out, path) for path in paths}
     hands = {path: grade.entered(folder, points) for path, folder in folders.items()}
     empty = grade.nothing_entered(points).encode()
-    check(sandbox=not options.unconfined)
-    limits = Limits(total=options.time_limit)
+    limits = Limits(total=options.time_limit, confined=not options.unconfined)
+    check(limits)
     with processes(options.jobs) as executor:
-        outcomes = grade_all(executor, hands, points, limits, sandbox=not options.unconfined)
+        outcomes = grade_all(executor, hands, points, limits)
         grades, failures, interrupted = _collect(outcomes, out, folders, empty)
     found = classroom.entries(grades, failures, students)
     files = {}
@@ -254,11 +253,9 @@ def grade_all(
     executor: Executor,
     paths: Mapping[Path, ByHand],
     *how: Any,  # noqa: ANN401 (rubric and limits)
-    sandbox: bool,
 ) -> Iterator[_Outcome]:
     """Yield each submission with its grade, or the grader's error, in the order of completion."""
-    work = partial(_grade, sandbox=sandbox)
-    pending = {executor.submit(work, path, hand, *how): path for path, hand in paths.items()}
+    pending = {executor.submit(_grade, path, hand, *how): path for path, hand in paths.items()}
     for future in as_completed([*pending]):
         error = future.exception()
         kind = '' if isinstance(error, UserError) else f'{type(error).__name__}: '
@@ -266,9 +263,9 @@ def grade_all(
         yield pending.pop(future), failure or future.result()
 
 
-def _grade(path: Path, *how: Any, sandbox: bool) -> Grade:  # noqa: ANN401 (as `report` takes it)
+def _grade(path: Path, *how: Any) -> Grade:  # noqa: ANN401 (as `report` takes it)
     """Return the grade of the submission at `path`, in a worker process."""
     from barc_sim.lab.grade.grade import report  # noqa: PLC0415
     from barc_sim.lab.submission import read  # noqa: PLC0415
 
-    return report(read(path), *how, sandbox=sandbox)
+    return report(read(path), *how)

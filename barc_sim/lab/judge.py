@@ -107,8 +107,8 @@ class Finding:
         return self.score >= 1.0
 
 
-#: For `check`: its user waits, and has written the code.
-_CHECKED = Limits(call=2.0, wait=10.0, total=45.0)
+#: For `check`: its user waits, and has written the code: it is not confined.
+_CHECKED = Limits(call=2.0, wait=10.0, total=45.0, confined=False)
 
 
 @dataclass(frozen=True)
@@ -220,14 +220,12 @@ class Lab:
             findings += [found.get(each) or Finding(each, 0.0, message) for each in asked]
         return findings
 
-    def judge_folder(
-        self, folder: Path, settings: Settings, limits: Limits = _CHECKED, *, sandbox: bool = False
-    ) -> Report:
+    def judge_folder(self, folder: Path, settings: Settings, limits: Limits = _CHECKED) -> Report:
         """Return the findings on the files in `folder`; a process with limits calls their code.
 
-        There may be no files. Without `sandbox` their code is not confined: it is the user's own.
+        There may be no files.
         """
-        with JudgedCode(folder, limits, sandbox=sandbox) as code:
+        with JudgedCode(folder, limits) as code:
             found = self.judge(code, settings)
             gains, tolerated = code.chosen_gains(), code.tolerated()
         return Report(found, code.printed, gains, tolerated)

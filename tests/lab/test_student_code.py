@@ -44,7 +44,7 @@ def test_check_and_grade_agree_to_the_point(tmp_path: Path) -> None:
     work = WORKS['everything with dt']
     folder = write(tmp_path, work)
     checked = HILLS.judge_folder(folder, LAB.settings)
-    one = report(read(folder), ByHand(), LAB, Limits(), sandbox=True)
+    one = report(read(folder), ByHand(), LAB, Limits())
     assert [(item.criterion, item.points) for item in one.items] == [
         (finding.criterion, LAB.points_for(finding))
         for finding in checked.findings

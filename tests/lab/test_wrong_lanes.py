@@ -132,7 +132,7 @@ def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
 def test_an_endless_loop_in_a_step_costs_the_drives_alone(tmp_path: Path) -> None:
     text = replaced(RIGHT, ('k = curvature(0.0)', 'while True: k = curvature(0.0)'))
     (tmp_path / 'lane.py').write_text(text, encoding='utf-8')
-    report = LANE.judge_folder(tmp_path, RUBRIC.settings, Limits(call=0.2))
+    report = LANE.judge_folder(tmp_path, RUBRIC.settings, Limits(call=0.2, confined=False))
     assert sum(map(RUBRIC.points_for, report.findings)) == 35.0
     assert all('endless loop' in each.message for each in report.judged if not each.passed)
 

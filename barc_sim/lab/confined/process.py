@@ -56,6 +56,7 @@ class Limits(NamedTuple):
     wait: float = 20.0  #: [s] for one request, on a busy machine or with a sleep
     total: float = 120.0  #: [s] for all requests of a submission, waits included
     output: int = 16_384  #: bytes kept of its output
+    confined: bool = True  #: else files, network and other processes are open to it
 
 
 class Unconfined(OSError):  # noqa: N818
@@ -73,18 +74,17 @@ class Ended(Exception):  # noqa: N818
 class Process:
     """Runs the code in `folder`.
 
-    It may read that folder, Python and NumPy, and nothing else. With `sandbox` False only the
-    limits hold: files, network and other processes are open to it.
+    It may read that folder, Python and NumPy, and nothing else, if it is `confined`.
     """
 
-    def __init__(self, folder: Path, limits: Limits, *, sandbox: bool = True) -> None:
+    def __init__(self, folder: Path, limits: Limits) -> None:
         """Start it, and wait until it is confined; where that fails it is `Unconfined`."""
         self._limits = limits
         self._serial = 0
         self._deadline, self._is_late = inf, False
         #: The first bytes of the output, one more than the limit where there are more.
         self.printed = b''
-        self._process = _start(folder, limits, sandbox=sandbox)
+        self._process = _start(folder, limits)
         pipes: Any = self._process  # they are there
         self._requests, self._replies, self._output = pipes.stdin, pipes.stdout, pipes.stderr
         self._printing = threading.Thread(target=self._keep_output, daemon=True)
@@ -181,13 +181,13 @@ class Process:
         return f'has crashed with {signal.Signals(-code).name}; is a recursion too deep?'
 
 
-def _start(folder: Path, limits: Limits, *, sandbox: bool) -> subprocess.Popen[bytes]:
+def _start(folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
     """Start `child.py` in `folder`."""
     environment = dict(_ENVIRONMENT)
     if 'SYSTEMROOT' in os.environ:  # Windows starts no process without it
         environment['SYSTEMROOT'] = os.environ['SYSTEMROOT']
     try:
-        version = abi() if sandbox else 0
+        version = abi() if limits.confined else 0
     except OSError as error:
         raise Unconfined(error.strerror or str(error)) from None
     needed: list[Any] = [find_spec(name) for name in ('numpy', 'rosbags', 'system_calls')]
@@ -210,6 +210,7 @@ def _start(folder: Path, limits: Limits, *, sandbox: bool) -> subprocess.Popen[b
     )
 
 
+_USUAL = Limits()
 _MAX_PHRASES = 20
 _MAX_ENDS = 3  # a function that has ended its process, or looped, so often is not called again
 _numbers = count()  # of the objects that are made
@@ -222,13 +223,11 @@ class JudgedCode:
     All calls together have `Limits.total` seconds; after that each one fails.
     """
 
-    def __init__(self, folder: Path, limits: Limits | None = None, *, sandbox: bool = True) -> None:
+    def __init__(self, folder: Path, limits: Limits = _USUAL) -> None:
         """Use the files in `folder`; the process starts at the first call."""
-        self._folder = folder
-        self._limits = limits or Limits()
-        self._sandbox = sandbox
+        self._folder, self._limits = folder, limits
         self._process: Process | None = None
-        self._left = self._limits.total
+        self._left = limits.total
         self._ends: defaultdict[str, list[str]] = defaultdict(list)  # the reasons, by function
         self._printed = b''
         self._gains: ChosenGains | None = None
@@ -324,7 +323,7 @@ class JudgedCode:
         if do == 'notes' and self._process is None:
             return {}
         if self._process is None:
-            self._process = Process(self._folder, self._limits, sandbox=self._sandbox)
+            self._process = Process(self._folder, self._limits)
         began = time.monotonic()
         try:
             return self._process.request(do, *arguments, wait=min(self._limits.wait, self._left))
@@ -377,10 +376,10 @@ def numbers_of(function: str, found: Any, size: int) -> list[float]:  # noqa: AN
     return [*found]
 
 
-def check(*, sandbox: bool) -> None:
+def check(limits: Limits) -> None:
     """Start a process that runs nothing; a UserError if it cannot be confined here."""
     if not ON_LINUX:
-        if sandbox:
+        if limits.confined:
             raise UserError(
                 f'submissions can be confined on Linux alone, and this is {sys.platform}: grade '
                 'there, as in WSL 2 or a container, or give --unconfined, which lets their code '
@@ -389,7 +388,7 @@ def check(*, sandbox: bool) -> None:
         return
     try:
         with tempfile.TemporaryDirectory() as folder:
-            Process(Path(folder), Limits(), sandbox=sandbox).close()
+            Process(Path(folder), limits).close()
     except Unconfined as error:
         raise UserError(
             f'submissions cannot be confined on this machine ({error}): grade on Linux 5.13 or '

@@ -273,7 +273,7 @@ class Grade(NamedTuple):
         return ''.join(f'{LABELS[item.criterion]}: {item.message}' for item in self.mistakes[:1])
 
 
-def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
+def grade(submission: Submission, rubric: Rubric, limits: Limits) -> Grade:
     """Judge a submission; its code runs in a separate process and folder.
 
     A criterion's points are its maximum points times the finding's score, rounded to hundredths.
@@ -282,11 +282,11 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     files = names_of(submission.files).values()
     if not (files or notes):
         notes = (f'it has no {", ".join(rubric.lab.handout.files.values())}',)
-    if not sandbox:
+    if not limits.confined:
         notes = (*notes, 'its code was not confined, as --unconfined asks for')
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
         submission.write(Path(folder))
-        found = rubric.lab.judge_folder(Path(folder), rubric.settings, limits, sandbox=sandbox)
+        found = rubric.lab.judge_folder(Path(folder), rubric.settings, limits)
     findings = {finding.criterion: finding for finding in found.findings}
     return Grade(
         name=submission.name,
@@ -310,11 +310,9 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     )
 
 
-def report(
-    submission: Submission, hand: ByHand, rubric: Rubric, limits: Limits, *, sandbox: bool
-) -> Grade:
+def report(submission: Submission, hand: ByHand, rubric: Rubric, limits: Limits) -> Grade:
     """Grade a submission, with the files of its report; what is entered by hand counts."""
-    computed = grade(submission, rubric, limits, sandbox=sandbox)
+    computed = grade(submission, rubric, limits)
     found = _merged(computed, hand)
     files = {'results.json': gradescope(found).encode(), 'report.html': page(found).encode()}
     items = tuple(item._replace(evidence=None) for item in found.items)

@@ -69,7 +69,7 @@ def test_a_model_that_is_grabbed_gets_no_points(folder: Callable[..., Path]) -> 
         for code in GRABS
     )
 
-    graded = grade(read(folder(bike_model=tries)), load(), Limits(), sandbox=True)
+    graded = grade(read(folder(bike_model=tries)), load(), Limits())
 
     assert graded.score == 0.0
     assert graded.printed.count('Error') == len(GRABS)

@@ -224,9 +224,9 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
     assert len([*Path('/proc/self/fd').iterdir()]) == len(before)
 
 
-def test_without_the_sandbox_only_the_limits_hold(folder: Callable[..., Path]) -> None:
+def test_unconfined_only_the_limits_hold(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=f'open("/etc/passwd")\n{BIKE_FE}')
-    with JudgedCode(path, sandbox=False) as confined:
+    with JudgedCode(path, Limits(confined=False)) as confined:
         assert confined.rows('bikeFE', [ROW]) == [(1.0, 2.0, 3.0, 4.0)]
 
 
@@ -235,8 +235,8 @@ def test_a_kernel_without_landlock_is_told_of(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr('barc_sim.lab.confined.child._CREATE_RULESET', 100_000)
 
     with pytest.raises(UserError, match=r'no Landlock here.*--unconfined'):
-        check(sandbox=True)
-    check(sandbox=False)
+        check(Limits())
+    check(Limits(confined=False))
 
 
 # The filter of system calls, run here in an interpreter of its few instructions.
