@@ -9,14 +9,16 @@ import signal
 import sys
 import tempfile
 import threading
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager, suppress
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from functools import partial
 from multiprocessing import connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.cli.files import make_folder, saving
 from barc_sim.cli.parser import INTERRUPTED, number, whole
+from barc_sim.cli.process import StopSignals
 from barc_sim.errors import UserError
 from barc_sim.lab.files import BY_HAND, RUBRICS, handout_of, names_of
 
@@ -101,9 +103,11 @@ def run(options: Namespace) -> int:
     empty = grade.nothing_entered(points).encode()
     limits = Limits(total=options.time_limit, confined=not options.unconfined)
     check(limits)
-    with processes(options.jobs) as executor:
-        outcomes = grade_all(executor, hands, points, limits)
-        grades, failures, interrupted = _collect(outcomes, out, folders, empty)
+    stopped: Future[Any] = Future()
+    with StopSignals() as stop, processes(options.jobs) as executor:
+        stop.then(partial(stopped.set_result, None))
+        outcomes = grade_all(executor, stopped, hands, points, limits)
+        grades, failures = _collect(outcomes, out, folders, empty)
     found = classroom.entries(grades, failures, students)
     files = {}
     if not alone:  # then the files of a class may be there
@@ -116,7 +120,7 @@ def run(options: Namespace) -> int:
     print('\n'.join([*lines, str(out if alone else out / 'class.html')]))  # noqa: T201
     for name, failure in failures.items():
         print(f'barc grade: {name} could not be graded: {failure}', file=sys.stderr)  # noqa: T201
-    return INTERRUPTED if interrupted else 1 if failures else 0
+    return INTERRUPTED if stopped.done() else 1 if failures else 0
 
 
 def _rubric_of(paths: Iterable[Path]) -> str:
@@ -135,8 +139,8 @@ def _folder(out: Path, submission: Path) -> Path:
 
 def _collect(
     outcomes: Iterable[_Outcome], out: Path, folders: dict[Path, Path], empty: bytes
-) -> tuple[dict[str, Grade], dict[str, str], bool]:
-    """Write the files of each submission as it finishes; also return whether Ctrl-C came.
+) -> tuple[dict[str, Grade], dict[str, str]]:
+    """Write the files of each submission as it finishes; return grades and failures by folder.
 
     The file for points by hand is written `empty`, where there is none.
     """
@@ -146,45 +150,25 @@ def _collect(
     stderr = Console(stderr=True)
     grades: dict[str, Grade] = {}
     failures: dict[str, str] = {}
-    try:
-        for path, outcome in track(
-            outcomes,
-            'Grading',
-            len(folders),
-            console=stderr,
-            transient=True,
-            disable=not stderr.is_terminal,
-        ):
-            folder = folders[path]
-            if isinstance(outcome, str):
-                failures[folder.name] = outcome
-                continue
-            grade, files = outcome._replace(files={}), {**outcome.files}
-            if folder != out and not (folder / BY_HAND).exists():  # not of a submission alone
-                files[BY_HAND] = empty
-            with _uninterrupted():  # a submission has all of its files, and a row, or none
-                for name, data in files.items():
-                    _write(out, folder / name, data)
-                grades[folder.name] = grade
-    except KeyboardInterrupt:
-        return grades, failures, True
-    return grades, failures, False
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Delay Ctrl-C until the block has ended, in the main thread, which alone it interrupts."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if came:
-        raise KeyboardInterrupt
+    for path, outcome in track(
+        outcomes,
+        'Grading',
+        len(folders),
+        console=stderr,
+        transient=True,
+        disable=not stderr.is_terminal,
+    ):
+        folder = folders[path]
+        if isinstance(outcome, str):
+            failures[folder.name] = outcome
+            continue
+        grade, files = outcome._replace(files={}), {**outcome.files}
+        if folder != out and not (folder / BY_HAND).exists():  # not of a submission alone
+            files[BY_HAND] = empty
+        for name, data in files.items():
+            _write(out, folder / name, data)
+        grades[folder.name] = grade
+    return grades, failures
 
 
 def _write(out: Path, path: Path, data: bytes) -> None:
@@ -199,16 +183,9 @@ def _write(out: Path, path: Path, data: bytes) -> None:
         part.write_bytes(data)
 
 
-def _cores() -> int:
-    """Return the number of cores that this process may use, where the system limits that."""
-    if hasattr(os, 'sched_getaffinity'):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 @contextmanager
 def processes(jobs: int | None) -> Iterator[Executor]:
-    """Use `jobs` worker processes, by default one for each core that this process may use.
+    """Use `jobs` worker processes, by default one for each core.
 
     When the block ends, those still at work end, and their folders go; they also end with this
     process, however it ends.
@@ -216,20 +193,16 @@ def processes(jobs: int | None) -> Iterator[Executor]:
     # New processes: a fork would copy the locks of other threads, but not the threads.
     context = multiprocessing.get_context('spawn')
     with tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder:
-        pool = ProcessPoolExecutor(
-            jobs or _cores(), context, initializer=_begin_worker, initargs=(folder,)
-        )
+        pool = ProcessPoolExecutor(jobs, context, _begin_worker, (folder,))
         try:
             yield pool
         finally:
-            # A second Ctrl-C would only delay the end.
-            with suppress(KeyboardInterrupt), _uninterrupted():
-                pool.shutdown(wait=False, cancel_futures=True)
-                workers = multiprocessing.active_children()
-                for worker in workers:
-                    worker.kill()
-                for worker in workers:
-                    worker.join()
+            pool.shutdown(wait=False, cancel_futures=True)
+            workers = multiprocessing.active_children()
+            for worker in workers:
+                worker.kill()
+            for worker in workers:
+                worker.join()
 
 
 def _begin_worker(folder: str) -> None:
@@ -251,16 +224,24 @@ def _follow(sentinel: int) -> None:
 
 def grade_all(
     executor: Executor,
+    stopped: Future[Any],
     paths: Mapping[Path, ByHand],
     *how: Any,  # noqa: ANN401 (rubric and limits)
 ) -> Iterator[_Outcome]:
-    """Yield each submission with its grade, or the grader's error, in the order of completion."""
-    pending = {executor.submit(_grade, path, hand, *how): path for path, hand in paths.items()}
-    for future in as_completed([*pending]):
-        error = future.exception()
-        kind = '' if isinstance(error, UserError) else f'{type(error).__name__}: '
-        failure = f'{kind}{error}' if error else ''
-        yield pending.pop(future), failure or future.result()
+    """Yield each submission, as it finishes, with its grade or the grader's error.
+
+    That ends early where `stopped` is done.
+    """
+    pending: dict[Future[Any], Path] = {
+        executor.submit(_grade, path, hand, *how): path for path, hand in paths.items()
+    }
+    while pending and not stopped.done():
+        done, _ = wait([stopped, *pending], return_when=FIRST_COMPLETED)
+        for future in done - {stopped}:
+            error = future.exception()
+            kind = '' if isinstance(error, UserError) else f'{type(error).__name__}: '
+            failure = f'{kind}{error}' if error else ''
+            yield pending.pop(future), failure or future.result()
 
 
 def _grade(path: Path, *how: Any) -> Grade:  # noqa: ANN401 (as `report` takes it)

@@ -10,8 +10,10 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +31,7 @@ from barc_sim.lab.grade.grade import Grade, Rubric
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from concurrent.futures import Executor
     from typing import Any
 
     Graded = tuple[Path, Path, int]
@@ -246,22 +249,42 @@ def test_workers_end_with_the_grader_however_it_ends(tmp_path: Path) -> None:
     assert not [*(tmp_path / 'tmp').iterdir()]
 
 
+@pytest.mark.usefixtures('graded')  # where code can be confined
 def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def write(_: Path, path: Path, data: bytes) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
-        path.write_bytes(data)
+    write = grade._write  # noqa: SLF001 (at that very moment)
 
-    monkeypatch.setattr(grade, '_write', write)
-    done = Grade('ada', Rubric({}), (), files={'report.html': b'1', 'results.json': b'2'})
-    path = tmp_path / 'ada'
-    outcomes = [(path, done), (path, done)]
-    grades, _, interrupted = grade._collect(  # noqa: SLF001 (at that very moment)
-        outcomes, tmp_path, {path: tmp_path}, b''
-    )
-    assert ([each.name for each in grades.values()], interrupted) == (['ada'], True)
-    assert sorted(file.name for file in tmp_path.iterdir()) == ['report.html', 'results.json']
+    def interrupted(out: Path, path: Path, data: bytes) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        write(out, path, data)
+
+    monkeypatch.setattr(grade, '_write', interrupted)
+    over = threading.Event()
+
+    @contextmanager
+    def processes(_: object) -> Iterator[Executor]:
+        with ThreadPoolExecutor(1) as pool:
+            yield pool
+            over.set()
+
+    monkeypatch.setattr(grade, 'processes', processes)
+
+    def graded(path: Path, *_: object) -> Grade:
+        if path.name == 'bob':
+            over.wait(60.0)  # the files of ada are written meanwhile
+        files = {'report.html': b'1', 'results.json': b'2'}
+        return Grade(path.name, Rubric({'model.x': 1.0}), (), files=files)
+
+    monkeypatch.setattr(grade, '_grade', graded)
+    for name in ('ada', 'bob'):
+        (tmp_path / 'in' / name).mkdir(parents=True)
+        (tmp_path / 'in' / name / 'bike_model.py').touch()
+    assert barc(['grade', str(tmp_path / 'in'), '--out', str(tmp_path / 'out')]) == 130
+    files = {'by_hand.yaml', 'report.html', 'results.json'}
+    assert {file.name for file in (tmp_path / 'out' / 'ada').iterdir()} == files
+    rows = [*csv.DictReader(io.StringIO((tmp_path / 'out' / 'class.csv').read_text()))]
+    assert [row['name'] for row in rows] == ['ada']
 
 
 def test_a_name_that_is_no_utf_8_has_a_folder_and_a_row(tmp_path: Path) -> None:

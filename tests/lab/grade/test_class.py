@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pytest
@@ -176,7 +176,7 @@ def test_a_fault_of_the_grader_does_not_stop_the_others(
     monkeypatch.setattr(command, '_grade', grade)
     paths = {folder(f's{i}'): ByHand() for i in range(3)}
     with ThreadPoolExecutor(2) as pool:
-        outcomes = command.grade_all(pool, paths)
+        outcomes = command.grade_all(pool, Future(), paths)
         found = {path.name: outcome for path, outcome in outcomes}
 
     assert found == {
