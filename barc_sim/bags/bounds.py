@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 MAX_RECORD = 32 << 20  #: bytes, and those of a chunk unpacked
 MAX_METADATA = 2 << 20  #: bytes of a record of metadata
+MAX_TRACK = 1 << 20  #: bytes of the file with a track
 MAX_KEPT = 16 << 20  #: bytes of a bag's topics, metadata and attached files
 MAX_SCHEMA = 16 << 10  #: bytes of a definition that is parsed
 MAX_SCHEMAS = 32  #: definitions that are parsed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from array import array
 from collections import defaultdict
@@ -17,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from barc_sim.bags import bounds
 from barc_sim.bags.contents import Contents, types_of
 from barc_sim.bags.messages import store, to_nanoseconds
+from barc_sim.bags.recording import TRACK_NAME
 from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import (
@@ -34,7 +36,7 @@ from barc_sim.simulation.log import (
     recordable,
 )
 from barc_sim.vehicle.road import STEEPEST_DEG
-from barc_sim.vehicle.track import TRACKS, Track
+from barc_sim.vehicle.track import Pose, Track
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -120,9 +122,18 @@ class Bag:
             )
         log = join(samples[cars[0]])
         _check_log(self.path, log)
-        if isinstance(log, TrackLog) and (track := self.info.get('track')) in TRACKS:
-            log = replace(log, track=Track.named(track))
-        return log
+        return replace(log, track=self._track()) if isinstance(log, TrackLog) else log
+
+    def _track(self) -> Track | None:
+        """Return the track that the run has attached; None where it is none that can be drawn."""
+        data = self.attachments.get(TRACK_NAME, b'')
+        with suppress(ValueError, TypeError, RecursionError, UserError):
+            if len(data) <= bounds.MAX_TRACK:
+                lengths, curvatures, width, name, start = json.loads(data)
+                track = Track(lengths, curvatures, width, str(name), Pose(*start))
+                if all(abs(each) <= bounds.MAX_DISTANCE for each in (track.length, *track.start)):
+                    return track
+        return None
 
 
 def load(path: Path | str, *, messages: bool = True) -> Bag:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import time
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.bags.messages import Topic
+    from barc_sim.vehicle.track import Track
 
 _MEBIBYTE = 2**20
 #: Name of the MCAP metadata records with the run's own metadata.
@@ -27,6 +29,7 @@ _TRIES = 1000
 BAG_DIR = Parameter(
     'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
 )
+TRACK_NAME = 'track.json'  #: of the attached file with the track of a run
 #: The number of a message that the middleware does not number.
 UNNUMBERED = 2**64 - 1
 
@@ -273,3 +276,9 @@ def summary(
     total = entries.pop('lost_messages')
     first = f'recorded {sum(counts.values())} messages, lost {total}'
     return '\n'.join([first, *(f'{topic}: {what}' for topic, what in entries.items())])
+
+
+def track_file(track: Track) -> dict[str, bytes]:
+    """Return the attached file of a track: its segments, width, name and start."""
+    fields = track.lengths, track.curvatures, track.width, track.name, track.start
+    return {TRACK_NAME: json.dumps(fields).encode()}

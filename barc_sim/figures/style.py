@@ -1,4 +1,4 @@
-"""What figures and page share: palette, style, limits, readings; road and track; windows.
+"""What figures and page share: palette, style, limits, readings, road; windows.
 
 Matplotlib is imported only where a window opens: the live page starts without it.
 """
@@ -17,10 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from barc_sim.simulation.log import Log, TrackLog
-    from barc_sim.vehicle.track import Track
-
-    Floats = NDArray[np.float64]
+    from barc_sim.simulation.log import Log
 
 
 class Colour(NamedTuple):
@@ -60,7 +57,6 @@ EARTH = '#E4E1DA'
 SURFACE = '#7D776A'
 
 _Log = TypeVar('_Log', bound='Log')
-_SPACING = 0.5  #: [m] between two points of a track that is drawn
 #: Figures look the same with any matplotlibrc.
 STYLE: list[str | dict[str, Any]] = [
     'default',
@@ -125,49 +121,6 @@ def driven_road(log: Log) -> Road | None:
     grades = np.append(grade[0], grade[change + 1])
     apart = np.append(np.diff(starts) > 0.0, True)
     return Road(starts[apart], grades[apart])
-
-
-class Course(NamedTuple):
-    """The centre line of a track as points, from the finish line on; arrays of shape `(n,)`."""
-
-    s: Floats  #: [m] along it
-    x: Floats  #: [m]
-    y: Floats  #: [m]
-    psi: Floats  #: [rad] its heading
-    curvature: Floats  #: [1/m] from there on, positive to the left
-    length: float  #: [m] of a lap; inf where the track is open, or was not driven to its end
-    width: float  #: [m]
-
-    @classmethod
-    def of(cls, track: Track) -> Course:
-        """Return the points of a track."""
-        s = np.linspace(0.0, track.length, round(track.length / _SPACING) + 1)
-        s = np.union1d(s, track.starts)
-        x, y, psi = map(np.asarray, track.place(s))
-        length = track.length if track.is_closed else np.inf
-        return cls(s, x, y, psi, track.curvature(s), length, track.width)
-
-    @classmethod
-    def driven(cls, log: TrackLog) -> Course:
-        """Return the track of a run; as far as it has driven along it, where it is unknown."""
-        if log.track:
-            return cls.of(log.track)
-        length = log.lap_length
-        one_lap = log.s < np.nanmin(log.s) + length  # s is unknown before the first place
-        log = log.map(lambda column: column[one_lap])
-        x, y, heading = use_measurement(log).true_pose
-        psi = heading - log.e_psi
-        s = np.mod(log.s, length) if np.isfinite(length) else log.s  # a bag may begin in any lap
-        s, rows = np.unique(s, return_index=True)
-        if np.isfinite(length):  # the first point once more, at the end
-            s, rows = np.append(s, s[0] + length), np.append(rows, rows[0])
-        e_y, psi = log.e_y[rows], psi[rows]
-        x, y = x[rows] + e_y * np.sin(psi), y[rows] - e_y * np.cos(psi)
-        return cls(s, x, y, psi, log.curvature[rows], length, float(log.width[0]))
-
-    def beside(self, e_y: float) -> tuple[Floats, Floats]:
-        """Return the line so far to the left of the centre line [m]."""
-        return self.x - e_y * np.sin(self.psi), self.y + e_y * np.cos(self.psi)
 
 
 def limits(values: NDArray[np.float64], *, share: float, minimum: float) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from matplotlib import style
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from barc_sim.control.lane import STEERING_LIMIT, speed_profile
 from barc_sim.control.planning import lap_time
@@ -23,7 +24,6 @@ from barc_sim.figures.style import (
     MUTED,
     RUN_COLOURS,
     STYLE,
-    Course,
     limits,
     speed_limits,
     use_measurement,
@@ -33,7 +33,9 @@ from barc_sim.simulation.metrics import LAP_HEADINGS, track_laps_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.transforms import Transform
     from numpy.typing import NDArray
 
     from barc_sim.control.planning import Limits
@@ -74,15 +76,21 @@ def _laps_of(log: TrackLog) -> list[_Curve]:
     """Return all laps of a run, the best one in front."""
     laps, numbers = track_laps_of(log)
     shown, known = laps.best or laps.current, {lap.number: lap for lap in laps.finished}
-    length = log.lap_length
     curves = []
     for number in (*sorted({*numbers} - {shown.number}), shown.number):
         of_lap = log.map(partial(np.compress, np.equal(numbers, number)))
-        s = of_lap.s - (of_lap.lap * length if np.isfinite(length) else 0.0)
-        lap = known.get(number, laps.current)
-        curves.append(_Curve('other laps', {'color': _OTHER, 'lw': 1.0}, lap, of_lap, s))
+        lap, line = known.get(number, laps.current), {'color': _OTHER, 'lw': 1.0}
+        curves.append(_Curve('other laps', line, lap, of_lap, _place_in_lap(of_lap)))
     name = f'{"best lap" if laps.best else "lap"}: {shown.number + 1}'
     return [*curves[:-1], curves[-1]._replace(name=name, line=_SHOWN_LINE)]
+
+
+def _place_in_lap(log: TrackLog) -> Floats:
+    start = np.fmin.reduce(log.s)  # where the finish line is not known
+    if log.track:
+        start = log.lap * log.track.length if log.track.is_closed else 0.0
+    place: Floats = log.s - start
+    return place
 
 
 @style.context(STYLE)
@@ -117,10 +125,10 @@ def track_figure(
     seen, table = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3, 0])
     charts = [figure.add_subplot(grid[0, 1])]
     charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
-    course = max(map(Course.driven, runs), key=lambda each: float(each.s[-1]))
-    _draw_map(seen, course, curves)
+    track = next((log.track for log in runs if log.track), None)
+    _draw_map(seen, track, curves)
     _draw_table(table, '' if alone else 'best lap of', rows, curves[-1].lap if alone else None)
-    _draw_charts(charts, curves, course)
+    _draw_charts(charts, curves, track)
     ends = [end for each in runs for end in speed_limits(each)]
     charts[2].set_ylim(min(ends), max(ends))
     # A run ends with one state behind the line, which is no line of another lap.
@@ -135,38 +143,45 @@ def track_figure(
     return figure
 
 
-def _draw_map(axes: Axes, course: Course, curves: list[_Curve]) -> None:
+def _draw_map(axes: Axes, track: Track | None, curves: list[_Curve]) -> None:
     """Draw the track, with its metres beside it, and the path of each lap."""
-    draw_course(axes, course)
+    if track:
+        draw_course(axes, track)
+        first, second, *_ = MaxNLocator(12, steps=[1, 2, 2.5, 5, 10]).tick_values(0, track.length)
+        marks = np.arange(first, track.length - 0.4 * (second - first), second - first)
+        size = float(np.hypot(*axes.dataLim.size))
+        beside = track.place(marks, -(0.5 * track.width + 1.0 + 0.04 * size))
+        places = np.column_stack(beside[:2])
+        for (u, v), s in zip(places, marks, strict=True):
+            axes.text(u, v, f'{s:g} m', color=MUTED, fontsize=8, ha='center', va='center')
+        axes.update_datalim(places)  # the words stand within the axes, too
     for curve in curves:
         x, y, _ = curve.log.true_pose
         axes.plot(x, y, **curve.line)
-    step = next(step for step in (10, 20, 25, 50, 100, 200, 500, 1000) if course.s[-1] < 12 * step)
-    size = float(np.hypot(np.ptp(course.x), np.ptp(course.y)))
-    beside = course.beside(-(course.width / 2.0 + 1.0 + 0.04 * size))
-    for s in np.arange(0.0, course.s[-1] - 0.4 * step, step):
-        u, v = (float(np.interp(s, course.s, each)) for each in beside)
-        axes.text(u, v, f'{s:g} m', color=MUTED, fontsize=8, ha='center', va='center')
-    axes.update_datalim(np.column_stack(beside))  # the words stand within the axes, too
+    axes.set_aspect('equal', adjustable='datalim')
     axes.margins(0.06)
     axes.set(xlabel='x [m]', ylabel='y [m]')
 
 
-def draw_course(axes: Axes, course: Course) -> None:
-    """Draw the edges, the centre line and the finish line of a track from above."""
-    half = course.width / 2.0
-    (u, v), (x, y) = course.beside(half), course.beside(-half)
-    axes.fill(np.append(u, x[::-1]), np.append(v, y[::-1]), color=TRACK_GROUND, lw=0.0)
-    axes.plot(u, v, x, y, color=INK, lw=1.2)
-    axes.plot(course.x, course.y, color=GREY, lw=0.8, ls=DASHES)
-    axes.plot([u[0], x[0]], [v[0], y[0]], color=INK, lw=3.0)
-    axes.set_aspect('equal', adjustable='datalim')
+def draw_course(axes: Axes, track: Track, transform: Transform | None = None) -> list[Artist]:
+    """Draw a track from above; return its ground, edges, centre line and finish line."""
+    s, half = track.samples(), 0.5 * track.width
+    lines: Any = [track.place(s, e_y)[:2] for e_y in (half, -half, 0.0)]
+    on: dict[str, Any] = {'transform': transform or axes.transData}
+    (u, v), (x, y), centre = lines
+    ground = np.append(u, x[::-1]), np.append(v, y[::-1])
+    return [
+        *axes.fill(*ground, color=TRACK_GROUND, lw=0.0, **on),
+        *axes.plot(u, v, x, y, color=INK, lw=1.2, **on),
+        *axes.plot(*centre, color=GREY, lw=0.8, ls=DASHES, **on),
+        *axes.plot([u[0], x[0]], [v[0], y[0]], color=INK, lw=3.0, **on),
+    ]
 
 
-def _draw_charts(charts: list[Axes], curves: list[_Curve], course: Course) -> None:
+def _draw_charts(charts: list[Axes], curves: list[_Curve], track: Track | None) -> None:
     """Draw the curves of each chart, the limit of the steering, the reference and the arcs."""
     log, s = curves[-1].log, curves[-1].s
-    bent = course.curvature != 0.0
+    bent = log.curvature != 0.0
     has_straights = float(bent.mean()) < _BENT
     for axes, (name, values, minimum, limit) in zip(charts, _CHARTS, strict=True):
         for level in {limit, -limit}:
@@ -178,7 +193,7 @@ def _draw_charts(charts: list[Axes], curves: list[_Curve], course: Course) -> No
         axes.tick_params(labelbottom=axes is charts[-1])
         if has_straights:
             sides = axes.get_xaxis_transform()
-            axes.fill_between(course.s, 0.0, 1.0, where=bent.tolist(), transform=sides, **_ARC)
+            axes.fill_between(s, 0.0, 1.0, where=bent.tolist(), transform=sides, **_ARC)
     *_, speed, steering = charts
     if np.isfinite(log.reference).any():
         speed.plot(s, log.reference, color=INK, lw=1.0, ls=DASHES, label='reference')
@@ -188,8 +203,7 @@ def _draw_charts(charts: list[Axes], curves: list[_Curve], course: Course) -> No
         ha='right', va='top', color=MUTED, fontsize=8,
     )  # fmt: skip
     steering.set_xlabel('Place in the lap [m]' + ('; arcs are shaded' if has_straights else ''))
-    end = course.length if np.isfinite(course.length) else float(s.max())
-    steering.set_xlim(0.0, max(end, 1.0))
+    steering.set_xlim(0.0, track.length if track else None)
 
 
 @style.context(STYLE)
@@ -201,17 +215,18 @@ def line_figure(track: Track, line: Track, limits: Limits) -> Figure:
     figure = Figure(figsize=TRACK_SIZE, layout='constrained')
     grid = figure.add_gridspec(2, 2, width_ratios=[1.25, 1.0])
     seen, above, below = (figure.add_subplot(cell) for cell in (grid[:, 0], grid[0, 1], grid[1, 1]))
-    draw_course(seen, Course.of(track))
+    draw_course(seen, track)
+    seen.set_aspect('equal', adjustable='datalim')
     for each, name, color in ((track, 'centre line', _OTHER), (line, 'racing line', BLUE)):
-        way, profile = Course.of(each), speed_profile(each, *limits)
-        speeds = np.array([profile(0.0, s) for s in way.s.tolist()])
+        places, profile = each.samples(), speed_profile(each, *limits)
+        speeds, pose = [profile(0.0, s) for s in places.tolist()], each.place(places)
         # Over the place on the centre line beside each point.
-        beside = np.asarray(track.frenet(way.x, way.y, way.psi).s) % track.length
+        beside = np.asarray(track.frenet(*pose).s) % track.length
         order = np.argsort(beside)
         label = f'{name}, {lap_time(each, limits):.2f} s'
-        above.plot(beside[order], speeds[order], color=color, lw=1.6, label=label)
-        below.plot(beside[order], way.curvature[order], color=color, lw=1.6)
-    points = np.column_stack([way.x, way.y])
+        above.plot(beside[order], np.take(speeds, order), color=color, lw=1.6, label=label)
+        below.plot(beside[order], each.curvature(places[order]), color=color, lw=1.6)
+    points = np.column_stack(pose[:2])
     coloured = LineCollection([*np.stack([points[:-1], points[1:]], axis=1)], lw=3.5)
     coloured.set_array(speeds[:-1])
     seen.add_collection(coloured)

@@ -32,7 +32,6 @@ from barc_sim.figures.style import (
     STYLE,
     SURFACE,
     VERMILLION,
-    Course,
     driven_road,
     limits,
     reading,
@@ -71,7 +70,6 @@ BEYOND = 60.0  #: [m] of the road that are drawn before and after a run
 POST = 10.0  #: [m] between two labels of the position; the side of a square, from above
 LABELS = 12  #: more than are visible
 _READING, _READINGS = 0.135, 0.81  #: the widths of a reading, and of all, at most, as shares
-EDGE = {'color': INK, 'lw': 1.4}
 GLASS, LAMP, RIM, WELL = '#DCEBF4', '#F0E442', '#D5D5D5', '#3A3A3A'
 
 
@@ -103,13 +101,13 @@ class RunView(ABC):
         self.read(log)
         with style.context(STYLE):
             scene, course, chart = (figure.add_axes(place) for place in self.PLACES)
+            moving = self._draw_scene(scene)
             # Equal scales, so that 30° look like 30°; a window of another shape shows more.
             scene.set_xlim(-self.VIEW_WIDTH / 2.0, self.VIEW_WIDTH / 2.0, auto=True)
             scene.set_ylim(-3.5, 5.0, auto=True)
             scene.set_aspect('equal', adjustable='datalim')
             scene.set(xticks=[], yticks=[])
             scene.spines[:].set_visible(False)
-            moving = self._draw_scene(scene)
             self._draw_course(course)
             (self._here,) = course.plot([], [], 'o', color=VERMILLION, mec='white', ms=8)
             moving += [self._here, *self._draw_chart(chart)]
@@ -338,6 +336,7 @@ class TopView(RunView):
         self._path[:-1][jumps] = np.nan
         self.course = x, y
         self._on_track = log if isinstance(log, TrackLog) else None
+        self._track = log.track if isinstance(log, TrackLog) else None
         self.along, self.along_name = self._log.t, 'Time [s]'
         if isinstance(log, TrackLog):
             self.along, self.along_name = log.s, 'Distance along the track, over all laps [m]'
@@ -357,12 +356,6 @@ class TopView(RunView):
             _grid(POST, '#CFCFC8', self._grid + axes.transData),
         ]
         if self._on_track:
-            self._line = Course.driven(self._on_track)
-            half = self._line.width / 2.0
-            moving += [
-                Line2D(*self._line.beside(e_y), transform=world, **look)
-                for e_y, look in ((half, EDGE), (-half, EDGE), (0.0, {'color': GREY, 'ls': DASHES}))
-            ]
             self._ghost, self._ghost_steering = Affine2D(), Affine2D()
             self._pale = _car_from_above(self._ghost + axes.transData, self._ghost_steering)
             for artist in self._pale:
@@ -371,15 +364,19 @@ class TopView(RunView):
         moving += [self._trail, *_car_from_above(self._body + axes.transData, self._steering)]
         for artist in moving:
             _ = axes.add_line(artist) if isinstance(artist, Line2D) else axes.add_artist(artist)
+        if self._track:
+            fine, coarse, *cars = moving
+            ground, *lines = draw_course(axes, self._track, world)
+            moving = [ground, fine, coarse, *lines, *cars]
         return moving
 
     def _draw_course(self, axes: Axes) -> None:
         """Draw the whole path, or the whole track."""
-        if self._on_track:
-            draw_course(axes, self._line)
+        if self._track:
+            draw_course(axes, self._track)
         else:
             axes.plot(*self._path.T, color=AHEAD, lw=1.5)
-            axes.set_aspect('equal', adjustable='datalim')
+        axes.set_aspect('equal', adjustable='datalim')
         axes.set_axis_off()
         axes.margins(0.1)
 

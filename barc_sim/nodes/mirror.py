@@ -11,10 +11,9 @@ from __future__ import annotations
 import time
 from collections import deque
 from itertools import pairwise
-from math import ceil, cos, hypot, isfinite, radians, sin
+from math import cos, hypot, isfinite, radians, sin
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
-import numpy as np
 from barc_interfaces.msg import ZDynBkMdl
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, TransformStamped, Vector3
@@ -55,7 +54,6 @@ _OK, _WARN, _ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatu
 PARAMETERS = [Parameter('road', 'lab', "the simulator's road", read_only=True)]
 #: [s] of wall-clock time between two pictures of the car: 25 a second, if states come at 50 Hz.
 _PICTURE_PERIOD = 0.035
-_MAX_POINTS = 2000  #: of a line of a track
 _MAX_POSES, _SPACING = 400, 0.5  #: of the path; [m] between two poses
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -264,9 +262,8 @@ def track_markers(track: Track, frame: str) -> MarkerArray:
 
 
 def _line(track: Track, e_y: float = 0.0) -> list[list[float]]:
-    """Return x, y and psi of points beside the centre line, half a metre apart."""
-    number = min(ceil(track.length / _SPACING), _MAX_POINTS)
-    pose: Any = track.place(np.linspace(0.0, track.length, number + 1), e_y)
+    """Return x, y and psi of points beside the centre line."""
+    pose: Any = track.place(track.samples(), e_y)
     return [each.tolist() for each in pose]
 
 

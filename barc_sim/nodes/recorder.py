@@ -55,8 +55,6 @@ class BagRecorder(Node):
         The bag's directory itself, to be made; overrides the folder.
     metadata
         The run's metadata, kept in the bag.
-    attachments
-        Files, by name, to attach to the bag.
     options
         Those of `rclpy.node.Node`.
 
@@ -83,7 +81,6 @@ class BagRecorder(Node):
         *,
         path: Path | None = None,
         metadata: Mapping[str, str] | None = None,
-        attachments: Mapping[str, bytes] | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         super().__init__('bag_recorder', **options)
@@ -98,7 +95,7 @@ class BagRecorder(Node):
         self.discover()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
         root = Path(declare(self, [BAG_DIR._replace(default=default)])['bag_dir'])
-        self._start(root, path, attachments or {})
+        self._start(root, path)
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
         for name, on in ((names.PAUSE_RECORDER, True), (names.RESUME_RECORDER, False)):
@@ -106,7 +103,7 @@ class BagRecorder(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
 
-    def _start(self, root: Path, path: Path | None, attachments: Mapping[str, bytes]) -> None:
+    def _start(self, root: Path, path: Path | None) -> None:
         """Begin the bag in the directory `path`, or in a new one of the folder `root`."""
         settings = self._recording
         check_space(path or root, settings.reserve)
@@ -116,7 +113,6 @@ class BagRecorder(Node):
         )
         if not has_dds():
             self._topics.on_full = self._thread.write_now
-        self._thread.do(lambda writer: writer.attach(attachments))
         self._thread.use_sim_time = settings.use_sim_time
         self._thread.start()
 
@@ -191,6 +187,10 @@ class BagRecorder(Node):
         """Add metadata of the run to the bag; an entry replaces one of the same name."""
         self._metadata.update(entries)
         self._thread.do(lambda writer: writer.add_metadata(entries))
+
+    def attach(self, files: Mapping[str, bytes]) -> None:
+        """Attach text files to the bag, by name."""
+        self._thread.do(lambda writer: writer.attach(files))
 
     def discover(self) -> None:
         """Subscribe to each wanted topic that has got a publisher since the last call."""

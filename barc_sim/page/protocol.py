@@ -16,7 +16,6 @@ from barc_sim.control.cruise_control import DEFAULT_TYPE, LANE_TYPES, TERMS, TYP
 from barc_sim.control.driver import DriverInput
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE, Gain
-from barc_sim.figures.style import Course
 from barc_sim.simulation.log import (
     COMMAND,
     ENVIRONMENT,
@@ -227,7 +226,7 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
         'tuning': run.values,
         'run': {**shown, **run.options},
         'can_finish': run.finish is not None,
-        **(track_facts(_course(run.track)) if run.track else {}),
+        **(track_facts(run.track) if run.track else {}),
     }
 
 
@@ -236,16 +235,15 @@ def node_of(parameter: str) -> str:
     return SIMULATOR if parameter in CAR else CONTROLLER
 
 
-_course = cache(Course.of)
-
-
-def track_facts(course: Course) -> dict[str, Any]:
+@cache
+def track_facts(track: Track) -> dict[str, Any]:
     """Return the fields that turn the page into that of a track, with its centre line."""
-    names = 's', 'x', 'y', 'psi', 'curvature'
-    points = {name: getattr(course, name).round(6).tolist() for name in names}
+    s = track.samples()
+    columns: dict[str, Any] = {'s': s, **track.place(s)._asdict(), 'curvature': track.curvature(s)}
+    points = {name: column.round(6).tolist() for name, column in columns.items()}
     return {
         'mode': 'track',
-        'track': {**points, 'length': min(course.length, points['s'][-1]), 'width': course.width},
+        'track': {**points, 'length': track.length, 'width': track.width},
         'terms': [f'steer_{name}' for name in LaneLaw.terms],
         'presets': {},
     }

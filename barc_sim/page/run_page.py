@@ -13,7 +13,7 @@ from websockets.asyncio.server import broadcast
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, STALE_AFTER, DriverInput
 from barc_sim.control.lane import LANE
-from barc_sim.figures.style import Course, driven_road
+from barc_sim.figures.style import driven_road
 from barc_sim.page.feed import columns_in, laps_in, rows_of
 from barc_sim.page.protocol import (
     Pause,
@@ -224,13 +224,14 @@ def replay(log: Log, title: str, other: tuple[Log, str] | None = None) -> list[s
     `other`, a run and its title, is a ghost beside it.
     """
     road = driven_road(log)
-    mode = 'teleop' if np.all(np.isnan(log.reference)) else 'acc'
+    track = log.track if isinstance(log, TrackLog) else None
+    is_above = isinstance(log, TrackLog) or np.all(np.isnan(log.reference))
     fields = {
-        **facts(mode, RunFacts()),
+        **facts('teleop' if is_above else 'acc', RunFacts()),
         'road': road and road_facts(road),
         'columns': columns_in(log),
         'terms': list(log.terms),
-        **(track_facts(Course.driven(log)) if isinstance(log, TrackLog) else {}),
+        **(track_facts(track) if track else {}),
         'replay': {'title': title, 'missed': int(np.count_nonzero(log.missed))},
         'laps': lap_facts(laps_in(log)[0]),
     }

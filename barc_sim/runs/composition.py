@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from barc_sim import __version__
-from barc_sim.bags.recording import summary
+from barc_sim.bags.recording import summary, track_file
 from barc_sim.cli.parser import barc_path, report, warn
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
@@ -114,8 +114,8 @@ class Run:
             recording(options),
             metadata=inputs.user_code.describe()
             | ({'engine': _ENGINES['local']} if options.engine == 'local' else {}),
-            attachments=inputs.user_code.attachments(),
         )
+        self.recorder.attach(inputs.user_code.attachments())
         self.recorder.finished.add_done_callback(lambda _: self.finish())
         self.nodes.append(self.recorder)
 
@@ -199,6 +199,8 @@ class Run:
             self.recorder.announce()
             self.recorder.add_metadata(_description(options.argv, self.nodes))
             self._record_graph(self.recorder)
+            if track := self.simulators[0].track:
+                self.recorder.attach(track_file(track))
         # A full garbage collection takes half a step: exclude what lives as long as the run.
         gc.collect()
         gc.freeze()

@@ -239,7 +239,7 @@ class TrackLog(Log):
     steer_saturated: Annotated[
         Flags, Column('', 'whether a limit cut the steering', LANE_STATE, 'saturated')
     ]
-    track: Track | None = None  #: None: unknown, as of a bag of a track without a name
+    track: Track | None = None  #: None: unknown, as in a bag that another program recorded
 
     @property
     def distance(self) -> Floats:
@@ -250,15 +250,6 @@ class TrackLog(Log):
     def across(self) -> Floats:
         """True distance to the left of the centre line [m], shape `(n,)`."""
         return self.e_y
-
-    @property
-    def lap_length(self) -> float:
-        """Length of a lap [m], inf where none was finished."""
-        crossed = np.flatnonzero(np.diff(self.lap) == 1.0) + 1
-        if not len(crossed):
-            return np.inf
-        i = crossed[-1]  # the line was passed between two states
-        return float(np.interp(self.t[i] - self.lap_time[i], self.t, self.s) / self.lap[i])
 
     @property
     def lap_times(self) -> Floats:

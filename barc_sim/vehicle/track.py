@@ -16,7 +16,7 @@ from cmath import phase
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from math import atan2, cos, floor, hypot, isfinite, pi, remainder, sin, sqrt
+from math import atan2, ceil, cos, floor, hypot, isfinite, pi, remainder, sin, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.errors import UserError
@@ -37,6 +37,7 @@ WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
 _TOLERANCE = 0.05  #: [m] A fitted arc passes the points of a file within this.
 _MIN_POINTS, _MAX_POINTS = 3, 10_000  #: of a file with a centre line
+_SPACING, _MAX_SAMPLES = 0.5, 5000  #: [m] between two places that are drawn, and how many
 _SEGMENTS, _CENTRE_LINE = 'length_m,radius_m', 'x_m,y_m,w_tr_right_m,w_tr_left_m'
 _RACING_LINE = f'{_CENTRE_LINE},speed_mps'
 
@@ -217,6 +218,13 @@ class Track:
         """The length of the centre line [m]: of a lap, where it is closed."""
         return self.starts[-1]
 
+    def samples(self) -> Floats:
+        """Return places [m] by which the track is drawn; each segment's ends are among them."""
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
+        n = min(ceil(self.length / _SPACING), _MAX_SAMPLES)
+        return np.union1d(np.linspace(0.0, self.length, n + 1), self.starts)
+
     def curvature(self, s: Places) -> Places:
         """Return the curvature [1/m] at `s` metres; an array, of an array."""
         if isinstance(s, (float, int)):
@@ -283,9 +291,7 @@ class Track:
         return np.array(self._segments)
 
     def _in_segments(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
-        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
-
-        s = s - np.floor(s / self.length) * self.length if self.is_closed else s
+        s = s % self.length if self.is_closed else s
         return self._table[1:, 0].searchsorted(s, side='right'), s
 
     def _project_many(self, i: Any, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:  # noqa: ANN401
@@ -337,9 +343,8 @@ class Track:
 
 
 def _wrapped(angle: Floats) -> Floats:
-    import numpy as np  # noqa: PLC0415 (a track alone does not need it)
-
-    return angle - _TURN * np.round(angle / _TURN)
+    turned: Floats = angle - _TURN * (angle / _TURN).round()
+    return turned
 
 
 def _ahead(pose: Pose, curvature: float, distance: float) -> Pose:

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pytest
-from made_bags import fill
+from made_bags import fill, make
 
+from barc_sim.bags import bounds
 from barc_sim.bags import reader as bag
 from barc_sim.bags.messages import Message, Topic
 from barc_sim.bags.reader import TOPICS, Samples
 from barc_sim.bags.reader import join as join_samples
+from barc_sim.bags.recording import TRACK_NAME, track_file
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR, PID
@@ -84,6 +86,31 @@ def test_a_run_on_a_track_is_read_back_with_the_places(tmp_path: Path, law: type
     read = bag.read(written(tmp_path, expected))
     assert isinstance(read, TrackLog)
     assert_same(read, expected)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        '',
+        '[' * 100_000,
+        '[1, 2, 3, 4, 5]',
+        '[["a"], [0.0], 6.0, "name", [0.0, 0.0, 0.0]]',
+        '[[10.0], [0.0], 6.0, "name", [0.0, 0.0]]',
+        '[[10.0], [0.0], 6.0, "name", [0.0, NaN, 0.0]]',
+        '[[1e10], [0.0], 6.0, "name", [0.0, 0.0, 0.0]]',
+        '[[10.0], [0.0], -6.0, "name", [0.0, 0.0, 0.0]]',
+        '[[10.0], [0.0], 6.0, "name", [0.0, 0.0, 0.0]]' + ' ' * bounds.MAX_TRACK,
+    ],
+    ids=lambda text: text[:50],
+)
+def test_a_strangers_track_that_is_none_is_unknown(tmp_path: Path, text: str) -> None:
+    log = closed_loop(Plant(track=Track.named('oval')), distance=1.0, lane=LaneLQR())
+    assert isinstance(log, TrackLog)
+    assert log.track
+    for name, data in (('whole', track_file(log.track)), ('none', {TRACK_NAME: text.encode()})):
+        make(tmp_path / name, log, attachments=data)
+    read = [bag.read(tmp_path / name) for name in ('whole', 'none')]
+    assert [getattr(each, 'track', '') for each in read] == [log.track, None]
 
 
 def test_a_term_may_have_the_name_of_a_pids_and_none_of_another_column(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from matplotlib.text import Text
 
 from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
 from barc_sim.figures.run_figures import plot, run_figure
-from barc_sim.figures.style import BLUE, Course
-from barc_sim.figures.track_figure import track_figure
+from barc_sim.figures.style import BLUE
+from barc_sim.figures.track_figure import draw_course, track_figure
 from barc_sim.figures.views import SIZE, TopView, view_of
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.metrics import track_laps_of
@@ -32,26 +32,22 @@ def log() -> TrackLog:
     return lap(Stanley(), 'L', speed=profile, laps=3, noise=0.05, seed=3)
 
 
-@pytest.mark.parametrize('name', ['L', 'figure-eight'])
-def test_edges_are_half_the_width_from_the_line(name: str) -> None:
-    track = replace(Track.named(name), width=4.0)
-    whole = lap(track=track, laps=3)
-    # Recorded from the second lap on, and a state before its place.
-    late = whole.map(lambda column: column[whole.lap >= 1.0])
-    assert Course.driven(late).s[-1] == Course.of(track).s[-1]
-    driven = Course.driven(replace(late, s=np.append(np.nan, late.s[1:]), track=None))
-    assert driven.width == track.width
-    assert driven.length == pytest.approx(track.length, abs=1e-6)
-    for course in (driven, Course.of(track)):
-        for e_y in (-3.0, 0.0, 3.0):
-            x, y = course.beside(e_y)
-            found = track.frenet(x, y, course.psi, near=course.s)
-            np.testing.assert_allclose(found.e_y, e_y, atol=1e-6)
-            np.testing.assert_allclose(found.s, course.s, atol=1e-6)
+def test_edges_are_half_the_width_from_the_line() -> None:
+    track = replace(Track.named('figure-eight'), width=4.0)
+    axes = Figure().subplots()
+    _, left, right, centre, finish = draw_course(axes, track)
+    for line, e_y in ((left, 2.0), (right, -2.0), (centre, 0.0)):
+        x, y = line.get_data()
+        found = track.frenet(x, y, np.zeros(len(x)), near=track.samples())
+        np.testing.assert_allclose(found.e_y, e_y, atol=1e-9)
+        np.testing.assert_allclose(found.s, track.samples(), atol=1e-9)
+    assert np.ptp(finish.get_data()) == pytest.approx(4.0)
 
 
-def test_the_metres_beside_the_track_stand_within_the_axes() -> None:
-    seen, *_ = track_figure(lap(track='figure-eight', laps=1)).axes
+@pytest.mark.parametrize('length', [0.0, 20_832.0])  # that of the Nordschleife
+def test_the_metres_beside_the_track_stand_within_the_axes(length: float) -> None:
+    log = lap(track='figure-eight', laps=1)
+    seen, *_ = track_figure(replace(log, track=Track((length,), (0.0,))) if length else log).axes
     FigureCanvasAgg(seen.figure).draw()
     places = [text.get_position() for text in seen.texts if text.get_text().endswith(' m')]
     assert len(places) > 5
@@ -110,9 +106,12 @@ def test_every_run_has_a_figure(log: TrackLog) -> None:
     both = plot(log, unfinished, labels=['all', 'some'])
     legend = both.axes[2].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ['all', 'some']
-    # The whole track, though this run has not driven along it.
+    # The whole track, though this run has not driven along it; where it is unknown, the way alone.
     for figure in (plot(unfinished), plot(replace(unfinished, track=None), log)):
         assert '160 m' in [text.get_text() for text in figure.axes[0].texts]
+    unknown = replace(log, track=None)
+    assert '160 m' not in [text.get_text() for text in plot(unknown).axes[0].texts]
+    view_of(unknown, Figure(figsize=SIZE, dpi=50)).update(5.0)
 
 
 def test_the_pale_car_of_a_video_is_the_best_lap_at_the_same_time(log: TrackLog) -> None:

@@ -148,12 +148,12 @@ def test_a_track_is_latched_as_a_path_and_as_markers(bench: Make) -> None:
     edges = [track.frenet(each.x, each.y, 0.0).e_y for each in surface.points]
     assert {round(e_y, 9) for e_y in edges} == {-3.0, 3.0}
     poses = [each.pose for each in paths[0].poses]
-    assert len(poses) == 1 + round(2.0 * track.length + 0.5) == len(line.points)
+    assert len(poses) == len(track.samples()) == len(line.points)
     for k, pose in enumerate(poses[:-1]):
         found = track.frenet(
             pose.position.x, pose.position.y, 2.0 * atan2(pose.orientation.z, pose.orientation.w)
         )
-        assert found.s == pytest.approx(k * track.length / (len(poses) - 1), abs=1e-9)
+        assert found.s == pytest.approx(track.samples()[k], abs=1e-9)
         assert max(abs(found.e_y), abs(sin(found.e_psi))) < 1e-9
     odom = world.answer('odom', x=110.0, y=1.5)
     assert (odom.pose.pose.position.x, odom.pose.pose.position.z) == (110.0, 0.0)
