@@ -413,6 +413,7 @@ def _with_options(model: Model) -> Model:
 
 #: [s] of simulated time without progress, after which the run ends.
 STALL_TIMEOUT = 20.0
+_RUNAWAY = 1000.0  #: [m/s] beyond which the run ends at once: an unstable loop has no bound
 _ADVANCE = 0.01  #: [m] that counts as progress
 _STANDS = 0.05  #: [m/s] below which a car stands
 _BACKWARDS = 1.0  #: [m] behind the start, or the place that it has reached
@@ -428,7 +429,7 @@ class Progress:
     """
 
     def __init__(self, distance: float) -> None:
-        """Follow the car to `distance` [m]; with infinity, no run is ended."""
+        """Follow the car to `distance` [m]; with infinity, only a runaway car is given up."""
         self._distance = distance
         self._since = 0.0  # [s] of the last progress
         self._best = self._x = -inf
@@ -448,6 +449,9 @@ class Progress:
         self._may_stand = self._may_stand or reference > 0.0
         self._x, self._v = x, v
         self.failure = ''
+        if abs(v) > _RUNAWAY:
+            self.failure = f'the car {self._does()}; at {v:.4g} m/s it is given up'
+            return True
         if self._distance == inf or x >= self._distance:
             return False
         if t - self._since <= STALL_TIMEOUT:
@@ -462,6 +466,8 @@ class Progress:
             return f'drives backwards, to {x:.4g} m: the error is speed_reference - speed_current'
         if abs(v) <= _STANDS:
             return f'stands at {x:.1f} m: the commands do not move it'
+        if abs(v) > _RUNAWAY:
+            return 'gets faster and faster: a sign is wrong, or a gain is too large'
         where = f'is at {x:.1f} m, at {v:.2f} m/s, and was at {self._best:.1f} m'
         if x < self._best - _BACKWARDS:
             return f'{where}: the commands may be too small for this hill'

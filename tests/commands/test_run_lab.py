@@ -89,6 +89,16 @@ def test_the_labs_published_law_drives_as_published(tmp_path: Path) -> None:
     assert errors.max_error_after_run_up == pytest.approx(0.367, abs=0.0005)
 
 
+def test_a_runaway_car_ends_the_run(tmp_path: Path) -> None:
+    wrong_sign = PID.format(line='').replace('_reference - speed_current', '_current - 8.0')
+    lab(tmp_path / 'lab', controller=wrong_sign)
+    done = barc('acc', *MAX, '--lab', 'lab', '--kp', '10')
+    assert done.returncode == 1
+    assert 'the error is speed_reference - speed_current; at -1090 m/s it is given up' in (
+        done.stderr
+    )
+
+
 @pytest.mark.parametrize(
     ('command', 'name', 'text', 'sentence', 'states'),
     [

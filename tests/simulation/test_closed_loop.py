@@ -227,6 +227,8 @@ def follow(
             'is at 0.0 m, at -1.00 m/s, and was at 9.0 m: the commands may be too small',
         ),
         (lambda _: (nan, 1.0), 20.0, 'is at nan m, at 1.00 m/s'),
+        (lambda t: (-(5.0**t), -(5.0**t)), 4.3, 'drives backwards, to -1013 m: the error is'),
+        (lambda t: (1.0, 5.0**t), 4.3, 'gets faster and faster: a sign is wrong, or a gain'),
     ],
 )
 def test_a_car_that_never_arrives_is_given_up(
