@@ -345,7 +345,7 @@ class Functions:
         """Return a mistake that names where a result is wrong, and its largest error."""
         own = [trial for trial in trials if name in trial.got]
         bad = [trial for trial in own if not self.is_right(trial, name)]
-        where = f' in: {", ".join(trial.name for trial in bad)}' if len(bad) < len(own) else ''
+        where = f' ({", ".join(trial.name for trial in bad)})' if len(bad) < len(own) else ''
         trial = max(bad, key=lambda each: each.largest_error(name)[1])
         index, _ = trial.largest_error(name)
         got, right = trial.got[name][index], trial.right[name][index]

@@ -34,7 +34,7 @@ no gravity | 91 | F_ext = | gravity is missing: F_ext includes -m * g * sin(thet
     -m * g * sin(theta) - (a0 -> -(a0
 theta once more | 92 | theta = | theta arrives in radians
     F_ext = -> theta = theta * 3.141592653589793 / 180⏎    F_ext =
-a power of sin | 94 | v_next = | v_next is wrong in: uphill, downhill
+a power of sin | 94 | v_next = | v_next is wrong (uphill, downhill,
     sin(theta) -> sin(theta)**3
 no bracket in v | 92 | v_next = | F_ext / m is not multiplied by ts: are the brackets missing
     (a + F_ext / m) -> a + F_ext / m
@@ -42,7 +42,7 @@ beta's sign | 95 | beta = | is the sign of beta right?
     beta = atan -> beta = -atan
 no ratio | 94 | beta = | beta is as large as d_f
     atan(l_r / (l_f + l_r) * tan(d_f)) -> d_f
-a beta of its own | 95 | x_next = | x_next is wrong in
+a beta of its own | 95 | x_next = | x_next is wrong (
     l_r / (l_f + l_r) -> 0.7
 beta in degrees | 92 | beta = | beta is in degrees
     * tan(d_f)) -> * tan(d_f)) * 57.29577951308232

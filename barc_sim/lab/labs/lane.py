@@ -200,7 +200,8 @@ def _returned(law: NewLaw) -> tuple[float, str]:
     back = float(away[-1]) if away[-1] < log.s[-1] - 1.0 else inf
     score = share(back, *_DISTANCE) * share(over, *_OVERSHOOT) * share(limited, *_SATURATED)
     way = f'back after {back:.0f} m' if back < inf else f'not back within {_SEEN:g} m'
-    text = f'{way}, overshoot {over:.0%}'
+    marks = f'({_DISTANCE[0]:g} m and {_OVERSHOOT[0]:.0%} are full marks)'
+    text = f'{way}, overshoot {over:.0%} {marks}'
     text += f', the steering at its limit in {limited:.0%} of the steps' if limited else ''
     return score, text
 
