@@ -332,9 +332,9 @@ class Functions:
         It is the first line that gives a value of the wrong law to a name, and where there is none
         the one that returns.
         """
-        # The last one is the most general.
+        # The last one is the most general. A failure names its line itself.
         trial = next((each for each in reversed(trials) if not self.is_right(each, name)), None)
-        if trial is None or trial.failure:
+        if trial is None or any(each.failure for each in trials):
             return cause.sentence
         index, _ = trial.largest_error(name)
         wrong = [*self.law.changed(trial.inputs, cause, index), float(trial.got[name][index])]

@@ -42,6 +42,9 @@ beta's sign | 95 | beta = | is the sign of beta right?
     beta = atan -> beta = -atan
 no ratio | 94 | beta = | beta is as large as d_f
     atan(l_r / (l_f + l_r) * tan(d_f)) -> d_f
+a division by v beside a wrong x | 96 | F_ext = | line 14: bikeFE(x=
+    * sign(v) -> * abs(v) / v
+    cos(psi + beta) -> sin(psi + beta)
 a beta of its own | 95 | x_next = | x_next is wrong (
     l_r / (l_f + l_r) -> 0.7
 beta in degrees | 92 | beta = | beta is in degrees

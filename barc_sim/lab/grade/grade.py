@@ -279,9 +279,10 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits) -> Grade:
     A criterion's points are its maximum points times the finding's score, rounded to hundredths.
     """
     notes = submission.notes
-    files = names_of(submission.files).values()
+    wanted = rubric.lab.handout.files
+    files = names_of(submission.files, wanted).values()
     if not (files or notes):
-        notes = (f'it has no {", ".join(rubric.lab.handout.files.values())}',)
+        notes = (f'it has no {", ".join(wanted.values())}',)
     if not limits.confined:
         notes = (*notes, 'its code was not confined, as --unconfined asks for')
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:

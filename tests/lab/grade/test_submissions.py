@@ -11,6 +11,8 @@ import pytest
 from bombs import BOMBS
 
 from barc_sim.errors import UserError
+from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.grade.grade import grade, load
 from barc_sim.lab.submission import MAX_FILE, MAX_FILES, find, read
 
 if TYPE_CHECKING:
@@ -177,6 +179,13 @@ def test_what_cannot_be_graded_has_a_remark(
 @pytest.mark.parametrize('files', [{}, {'plot.png': b'a picture'}, {'.': b'no name'}])
 def test_an_empty_submission_has_a_remark(tmp_path: Path, files: dict[str, bytes]) -> None:
     assert read(zipped(tmp_path / 'eve.zip', **files)).notes == ('it holds nothing to grade',)
+
+
+def test_the_files_of_another_lab_have_a_remark(tmp_path: Path) -> None:
+    other = read(zipped(tmp_path / 'eve.zip', **{'lane.py': b''}))
+    assert grade(other, load('lab'), Limits(confined=False)).notes[0] == (
+        'it has no bike_model.py, controller.py, relay.py'
+    )
 
 
 def test_an_empty_folder_has_a_remark(folder: Callable[..., Path]) -> None:
