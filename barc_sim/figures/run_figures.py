@@ -354,7 +354,7 @@ def identification_figure(
     """Draw signals by name as `Identified` has them, and the error below; logs follow in turn."""
     n = len(signals)
     figure = Figure(figsize=(9.0, 1.2 + 3.2 * n), layout='constrained')
-    figure.suptitle(title)
+    figure.suptitle(title, x=0.02, ha='left', fontsize=14, fontweight='bold')
     panels = figure.subplots(2 * n, 1, sharex=True, height_ratios=[3.0, 1.2] * n, squeeze=False)
     for (name, (t, measured, predicted)), (above, below) in zip(
         signals.items(), panels[:, 0].reshape(n, 2), strict=True

@@ -156,7 +156,7 @@ class _Line:
         from barc_sim.figures.track_figure import line_figure  # noqa: PLC0415 (slow)
 
         figure = line_figure(self.track, self.line, LIMITS)
-        figure.suptitle(title)
+        figure.suptitle(title, x=0.02, ha='left', fontsize=14, fontweight='bold')
         return figure
 
 
