@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments, barc_path
 from barc_sim.errors import UserError, escaped
-from barc_sim.lab.files import HANDOUTS, HILLS, Handout, check_folder, files_in, handout_of
+from barc_sim.lab.files import HANDOUTS, HILLS, Handout, files_in, find_files, handout_of
 from barc_sim.lab.submission import MAX_ARCHIVE
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def add_arguments_submit(parser: Parser) -> None:
 def run_submit(options: Namespace) -> None:
     """Write the zip, and print a line for each of its parts."""
     folder = options.folder
-    check_folder(folder)
+    find_files(folder)  # or a UserError
     path = target(options.save or f'{folder.resolve().name}.zip', ARCHIVES)
     from barc_sim.lab import submit  # noqa: PLC0415 (slow: not to refuse)
 

@@ -123,15 +123,6 @@ def files_in(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, P
 
 def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
     """Return the files of `parts` in `folder`, which has one at least; else a UserError."""
-    check_folder(folder)
-    if found := files_in(folder, parts):
-        return found
-    names = ', '.join(FILES[part] for part in parts)
-    raise UserError(f'the folder {str(folder)!r} has no {names}: expected one at least')
-
-
-def check_folder(folder: Path) -> None:
-    """Raise a UserError where there is no folder of a user's files."""
     if folder.is_file():
         raise UserError(f'{str(folder)!r} is a file: name the folder that it is in')
     if not folder.is_dir():
@@ -139,6 +130,10 @@ def check_folder(folder: Path) -> None:
             f'there is no folder {str(folder)!r}: name the one with your files; '
             f'barc new {shlex.quote(str(folder))} writes one'
         )
+    if found := files_in(folder, parts):
+        return found
+    names = ', '.join(FILES[part] for part in parts)
+    raise UserError(f'the folder {str(folder)!r} has no {names}: expected one at least')
 
 
 def find_name(names: Collection[str], part: str) -> str | None:

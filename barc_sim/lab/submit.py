@@ -141,7 +141,11 @@ def _teleop(bag: Path | None) -> Part:
         facts = read(bag)
     except UserError as error:
         return Part('teleop', str(error), missing=True)
-    text = f'{facts.log.t[-1]:.1f} s by hand ({facts.info.get("command", "no command known")})'
+    command = facts.info.get('command', 'no command known')
+    if facts.holds_speed:
+        text = f'{str(bag)!r} is a drive of a controller ({command}): name one by hand'
+        return Part('teleop', text, missing=True)
+    text = f'{facts.log.t[-1]:.1f} s by hand ({command})'
     return Part('teleop', text, _bag(bag, 'teleop') | {'teleop.html': page(facts).encode()})
 
 

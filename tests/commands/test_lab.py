@@ -13,6 +13,7 @@ from student_code import CONTROLLER, MODEL
 
 from barc_sim.__main__ import main, run
 from barc_sim.control.driver import DriverInput
+from barc_sim.simulation.closed_loop import simulate
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -90,16 +91,23 @@ def test_a_link_in_a_bag_of_somebody_else_is_not_packed(lab: Path) -> None:
 
 
 def test_what_is_missing_is_a_line_each_and_nothing_is_refused(lab: Path) -> None:
-    for name in OWN:
+    for name in OWN.keys() - {'relay.py'}:
         (lab / name).unlink()
 
     done = barc('submit', 'lab', '--save', 'mine.zip')
 
     assert done.returncode == 0
     missing = [line for line in done.stdout.splitlines() if 'missing: ' in line]
-    parts = ['code'] * 5 + ['course', 'teleop', 'video', 'description']
+    parts = ['code'] * 3 + ['course', 'teleop', 'video', 'description']
     assert [line.split()[0] for line in missing] == parts
-    assert zipfile.ZipFile('mine.zip').namelist() == ['summary.txt']
+    assert zipfile.ZipFile('mine.zip').namelist() == ['relay.py', 'summary.txt']
+
+
+def test_a_drive_of_a_controller_is_not_one_by_hand(lab: Path) -> None:
+    bag = make(lab.parent / 'course', simulate(distance=1.0), {'command': 'barc acc'})
+    done = barc('submit', 'lab', '--teleop', str(bag))
+    assert 'is a drive of a controller (barc acc): name one by hand' in done.stdout
+    assert not [n for n in zipfile.ZipFile('lab.zip').namelist() if n.startswith('teleop')]
 
 
 def test_code_that_fails_is_packed_with_its_bag_and_the_sentence(lab: Path) -> None:
@@ -130,6 +138,7 @@ def test_templates_are_named() -> None:
     ('words', 'sentence'),
     [
         (['nowhere'], "there is no folder 'nowhere': name the one with your files; barc new"),
+        (['.'], "the folder '.' has no bike_model.py, controller.py, relay.py"),
         (['lab/controller.py'], "'lab/controller.py' is a file: name the folder that it is in"),
         (['lab', '--save', 'lab.rar'], "cannot save 'lab.rar': the name must end in .zip"),
         (['lab', '--save', 'no/lab.zip'], "cannot save 'no/lab.zip': No such file or directory"),
