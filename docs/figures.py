@@ -20,7 +20,7 @@ from matplotlib.transforms import Affine2D
 
 import barc_sim
 from barc_sim.control.driver import Driver, DriverInput
-from barc_sim.control.speed import ACCELERATION_LIMIT, KI, KP, PID
+from barc_sim.control.speed import KI, KP, PID
 from barc_sim.figures.run_figures import speed_figure
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
 from barc_sim.figures.style import VERMILLION as RED
@@ -229,8 +229,9 @@ def course() -> Figure:
     axes.fill_between(s, -2.0, height, color=EARTH, lw=0.0)
     axes.plot(s, height, color=SURFACE, lw=2.2)
     for start, grade in zip(road.starts, road.grades_deg, strict=True):
+        side = 'right' if grade > 0.0 else 'left' if grade < 0.0 else 'center'  # beside a slope
         axes.text(
-            start + 10.0, road.elevation(start + 10.0) + 0.9, f'{grade:g}°', ha='center', color=INK
+            start + 10.0, road.elevation(start + 10.0) + 0.9, f'{grade:g}°', ha=side, color=INK
         )
     axes.set_ylim(-2.0, 13.0)
     axes.set_xlim(0.0, 180.0)
@@ -333,9 +334,8 @@ def windup() -> Figure:
     speed.axhline(8.0, color=MUTED, ls=DASHES, lw=1.0)
     speed.set_ylabel('Speed [m/s]')
     speed.legend(loc='lower right')
-    integral.axhspan(-ACCELERATION_LIMIT, ACCELERATION_LIMIT, color=EARTH, lw=0.0, zorder=0)
     integral.set_ylabel('Integral [m/s²]')
-    integral.set_xlabel('Time [s]; shaded: what the motor gives')
+    integral.set_xlabel('Time [s]')
     return figure
 
 
