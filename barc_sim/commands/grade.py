@@ -108,6 +108,10 @@ def run(options: Namespace) -> int:
         stop.then(partial(stopped.set_result, None))
         outcomes = grade_all(executor, stopped, hands, points, limits)
         grades, failures = _collect(outcomes, out, folders, empty)
+    if (graded := len(grades) + len(failures)) < len(paths):
+        text = f'{graded} of {len(paths)} are graded; the files of the class stay as they were'
+        print(f'barc grade: interrupted: {text}', file=sys.stderr)  # noqa: T201
+        return INTERRUPTED
     found = classroom.entries(grades, failures, students)
     files = {}
     if not alone:  # then the files of a class may be there

@@ -232,10 +232,11 @@ def test_ctrl_c_ends_a_submission_that_sleeps(tmp_path: Path) -> None:
         wait_until_gone(process.pid, tmp_path / 'tmp')
 
     assert process.returncode == 130, errors
-    assert 'Traceback' not in errors
+    assert errors.endswith(
+        'interrupted: 1 of 5 are graded; the files of the class stay as they were\n'
+    )
     assert seconds < 4.0  # 2 s, on a machine that is not busy
-    rows = [*csv.DictReader(io.StringIO((tmp_path / 'grades' / 'class.csv').read_text()))]
-    assert [row['name'] for row in rows] == ['0']
+    assert not (tmp_path / 'grades' / 'class.csv').exists()
     assert not [*(tmp_path / 'tmp').iterdir()]
 
 
@@ -283,8 +284,7 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
     assert barc(['grade', str(tmp_path / 'in'), '--out', str(tmp_path / 'out')]) == 130
     files = {'by_hand.yaml', 'report.html', 'results.json'}
     assert {file.name for file in (tmp_path / 'out' / 'ada').iterdir()} == files
-    rows = [*csv.DictReader(io.StringIO((tmp_path / 'out' / 'class.csv').read_text()))]
-    assert [row['name'] for row in rows] == ['ada']
+    assert [file.name for file in (tmp_path / 'out').iterdir()] == ['ada']  # no part of a class
 
 
 def test_a_name_that_is_no_utf_8_has_a_folder_and_a_row(tmp_path: Path) -> None:
