@@ -232,9 +232,7 @@ def test_ctrl_c_ends_a_submission_that_sleeps(tmp_path: Path) -> None:
         wait_until_gone(process.pid, tmp_path / 'tmp')
 
     assert process.returncode == 130, errors
-    assert errors.endswith(
-        'interrupted: 1 of 5 are graded; the files of the class stay as they were\n'
-    )
+    assert errors.startswith('barc grade: interrupted: 1 of 2 are graded; the files of the')
     assert seconds < 4.0  # 2 s, on a machine that is not busy
     assert not (tmp_path / 'grades' / 'class.csv').exists()
     assert not [*(tmp_path / 'tmp').iterdir()]
