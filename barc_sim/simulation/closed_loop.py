@@ -432,8 +432,7 @@ class Progress:
         """Follow the car to `distance` [m]; with infinity, only a runaway car is given up."""
         self._distance = distance
         self._since = 0.0  # [s] of the last progress
-        self._best = self._x = -inf
-        self._v = 0.0
+        self._best = -inf
         self._may_stand = False
         self.failure = ''
 
@@ -447,21 +446,19 @@ class Progress:
         if self._may_stand and reference <= 0.0:
             self._since = t
         self._may_stand = self._may_stand or reference > 0.0
-        self._x, self._v = x, v
         self.failure = ''
         if abs(v) > _RUNAWAY:
-            self.failure = f'the car {self._does()}; at {v:.4g} m/s it is given up'
+            self.failure = f'the car {self._does(x, v)}; at {v:.4g} m/s it is given up'
             return True
         if self._distance == inf or x >= self._distance:
             return False
         if t - self._since <= STALL_TIMEOUT:
             return False
-        self.failure = f'the car {self._does()}; it got no further for {STALL_TIMEOUT:g} s'
+        self.failure = f'the car {self._does(x, v)}; it got no further for {STALL_TIMEOUT:g} s'
         return True
 
-    def _does(self) -> str:
-        """Return what the car does, with the cause where the states show it."""
-        x, v = self._x, self._v
+    def _does(self, x: float, v: float) -> str:
+        """Return what the car does at `x` [m] and `v` [m/s], with the cause where it is seen."""
         if x < -_BACKWARDS and self._best < _BACKWARDS:
             return f'drives backwards, to {x:.4g} m: the error is speed_reference - speed_current'
         if abs(v) <= _STANDS:

@@ -205,8 +205,7 @@ class _Driving(PID):
             raise UserError(f'{where}: {error} (with {self._gains})') from error
         if abs(output) > NOT_A_CAR:
             text = f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car'
-            hint = f'; {_BACKWARDS}' if speed_current < -_HELD else ''
-            raise UserError(f'{where}: {text}{hint} (with {self._gains})')
+            raise UserError(f'{where}: {text} (with {self._gains})')
         return output
 
 
