@@ -68,6 +68,11 @@ def test_the_html_report_says_what_is_hostile_and_does_not_do_it() -> None:
     assert '<img' not in text
 
 
+def test_the_html_report_keeps_the_seed_from_the_students() -> None:
+    assert 'seed' not in report.page(grade())
+    assert json.loads(report.gradescope(grade()))['extra_data']['seed'] == 1
+
+
 def test_the_html_report_needs_no_network() -> None:
     text = report.page(grade())
 
