@@ -45,6 +45,10 @@ no ratio | 94 | beta = | beta is as large as d_f
 a division by v beside a wrong x | 96 | F_ext = | line 14: bikeFE(x=
     * sign(v) -> * abs(v) / v
     cos(psi + beta) -> sin(psi + beta)
+an import that is missing | 50 | x_next = | is from math import cos missing?
+    import atan, cos, -> import atan,
+a power by ^ | 50 | F_ext = | a power is ** in Python
+    v**2 -> v^2
 a beta of its own | 95 | x_next = | x_next is wrong (
     l_r / (l_f + l_r) -> 0.7
 beta in degrees | 92 | beta = | beta is in degrees

@@ -9,6 +9,7 @@ from __future__ import annotations
 import builtins
 import ctypes
 import io
+import math
 import os
 import re
 import sys
@@ -21,7 +22,6 @@ from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec
 from inspect import Parameter, Signature, signature
 from itertools import islice
-from math import isfinite
 from reprlib import Repr
 from threading import get_ident
 from types import SimpleNamespace
@@ -510,22 +510,22 @@ def _binds(found: Signature, count: int, **options: float) -> bool:
 def _is_plain(result: Any, count: int) -> bool:  # noqa: ANN401 (a user's)
     """Return whether a result is finite floats already, which each step checks."""
     if count == 1:
-        return type(result) is float and isfinite(result)
+        return type(result) is float and math.isfinite(result)
     is_floats = type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT
-    return is_floats and all(map(isfinite, result))
+    return is_floats and all(map(math.isfinite, result))
 
 
 def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: ANN401 (a user's)
     """Return a number, or a list of `count` numbers, as finite floats; None for something else."""
     if count == 1:
         value = number(result)
-        return value if value is not None and isfinite(value) else None
+        return value if value is not None and math.isfinite(value) else None
     if hasattr(result, 'ravel'):
         result = list(islice(result.ravel(), count + 1))
     if not isinstance(result, (list, tuple)) or len(result) != count:
         return None
     values = [number(value) for value in islice(result, count)]
-    finite = [value for value in values if value is not None and isfinite(value)]
+    finite = [value for value in values if value is not None and math.isfinite(value)]
     return finite if len(finite) == count else None
 
 
@@ -540,6 +540,10 @@ def _hint(folder: Folder, error: BaseException) -> str:
     own = getattr(frames[-1].f_locals.get('self'), '__dict__', {}) if frames else {}
     if isinstance(error, NameError) and error.name in own:
         return f'did you mean self.{error.name}?'
+    if isinstance(error, NameError) and error.name in vars(math):
+        return f'is from math import {error.name} missing?'
+    if ' for ^: ' in text:
+        return 'a power is ** in Python'
     if "'function'" in text:
         return 'is a call missing, as in f(0.0)?'
     if isinstance(error, TypeError) and 'object is not callable' in text:
