@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     import ast
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
-    from types import CodeType, ModuleType
+    from types import CodeType, FrameType, ModuleType
 
     _P = ParamSpec('_P')
 
@@ -374,17 +374,17 @@ def describe_error(error: BaseException) -> str:
 
 def raised_at(folder: Folder, error: BaseException) -> str | None:
     """Return the innermost file and line of the folder in an exception's traceback."""
-    frames = _frames(folder, error)
-    return frames[-1][0] if frames else None
+    return _innermost(folder, error)[0]
 
 
-def _frames(folder: Folder, error: BaseException) -> list[tuple[str, str]]:
-    """Return place and function of each of the folder's frames in an exception's traceback."""
-    return [
-        (place, frame.f_code.co_name)
+def _innermost(folder: Folder, error: BaseException) -> tuple[str, FrameType] | tuple[None, None]:
+    """Return place and frame of the folder's innermost frame in an exception's traceback."""
+    found = [
+        (place, frame)
         for frame, line in traceback.walk_tb(error.__traceback__)
         if (place := folder.place(frame.f_code.co_filename, line))
     ]
+    return found[-1] if found else (None, None)
 
 
 class Called(NamedTuple):
@@ -477,8 +477,9 @@ class UserFunction:
         # The lab's own templates have the name TODO where code is missing.
         if isinstance(error, NotImplementedError) or getattr(error, 'name', '') == 'TODO':
             # It can be a function that this one calls; `__init__` and `<listcomp>` are none.
-            names = [name for _, name in _frames(self.folder, error)[-1:]]
-            name = next((n for n in names if n.strip('_<>') == n), self._name())
+            _, frame = _innermost(self.folder, error)
+            name = frame.f_code.co_name if frame else '<none>'
+            name = self._name() if name.startswith(('_', '<')) else name
             return UserCodeError(f'{place}: {name} {NOT_WRITTEN}')
         text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
         hint = _hint(self.folder, error)
@@ -532,12 +533,8 @@ def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: 
 def _hint(folder: Folder, error: BaseException) -> str:
     """Return a question on a frequent mistake that makes a call fail; empty if none is known."""
     text = describe_error(error)
-    frames = [
-        each
-        for each, _ in traceback.walk_tb(error.__traceback__)
-        if each.f_code.co_filename in folder.sources
-    ]
-    own = getattr(frames[-1].f_locals.get('self'), '__dict__', {}) if frames else {}
+    _, frame = _innermost(folder, error)
+    own = getattr(frame.f_locals.get('self'), '__dict__', {}) if frame else {}
     if isinstance(error, NameError) and error.name in own:
         return f'did you mean self.{error.name}?'
     if isinstance(error, NameError) and error.name in vars(math):
