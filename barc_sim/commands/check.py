@@ -111,12 +111,13 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     if report.tolerated:
         _plain(console, f'tolerated: {"; ".join(report.tolerated)}')
     _print_output(report.printed, console)
-    passed = sum(finding.passed for finding in report.judged)
+    counted = [finding for finding in findings if not finding.open]
+    passed = sum(finding.passed for finding in counted)
     total = sum(rubric.points_for(finding) for finding in findings)
     still = sum(worth[finding.criterion] for finding in findings if finding.open)
     _plain(
         console,
-        f'{passed} of {len(report.judged)} criteria are met in full: {round(total, 2):g} of '
+        f'{passed} of {len(counted)} criteria are met in full: {round(total, 2):g} of '
         f'{round(sum(worth.values()), 2):g} points' + (f', {still:g} still open' if still else ''),
     )
 

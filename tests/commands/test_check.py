@@ -78,6 +78,12 @@ def test_not_all_met_is_exit_code_1_and_the_reasons(wrong: Path) -> None:
     assert not (wrong / 'check.png').exists()
 
 
+def test_criteria_of_a_file_that_is_not_there_are_not_met(wrong: Path) -> None:
+    (wrong / 'controller.py').unlink()
+    out = printed('check', str(wrong), '--no-plot')
+    assert '4 of 8 criteria are met in full: 50 of 100 points' in out
+
+
 def test_a_cause_is_named_once(wrong: Path) -> None:
     (wrong / 'bike_model.py').write_text(replaced(MODEL, ('= atan', '= -atan')), encoding='utf-8')
     out = printed('check', str(wrong), '--no-plot', code=1)
