@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from barc_sim.lab.grade.grade import Grade, Rubric
+    from barc_sim.lab.grade.grade import Grade, Item, Rubric
 
 _MAX_ROSTER = 4 << 20  # bytes
 #: The headers of a column, in lower case: those of Canvas and of Gradescope among them.
@@ -38,7 +38,7 @@ _HEADERS = {
     'section': ('section', 'sections'),
 }
 _BINS = 10  # of the distribution
-_MISTAKES = 8  # rows
+_MISTAKES, _SHOWN = 8, 90  # rows, and characters of a message
 # Where a message begins with a call and a line of code.
 _PLACE = re.compile(r'^(call \d+, after [\d.]+ s on the road: )?([\w .()-]+\.py, line \d+: )?')
 # What a spreadsheet takes for a formula, after any separator that it splits at.
@@ -322,19 +322,22 @@ def page(found: Sequence[Entry], rubric: Rubric) -> str:
 
 
 def _mistakes(grades: Iterable[Grade]) -> list[tuple[str, str, int]]:
-    """Return the commonest mistakes: criterion, message, and how many made it."""
+    """Return the commonest mistakes: criterion, the first message, and how many made it."""
     counts: Counter[str] = Counter()
-    criteria: dict[str, str] = {}
+    first: dict[str, Item] = {}
     for grade in grades:
         # A message of several criteria counts for the one that lost most.
-        lost = reversed(grade.mistakes)
-        found = {_in_general(item.message): LABELS[item.criterion] for item in lost}
+        found = {_in_general(item.message): item for item in reversed(grade.mistakes)}
         counts.update([*found])
-        criteria |= found
-    return [(criteria[text], text, n) for text, n in counts.most_common(_MISTAKES)]
+        first = found | first
+    common = [(first[text], n) for text, n in counts.most_common(_MISTAKES)]
+    return [
+        (LABELS[item.criterion], one_line(_PLACE.sub('', item.message), _SHOWN), n)
+        for item, n in common
+    ]
 
 
 def _in_general(message: str) -> str:
     """Return the beginning of a message, without what differs between submissions: its numbers."""
     general = re.sub(r'(?<![\w*])\d[\d.,]*\b', '\N{HORIZONTAL ELLIPSIS}', _PLACE.sub('', message))
-    return one_line(general, 90)
+    return one_line(general, _SHOWN)

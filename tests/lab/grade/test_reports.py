@@ -136,6 +136,13 @@ def test_a_mistake_keeps_the_brackets_of_its_formula() -> None:
     assert 'I is wrong: it is ki * (sum of e * dt)' in classroom.page(found, RUBRIC)
 
 
+def test_mistakes_that_differ_in_a_number_are_one_with_the_first_number() -> None:
+    ada = grade_of('ada', 1.0, 'g is 9.81: it has 9.8')
+    eve = grade_of('eve', 1.0, 'g is 10: it has 9.8')
+    page = classroom.page(listed(ada, eve), RUBRIC)
+    assert re.search(r'>2</td><td><span[^>]*>Model: position x</span><br>g is 9.81: it has', page)
+
+
 def test_the_page_has_mistakes_and_who_needs_a_look_and_does_nothing_hostile() -> None:
     missing = 'controller.py, line {}: x has no {}: add it'
     grades = [
