@@ -39,8 +39,10 @@ _HEADERS = {
 }
 _BINS = 10  # of the distribution
 _MISTAKES, _SHOWN = 8, 90  # rows, and characters of a message
-# Where a message begins with a call and a line of code.
-_PLACE = re.compile(r'^(call \d+, after [\d.]+ s on the road: )?([\w .()-]+\.py, line \d+: )?')
+# Where a message begins with a call and a line of code, and what was passed to a function.
+_PLACE = re.compile(
+    r'^(call \d+, after [\d.]+ s on the road: )?([\w .()-]+\.py, line \d+: )?|\(\w+=[-\[\d][^()]*\)'
+)
 # What a spreadsheet takes for a formula, after any separator that it splits at.
 _FORMULA = re.compile(r'(^|[;,\t|])([\s"\'\\]*)(?=[=+\-@])')
 _CANVAS = ('Student', 'ID', 'SIS User ID', 'SIS Login ID', 'Section')

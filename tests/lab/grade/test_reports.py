@@ -136,6 +136,12 @@ def test_a_mistake_keeps_the_brackets_of_its_formula() -> None:
     assert 'I is wrong: it is ki * (sum of e * dt)' in classroom.page(found, RUBRIC)
 
 
+def test_a_failing_call_is_a_mistake_whatever_was_passed_in() -> None:
+    text = 'bike_model.py, line 7: bikeFE(x=-1.5, y=0) raised NameError'
+    page = classroom.page(listed(grade_of('ada', 1.0, text)), RUBRIC)
+    assert '<br>bikeFE raised NameError' in page
+
+
 def test_mistakes_that_differ_in_a_number_are_one_with_the_first_number() -> None:
     ada = grade_of('ada', 1.0, 'g is 9.81: it has 9.8')
     eve = grade_of('eve', 1.0, 'g is 10: it has 9.8')
