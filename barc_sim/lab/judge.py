@@ -166,11 +166,6 @@ class Report:
     tolerated: tuple[str, ...]  #: a phrase each
 
     @property
-    def judged(self) -> list[Finding]:
-        """The findings on what is there, and can be judged."""
-        return [each for each in self.findings if not (each.skipped or each.open)]
-
-    @property
     def drive(self) -> Evidence | None:
         """The drive that the findings show, if there is one."""
         return next((each.evidence for each in self.findings if each.evidence), None)
