@@ -167,6 +167,4 @@ def _print_output(printed: str, console: Console) -> None:
 
 def _plain(console: Console, text: str) -> None:
     """Print `text` without markup."""
-    from rich.text import Text  # noqa: PLC0415
-
-    console.print(Text(text), soft_wrap=not console.is_terminal)
+    console.print(text, markup=False, emoji=False, soft_wrap=not console.is_terminal)
