@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from barc_sim.control.lane import Curvature
 
 _SLOWEST = 0.1  #: [m/s] A slower car counts as one of this speed.
+_LAG = 0.05  #: [m] λ is rounded to multiples, so that few programs have to be made
 _LOOKS = 80  #: of the curvature on the way to a stop
 
 
@@ -61,7 +62,9 @@ class MPC(LaneLaw):
 
     def reset(self) -> None:
         """Forget the past: the next call is the first."""
-        from barc_sim.control.planning import NO_PLAN, solver  # noqa: PLC0415 (slow: not for --help)
+        import numpy as np  # noqa: PLC0415 (slow: not for --help)
+
+        from barc_sim.control.planning import HORIZON, solver  # noqa: PLC0415 (as above)
 
         super().reset()
         solver()  # or a UserError
@@ -70,27 +73,51 @@ class MPC(LaneLaw):
         self._servo = self._latest = 0.0  # [rad] the angle, and the command before
         self._sent: list[float] = []  # the commands on their way
         #: The latest plan, shape `(21, 2)`: distance ahead and e_y [m].
-        self.prediction: Any = NO_PLAN
+        self.prediction: Any = np.zeros((HORIZON + 1, 2))
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
-        from barc_sim.control.planning import best_plan  # noqa: PLC0415 (as above)
-
         began, v = thread_time(), max(abs(speed), _SLOWEST)
         actuator = Actuator(lag=self.lag, rate=self.rate)
         start, state = self._where_it_acts(actuator, e_y, e_psi, v, curvature)
-        self.feedforward, _ = steady_turn(curvature(start + 0.5 * self.step), self.l_f, self.l_r)
-        command, is_feasible, self.prediction = best_plan(
-            self, start, state, v, curvature, self._latest
-        )
-        self.infeasible = float(not is_feasible)
+        command = self._plan(start, state, v, curvature)
         self._latest = min(max(command, -STEERING_LIMIT), STEERING_LIMIT)
         self._sent.append(self._latest)
         self._servo, _ = actuator.respond(self._servo, self._sent.pop(0), self.period)
         self.solve_time = thread_time() - began
         return self._latest
+
+    def _plan(
+        self, start: float, state: tuple[float, float, float], v: float, curvature: Curvature
+    ) -> float:
+        """Plan from `start` [m] ahead on, where `state` is e_y, e_psi and δ; return u [rad]."""
+        import numpy as np  # noqa: PLC0415 (as above)
+
+        from barc_sim.control.planning import CHANGE, HORIZON, program, solver  # noqa: PLC0415
+
+        n, step, before = HORIZON, self.step, self._latest
+        weights = self.q_e_y, self.q_e_psi, self.q_change
+        distance = _LAG * round(v * self.lag / _LAG)
+        hessian, by_known, across = program(distance, step, weights, self.l_f, self.l_r)
+        bends = [curvature(start + (k + 0.5) * step) for k in range(n)]
+        steer, heading = zip(*(steady_turn(k, self.l_f, self.l_r) for k in bends), strict=True)
+        known = np.array([*state, *steer, *heading])
+        gradient = by_known @ known
+        gradient[0] -= self.q_change * before
+        upper = np.repeat([STEERING_LIMIT, self.rate * step / v], n)
+        upper[n] = self.rate * self.period
+        lower = -upper
+        upper[n] += before
+        lower[n] += before
+        commands, _, flag, _ = solver()(hessian, gradient, CHANGE, upper, lower)
+        self.feedforward, self.infeasible = steer[0], float(flag < 1)
+        if self.infeasible:
+            commands = np.full(n, before)
+        e_y = across @ np.concatenate([commands, known])
+        self.prediction = np.column_stack([start + step * np.arange(n + 1), [state[0], *e_y]])
+        return float(commands[0])
 
     def _where_it_acts(
         self, actuator: Actuator, e_y: float, e_psi: float, v: float, curvature: Curvature

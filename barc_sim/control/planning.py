@@ -26,18 +26,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.control.lane import STEERING_LIMIT, speed_profile, steady_turn
+from barc_sim.control.lane import speed_profile
 from barc_sim.errors import UserError, extra
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from os import PathLike
     from pathlib import Path
 
     from numpy.typing import NDArray
-
-    from barc_sim.control.lane import Curvature
 
     Floats = NDArray[np.float64]
     #: Speed [m/s], and accelerations across and along [m/s²], at most.
@@ -50,10 +47,8 @@ _ROUNDS = 30
 _SETTLED = 1e-3  #: [m] A round that moves the line less is the last.
 _STEP = 0.05  #: [m] of the integral over a lap
 HORIZON = 20  #: steps of an MPC
-_LAG = 0.05  #: [m] λ is rounded to multiples, so that few programs have to be made
 _ONE = np.eye(HORIZON)
-_CHANGE = _ONE - np.eye(HORIZON, k=-1)
-NO_PLAN = np.zeros((HORIZON + 1, 2))  #: the prediction before the first state
+CHANGE = _ONE - np.eye(HORIZON, k=-1)  #: takes a plan's commands to the changes between them
 
 
 def solver() -> Any:  # noqa: ANN401 (a function without types)
@@ -163,46 +158,8 @@ def write_line(path: Path, track: Track, line: Track, limits: Limits) -> None:
     np.savetxt(path, rows, '%.17g', ',', header=header, comments='')
 
 
-def best_plan(
-    law: Any,  # noqa: ANN401 (an MPC, which imports this module)
-    start: float,
-    state: Sequence[float],
-    v: float,
-    curvature: Curvature,
-    before: float,
-) -> tuple[float, bool, Floats]:
-    """Return the best command [rad] of an MPC, whether it is within all limits, and the prediction.
-
-    It acts `start` [m] ahead, where `state` is e_y, e_psi and δ, and follows the command `before`.
-    The prediction has distance ahead and e_y [m], shape `(HORIZON + 1, 2)`.
-    """
-    n, step = HORIZON, law.step
-    weights = law.q_e_y, law.q_e_psi, law.q_change
-    hessian, by_known, across = _program(
-        _LAG * round(v * law.lag / _LAG), step, weights, law.l_f, law.l_r
-    )
-    bends = [curvature(start + (k + 0.5) * step) for k in range(n)]
-    turns = {bend: steady_turn(bend, law.l_f, law.l_r) for bend in {*bends}}
-    steer, heading = zip(*(turns[bend] for bend in bends), strict=True)
-    known = np.array([*state, *steer, *heading])
-    gradient = by_known @ known
-    gradient[0] -= law.q_change * before
-    upper = np.repeat([STEERING_LIMIT, law.rate * step / v], n)
-    upper[n] = law.rate * law.period
-    lower = -upper
-    upper[n] += before
-    lower[n] += before
-    commands, _, flag, _ = solver()(hessian, gradient, _CHANGE, upper, lower)
-    is_feasible = flag >= 1
-    if not is_feasible:
-        commands = np.full(n, before)
-    e_y = across @ np.concatenate([commands, known])
-    prediction = np.column_stack([start + step * np.arange(n + 1), [state[0], *e_y]])
-    return float(commands[0]), is_feasible, prediction
-
-
 @lru_cache(256)
-def _program(
+def program(
     distance: float, step: float, weights: tuple[float, float, float], l_f: float, l_r: float
 ) -> tuple[Floats, Floats, Floats]:
     """Return the Hessian, and the matrices of the gradient and of e_y behind each step.
@@ -229,7 +186,7 @@ def _program(
     weighted = step * np.array([[[q_e_y]], [[q_e_psi]]]) * path
     weighted[:, -1] = cost_to_go(q_e_y, q_e_psi, step, length, l_r) @ path[:, -1]
     by_all = path[:, :, :n].reshape(-1, n).T @ weighted.reshape(2 * n, -1)
-    by_all[:, :n] += step * _ONE + q_change * _CHANGE.T @ _CHANGE
+    by_all[:, :n] += step * _ONE + q_change * CHANGE.T @ CHANGE
     by_all[:, steer:heading] -= step * _ONE
     return by_all[:, :n].copy(), by_all[:, n:].copy(), path[0]
 
