@@ -51,6 +51,8 @@ if TYPE_CHECKING:
 
 
 _BLOCK = 512  #: measurements whose noise is drawn at once
+_NONE = 1e-30  #: share of a step, or [s], that changes nothing: in the place of none
+_NO_LAG = 1e-15  #: [s] far longer than that, and far shorter than a step
 
 
 def _stretch(road: Road, vehicle: Vehicle, x: float) -> tuple[float, float, float]:
@@ -227,7 +229,7 @@ class Actuators:
 
     def __init__(self, n: int, actuator: Actuator, ts: float, max_delay: float) -> None:
         """Begin at zero; no delay of `delay` will be above `max_delay` [s]."""
-        self._lag, self._rate, self._limit = actuator[1:]
+        self._lag, self._rate, self._limit = max(actuator.lag, _NO_LAG), *actuator[2:]
         self._ts, self._cars, self._step = ts, np.arange(n), 0
         self.value = np.zeros(n)
         self._queue = np.zeros((in_steps(max(max_delay, actuator.delay), ts)[0] + 2, n))
@@ -252,12 +254,11 @@ class Actuators:
             return self._respond(command, self._ts)
         self._step += 1
         self._queue[self._step % len(self._queue)] = command
-        newer, early = self._ago(self._whole), self._early
+        newer = self._ago(self._whole)
         if not self._splits:
             return self._respond(newer, self._ts)
-        # Of a share of zero nothing is left: its mean counts for nothing, and it moves nothing.
-        older = np.where(early > 0.0, self._ago(self._whole + 1), self.value)
-        mean = early * self._respond(older, np.where(early > 0.0, early, 1.0) * self._ts)
+        early = np.maximum(self._early, _NONE)
+        mean = early * self._respond(self._ago(self._whole + 1), early * self._ts)
         return mean + (1.0 - early) * self._respond(newer, (1.0 - early) * self._ts)
 
     def _ago(self, steps: NDArray[np.intp]) -> Floats:
@@ -267,23 +268,16 @@ class Actuators:
     def _respond(self, target: Floats, t: Floats | float) -> Floats:
         """Follow `target` for `t` seconds; return the means meanwhile: `Actuator.respond`."""
         lag, rate, value = self._lag, self._rate, self.value
-        if not lag and rate == inf:
+        if lag == _NO_LAG and rate == inf:
             self.value = target.copy()
             return target
         error = target - value
-        excess = np.abs(error) - rate * lag
-        if excess.max() <= 0.0:
-            moved = error * -np.expm1(-t / lag) if lag else error
-            self.value = value + moved
-            lagging: Floats = target - moved * lag / t
-            return lagging
-        ramp = np.minimum(np.maximum(excess, 0.0) / rate, t)
-        ramp_end = value + np.copysign(rate, error) * ramp
-        remaining, error = t - ramp, target - ramp_end
-        is_left = remaining > 0.0
-        moved = error * (-np.expm1(-remaining / lag) if lag else is_left)
+        ramp = np.minimum(np.maximum(np.abs(error) - rate * lag, 0.0) / rate, t)
+        ramp_end = value + np.copysign(min(rate, 1e300), error) * ramp
+        remaining, error = np.maximum(t - ramp, _NONE), target - ramp_end
+        moved = error * -np.expm1(-remaining / lag)
+        mean_of_decay = target - moved * lag / remaining
         share = ramp / t
-        mean_of_decay = target - moved * lag / np.where(is_left, remaining, 1.0)
         self.value = ramp_end + moved
         mean: Floats = share * 0.5 * (value + ramp_end) + (1.0 - share) * mean_of_decay
         return mean
