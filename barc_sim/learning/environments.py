@@ -44,7 +44,6 @@ class _Drive:
     _begin: Callable[[Any], None]
     _measure: Callable[[], Motion]  #: the motion, with noise
     _command: Any  #: a Command
-    _near: Any  #: s of the latest measured place [m]
 
     def _go(self, motor: Any, servo: Any, over: Cars | tuple[()] = ()) -> tuple[Any, ...]:  # noqa: ANN401
         """Go one step; return the observation, the reward, whether the episode is over, and `info`.
@@ -76,10 +75,8 @@ class _Drive:
                 'lap_times': plant.lap_times,
             }
         if task.is_noisy:
-            s, y, psi, speed, _, _ = self._measure()
-            if track:
-                s, e_y, e_psi, _ = track.frenet(s, y, psi, self._near)
-            self._near = s
+            x, y, psi, speed, _, _ = self._measure()
+            s, e_y, e_psi, _ = track.frenet(x, y, psi, s) if track else (x, 0.0, 0.0, 0.0)
         self._speed = speed
         seen = task.speed - speed, e_y, e_psi, speed, *self._command
         return task.observe(seen, task.ahead(s)), info
@@ -118,7 +115,7 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
             self._plant = task.plant(drawn)
         self._plant.place(task.state(drawn), near=drawn['s'])
         self._pid.reset()
-        self._command, self._near, self._noise = Command(), drawn['s'], drawn['noise']
+        self._command, self._noise = Command(), drawn['noise']
         if self._picture:
             self._picture.begin()
         found = self._observe()
@@ -192,8 +189,8 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         self._plant = Plants(n, task.plain, max(task.ranges.get('delay', (0.0,))))
         self._pid = PIDs(n, speed_controller(limit=task.limits['motor']))
         self._command = Command(*np.zeros((2, n)))
-        self._near, self._noise = np.zeros((2, n))
-        self._errors, self._over = np.zeros((n, BLOCK, 6)), np.zeros(n, np.bool_)
+        self._noise, self._over = np.zeros(n), np.zeros(n, np.bool_)
+        self._errors = np.zeros((n, BLOCK, 6))
         self._begin(np.arange(n), options)
         return self._observe()
 
@@ -233,7 +230,7 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
                 plants.servo.delay(cars, drawn['delay'])
         plants.place(cars, task.state(drawn), drawn)
         self._pid.reset(cars)
-        self._near[cars], self._noise[cars] = drawn['s'], drawn['noise']
+        self._noise[cars] = drawn['noise']
         for column in self._command:
             column[cars] = 0.0
 
