@@ -75,21 +75,27 @@ def read_term(controller: object, name: str) -> float:
 
 def check_gains(controller: Tunable) -> None:
     """Raise UserError where a gain is beyond its limits."""
-    for name, gain in controller.gains.items():
-        Parameter(name, gain.default, '', gain.between).check(getattr(controller, name))
+    set_gains(controller, {name: getattr(controller, name) for name in controller.gains})
 
 
-def take_gains(controller: Tunable, values: Mapping[str, float]) -> None:
-    """Set the gains of a controller by name, those that are not given to their defaults.
+def set_gains(controller: Tunable, values: Mapping[str, float]) -> None:
+    """Set gains of a controller by name.
 
     UserError: it has no such gain, or one is beyond its limits.
     """
     if unknown := ', '.join(values.keys() - controller.gains.keys()):
         names = ', '.join(controller.gains)
         raise UserError(f'{unknown}: this controller has no such gain, but {names}')
-    for name, gain in controller.gains.items():
-        setattr(controller, name, values.get(name, gain.default))
-    check_gains(controller)
+    for name, value in values.items():
+        gain = controller.gains[name]
+        Parameter(name, gain.default, '', gain.between).check(value)
+        setattr(controller, name, value)
+
+
+def take_gains(controller: Tunable, values: Mapping[str, float]) -> None:
+    """Set all gains of a controller, those that are not given to their defaults: `set_gains`."""
+    defaults = {name: gain.default for name, gain in controller.gains.items()}
+    set_gains(controller, {**defaults, **values})
 
 
 #: The run's gains. On the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.bags.recording import check_root
 from barc_sim.control.cruise_control import DEFAULT_LANE, DEFAULT_TYPE, LANE_TYPES, TYPES
-from barc_sim.control.speed import PID, gain_parameters
+from barc_sim.control.speed import PID, set_gains
 from barc_sim.errors import UserError
 from barc_sim.lab.files import find_files
 from barc_sim.lab.user_code.adapters import (
@@ -138,25 +138,14 @@ def _refuse(
 
 def _check_laws(options: Namespace, inputs: Inputs) -> None:
     """Refuse gains that the run's laws do not have, or that are given twice."""
-    code, track = inputs.user_code, inputs.track
-    if track:
-        name = 'of lane.py' if code.lane else options.lane or DEFAULT_LANE
-        law: Any = UserLane(code) if code.lane else LANE_TYPES[name]()
-        _check_gains(f'the law {name}', law, options.lane_gain)
+    code = inputs.user_code
+    if inputs.track:
+        law: Any = UserLane(code) if code.lane else LANE_TYPES[options.lane or DEFAULT_LANE]()
+        set_gains(law, dict(options.lane_gain))
     for name, _ in options.gain:
         if getattr(options, name, None) is not None and name in PID.gains:
             raise UserError(f'--gain {name} and --{name} give the same: give one of the two only')
-    kind = options.controller_type or DEFAULT_TYPE
-    _check_gains(f'the controller {kind}', TYPES[kind](), gains(options).items())
-
-
-def _check_gains(what: str, law: Any, given: Iterable[tuple[str, float]]) -> None:  # noqa: ANN401
-    rows = {each.name: each for each in gain_parameters(law)}
-    for name, value in given:
-        if name not in rows:
-            names = ', '.join(rows)
-            raise UserError(f'{name} = {value:g}: {what} has no such gain; expected one of {names}')
-        rows[name].check(value)
+    set_gains(TYPES[options.controller_type or DEFAULT_TYPE](), gains(options))
 
 
 def gains(options: Namespace) -> dict[str, float]:

@@ -19,7 +19,7 @@ from barc_sim.control.speed import (
     PID,
     SPEED_REFERENCE,
     as_controller,
-    gain_parameters,
+    set_gains,
 )
 from barc_sim.errors import UserError, extra
 from barc_sim.simulation.closed_loop import DISTANCE, LIMITS, check_arguments, simulate
@@ -27,12 +27,11 @@ from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     import pandas as pd
     from numpy.typing import ArrayLike, NDArray
 
-    from barc_sim.control.speed import Controller
     from barc_sim.simulation.log import Log
 
     Floats = NDArray[np.float64]
@@ -178,11 +177,16 @@ def sweep(
     >>> print(f'{best.kp:.1f} {best.rms_error:.3f}')
     60.0 0.037
     """
-    drives = PID() if controller is None else as_controller(controller)
-    given = {'kp': kp, 'ki': ki, 'kd': kd} | {
-        name: options.pop(name) for name in drives.gains if name in options
-    }
-    axes = _axes(drives, {name: gain for name, gain in given.items() if gain is not None})
+    drives = as_controller(PID() if controller is None else controller)
+    held = {name: getattr(drives, name) for name in drives.gains}
+    if not held:
+        raise UserError('the controller has no gains to sweep: give it attributes such as kp')
+    named = {'kp': kp, 'ki': ki, 'kd': kd}
+    named |= {name: options.pop(name) for name in held if name in options}
+    given = {name: np.asarray(gain, float) for name, gain in named.items() if gain is not None}
+    for bound in (np.min, np.max):
+        set_gains(drives, {name: float(bound(gain)) for name, gain in given.items()})
+    axes = dict(zip(held, np.broadcast_arrays(*{**held, **given}.values()), strict=True))
     check_arguments(**{name: options[name] for name in options.keys() & LIMITS.keys()})
     options['road'] = Road.of(options.get('road', 'lab'))
     speed = options.get('speed_reference', SPEED_REFERENCE)
@@ -191,24 +195,15 @@ def sweep(
     tuning.DISTANCE.check(distance)
     expected = distance / speed + speed / options.get('acceleration_limit', ACCELERATION_LIMIT)
     options = {'max_duration': _MAX_DURATION_FACTOR * expected, **options}
-    held = {name: getattr(drives, name) for name in axes}
     shape = next(iter(axes.values())).shape
     found = np.recarray(shape, dtype=[(name, np.float64) for name in (*axes, *SCORES)]).view(Sweep)
     for i in np.ndindex(shape):
         gains = {name: float(axis[i]) for name, axis in axes.items()}
-        if controller is None:
-            log = simulate(**options | gains)
-        else:
-            _set_gains(drives, gains)
-            log = simulate(controller=drives, **options)
+        set_gains(drives, gains)
+        log = simulate(controller=drives, **options)
         found[i] = *gains.values(), *_scores(log, distance)
-    _set_gains(drives, held)
+    set_gains(drives, held)
     return found
-
-
-def _set_gains(controller: Controller, gains: Mapping[str, float]) -> None:
-    for name, gain in gains.items():
-        setattr(controller, name, gain)
 
 
 def _scores(log: Log, distance: float) -> tuple[float, ...]:
@@ -218,17 +213,3 @@ def _scores(log: Log, distance: float) -> tuple[float, ...]:
     found = summary(log)
     effort = float(np.sqrt(np.mean(np.square(log.motor))))
     return found.rms_error_after_run_up, found.max_error_after_run_up, found.overshoot, effort
-
-
-def _axes(controller: Controller, given: Mapping[str, ArrayLike]) -> dict[str, Floats]:
-    """Return all gains of `controller`, in the broadcast shape, with those that are `given`."""
-    if not controller.gains:
-        raise UserError('the controller has no gains to sweep: give it attributes such as kp')
-    axes = {}
-    for row in gain_parameters(controller):
-        axes[row.name] = np.asarray(given.get(row.name, row.default), dtype=np.float64)
-        for bound in (axes[row.name].min(), axes[row.name].max()):
-            row.check(bound)
-    if unknown := ', '.join(given.keys() - axes.keys()):
-        raise UserError(f'{unknown}: the controller has no such gain, but {", ".join(axes)}')
-    return dict(zip(axes, np.broadcast_arrays(*axes.values()), strict=True))

@@ -83,9 +83,12 @@ def assert_whole(path: Path) -> None:
         ('acc --gain kp=', "'' is not a number"),
         ('acc --gain kp=1 --kp 2', '--gain kp and --kp give the same'),
         ('acc --reference a.csv --speed 3', '--speed and --reference both give the speed'),
-        ('acc --gain mass=3', 'mass = 3: the controller pid has no such gain; expected one of kp'),
+        ('acc --gain mass=3', 'mass: this controller has no such gain, but kp, ki, kd'),
         ('acc --controller-type lqr --gain observer_gain=2', '2 is not a number from 0 to 1'),
-        ('acc --controller-type lqr --kp 3', 'kp = 3: the controller lqr has no such gain'),
+        (
+            'acc --controller-type lqr --kp 3',
+            'kp: this controller has no such gain, but speed_weight',
+        ),
         (
             'acc --no-controller --controller-type lqr',
             '--controller-type and --no-controller: give',

@@ -132,7 +132,10 @@ class WithoutGains:
     ('gains', 'complaint'),
     [
         ({'kp': [1.0, np.nan]}, 'kp: nan is not a number from'),
-        ({'kp': 1.0, 'controller': LQR()}, 'kp: the controller has no such gain, but speed_weight'),
+        (
+            {'kp': 1.0, 'controller': LQR()},
+            'kp: this controller has no such gain, but speed_weight',
+        ),
         ({'controller': LQR(), 'observer_gain': [0.5, 2.0]}, 'observer_gain: 2 is not a number'),
         ({'controller': WithoutGains()}, 'the controller has no gains to sweep'),
     ],
