@@ -47,7 +47,8 @@ _START_E_PSI = 0.2  #: [rad] either way
 #: The options of `simulate` and `lap` that an environment has.
 OPTIONS = 'road', 'track', 'vehicle', 'dynamics', 'lateral', 'noise', 'delay', 'servo', 'ts'
 _NAMES = *Vehicle._fields, *LateralParameters._fields, 'noise', 'delay'
-_VARIED = {name: (ROWS | LIMITS)[name] for name in _NAMES}  #: what `ranges` may have
+#: What `ranges` may have, and its limits.
+_VARIED = {name: (ROWS | LIMITS)[name].between for name in _NAMES}
 #: What a car measures, and its latest command: speed to hold less the measured one [m/s], e_y [m],
 #: e_psi [rad], speed along the car's axis [m/s], acceleration [m/s²], steering [rad].
 SEEN = 'error', 'e_y', 'e_psi', 'speed', 'motor', 'servo'
@@ -93,7 +94,7 @@ class Task:
         self.plain = self.plant({})  #: the plant of the options alone
         self.road, self.track, self.ts = self.plain.road, self.plain.track, self.plain.ts
         self._options |= {'road': self.road, 'track': self.track}  # read once
-        self.ranges = _checked(_by_name('ranges', ranges))
+        self.ranges = _checked('ranges', ranges, _VARIED, are_pairs=True)
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
         least, most = self.start_speeds
@@ -150,11 +151,7 @@ class Task:
         """
         pairs = zip(self.draws.items(), shares, strict=True)
         drawn = {name: low + (high - low) * share for (name, (low, high)), share in pairs}
-        for name, value in _by_name('options', options).items():
-            if name not in self._allowed:
-                raise UserError(f'options: {name!r} must be one of {", ".join(self._allowed)}')
-            if why := not_between(value, *self._allowed[name]):
-                raise UserError(f'options: {name}: {why}')
+        for name, value in _checked('options', options, self._allowed).items():
             drawn[name] = value + 0.0 * drawn[name]
         return drawn
 
@@ -211,33 +208,36 @@ class Task:
         over = (abs(e_y) > self.half_width) | (abs(v) > MAX_SPEED)
         return over if self.track.is_closed else over | (s >= self.length)
 
-    def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:
-        """Return the reward of a step of `way` [m] that ended there."""
-        raise NotImplementedError
+    def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
+        """Return the reward of a step of `way` [m] that ended there: the way."""
+        return way
 
 
-def _by_name(what: str, given: Any) -> dict[str, Any]:  # noqa: ANN401 (or None)
-    """Return a new dict of what is given by name; UserError: it is no dict."""
+def _checked(
+    what: str,
+    given: Any,  # noqa: ANN401 (a user's)
+    limits: Mapping[str, tuple[float, float]],
+    *,
+    are_pairs: bool = False,
+) -> dict[str, Any]:
+    """Return a new dict of what is given by name; UserError: it is none, or beyond the limits."""
     try:
-        return {} if given is None else dict(given)
+        found = {} if given is None else dict(given)
     except (TypeError, ValueError):
         raise UserError(f'{what}: {given!r} is no dict: give each value by its name') from None
-
-
-def _checked(ranges: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """Return the ranges of what each episode draws; UserError: one is none."""
-    for name, pair in ranges.items():
-        if name not in _VARIED:
-            raise UserError(f'ranges: {name!r} must be one of {", ".join(_VARIED)}')
+    for name, value in found.items():
+        if name not in limits:
+            raise UserError(f'{what}: {name!r} must be one of {", ".join(limits)}')
         try:
-            low, high = pair
+            low, high = value if are_pairs else (value, value)
         except (TypeError, ValueError):
             raise UserError(
-                f'ranges: {name}: {pair!r} is not a pair of numbers: give (lowest, highest)'
+                f'{what}: {name}: {value!r} is not a pair of numbers: give (lowest, highest)'
             ) from None
-        for value in (low, high):
-            _VARIED[name].check(value, f'ranges: {name}')
-    return ranges
+        for each in (low, high):
+            if why := not_between(each, *limits[name]):
+                raise UserError(f'{what}: {name}: {why}')
+    return found
 
 
 def _preview(
@@ -338,10 +338,6 @@ class Race(Task):
 
     observed = ('e_y', 'e_psi', 'speed', 'motor', 'servo')
     actions = ('motor', 'servo')
-
-    def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
-        """Return the reward of a step of `way` [m] that ended there."""
-        return way
 
 
 TASKS: Mapping[str, type[Task]] = {each.__name__: each for each in (Hills, Lane, Race)}
