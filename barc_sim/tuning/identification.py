@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from math import inf, nan, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -241,12 +242,9 @@ class _Search(NamedTuple):
         def errors(p: Floats) -> Floats:
             return self._errors(dict(zip(start, p.tolist(), strict=True))).ravel()
 
-        def slopes(p: Floats) -> Floats:
-            here = errors(p)
-            moved = [errors(p + step) - here for step in np.diag(steps)]
-            return np.stack(moved, 1) / steps  # type: ignore[no-any-return]
-
-        found = extra('scipy.optimize', 'identify', 'identify').least_squares(
+        optimize = extra('scipy.optimize', 'identify', 'identify')
+        slopes = partial(optimize.approx_fprime, f=errors, epsilon=steps)
+        found = optimize.least_squares(
             errors, [*start.values()], slopes, (low, inf), x_scale='jac', max_nfev=_STEPS
         )
         values = dict(zip(start, found.x.tolist(), strict=True))
