@@ -84,16 +84,23 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
         )
     n = min(max(round(track.length / _SPACING), _MIN_POINTS), _MAX_POINTS)
     h = track.length / n
-    s, one = h * np.arange(n), np.eye(n)
-    psi = np.asarray(track.place(s).psi)
+    one, (x, y, psi) = np.eye(n), map(np.asarray, track.place(h * np.arange(n)))
+    # Vectors are complex: conj(a) b has their dot product, and as the imaginary part their cross
+    # product. The derivatives of the line over s are linear in the offsets.
+    centre, normals = x + 1j * y, 1j * np.exp(1j * psi)
     ahead, behind = np.roll(one, 1, axis=1), np.roll(one, -1, axis=1)
     first, second = (ahead - behind) / (2.0 * h), (ahead - 2.0 * one + behind) / h**2
     bounds, offsets, solve = np.full(n, half - margin), np.zeros(n), solver()
     for _ in range(_ROUNDS):
-        x, y, _ = map(np.asarray, track.place(s, offsets))
-        residuals, jacobian = _curvatures(first, second, x, y, -np.sin(psi), np.cos(psi))
+        line = centre + offsets * normals
+        along, bent = (first @ line)[:, None], (second @ line)[:, None]
+        weight = np.abs(along) ** -2.5
+        residuals = weight * (along.conj() * bent).imag  # κ √(dl/ds)
+        across = (first * normals).conj() * bent + along.conj() * (second * normals)
+        stretched = (along.conj() * (first * normals)).real / np.abs(along) ** 2
+        jacobian = weight * across.imag - 2.5 * residuals * stretched
         hessian = jacobian.T @ jacobian + 1e-9 * one
-        gradient = jacobian.T @ (residuals - jacobian @ offsets)
+        gradient = jacobian.T @ (residuals[:, 0] - jacobian @ offsets)
         found, _, flag, _ = solve(hessian, gradient, np.empty((0, n)), bounds, -bounds)
         if flag < 1:
             raise UserError(f'no racing line of {track.name!r} was found: give another margin')
@@ -113,22 +120,6 @@ def line_beside(track: Track, offsets: Floats) -> Track:
     x, y, _ = map(np.asarray, track.place(s, offsets))
     width = track.width - 2.0 * float(np.abs(offsets).max())
     return Track.through(x, y, width, f'{track.name} racing line')
-
-
-def _curvatures(
-    first: Floats, second: Floats, x: Floats, y: Floats, u: Floats, v: Floats
-) -> tuple[Floats, Floats]:
-    """Return κ √(dl/ds) at points (x, y), and its derivatives by offsets along normals (u, v).
-
-    `first` and `second` are the matrices that take the derivatives over s.
-    """
-    dx, dy, ddx, ddy = first @ x, first @ y, second @ x, second @ y
-    speed = np.hypot(dx, dy)
-    residuals = (dx * ddy - dy * ddx) / speed**2.5
-    bend = dx[:, None] * (second * v) - dy[:, None] * (second * u)
-    bend += ddy[:, None] * (first * u) - ddx[:, None] * (first * v)
-    stretch = dx[:, None] * (first * u) + dy[:, None] * (first * v)
-    return residuals, bend / speed[:, None] ** 2.5 - 2.5 * (residuals / speed**2)[:, None] * stretch
 
 
 def bending(track: Track) -> float:
