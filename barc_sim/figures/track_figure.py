@@ -207,12 +207,13 @@ def _draw_charts(charts: list[Axes], curves: list[_Curve], track: Track | None) 
 
 
 @style.context(STYLE)
-def line_figure(track: Track, line: Track, limits: Limits) -> Figure:
+def line_figure(track: Track, line: Track, limits: Limits, title: str = '') -> Figure:
     """Draw a racing line in colours of its speed; and speed and curvature, with the centre line's.
 
     Speeds are the fastest within `limits`, those of `speed_profile`.
     """
     figure = Figure(figsize=TRACK_SIZE, layout='constrained')
+    figure.suptitle(title, x=0.02, ha='left', fontsize=14, fontweight='bold')
     grid = figure.add_gridspec(2, 2, width_ratios=[1.25, 1.0])
     seen, above, below = (figure.add_subplot(cell) for cell in (grid[:, 0], grid[0, 1], grid[1, 1]))
     draw_course(seen, track)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache, partial
+from itertools import starmap
 from math import inf
 from pathlib import Path
 from random import Random
@@ -121,13 +122,9 @@ def measured(car: Car, commands: tuple[float, ...] = _USUAL) -> list[float]:
     return [float(v) + noise(0.0, NOISE) for v in driven(car, commands)]
 
 
-def _cars(*parameters: Floats) -> list[Car]:
-    return [Car(*each) for each in zip(*(values.tolist() for values in parameters), strict=True)]
-
-
 def speeds_of(*parameters: Floats) -> Floats:
     """Return the measured speeds [m/s] of cars, a row for each."""
-    return np.array([measured(car) for car in _cars(*parameters)])
+    return np.array([measured(car) for car in starmap(Car, np.transpose(parameters).tolist())])
 
 
 LAW = replace(
@@ -138,11 +135,8 @@ LAW = replace(
 
 def car_of(name: str) -> Car:
     """Return the car of the student of this name."""
-    return _cars(*LAW.situations['estimate'][0].inputs(name, 1).values())[0]
-
-
-def _agree(got: Floats, right: Floats) -> bool:
-    return bool(np.all(np.abs(got - right) <= _WRONG * np.abs(right)))
+    drawn = LAW.situations['estimate'][0].inputs(name, 1)
+    return Car(*(float(values[0]) for values in drawn.values()))
 
 
 _RESULTS = tuple(name + kind for name in Car._fields for kind in ('', '_interval'))
@@ -151,7 +145,7 @@ FUNCTIONS = Functions(
     {'estimate': _RESULTS},
     {name: f'estimate.{name}' for name in Car._fields},
     _CARS,
-    _agree,
+    agree=partial(np.allclose, rtol=_WRONG, atol=0.0),
 )
 
 
@@ -234,7 +228,7 @@ def _judge_intervals(trial: Trial) -> tuple[float, str]:
     """Judge whether the intervals hold the truth, and are no wider than need be."""
     true = np.column_stack([*trial.inputs.values()])
     values, intervals = np.column_stack([*trial.got.values()]).reshape(-1, 3, 2).transpose(2, 0, 1)
-    best = np.array([car.intervals(_USUAL) for car in _cars(*true.T)])
+    best = np.array([car.intervals(_USUAL) for car in starmap(Car, true.tolist())])
     inside = float(np.mean(np.abs(values - true) <= intervals))
     width = float(np.median(intervals / best))
     most, hint = next(row[1:] for row in _HINTS if width <= row[0])

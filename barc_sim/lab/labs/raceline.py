@@ -57,11 +57,9 @@ _L = Track.named('L')
 
 def passed(limits: Floats, gain: Floats, *, closed: bool = True) -> Floats:
     """Return rows of `limits` cut to what grows by its `gain` at most from point to point."""
-    found: Floats = limits.copy()
-    n = found.shape[1]
-    for k in range(2 * n if closed else n - 1):
-        here, there = k % n, (k + 1) % n
-        found[:, there] = np.minimum(found[:, there], found[:, here] + gain)
+    laps = np.tile(limits, 1 + closed)
+    gained = gain[:, np.newaxis] * np.arange(laps.shape[1])
+    found: Floats = (np.minimum.accumulate(laps - gained, 1) + gained)[:, -limits.shape[1] :]
     return found
 
 
@@ -155,9 +153,7 @@ class _Line:
         """Draw the line between the edges, and its speed."""
         from barc_sim.figures.track_figure import line_figure  # noqa: PLC0415 (slow)
 
-        figure = line_figure(self.track, self.line, LIMITS)
-        figure.suptitle(title, x=0.02, ha='left', fontsize=14, fontweight='bold')
-        return figure
+        return line_figure(self.track, self.line, LIMITS, title)
 
 
 def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
