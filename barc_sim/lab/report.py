@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import warnings
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isnan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,7 +26,6 @@ from barc_sim.figures.run_figures import (
 )
 from barc_sim.figures.style import STYLE, use_measurement
 from barc_sim.figures.track_figure import track_figure
-from barc_sim.lab.files import FILES
 from barc_sim.lab.pages import data_url, render
 from barc_sim.lab.user_code.code import attached
 from barc_sim.simulation.log import TrackLog
@@ -99,8 +98,6 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     bag = reader.load(path)
     log, info = _sensible(bag.log(namespace)), bag.info
     sources = attached(bag.attachments)
-    if FILES['identify'] in sources:  # its commands hold no speed
-        log = replace(log, reference=np.full(len(log), np.nan))
     directory = path if path.is_dir() else path.parent
     return Facts(
         name=directory.resolve().name,
@@ -178,7 +175,7 @@ def _highlighted(text: str) -> str:
 
 
 def _figures(facts: Facts) -> Iterator[_Figure]:
-    log, is_straight = facts.log, FILES['identify'] in facts.sources
+    log = facts.log
     if isinstance(log, TrackLog):
         yield _drawn(
             track_figure(log),
@@ -188,12 +185,14 @@ def _figures(facts: Facts) -> Iterator[_Figure]:
         )
         return
     steered = np.isnan(log.reference).all() and np.any(np.abs(log.across) > _VISIBLE)
-    if not is_straight and (steered or is_by_hand(log)):
-        yield _drawn(
-            drive_figure(log),
+    if steered or is_by_hand(log):
+        words = (
             'Path, heading, speed and steering',
             "The car's path from above; below it heading, speed and steering angle over time.",
         )
+        if not np.nan_to_num(log.servo).any():
+            words = 'Speed and command', 'The speed over time; below it the commanded acceleration.'
+        yield _drawn(drive_figure(log), *words)
         return
     yield _drawn(
         speed_figure(log),

@@ -125,6 +125,14 @@ def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
     assert "The controller's terms" not in page.text
 
 
+def test_a_drive_straight_on_by_hand_has_speed_and_command_over_time(tmp_path: Path) -> None:
+    drive = drive_by_hand([(0.0, DriverInput(forward=1.0))], 3.0)
+    page = page_of(make(tmp_path / 'bag', drive))
+    assert 'Speed and command' in page.text
+    assert 'over time' in str(page.images[0]['alt'])
+    assert 'path' not in str(page.images[0]['alt'])
+
+
 def test_laps_of_a_track_name_it_and_the_steering_law(tmp_path: Path) -> None:
     info = {'track': 'circle', 'lane': 'stanley'}
     page = page_of(make(tmp_path / 'bag', lap(Stanley(), 'circle', laps=1), info))
