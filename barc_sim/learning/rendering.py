@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from barc_sim.figures import style
 from barc_sim.figures.views import SIZE, frames, view_of
 from barc_sim.simulation.closed_loop import log_of_rows
-from barc_sim.simulation.log import LANE_STATE, columns_of
 
 if TYPE_CHECKING:
     from barc_sim.figures.views import RunView
@@ -58,10 +57,7 @@ class Picture:
             return None
         self._rows.append((plant.observe(), command, (0.0,)))
         self._times.append(plant.steps * plant.ts)
-        lane = columns_of(LANE_STATE).values() if plant.track else ()
-        unknown: Any = dict.fromkeys(lane, np.full(len(self._rows), nan))
-        speed = self._task.speed
-        log = log_of_rows(self._rows, plant.period_ns, speed, track=plant.track, **unknown)
+        log = log_of_rows(self._rows, plant.period_ns, self._task.speed, track=plant.track)
         log = replace(log, t=np.array(self._times))
         length = max(self._task.length, _SHORTEST)
         if (stretch := plant.distance // length) == self._stretch:

@@ -367,13 +367,15 @@ def log_of_rows(
 ) -> Log:
     """Return the log of states and their commands, in steps of `period_ns`.
 
-    Of `columns`, those that a log does not declare are own terms.
+    Of `columns`, those that a log does not declare are own terms; a lane law's may be missing.
     """
     seen, commands, values = zip(*rows, strict=True)
     _, measured, errors, around, _, on_track = zip(*seen, strict=True)
     saturated, *of_terms = np.array(values, dtype=np.float64).T.copy()
     recorded = dict(zip(terms, of_terms, strict=True))
     unknown = np.full(len(rows), nan)
+    if on_track[0]:
+        columns = dict.fromkeys(columns_of(LANE_STATE).values(), unknown) | columns
     for name in [name for name in columns if name not in TrackLog.declared]:
         recorded[name] = columns.pop(name)
     log = log_of(
