@@ -37,7 +37,7 @@ from barc_sim.figures.style import (
 )
 from barc_sim.figures.track_figure import track_figure
 from barc_sim.simulation import metrics
-from barc_sim.simulation.log import Log, TrackLog
+from barc_sim.simulation.log import COLUMNS, Log, TrackLog
 from barc_sim.simulation.metrics import laps_of
 
 if TYPE_CHECKING:
@@ -50,12 +50,6 @@ if TYPE_CHECKING:
 _POSITION = 'Position along the road [m]'
 JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.
 _SHOWN = 120  # characters of a setting
-#: By signal of an identification: its name and unit.
-_SIGNALS = {
-    'v_x': ('Speed', 'm/s'),
-    'psi_dot': ('Yaw rate', 'rad/s'),
-    'v_y': ('Lateral speed', 'm/s'),
-}
 
 
 class NotebookFigure(Figure):
@@ -366,8 +360,8 @@ def identification_figure(
         line = np.where(begins, np.nan, predicted)
         above.plot(time, measured, '.', ms=2.0, color=INK, alpha=0.5, label='measured')
         above.plot(time, line, lw=1.2, color=BLUE, label='predicted from the first state')
-        label, unit = _SIGNALS[name]
-        above.set_ylabel(f'{label} [{unit}]')
+        unit, meaning, *_ = COLUMNS[name]
+        above.set_ylabel(f'{meaning.capitalize()} [{unit}]')
         below.plot(time, predicted - measured, lw=0.6, color=VERMILLION)
         below.axhline(0.0, lw=0.8, color=INK)
         below.set_ylabel(f'Error [{unit}]')
