@@ -165,15 +165,14 @@ def _draw_map(axes: Axes, track: Track | None, curves: list[_Curve]) -> None:
 
 def draw_course(axes: Axes, track: Track, transform: Transform | None = None) -> list[Artist]:
     """Draw a track from above; return its ground, edges, centre line and finish line."""
-    s, half = track.samples(), 0.5 * track.width
-    lines: Any = [track.place(s, e_y)[:2] for e_y in (half, -half, 0.0)]
+    lines: Any = track.lines()
     on: dict[str, Any] = {'transform': transform or axes.transData}
-    (u, v), (x, y), centre = lines
+    (u, v, _), (x, y, _), centre = lines
     ground = np.append(u, x[::-1]), np.append(v, y[::-1])
     return [
         *axes.fill(*ground, color=TRACK_GROUND, lw=0.0, **on),
         *axes.plot(u, v, x, y, color=INK, lw=1.2, **on),
-        *axes.plot(*centre, color=GREY, lw=0.8, ls=DASHES, **on),
+        *axes.plot(*centre[:2], color=GREY, lw=0.8, ls=DASHES, **on),
         *axes.plot([u[0], x[0]], [v[0], y[0]], color=INK, lw=3.0, **on),
     ]
 

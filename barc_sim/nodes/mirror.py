@@ -145,7 +145,7 @@ class MirrorNode(Node):
             self._road_pub.publish(track_markers(track, self._odom))
             self._track_pub = self.create_publisher(Path, names.TRACK_PATH, _LATCHED)
             header = to_header(0, self._odom)
-            self._track_pub.publish(Path(header=header, **to_poses(header, _line(track))))
+            self._track_pub.publish(Path(header=header, **to_poses(header, track.lines()[2])))
         else:
             self._road_pub.publish(road_markers(self._road, self._odom))
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS_ALL)
@@ -256,15 +256,11 @@ def road_markers(road: Road, frame: str) -> MarkerArray:
 
 def track_markers(track: Track, frame: str) -> MarkerArray:
     """Return a track's surface, and its centre line."""
-    lines = (_line(track, side * track.width) for side in (0.5, -0.5, 0.0))
-    edges = ([Point(x=x, y=y) for x, y, _ in zip(*line, strict=True)] for line in lines)
-    return _surface('track', frame, *edges)
-
-
-def _line(track: Track, e_y: float = 0.0) -> list[list[float]]:
-    """Return x, y and psi of points beside the centre line."""
-    pose: Any = track.place(track.samples(), e_y)
-    return [each.tolist() for each in pose]
+    lines: Any = track.lines()
+    points = (
+        [Point(x=x, y=y) for x, y in zip(u.tolist(), v.tolist(), strict=True)] for u, v, _ in lines
+    )
+    return _surface('track', frame, *points)
 
 
 def _surface(

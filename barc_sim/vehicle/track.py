@@ -23,7 +23,7 @@ from barc_sim.errors import UserError
 from barc_sim.vehicle.road import read_columns, read_named
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
     from os import PathLike
 
     import numpy as np
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.road import Places
 
     Floats = NDArray[np.float64]
+    Numbers = Any  #: one number, or an array of many
+    Function = Callable[[Numbers, Numbers], Numbers]
 
 WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
@@ -199,9 +201,8 @@ class Track:
     @classmethod
     def of_rows(cls, rows: Iterable[tuple[float, float]], name: str) -> Track:
         """Return the track of these lengths and radii [m], as a file has them."""
-        segments = ((length, 1.0 / radius if radius else 0.0) for length, radius in rows)
-        lengths, curvatures = zip(*segments, strict=True)
-        return cls(lengths, curvatures, name=name)
+        lengths, radii = zip(*rows, strict=True)
+        return cls(lengths, tuple(radius and 1.0 / radius for radius in radii), name=name)
 
     @classmethod
     def of(cls, track: Track | str | PathLike[str]) -> Track:
@@ -225,6 +226,11 @@ class Track:
         n = min(ceil(self.length / _SPACING), _MAX_SAMPLES)
         return np.union1d(np.linspace(0.0, self.length, n + 1), self.starts)
 
+    def lines(self) -> tuple[Pose, Pose, Pose]:
+        """Return the left edge, the right edge and the centre line, each at all `samples`."""
+        s, half = self.samples(), 0.5 * self.width
+        return self.place(s, half), self.place(s, -half), self.place(s)
+
     def curvature(self, s: Places) -> Places:
         """Return the curvature [1/m] at `s` metres; an array, of an array."""
         if isinstance(s, (float, int)):
@@ -232,7 +238,7 @@ class Track:
         found: Floats = self._table[self._in_segments(s)[0], _CURVATURE]
         return found
 
-    def place(self, s: Any, e_y: Any = 0.0, e_psi: Any = 0.0) -> Pose:  # noqa: ANN401 (or arrays)
+    def place(self, s: Numbers, e_y: Numbers = 0.0, e_psi: Numbers = 0.0) -> Pose:
         """Return the pose on the map of a pose on the track; arrays, of arrays."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
@@ -244,7 +250,7 @@ class Track:
         found = x - e_y * np.sin(psi), y + e_y * np.cos(psi), psi + e_psi
         return Pose(*(map(float, found) if np.ndim(s) == 0 else found))
 
-    def frenet(self, x: Any, y: Any, psi: Any, near: Any = None) -> Frenet:  # noqa: ANN401 (or arrays)
+    def frenet(self, x: Numbers, y: Numbers, psi: Numbers, near: Numbers = None) -> Frenet:
         """Return the pose on the track of a pose on the map; arrays, of arrays.
 
         `near` [m] is where the car was, a few metres ago at most. The search goes on from there,
@@ -294,17 +300,15 @@ class Track:
         s = s % self.length if self.is_closed else s
         return self._table[1:, 0].searchsorted(s, side='right'), s
 
-    def _project_many(self, i: Any, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:  # noqa: ANN401
+    def _project_many(self, i: Numbers, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         """Return s, e_y and heading of the centre line in the frames of segments `i`."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
         there = _Segment(*self._table.take(i, 0).T)
         dx, dy = x - there.x, y - there.y
         a, b = dx * there.cosine + dy * there.sine, dy * there.cosine - dx * there.sine
-        across, along = there.curvature * a, 1.0 - there.curvature * b
-        root = np.sqrt(across * across + along * along)
-        e_y = (2.0 * b - there.curvature * (a * a + b * b)) / (1.0 + root)
-        angle = there.half + _wrapped(np.arctan2(across, along) - there.half)
+        e_y, turned = beside_arc(there.curvature, a, b, np.hypot, np.arctan2)
+        angle = there.half + _wrapped(turned - there.half)
         ahead = np.divide(angle, there.curvature, out=a, where=there.curvature != 0.0)
         return there.start + ahead, e_y, there.psi + there.curvature * ahead
 
@@ -355,10 +359,13 @@ def _ahead(pose: Pose, curvature: float, distance: float) -> Pose:
     return Pose(pose.x + chord * cos(psi), pose.y + chord * sin(psi), psi + half)
 
 
-def beside_arc(curvature: float, a: float, b: float) -> tuple[float, float]:
+def beside_arc(
+    curvature: Numbers, a: Numbers, b: Numbers, hypot: Function = hypot, atan2: Function = atan2
+) -> tuple[Numbers, Numbers]:
     """Return e_y [m] of a point `a` m ahead of an arc's start and `b` m to its left.
 
     The second value is the turn [rad] of the arc to where it is beside the point, from -π to π.
+    All may be arrays, with NumPy's `hypot` and `atan2`.
     """
     across, along = curvature * a, 1.0 - curvature * b
     e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + hypot(across, along))
@@ -392,10 +399,9 @@ def _fit(points: list[complex], tolerance: float) -> tuple[Pose, list[tuple[floa
                 break
             joint, heading = _joint(p, t, q, u)
             trial = _arc(joint - p, t), _arc(q - joint, heading)
-            # e_y of the points between, as of `beside_arc`, in the frame of the joint.
-            z = (places[i + 1 : j] - joint) / heading
+            z = (places[i + 1 : j] - joint) / heading  # of the points between
             bend = np.where(z.real < 0.0, trial[0][1], trial[1][1])
-            e_y = (2.0 * z.imag - bend * np.abs(z) ** 2) / (1.0 + np.abs(1.0 + 1j * bend * z))
+            e_y, _ = beside_arc(bend, z.real, z.imag, np.hypot, np.arctan2)
             off = float(np.abs(e_y).max(initial=0.0))
             if not off <= tolerance:
                 break
