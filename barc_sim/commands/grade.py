@@ -92,7 +92,8 @@ def run(options: Namespace) -> int:
     out = options.out.absolute()
     if out.resolve() == options.submissions.resolve():
         raise UserError(f'{str(options.out)!r} has the submissions: name another folder with --out')
-    paths = [path for path in submission.find(options.submissions) if path.absolute() != out]
+    found = submission.find(options.submissions, is_class=bool(options.roster))
+    paths = [path for path in found if path.absolute() != out]
     points = grade.load(options.rubric or _rubric_of(paths))
     points.lab.ready()
     # Gradescope looks for the files of a single submission in the folder itself.
@@ -112,12 +113,12 @@ def run(options: Namespace) -> int:
         text = f'{graded} of {len(paths)} are graded; the files of the class stay as they were'
         print(f'barc grade: interrupted: {text}', file=sys.stderr)  # noqa: T201
         return INTERRUPTED
-    found = classroom.entries(grades, failures, students)
+    entries = classroom.entries(grades, failures, students)
     files = {}
     if not alone:  # then the files of a class may be there
-        files['class.csv'] = classroom.as_csv(found, points)
-        files['class.html'] = classroom.page(found, points)
-        files |= {'canvas.csv': classroom.canvas(found, points)} if students else {}
+        files['class.csv'] = classroom.as_csv(entries, points)
+        files['class.html'] = classroom.page(entries, points)
+        files |= {'canvas.csv': classroom.canvas(entries, points)} if students else {}
     for name, text in files.items():
         _write(out, out / name, text.encode())
     lines = classroom.summary([*grades.values()], points)

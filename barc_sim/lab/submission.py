@@ -11,7 +11,7 @@ import os
 import stat
 import zipfile
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path, PurePosixPath
@@ -24,6 +24,7 @@ from barc_sim.lab.files import FILES, names_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
+_LISTS = ('.csv', '.yml')  # of a class: a roster, the metadata of Gradescope
 #: What is handed in beside code, and not read to grade it: plots, films, pages, bags, archives.
 _EVIDENCE = (
     *('.png', '.jpg', '.jpeg', '.gif', '.svg', '.pdf', '.html', '.mp4', '.mkv', '.mov', '.webm'),
@@ -33,9 +34,8 @@ MAX_FILE = 1 << 20  #: bytes
 MAX_FILES = 200
 MAX_TOTAL = 8 << 20  #: bytes
 MAX_ARCHIVE = 256 << 20  #: bytes of a .zip
-MAX_ENTRIES = 2000  #: files of an archive, and of a folder that are looked at
-# Bytes of an archive at once: more than a file, and than a directory of so many entries.
-_MAX_READ = 2 << 20
+MAX_ENTRIES = 2000  #: files that are looked at
+_MAX_READ = 4 << 20  # bytes of an archive at once, such as the list of its files
 _MAX_PATH = 200  # bytes of a file's path: any file system holds it
 _MAX_NOTES = 10
 _SHOWN = 60  # characters of a file's path
@@ -57,11 +57,12 @@ class Submission:
             path.write_bytes(data)
 
 
-def find(path: Path) -> list[Path]:
+def find(path: Path, *, is_class: bool = False) -> list[Path]:
     """Return the submissions at `path`: itself, or each entry of the folder, by name.
 
-    What is no folder and no archive is one, too, so that nothing handed in is overlooked; hidden
-    files are not. Only `path` itself may be a link, because the grader has typed it.
+    A folder with a single folder or archive in it is one, unless it `is_class`. In a class what is
+    no folder and no archive is one, too, so that nothing handed in is overlooked; hidden files and
+    lists of the class are not. Only `path` itself may be a link: the grader has typed it.
     """
     if not path.is_dir():
         if path.exists() and _is_archive(path):
@@ -69,16 +70,17 @@ def find(path: Path) -> list[Path]:
         fault = f'{str(path)!r} is a file' if path.exists() else f'there is no folder {str(path)!r}'
         raise UserError(f'{fault}: name one submission (a folder or a .zip), or a folder of them')
     found = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
-    several = any(entry.is_dir() or _is_archive(entry) for entry in found)
+    packed = [entry for entry in found if entry.is_dir() or _is_archive(entry)]
     names = [entry.name for entry in found]
-    if names_of(names) if not several else any(name in names for name in FILES.values()):
+    is_one = any(name in names for name in FILES.values()) if packed else names_of(names)
+    if is_one or (len(packed) == 1 and not is_class):
         return [path.resolve()]
-    if not several:
+    if not packed:
         raise UserError(
             f'{str(path)!r} is no submission and holds none: expected '
             f'{" or ".join(FILES.values())} in it, or a folder for each submission'
         )
-    return found
+    return [entry for entry in found if entry in packed or entry.suffix not in _LISTS]
 
 
 def read(path: Path) -> Submission:
@@ -90,7 +92,13 @@ def read(path: Path) -> Submission:
             notes.append(fault)
         else:
             with _members(path) as members:
-                files, left_out = take(_beside_the_code(members, notes))
+                near = (each for each in members if not _is_left_out(each))
+                first = [*islice(near, MAX_ENTRIES)]
+                files, left_out = take(_beside_the_code(first, notes))
+            # Moodle packs each student's archive in a folder.
+            packed = [] if names_of(files) else [*filter(_is_archive, path.glob('*'))]
+            if len(packed) == 1:
+                return replace(read(packed[0]), name=escaped(path.name))
             notes += left_out
     except Exception as error:  # noqa: BLE001 (a submission decides what opening it raises)
         notes.append(f'it cannot be read: {_reason_of(error)}')
@@ -128,32 +136,38 @@ class Member(NamedTuple):
 
 
 @contextmanager
-def _members(path: Path) -> Iterator[list[Member]]:
-    """Give the files of a folder or an archive; with a damaged one, any exception can be raised."""
+def _members(path: Path) -> Iterator[Iterable[Member]]:
+    """Give the files of a folder or an archive, those nearest to its top first.
+
+    With a damaged archive, any exception can be raised.
+    """
     if path.is_dir():
-        yield [*islice((each for each in listed(path) if not _is_evidence(each)), MAX_ENTRIES)]
+        yield listed(path)
         return
     with (
         open_regular(path, follow=False) as file,
         _Bounded(file.fileno(), closefd=False) as bounded,
         zipfile.ZipFile(bounded) as archive,
     ):
-        infos = [info for info in archive.infolist() if not info.is_dir()]
-        if len(infos) > MAX_ENTRIES:
-            raise OverflowError(f'it holds more than {MAX_ENTRIES} files')
-        yield [_zipped(archive, info) for info in infos]
+        members = [_zipped(archive, info) for info in archive.infolist() if not info.is_dir()]
+        yield sorted(members, key=lambda each: len(PurePosixPath(each.path).parts))
 
 
 def listed(folder: Path) -> Iterator[Member]:
-    """Yield the files of a folder, those at its top first."""
-    for directory, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not _is_of_tools(name))
-        links = [name for name in folders if Path(directory, name).is_symlink()]
-        for name in sorted([*names, *links]):
-            path = Path(directory, name)
-            if not name.startswith('.'):
-                fault = _fault_of(path.lstat().st_mode)
-                yield Member(path.relative_to(folder).as_posix(), partial(_data, path), fault)
+    """Yield the files of a folder, those nearest to its top first."""
+    folders = [folder]
+    for directory in folders:  # which grows
+        _, inner, names = next(os.walk(directory), ('', [], []))
+        for name in sorted([*inner, *names]):
+            path = directory / name
+            mode = path.lstat().st_mode
+            if _is_of_tools(name):
+                continue
+            if stat.S_ISDIR(mode):
+                folders.append(path)
+            else:
+                found = path.relative_to(folder).as_posix()
+                yield Member(found, partial(_data, path), _fault_of(mode))
 
 
 def _data(path: Path, size: int) -> bytes:
@@ -163,14 +177,14 @@ def _data(path: Path, size: int) -> bytes:
 
 
 class _Bounded(io.FileIO):
-    """A file of which no reader gets much at once, such as a directory of a million entries."""
+    """A file of which no reader gets much at once, such as a list of a million files."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         """Return at most `size` bytes."""
         more = _MAX_READ + 1
         data = super().read(more if size is None or size < 0 else min(size, more))
         if len(data) == more:
-            raise OverflowError(f'it holds more than {MAX_ENTRIES} files')
+            raise OverflowError('it holds too many files: hand in your own code alone')
         return data
 
 
@@ -192,7 +206,7 @@ def _beside_the_code(members: list[Member], notes: list[str]) -> Iterator[Member
     """Yield the files in the folder of the first graded file, and below; note the other copies."""
     folders: dict[PurePosixPath, list[str]] = {}
     for path in (PurePosixPath(member.path) for member in members):
-        if not (_leads_out(path) or any(map(_is_of_tools, path.parts))):
+        if not _leads_out(path):
             folders.setdefault(path.parent, []).append(path.name)
     graded = {
         folder: folder / name
@@ -209,18 +223,17 @@ def _beside_the_code(members: list[Member], notes: list[str]) -> Iterator[Member
         path = PurePosixPath(member.path)
         if _leads_out(path):
             yield member  # for its note
-        elif top in path.parents and not any(map(_is_of_tools, path.relative_to(top).parts)):
+        elif top in path.parents:
             yield member._replace(path=path.relative_to(top).as_posix())
 
 
 def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
     """Return the members that a folder can hold, by path, and notes on the others.
 
-    Plots, films and bags are left out, of any size.
+    Those nearest to its top come first. Plots, films and bags are left out, of any size.
     """
     files: dict[str, bytes] = {}
     notes: list[str] = []
-    folders: set[str] = set()
     for member in members:
         if _is_evidence(member):
             continue
@@ -228,7 +241,7 @@ def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
             notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
             break
         path = PurePosixPath(member.path)
-        data, fault = b'', _fault(member, path, files, folders)
+        data, fault = b'', _fault(member, path, files)
         try:
             data = b'' if fault else member.read(MAX_FILE + 1)
         except Exception as error:  # noqa: BLE001 (a damaged file can raise any)
@@ -239,21 +252,25 @@ def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
             notes.append(f'{_shown(path)} {fault}')
         else:
             files[member.path] = data
-            folders.update(map(str, path.parents))
     return files, notes
+
+
+def _is_left_out(member: Member) -> bool:
+    """Return whether a file is none of the code that is handed in."""
+    return _is_evidence(member) or any(map(_is_of_tools, PurePosixPath(member.path).parts))
 
 
 def _is_evidence(member: Member) -> bool:
     return f'/{member.path}'.lower().endswith(_EVIDENCE)
 
 
-def _fault(member: Member, path: PurePosixPath, files: dict[str, bytes], folders: set[str]) -> str:
+def _fault(member: Member, path: PurePosixPath, files: dict[str, bytes]) -> str:
     """Return why a file cannot be taken, as the rest of a sentence; empty if it can."""
     if _leads_out(path):
         return 'leads out of the archive'
     if '\0' in member.path or not 0 < len(os.fsencode(path)) <= _MAX_PATH:
         return f'has a name that no file can have: at most {_MAX_PATH} bytes'
-    if member.path in {*files, *folders} or any(str(each) in files for each in path.parents):
+    if any(str(each) in files for each in (path, *path.parents)):
         return 'is there twice: the first is taken'
     return member.fault
 
@@ -264,7 +281,7 @@ def _leads_out(path: PurePosixPath) -> bool:
 
 def _is_of_tools(name: str) -> bool:
     """Return whether a file or folder of this name is made by a tool, and not handed in."""
-    return name.startswith(('.', '__pycache__', '__MACOSX'))
+    return name != '..' and name.startswith(('.', '__pycache__', '__MACOSX'))
 
 
 def _fault_of(mode: int) -> str:

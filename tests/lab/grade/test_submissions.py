@@ -13,7 +13,7 @@ from bombs import BOMBS
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade, load
-from barc_sim.lab.submission import MAX_FILE, MAX_FILES, find, read
+from barc_sim.lab.submission import MAX_ENTRIES, MAX_FILE, MAX_FILES, find, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,6 +61,27 @@ def test_the_pictures_of_a_film_do_not_hide_the_code(
     assert read(tmp_path).files == {'relay.py': b''}
 
 
+def test_the_packages_of_an_environment_are_not_counted(tmp_path: Path) -> None:
+    names = [f'lab/.venv/{i}.py' for i in range(MAX_ENTRIES + 1)]
+    path = zipped(tmp_path / 'eve.zip', **dict.fromkeys(names, b''), **{'lab/relay.py': b'1'})
+    submission = read(path)
+    assert (submission.files, submission.notes) == ({'relay.py': b'1'}, ())
+
+
+def test_an_archive_in_a_folder_without_code_is_read(
+    folder: Callable[..., Path], tmp_path: Path
+) -> None:
+    zipped(folder('ada') / 'lab.zip', **{'relay.py': b'1'})
+    zipped(folder('bob', controller='') / 'bags.zip', **{'old/relay.py': b'1'})
+    (folder('eve') / 'lab.zip').symlink_to(tmp_path / 'ada' / 'lab.zip')
+    assert read(tmp_path / 'ada').name == 'ada'
+    assert read(tmp_path / 'ada').files == {'relay.py': b'1'}
+    assert only_the_controller(tmp_path / 'bob') == ()
+    assert read(tmp_path / 'eve').notes == (
+        'it is a link, which is not followed: hand in a .zip or a folder',
+    )
+
+
 def test_a_link_that_the_grader_names_is_followed(
     folder: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -79,8 +100,20 @@ def test_every_entry_of_a_folder_is_a_submission(
     for file in files:
         file.touch()
     folder('.hidden', bike_model='')
+    (tmp_path / 'submission_metadata.yml').touch()
 
     assert find(tmp_path) == paths
+
+
+def test_a_folder_of_one_folder_is_one_submission(
+    folder: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = folder('lab', bike_model='1')
+    (tmp_path / 'README.md').touch()
+
+    assert find(tmp_path) == [tmp_path]
+    assert find(tmp_path, is_class=True) == [tmp_path / 'README.md', path]
+    assert read(tmp_path).files == {'bike_model.py': b'1'}
 
 
 def test_where_there_is_none_is_said(tmp_path: Path) -> None:
@@ -120,11 +153,15 @@ def test_a_folder_gives_its_own_files_and_a_note_on_what_is_none(
     assert link.notes == ('it is a link, which is not followed: hand in a .zip or a folder',)
 
 
-def test_of_too_many_files_those_at_the_top_are_taken(folder: Callable[..., Path]) -> None:
-    path = folder(controller='')
-    (path / 'a').mkdir()
-    for i in range(MAX_FILES):
-        (path / 'a' / f'{i}').touch()
+@pytest.mark.parametrize('is_archive', [False, True])
+def test_of_too_many_files_those_at_the_top_are_taken(tmp_path: Path, *, is_archive: bool) -> None:
+    names = [f'a/b/{i}' for i in range(MAX_ENTRIES + 1)] + ['controller.py']
+    path = tmp_path / 'eve.zip'
+    if is_archive:
+        zipped(path, **dict.fromkeys(names, b''))
+    for name in () if is_archive else names:
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        (path / name).touch()
 
     submission = read(path)
 
@@ -216,7 +253,7 @@ def test_a_pipe_with_the_name_of_an_archive_does_not_hang(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(('names', 'note'), [
     (('a', 'a/b'), 'a/b is there twice: the first is taken'),
-    (('a/b', 'a'), 'a is there twice: the first is taken'),
+    (('a/b', 'a'), 'a/b is there twice: the first is taken'),
     (('x/' * 100 + 'y',), 'has a name that no file can have: at most 200 bytes'),
     (('a', 'a'), 'a is there twice: the first is taken'),
     (('old/controller.py',), 'old/controller.py is not graded: controller.py comes first'),
