@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 NOT_PASSED = 1
 _PIPE = 10_000  #: columns: a line is never broken
 _LINES, _WIDTH = 5, 100  #: of the text that user code printed
+#: In what two calls that fail alike differ: where on the road, what was passed, with which gains.
+_CALL = re.compile(
+    r'^call \d+, after [\d.]+ s on the road: |\(\w+=[-\[\d][^()]*\)| \(with kp .*\)$'
+)
 
 
 def add_arguments(parser: Parser) -> None:
@@ -127,12 +132,14 @@ def _rows(findings: Sequence[Finding], rubric: Rubric) -> Iterable[tuple[Text, .
     """Yield the cells of each finding; a repeated message refers to its first criterion."""
     from rich.text import Text  # noqa: PLC0415
 
-    first = {each.message: each.criterion for each in reversed(findings) if not each.passed}
-    for each in findings:
+    kinds = [_CALL.sub('', each.message) for each in findings]
+    rows = [*zip(findings, kinds, strict=True)]
+    first = {kind: each.criterion for each, kind in reversed(rows) if not each.passed}
+    for each, kind in rows:
         colour = 'dim' if each.skipped or each.open else 'green' if each.passed else 'red'
         own = 'open' if each.open else f'{rubric.points_for(each):g}'
         points = f'{own} / {rubric.points[each.criterion]:g}'
-        where = first.get(each.message, each.criterion)
+        where = first.get(kind, each.criterion)
         message = each.message if each.passed or where == each.criterion else f'see {where}'
         yield Text(each.criterion), Text(points, style=colour), Text(message)
 

@@ -91,6 +91,14 @@ def test_a_cause_is_named_once(wrong: Path) -> None:
     assert '  see model.x\n' in out
 
 
+def test_calls_that_fail_alike_are_one_cause(wrong: Path) -> None:
+    file = wrong / 'controller.py'
+    file.write_text(replaced(file.read_text(), ('return ', 'return nothing + ')), encoding='utf-8')
+    out = printed('check', str(wrong), '--no-plot', code=1)
+    assert out.count("name 'nothing' is not defined") == 1
+    assert out.count('  see pid.proportional\n') == 3
+
+
 def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
     out = StringIO()
     console = Console(file=out, force_terminal=True, color_system=None, width=100)

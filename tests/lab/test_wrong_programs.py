@@ -47,6 +47,12 @@ a division by v beside a wrong x | 96 | F_ext = | line 14: bikeFE(x=
     cos(psi + beta) -> sin(psi + beta)
 an import that is missing | 50 | x_next = | is from math import cos missing?
     import atan, cos, -> import atan,
+numpy's sign that is missing | 50 | F_ext = | is from numpy import sign missing?
+    def sign(v) -> def signum(v)
+np that is missing | 50 | F_ext = | is import numpy as np missing?
+    * sign(v) -> * np.sign(v)
+a misspelled name | 50 | F_ext = | did you mean theta?
+    sin(theta) -> sin(thetha)
 a power by ^ | 50 | F_ext = | a power is ** in Python
     v**2 -> v^2
 a beta of its own | 95 | x_next = | x_next is wrong (
@@ -115,6 +121,20 @@ a missing colon | 50 | class PID | syntax error
     class PID: -> class PID
 a name without self | 50 | P = | did you mean self.kp?
     self.kp * e -> kp * e
+a sum without self | 50 | total += | did you mean self.total?
+    self.total += -> total +=
+a local name that is not set | 50 | other += | or keep it between calls as self.other
+    self.total += -> other +=
+a misspelled attribute | 50 | I = | did you mean self.total?
+    * self.total -> * self.totla
+an attribute that is not made | 50 | self.total += | is self.total set in __init__?
+    self.total = 0.0 -> pass
+a value that is None at first | 50 | change = | is a value None at the first call
+    e - self.e_before -> e - None
+a method without self | 50 | def acc | is self missing as its first argument?
+    acc_calculate(self, -> acc_calculate(
+__init__ misspelled | 50 | pid = | is __init__ written with two underscores
+    __init__ -> _init_
 no return | 50 | def acc | is its return missing?
     return output -> pass
 a limit of 2 | 72 |  | at its limit of 2 m/s²

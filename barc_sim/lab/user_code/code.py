@@ -36,6 +36,7 @@ from barc_sim.lab.user_code.folder import (
     UserFunction,
     describe_error,
     guarded,
+    hint_on,
     number,
     raised_at,
     short_repr,
@@ -436,7 +437,8 @@ def _load(folder: Folder, path: Path) -> ModuleType:
     except UserError:
         raise
     except (Exception, SystemExit, OutOfTime) as error:
-        fault = f'loading the file raised {describe_error(error)}'
+        hint = hint_on(folder, error)
+        fault = f'loading the file raised {describe_error(error)}' + (f': {hint}' if hint else '')
         if isinstance(error, ModuleNotFoundError):
             fault = (
                 f'there is no module {error.name!r} here: install it, put it into the folder, '

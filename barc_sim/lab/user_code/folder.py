@@ -18,6 +18,7 @@ import time
 import traceback
 import weakref
 from contextlib import suppress
+from difflib import get_close_matches
 from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec
 from inspect import Parameter, Signature, signature
@@ -60,6 +61,22 @@ _REPR.maxlist = _REPR.maxtuple = 6
 _REPR.maxstring = _REPR.maxother = _SHOWN
 _FLOAT = {float}
 _POLL = 0.05
+#: By a name that a file uses and does not have: what it forgot.
+_IMPORTS = {
+    **{name: f'from math import {name}' for name in vars(math) if not name.startswith('_')},
+    'math': 'import math',
+    'np': 'import numpy as np',
+    'sign': 'from numpy import sign',
+}
+#: By a part of Python's message on a frequent mistake: what to look at.
+_HINTS = {
+    ' for ^: ': 'a power is ** in Python',
+    "'function'": 'is a call missing, as in f(0.0)?',
+    "'NoneType'": 'is a value None at the first call, or is a return missing?',
+    '() takes no arguments': 'is __init__ written with two underscores on each side?',
+    'object is not callable': 'is a * missing before a bracket, or has a variable the name of a '
+    'function?',
+}
 _raise_in_thread = ctypes.pythonapi.PyThreadState_SetAsyncExc
 _ROS = {
     *('rclpy', 'rospy', 'roslib', 'barc', 'labs', 'rosbag', 'rosgraph', 'rosnode', 'rostopic'),
@@ -418,9 +435,10 @@ class UserFunction:
         takes = self.parameters if called.takes is None else called.takes.split()
         is_timed = called.timed and _binds(found, len(takes), dt=0.0)
         if not (is_timed or _binds(found, len(takes))):
+            hint = '' if self._has_self() else ': is self missing as its first argument?'
             raise UserCodeError(
                 f'{self.place()}: {self._name()} takes ({", ".join(self.parameters)}); '
-                f'expected ({", ".join(takes)})'
+                f'expected ({", ".join(takes)}){hint}'
             )
 
     def __call__(self, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (a user's)
@@ -449,10 +467,19 @@ class UserFunction:
 
         Without such a method it is the file alone.
         """
-        made: Any = vars(self.function).get('__init__') if isinstance(self.function, type) else None
-        code = getattr(made or self.function, '__code__', None)
+        code = self._code()
         found = self.folder.place(code.co_filename, code.co_firstlineno) if code else None
         return found or FILES.get(self.called.part, self.folder.path.name)
+
+    def _code(self) -> CodeType | None:
+        made: Any = vars(self.function).get('__init__') if isinstance(self.function, type) else None
+        return getattr(made or self.function, '__code__', None)
+
+    def _has_self(self) -> bool:
+        """Return whether a method has `self` as its first argument; of a function True."""
+        is_method = isinstance(self.function, type) or hasattr(self.function, '__self__')
+        code = self._code() if is_method else None
+        return code is None or code.co_varnames[:1] == ('self',)
 
     def _signature(self) -> Signature:
         try:
@@ -482,7 +509,7 @@ class UserFunction:
             name = self._name() if name.startswith(('_', '<')) else name
             return UserCodeError(f'{place}: {name} {NOT_WRITTEN}')
         text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
-        hint = _hint(self.folder, error)
+        hint = hint_on(self.folder, error)
         text = f'{text}: {hint}' if hint else text
         return UserCodeError(f'{place}: {call} raised {text}; expected {self.called.returns}')
 
@@ -530,19 +557,28 @@ def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: 
     return finite if len(finite) == count else None
 
 
-def _hint(folder: Folder, error: BaseException) -> str:
-    """Return a question on a frequent mistake that makes a call fail; empty if none is known."""
+def hint_on(folder: Folder, error: BaseException) -> str:
+    """Return what to look at after a frequent mistake in user code; empty if none is known."""
     text = describe_error(error)
     _, frame = _innermost(folder, error)
-    own = getattr(frame.f_locals.get('self'), '__dict__', {}) if frame else {}
-    if isinstance(error, NameError) and error.name in own:
-        return f'did you mean self.{error.name}?'
-    if isinstance(error, NameError) and error.name in vars(math):
-        return f'is from math import {error.name} missing?'
-    if ' for ^: ' in text:
-        return 'a power is ** in Python'
-    if "'function'" in text:
-        return 'is a call missing, as in f(0.0)?'
-    if isinstance(error, TypeError) and 'object is not callable' in text:
-        return 'is a * missing before a bracket, or has a variable the name of a function?'
+    names = frame.f_locals if frame else {}
+    own = [*getattr(names.get('self'), '__dict__', {})]
+    if isinstance(error, NameError):
+        return _hint_on_name(text.split("'")[1], [*names], own)
+    if isinstance(error, AttributeError) and 'self' in names and error.obj is names['self']:
+        near = get_close_matches(error.name, own, 1)
+        return f'did you mean self.{near[0]}?' if near else f'is self.{error.name} set in __init__?'
+    return next((hint for part, hint in _HINTS.items() if part in text), '')
+
+
+def _hint_on_name(name: str, names: Sequence[str], own: Sequence[str]) -> str:
+    """Return what to look at where `name` has no value, of local names and those of `self`."""
+    if name in own:
+        return f'did you mean self.{name}?'
+    if name in _IMPORTS:
+        return f'is {_IMPORTS[name]} missing?'
+    if near := get_close_matches(name, names, 1):
+        return f'did you mean {near[0]}?'
+    if 'self' in names:
+        return f'set it in a line above, or keep it between calls as self.{name}'
     return ''
