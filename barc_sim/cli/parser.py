@@ -1,8 +1,7 @@
-"""What the commands share: a parser, types of options, suggestions, and errors as sentences.
+"""What the commands share: a parser, types of options, suggestions, and error messages.
 
-`call` is where an error becomes a sentence. A UserError has its sentence already. What the machine
-refuses (files, memory, threads) gets it here; every other error is a fault of ours, and keeps its
-traceback.
+`call` prints an error as one sentence. A UserError has its sentence already. Errors of the system
+(files, memory, threads) get theirs here; every other error is a bug, and keeps its traceback.
 """
 
 from __future__ import annotations
@@ -44,16 +43,16 @@ class Parser(argparse.ArgumentParser):
     _usual: frozenset[str] = frozenset()
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401 (ArgumentParser's own)
-        """Take options by their whole names: of a shortened one another could be meant."""
+        """Accept only whole names of options: a shortened one could mean another option."""
         super().__init__(allow_abbrev=False, **options)
 
     def shorten_help(self, *usual: str) -> None:
-        """Let `--help` show the `usual` options alone, and `--help-all` show every option."""
+        """Let `--help` show only the `usual` options, and `--help-all` every option."""
         self._usual = frozenset({'--help', '--help-all', *usual})
         self.add_argument('--help-all', action=_HelpAll, nargs=0, help='show every option')
 
     def format_help(self) -> str:
-        """Return the help: of the usual options, where there are many."""
+        """Return the help, after `shorten_help` only that of the usual options."""
         if not self._usual:
             return super().format_help()
         rare = {
@@ -73,7 +72,7 @@ class Parser(argparse.ArgumentParser):
     def parse_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> argparse.Namespace:
-        """Parse as ArgumentParser does; for an unknown option, suggest those that are close."""
+        """Parse as ArgumentParser does; suggest similar options for an unknown one."""
         options, unknown = self.parse_known_args(args, namespace)
         if unknown:
             word = unknown[0].partition('=')[0]
@@ -117,7 +116,7 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the bag to read and, in it, the car."""
     add_bag(parser)
     parser.add_argument(
-        '--namespace', metavar='NS', help='the car, in a bag of several, as in /car1'
+        '--namespace', metavar='NS', help='the car, if the bag has several, as in /car1'
     )
 
 
@@ -132,7 +131,7 @@ def whole(low: float, high: float = inf) -> Callable[[str], int]:
 
 
 def _between(text: str, low: float, high: float) -> float | str:
-    """Return the number in `text`, in the limits."""
+    """Return the number in `text`, if it is within the limits."""
     value: float | str = text
     for kind in (float, int):
         with suppress(ValueError):
@@ -145,7 +144,7 @@ def _between(text: str, low: float, high: float) -> float | str:
 def did_you_mean(name: str, names: Iterable[str], prefix: str = '') -> str:
     """Return the end of a sentence with the `names` closest to `name`, or ''.
 
-    Each is printed behind `prefix`.
+    `prefix` precedes each of them.
     """
     from difflib import get_close_matches  # noqa: PLC0415 (only for an error)
 
@@ -170,9 +169,9 @@ def _quoted(path: Path) -> str:
 def call(prog: str, main: Callable[[], int | None]) -> int:
     """Run `main` and return the command's exit code.
 
-    A UserError becomes one line on stderr and code 2, so does what the machine refuses; Ctrl-C
-    becomes code 130. A closed pipe (`| head`) ends the command silently. What stdout's encoding
-    lacks is printed as `?`.
+    A UserError or an error of the system becomes one line on stderr and code 2; Ctrl-C becomes
+    code 130. A closed pipe (`| head`) ends the command silently. Characters that stdout's encoding
+    lacks are printed as `?`.
     """
     try:
         _open_streams()
@@ -205,11 +204,11 @@ def error_line(prog: str, message: str) -> str:
 
 
 def check_arguments(words: Sequence[str]) -> None:
-    """Raise UserError for an argument that is no UTF-8: neither ROS nor a bag can hold it."""
+    """Raise UserError for an argument that is not UTF-8: neither ROS nor a bag can hold it."""
     for word in words:
         if word.encode(errors='replace').decode() != word:
             raise UserError(
-                f'the argument {word!r} is not UTF-8: rename the file, or type the name anew'
+                f'the argument {word!r} is not UTF-8: rename the file, or type the name again'
             )
 
 
@@ -232,7 +231,7 @@ def _flushed() -> Iterator[None]:
 
 
 def _sentence(error: Exception, prog: str) -> str | None:
-    """Return an error's sentence; '' for a closed pipe, None for a fault of ours."""
+    """Return an error's sentence; '' for a closed pipe, None for a bug of barc_sim."""
     sentence = None
     if isinstance(error, UserError):
         sentence = str(error)
@@ -253,7 +252,7 @@ def _sentence(error: Exception, prog: str) -> str | None:
 
 
 def _refused(error: OSError) -> str:
-    """Return the sentence for what the system refuses: a file, or the output."""
+    """Return the sentence for an error of the system: of a file, or of the output."""
     if error.filename is not None:
         name = os.fsdecode(error.filename) if error.filename else ''
         return f'{name!r} cannot be used ({error.strerror}): name another'
@@ -267,7 +266,7 @@ def _refused(error: OSError) -> str:
 
 
 def _missing(error: ModuleNotFoundError, prog: str) -> str | None:
-    """Return the sentence for a package that is not installed; None for a module of ours."""
+    """Return the sentence for a missing package; None for a module of barc_sim."""
     package = (error.name or '').partition('.')[0]
     if package in ROS_PACKAGES:
         return str(needs_ros(prog))

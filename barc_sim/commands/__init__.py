@@ -1,4 +1,4 @@
-"""The commands of `barc`, listed here; what they do lives in the other rooms.
+"""The commands of `barc`, listed here; the other rooms do their work.
 
 A command is a module of its name with two functions: `add_arguments(parser)` describes the command
 and its options, and `run(options)` returns the exit code (None: 0) and raises UserError. Where
@@ -14,13 +14,13 @@ GROUPS = {
     'look': {
         'plot': 'draw speed, grade and command of a run',
         'replay': 'play a run on a web page, or save a video',
-        'raceline': 'find the racing line of a track, and the time of a lap on it',
-        'identify': 'find drag, friction, delay and tyres of the car that made a bag',
+        'raceline': 'find the racing line of a track, and its lap time',
+        'identify': 'estimate drag, friction, delay and tyres of the car that made a bag',
     },
     'lab': {
         'new': 'make a folder with templates: model, controller, relay and compose.py',
         'check': 'find mistakes in model, controller, relay and compose.py, and their causes',
-        'tune': 'search the gains that hold the speed best',
+        'tune': 'search for the gains that hold the speed best',
         'report': 'write a run as one HTML page to hand in',
         'submit': 'pack code, bags, figures and a description as one zip',
         'grade': 'grade one submission or a class',
@@ -30,7 +30,7 @@ GROUPS = {
         'play': 'publish the messages of a bag',
         'info': 'print what is in a bag: time, topics, losses, damage and metadata',
         'convert': 'write the topics of a bag as CSV files',
-        'recover': 'copy the bag of a killed run into a whole one',
+        'recover': 'copy the bag of a killed run into a complete one',
     },
     'ROS': {
         'topics': 'list topics, their types, publishers and subscribers',

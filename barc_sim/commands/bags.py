@@ -28,7 +28,7 @@ _CLOCK_RATE = 40.0  #: [Hz] as in ros2 bag play
 def add_arguments_record(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Record every topic that a node publishes or subscribes to, until Ctrl-C.'
-    parser.epilog = 'Services bag_recorder/pause and resume, of the type std_srvs/srv/Trigger.'
+    parser.epilog = 'Services: bag_recorder/pause and bag_recorder/resume (std_srvs/srv/Trigger).'
     parser.add_argument(
         '-o',
         '--output',
@@ -39,7 +39,7 @@ def add_arguments_record(parser: Parser) -> None:
     parser.add_argument(
         '--use-sim-time',
         action='store_true',
-        help='stamp received messages with the time on /clock, as soon as there is one',
+        help='stamp received messages with the time on /clock, once it is published',
     )
     add_recording_options(parser)
     accept_ros_args(parser)
@@ -67,7 +67,7 @@ def add_arguments_play(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
         'Publish the messages of an MCAP bag of any recorder on their topics, with their quality '
-        'of service and spacing, as `ros2 bag play` does.'
+        'of service and time spacing, as `ros2 bag play` does.'
     )
     parser.epilog = 'Keys: space pauses and resumes, the right arrow steps one message, q ends.'
     add_bag(parser)
@@ -77,7 +77,7 @@ def add_arguments_play(parser: Parser) -> None:
         type=number(*_RATES),
         default=1.0,
         metavar='RATE',
-        help='seconds of the bag per second (1)',
+        help='seconds of the bag played per second (1)',
     )
     parser.add_argument(
         '-l', '--loop', action='store_true', help='begin again at the end, until Ctrl-C'
@@ -87,7 +87,7 @@ def add_arguments_play(parser: Parser) -> None:
         type=number(0.0, _MAX_OFFSET),
         default=0.0,
         metavar='S',
-        help='begin this long after the start of the bag',
+        help='begin at this time after the start of the bag [s]',
     )
     parser.add_argument('-p', '--start-paused', action='store_true', help='begin paused')
     add_topic_choice(parser, 'play')
@@ -105,7 +105,7 @@ def add_arguments_play(parser: Parser) -> None:
         nargs='?',
         const=_CLOCK_RATE,
         metavar='HZ',
-        help=f"publish the bag's time on /clock, in place of the bag's own ({_CLOCK_RATE:g})",
+        help=f"publish the bag's time on /clock, in place of its recorded /clock ({_CLOCK_RATE:g})",
     )
     accept_ros_args(parser)
 
@@ -148,7 +148,7 @@ def _bag(options: Namespace) -> Path:
 def add_arguments_info(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Print what is in an MCAP bag of any recorder, as `ros2 bag info` does.'
-    parser.epilog = 'It reads every message, so that it counts what can be read.'
+    parser.epilog = 'It reads every message, so that it counts only readable ones.'
     add_bag(parser)
     parser.add_argument('--json', action='store_true', help='print JSON')
 
@@ -165,7 +165,7 @@ def run_info(options: Namespace) -> None:
 
 
 def _described(found: dict[str, Any]) -> Iterator[str]:
-    """Yield the lines of a description, much as `ros2 bag info` has them."""
+    """Yield the lines of a description, similar to those of `ros2 bag info`."""
     start = datetime.fromtimestamp(found['start'], timezone.utc).astimezone()
     yield f'Files:     {", ".join(found["files"])}'
     yield f'Bag size:  {sum(found["files"].values()) / 1024:.1f} KiB'
@@ -191,11 +191,9 @@ def _damages(found: dict[str, dict[str, int]]) -> Iterator[str]:
 def add_arguments_convert(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Convert an MCAP bag of any recorder to tables, a CSV file for each topic.'
-    parser.epilog = 'For bags of ROS 1 and of sqlite3, there is `rosbags-convert`.'
+    parser.epilog = 'Convert bags of ROS 1 and of sqlite3 with `rosbags-convert` first.'
     add_bag(parser)
-    parser.add_argument(
-        '-o', '--output', type=Path, metavar='DIR', help='new folder (BAG_csv, here)'
-    )
+    parser.add_argument('-o', '--output', type=Path, metavar='DIR', help='new folder (./BAG_csv)')
     add_topic_choice(parser, 'convert')
 
 
@@ -212,8 +210,8 @@ def run_convert(options: Namespace) -> None:
 def add_arguments_recover(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Copy what can be read of a bag whose run was killed, with index, summary and '
-        'metadata.yaml, for tools that need them.'
+        'Copy all readable messages of a damaged bag into a new one, with index, summary and '
+        'metadata.yaml.'
     )
     add_bag(parser)
     parser.add_argument(
@@ -226,7 +224,7 @@ def add_arguments_recover(parser: Parser) -> None:
 
 
 def run_recover(options: Namespace) -> None:
-    """Write the new bag and print what it holds."""
+    """Write the new bag and print a summary of it."""
     from barc_sim.bags.convert import recover  # noqa: PLC0415 (slow: not for --help)
 
     bag = _bag(options)

@@ -33,19 +33,19 @@ _CALL = re.compile(
 def add_arguments(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Compare what you have written for a lab with what is right: the functions in their files, '
-        'and drives with them. Of the hills lab it also runs compose.py.'
+        'Check your files for a lab: compare each function with the right results, drive with '
+        'them, and name mistakes with their causes. For the hills lab it also runs compose.py.'
     )
     parser.epilog = 'Exit code 0: everything is right; 1: something is not.'
-    parser.add_argument('folder', type=Path, metavar='LAB', help='the folder of these files')
+    parser.add_argument('folder', type=Path, metavar='LAB', help='the folder with your files')
     parser.add_argument(
         '--rubric',
         metavar='RUBRIC',
-        help=f'the points, as in grade: {", ".join(RUBRICS)} or a file (the usual one of the '
+        help=f'the points, as in grade: {", ".join(RUBRICS)} or a file (the default of the '
         "folder's lab)",
     )
     parser.add_argument(
-        '--save', metavar='FILE', help='the figure: .png, .pdf or .svg (LAB/check.png)'
+        '--save', metavar='FILE', help='save the figure as .png, .pdf or .svg (LAB/check.png)'
     )
     parser.add_argument('--no-plot', action='store_true', help='draw no figure')
 
@@ -84,7 +84,7 @@ def run(options: Namespace) -> int:
 
 
 def _composition(folder: Path) -> bool:
-    """Print what is found of a `compose.py` in the folder; return whether nothing is wrong."""
+    """Judge a `compose.py` in the folder, and print the result; return whether it is right."""
     from barc_sim.lab.files import COMPOSE  # noqa: PLC0415
 
     file = folder / COMPOSE

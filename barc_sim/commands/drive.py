@@ -48,11 +48,11 @@ def add_arguments_acc(parser: Parser) -> None:
     parser.add_argument(
         '--reference',
         metavar='FILE',
-        help='the speed to hold over time or place: a CSV file with the columns time_s,speed_mps '
+        help='speed to hold over time or distance: a CSV file with the columns time_s,speed_mps '
         'or distance_m,speed_mps',
     )
     parser.add_argument(
-        '--controller-type', choices=tuple(TYPES), help=f'what holds the speed ({DEFAULT_TYPE})'
+        '--controller-type', choices=tuple(TYPES), help=f'controller of the speed ({DEFAULT_TYPE})'
     )
     for name, gain in PID.gains.items():
         parser.add_argument(
@@ -65,7 +65,7 @@ def add_arguments_acc(parser: Parser) -> None:
         '--acceleration-limit',
         type=number(*LIMIT.between),
         metavar='M/S²',
-        help=f"of the controller's output ({ACCELERATION_LIMIT:g} m/s²; user code: none)",
+        help=f"limit of the controller's output ({ACCELERATION_LIMIT:g} m/s²; user code: none)",
     )
     parser.add_argument(
         '--gain',
@@ -80,20 +80,21 @@ def add_arguments_acc(parser: Parser) -> None:
         '--policy',
         type=Path,
         metavar='FILE',
-        help='a trained policy drives as in its Gymnasium environment, Lane-v0 or Race-v0 on a '
-        'track, else Hills-v0: an ONNX file, or a Python file with a function policy(observation)',
+        help='drive with a trained policy, as in its Gymnasium environment (Lane-v0 or Race-v0 on '
+        'a track, Hills-v0 on a road): an ONNX file, or a Python file with a function '
+        'policy(observation)',
     )
     parser.add_argument(
         '--distance',
         type=number(*DISTANCE.between),
         metavar='M',
-        help='a lap ends here; 0: only at Ctrl-C (180 m; on a track, where the last lap ends)',
+        help='end of a lap; 0: none, until Ctrl-C (180 m; on a track, the end of the last lap)',
     )
     parser.add_argument(
         '--laps',
         type=whole(*LAPS.between),
         metavar='N',
-        help='number of laps, from standstill on a road; 0: until Ctrl-C (1)',
+        help='number of laps, each from standstill on a road; 0: until Ctrl-C (1)',
     )
     parser.add_argument(
         '--cars',
@@ -105,7 +106,7 @@ def add_arguments_acc(parser: Parser) -> None:
     parser.add_argument(
         '--no-controller',
         action='store_true',
-        help="start no controller of barc_sim's, and wait for another that publishes ecu",
+        help="start no controller of barc_sim's; wait for another node that publishes ecu",
     )
     run_options.add_arguments(
         parser,
@@ -143,7 +144,7 @@ def add_arguments_teleop(parser: Parser) -> None:
     parser.add_argument(
         '--no-relay',
         action='store_true',
-        help="start no relay of barc_sim's, and wait for another that publishes ecu",
+        help="start no relay of barc_sim's; wait for another node that publishes ecu",
     )
     run_options.add_arguments(parser, 'model', 'relay', road='flat', view='web')
     accept_ros_args(parser)
@@ -154,12 +155,12 @@ def _add_track_options(parser: Parser) -> None:
     parser.add_argument(
         '--track',
         metavar='TRACK',
-        help=f'laps of a track: {", ".join(TRACKS)}, or a CSV file: length_m,radius_m (none)',
+        help=f'drive laps of a track: {", ".join(TRACKS)}, or a CSV file: length_m,radius_m (none)',
     )
     parser.add_argument(
         '--lane',
         choices=tuple(LANE_TYPES),
-        help=f'what steers on a track without a lane.py of --lab ({DEFAULT_LANE})',
+        help=f'steering law on a track, unless --lab has a lane.py ({DEFAULT_LANE})',
     )
     parser.add_argument(
         '--lane-gain',
@@ -167,7 +168,7 @@ def _add_track_options(parser: Parser) -> None:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help=f'a gain of it; may be repeated ({_gains_of(LANE_TYPES)})',
+        help=f'a gain of the steering law; may be repeated ({_gains_of(LANE_TYPES)})',
     )
     parser.add_argument(
         '--speed-profile',
@@ -179,7 +180,7 @@ def _add_track_options(parser: Parser) -> None:
 
 
 def _gain(text: str) -> tuple[str, float]:
-    """Return name and value of a gain; that the controller has it, the run checks."""
+    """Return name and value of a gain; the run checks that the controller has it."""
     name, equals, value = text.partition('=')
     if not equals:
         raise ArgumentTypeError(f'{text!r} is no gain: expected NAME=VALUE')

@@ -29,8 +29,8 @@ def add_arguments_plot(parser: Parser) -> None:
     parser.add_argument(
         '--show',
         action='store_true',
-        help='open a window: the default with a display and without --save; without a display '
-        'the default is to save BAG/speed.png',
+        help='open a window (the default without --save; if there is no display, BAG/speed.png is '
+        'saved instead)',
     )
 
 
@@ -68,11 +68,9 @@ def add_arguments_replay(parser: Parser) -> None:
     )
     add_bag_arguments(parser)
     parser.add_argument(
-        'other', nargs='?', type=Path, metavar='OTHER', help='a second run, on the page beside it'
+        'other', nargs='?', type=Path, metavar='OTHER', help='a second run, to compare on the page'
     )
-    parser.add_argument(
-        '--save', metavar='FILE', help='save as .mp4 or .gif; default: serve the page'
-    )
+    parser.add_argument('--save', metavar='FILE', help='save as .mp4 or .gif, and serve no page')
     add_address_options(parser, can='watch')
 
 

@@ -38,48 +38,48 @@ def add_arguments(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
         'Grade submissions: results.json (for Gradescope) and report.html for each, class.html and '
-        'class.csv for all. Points and comments in by_hand.yaml beside a report are kept. Their '
-        'code can read only Python, NumPy and its own files; it cannot write files, start '
-        'processes or use the network.'
+        'class.csv for all. Points and comments in by_hand.yaml beside a report are kept. The '
+        "submissions' code can read only Python, NumPy and its own files; it cannot write files, "
+        'start processes or use the network.'
     )
     parser.add_argument(
         'submissions',
         type=Path,
         metavar='SUBMISSIONS',
-        help='a submission: a folder or .zip; or a folder of those',
+        help='a submission, which is a folder or .zip, or a folder of submissions',
     )
     rubrics = Path(__file__).parents[1] / 'lab' / 'grade' / 'rubrics'
     parser.add_argument(
         '--rubric',
         metavar='RUBRIC',
-        help=f'the points: {", ".join(RUBRICS)} or a file like those in {rubrics} (the usual one '
+        help=f'the points: {", ".join(RUBRICS)} or a file like those in {rubrics} (the default '
         'of the lab of the first submission with code)',
     )
     parser.add_argument(
-        '--out', type=Path, default=Path('grades'), metavar='DIR', help='(%(default)s)'
+        '--out', type=Path, default=Path('grades'), metavar='DIR', help='reports (%(default)s)'
     )
     parser.add_argument(
         '--roster',
         type=Path,
         metavar='FILE',
-        help='the students, a CSV file with name, id and section, as Canvas and Gradescope write '
-        'it: matches folders by id or name, and writes canvas.csv',
+        help='list of students: a CSV file with name, id and section, as Canvas and Gradescope '
+        'export it; folders are matched by id or name, and canvas.csv is written',
     )
     parser.add_argument(
-        '--jobs', type=whole(1), metavar='N', help='how many at once (one for each core)'
+        '--jobs', type=whole(1), metavar='N', help='submissions at once (one for each core)'
     )
     parser.add_argument(
         '--time-limit',
         type=number(1.0, 86_400.0),
         default=120.0,
         metavar='S',
-        help="for all calls of a submission's code, sleeps included (%(default)g s)",
+        help="maximum time for all calls of a submission's code, sleeps included (%(default)g s)",
     )
     parser.add_argument(
         '--unconfined',
         action='store_true',
-        help='run the code unconfined, where the system cannot confine it (not Linux, or a kernel '
-        'without Landlock): it has your rights; the reports name that',
+        help='run the code with your rights if the system cannot confine it (not Linux, or a '
+        'kernel without Landlock); the reports name that',
     )
 
 

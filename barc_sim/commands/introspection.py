@@ -30,9 +30,9 @@ def add_arguments_topics(parser: Parser) -> None:
         'List topics with their types, publishers and subscribers, as `ros2 topic list` and '
         '`ros2 topic info` do.'
     )
-    parser.add_argument('topics', nargs='*', metavar='TOPIC', help='these only (all)')
+    parser.add_argument('topics', nargs='*', metavar='TOPIC', help='only these topics (all)')
     parser.add_argument(
-        '-v', '--verbose', action='store_true', help='also the nodes and their quality of service'
+        '-v', '--verbose', action='store_true', help='also nodes and their quality of service'
     )
 
 
@@ -47,7 +47,7 @@ def run_topics(options: Namespace) -> None:
 def add_arguments_echo(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Print the messages of a topic, until Ctrl-C, as `ros2 topic echo` does.'
-    parser.add_argument('topic', metavar='TOPIC', help='such as z_vhcl or /car2/z_vhcl')
+    parser.add_argument('topic', metavar='TOPIC', help='a topic, such as z_vhcl or /car2/z_vhcl')
     count = parser.add_mutually_exclusive_group()
     count.add_argument(
         '--once', dest='count', action='store_const', const=1, help='print one message'
@@ -68,15 +68,15 @@ def add_arguments_param(parser: Parser) -> None:
     parser.description = 'List, read and set parameters of running nodes, as `ros2 param` does.'
     verbs = parser.add_subparsers(dest='verb', required=True, metavar='VERB')
     verb: Parser = verbs.add_parser('list', help='print the names of the parameters')
-    verb.add_argument('node', nargs='?', metavar='NODE', help='of this node only (all)')
+    verb.add_argument('node', nargs='?', metavar='NODE', help='only this node (all)')
     for name, about in (
         ('get', 'print the value of a parameter'),
         ('set', 'set a parameter, and print its value'),
     ):
         verb = verbs.add_parser(name, help=about)
         verb.add_argument('node', metavar='NODE', help='such as controller or /car2/controller')
-        verb.add_argument('name', metavar='NAME')
-    verb.add_argument('value', metavar='VALUE', help='in YAML, as in 20.0')
+        verb.add_argument('name', metavar='NAME', help='the parameter')
+    verb.add_argument('value', metavar='VALUE', help='the new value in YAML, such as 20.0')
 
 
 def run_param(options: Namespace) -> None:
@@ -99,7 +99,7 @@ def add_arguments_graph(parser: Parser) -> None:
     parser.add_argument(
         '--save',
         metavar='FILE',
-        help='save as .svg, .png or .pdf; default: a window, or graph.svg without a display',
+        help='save as .svg, .png or .pdf (a window; without a display, graph.svg)',
     )
     parser.add_argument('--bag', type=Path, metavar='BAG', help='draw this recorded run instead')
 
@@ -172,7 +172,7 @@ def add_arguments_node(parser: Parser) -> None:
     parser.description = 'Run one node alone in this process, until Ctrl-C.'
     parser.add_argument('name', choices=NODES, metavar='NAME', help=', '.join(NODES))
     parser.add_argument(
-        'arguments', nargs=REMAINDER, metavar='...', help='of ROS, such as --ros-args -p kp:=20.0'
+        'arguments', nargs=REMAINDER, metavar='...', help='for ROS, such as --ros-args -p kp:=20.0'
     )
 
 

@@ -87,7 +87,7 @@ def add_arguments_report(parser: Parser) -> None:
     )
     add_bag_arguments(parser)
     parser.add_argument(
-        '-o', '--save', metavar='FILE', help='the file to write (report.html in the bag)'
+        '-o', '--save', metavar='FILE', help='the HTML file (report.html in the bag)'
     )
 
 
@@ -111,20 +111,20 @@ def add_arguments_submit(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
         'Pack what you hand in as one zip: code, the bags of the course and of the drive by hand '
-        'with their reports (gains, plots and graph), its video, your description. Each part that '
-        'is missing is named in a line; the rest is packed. The course is driven anew with your '
-        'files, without waiting.'
+        'with their reports (gains, plots and graph), the video, your description. A line names '
+        'each missing part; the rest is packed. The command drives the course with your files at '
+        'full speed.'
     )
-    parser.epilog = 'barc grade takes the zip as it is.'
-    parser.add_argument('folder', type=Path, metavar='LAB', help='your folder')
+    parser.epilog = '`barc grade` reads the zip as it is.'
+    parser.add_argument('folder', type=Path, metavar='LAB', help='the folder with your files')
     parser.add_argument(
-        '--save', metavar='FILE', help='the zip to write (the name of your folder, here)'
+        '--save', metavar='FILE', help='the zip to write (LAB.zip in the working directory)'
     )
     parser.add_argument(
         '--teleop',
         type=Path,
         metavar='BAG',
-        help='your drive by hand (the newest of teleop in ./bags or LAB/bags)',
+        help='your drive by hand (the newest bag of `barc teleop` in ./bags or LAB/bags)',
     )
 
 

@@ -47,31 +47,31 @@ def _add_numbers(parser: Parser, *rows: tuple[str, Callable[[str], float], Any, 
 
 def add_arguments_tune(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Search the gains that hold the speed best.'
+    parser.description = 'Search for the gains that hold the speed best.'
     parser.add_argument(
         '--cost',
         choices=COSTS,
         default='rms',
         help='what to minimise: rms or max, the speed error after the first 10 m [m/s]; '
-        'overshoot, a share of the speed; or effort, the RMS command [m/s²] (rms)',
+        'overshoot, relative to the speed; or effort, the RMS command [m/s²] (rms)',
     )
     parser.add_argument(
         '--road',
         nargs='+',
         action='extend',
         metavar='ROAD',
-        help="'lab', 'flat', or CSV files with the columns start_m,grade_deg; of several, the mean "
-        'cost counts (lab)',
+        help="'lab', 'flat', or CSV files with the columns start_m,grade_deg; with several, the "
+        'mean cost counts (lab)',
     )
     noise, gain = number(*ROWS['noise_v_x'].between), number(0.0, _MAX_GAIN)
     _add_numbers(
         parser,
         ('effort', gain, 0.0, 'WEIGHT', 'add this times the effort to the cost'),
-        ('speed', number(*TUNED_SPEED.between), SPEED_REFERENCE, 'M/S', ''),
-        ('distance', number(*DISTANCE.between), DISTANCE.default, 'M', ''),
+        ('speed', number(*TUNED_SPEED.between), SPEED_REFERENCE, 'M/S', 'speed to hold'),
+        ('distance', number(*DISTANCE.between), DISTANCE.default, 'M', 'length of a drive'),
         ('noise', noise, 0.0, 'M/S', "standard deviation of the measured speed's noise"),
-        ('delay', whole(0, 500), 0, 'STEPS', 'of 20 ms, from a command to its effect'),
-        ('seed', whole(*ROWS['seed'].between), 0, 'N', 'of search and noise, as of a run'),
+        ('delay', whole(0, 500), 0, 'STEPS', 'steps of 20 ms from a command to its effect'),
+        ('seed', whole(*ROWS['seed'].between), 0, 'N', 'seed of the search and of the noise'),
     )
     for name, (_, high) in GAINS.items():
         parser.add_argument(
@@ -80,7 +80,7 @@ def add_arguments_tune(parser: Parser) -> None:
             nargs=2,
             default=(0.0, high),
             metavar=('LOW', 'HIGH'),
-            help=f'(0 to {high:g}); the same number twice holds it there',
+            help=f'range to search (0 to {high:g}); the same number twice fixes the gain',
         )
     parser.add_argument(
         '--controller', type=Path, metavar='FILE', help='tune the class PID of this file'
@@ -177,33 +177,34 @@ def _print_scores(road: str, found: Sweep, label: str, costs: Floats) -> None:
 def add_arguments_identify(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Find drag, rolling friction and motor delay of the car that made the bags, and, where it '
-        'steered, its tyres and yaw inertia: each with an interval of 95 %.'
+        'Estimate drag, rolling friction and motor delay of the car that made the bags, and, if it '
+        'steered, its tyres and yaw inertia: each with its 95 % confidence interval.'
     )
     parser.epilog = (
-        'A drive that shows much: `barc acc --controller-type prbs --road flat`, also steps and '
+        'Drive a test signal first: `barc acc --controller-type prbs --road flat`, also steps and '
         'coast-down. '
         "Another robot's bag: --field v_x=/odom.twist.twist.linear.x --field motor=/cmd.accel"
     )
     parser.add_argument(
-        'bags', nargs='*', type=Path, metavar='BAG', help='of one car (the newest in ./bags)'
+        'bags', nargs='*', type=Path, metavar='BAG', help='bags of one car (the newest in ./bags)'
     )
-    parser.add_argument('--namespace', metavar='NS', help='the car, in a bag of several')
+    parser.add_argument('--namespace', metavar='NS', help='the car, if the bag has several')
     parser.add_argument(
         '--field',
         action='append',
         type=_field,
         default=[],
         metavar='COLUMN=/TOPIC.FIELD',
-        help='where a bag of another robot has v_x, motor, servo, psi_dot, v_y or theta_deg',
+        help='the field of a bag of another robot that holds v_x, motor, servo, psi_dot, v_y or '
+        'theta_deg',
     )
     mass = ROWS['mass']
-    _add_numbers(parser, ('mass', number(*mass.between), mass.default, 'KG', 'of the car'))
+    _add_numbers(parser, ('mass', number(*mass.between), mass.default, 'KG', 'mass of the car'))
     parser.add_argument(
         '--integrator',
         choices=('euler', 'rk4'),
         default='euler',
-        help='euler: as the simulator by default; rk4: for a real car (euler)',
+        help="euler: the simulator's default; rk4: for a real car (euler)",
     )
     parser.add_argument('--save', metavar='FILE', help='save a figure as .png, .pdf or .svg')
 
@@ -248,9 +249,7 @@ def run_identify(options: Namespace) -> None:
 
 def add_arguments_raceline(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = (
-        'Find the line of least curvature on a track, and the speed that it allows.'
-    )
+    parser.description = 'Find the minimum-curvature line on a track, and the speed that it allows.'
     parser.epilog = 'Drive it: `barc acc --track line.csv --speed-profile 3.5 2 --speed 12`'
     parser.add_argument(
         'track', metavar='TRACK', help='as --track of `barc acc`: L, oval, a CSV file, …'
@@ -259,16 +258,16 @@ def add_arguments_raceline(parser: Parser) -> None:
     _add_numbers(
         parser,
         ('speed', speed, 12.0, 'M/S', 'maximum speed'),
-        ('lateral', acceleration, 3.5, 'M/S²', 'maximum acceleration across'),
-        ('longitudinal', acceleration, 2.0, 'M/S²', 'maximum acceleration along, either way'),
+        ('lateral', acceleration, 3.5, 'M/S²', 'maximum lateral acceleration'),
+        ('longitudinal', acceleration, 2.0, 'M/S²', 'maximum longitudinal acceleration'),
         ('margin', number(0.0, 1e3), None, 'M', 'clearance to both edges (a fifth of the width)'),
     )
-    parser.add_argument('-o', '--output', metavar='FILE', help='write the line as a track, a .csv')
+    parser.add_argument('-o', '--output', metavar='FILE', help='save the line as a track, a .csv')
     parser.add_argument('--save', metavar='FILE', help='save a figure as .png, .pdf or .svg')
 
 
 def run_raceline(options: Namespace) -> None:
-    """Print the lap's time, and write the line."""
+    """Print the lap times, and save the line."""
     from barc_sim.control.planning import lap_time, racing_line, write_line  # noqa: PLC0415 (slow)
     from barc_sim.vehicle.track import Track  # noqa: PLC0415
 

@@ -19,16 +19,15 @@ from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
 #: Those that `--help` shows; `--help-all` shows the others, too.
 USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--no-bag', '--quiet')
 _MAX_SIZE = 2.0**60  #: [B]
-#: The options of a run that need ROS, and the value with which each does not.
+#: The options of a run that need ROS, each with the value that does not.
 _ROS_OPTIONS = {'no_controller': False, 'no_relay': False, 'network': False}
 
 
 def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view: str) -> None:
-    """Add the options of a run, whose `road` is that without `--road`.
+    """Add the options of a run; `road` is the default of `--road`.
 
-    Files of a user's can replace the `parts`, names in `FILES`: those that a folder of `--lab` may
-    have. `view` is what `--view auto` stands for: `web`, or `offer`, a page that does not open
-    itself.
+    A user's files can replace the `parts`, names in `FILES`. `view` is the meaning of
+    `--view auto`: `web`, or `offer`, a page that does not open itself.
     """
     parser.add_argument(
         '--road',
@@ -42,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         help='simulated seconds per second; max: at full speed (1)',
     )
     parser.add_argument(
-        '--lab', type=Path, metavar='DIR', help="a folder with a lab's files, as of `barc new`"
+        '--lab', type=Path, metavar='DIR', help="folder with a lab's files (see `barc new`)"
     )
     for part in parts:
         if part in ('lane', 'raceline', 'identify'):
@@ -68,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         type=Path,
         default=Path('bags'),
         metavar='DIR',
-        help='where bags are kept (bags)',
+        help='folder for bags (bags)',
     )
     bag.add_argument('--no-bag', action='store_true', help='record nothing')
     parser.add_argument(
@@ -77,32 +76,34 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         metavar='N',
         help=f'{ROWS["seed"].description} (0)',
     )
-    parser.add_argument('--integrator', choices=tuple(INTEGRATORS), help='of each step (euler)')
-    parser.add_argument('--dynamics', choices=tuple(DYNAMICS), help='bicycle (kinematic)')
-    parser.add_argument('-q', '--quiet', action='store_true', help="print the bag's path alone")
+    parser.add_argument(
+        '--integrator', choices=tuple(INTEGRATORS), help='method of each step (euler)'
+    )
+    parser.add_argument('--dynamics', choices=tuple(DYNAMICS), help='bicycle model (kinematic)')
+    parser.add_argument('-q', '--quiet', action='store_true', help="print only the bag's path")
     parser.add_argument(
         '--network',
         action='store_true',
-        help='visible to other machines, too: sets ROS_AUTOMATIC_DISCOVERY_RANGE to SUBNET',
+        help='let other machines see the run: sets ROS_AUTOMATIC_DISCOVERY_RANGE to SUBNET',
     )
     parser.add_argument(
         '--clock',
         action='store_true',
         default=None,
-        help='publish the simulated time on /clock also where the real-time factor is 1, for nodes '
-        'that use_sim_time',
+        help='publish the simulated time on /clock even if the real-time factor is 1, for nodes '
+        'with use_sim_time',
     )
     parser.add_argument(
         '--engine',
         choices=('auto', 'ros', 'local'),
         default='auto',
-        help='what carries the messages: ROS 2, or queues in one process without it (auto: ROS 2 '
-        'where it is installed)',
+        help='carry messages over ROS 2, or without it in queues of one process (auto: ROS 2 if '
+        'it is installed)',
     )
     parser.add_argument(
         '--mirrors',
         action='store_true',
-        help='publish standard messages for RViz, Foxglove and PlotJuggler, too: odometry, tf, '
+        help='also publish standard messages for RViz, Foxglove and PlotJuggler: odometry, tf, '
         'path, markers, diagnostics',
     )
     add_recording_options(parser)
@@ -111,7 +112,7 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
 def choose_engine(options: argparse.Namespace) -> str:
     """Return what carries the messages of a run, `ros` or `local`.
 
-    UserError: an option needs ROS, and there is none, or it is not to be used.
+    UserError: an option needs ROS, and ROS is not installed or not chosen.
     """
     ros = has_ros() if options.engine == 'auto' else options.engine == 'ros'
     if ros and not has_ros():
@@ -145,7 +146,7 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
         '--view-host',
         default='127.0.0.1',
         metavar='ADDRESS',
-        help='address to serve the page at; 0.0.0.0 for a phone in the same network; '
+        help='address of the page; 0.0.0.0 for a phone in the same network; '
         f'anyone with the link can {can} (127.0.0.1)',
     )
 
@@ -160,7 +161,7 @@ def page_of(options: argparse.Namespace) -> str:
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a recording, in a group of their own."""
     group = parser.add_argument_group('recording')
-    add_topic_choice(group, 'record', ", also hidden ones, as '/_service_event'")
+    add_topic_choice(group, 'record', ", also hidden ones such as '/_service_event'")
     group.add_argument(
         '--min-free-space',
         type=number(0, _MAX_SIZE / 2**20),

@@ -89,13 +89,13 @@ def _options(parser: argparse.ArgumentParser) -> Iterator[str]:
     for action in parser._actions:  # noqa: SLF001
         if action.help == argparse.SUPPRESS or isinstance(action, helps):
             continue
-        value = str(action.metavar or (action.dest.upper() if action.nargs != 0 else ''))
+        value = action.metavar or (action.dest.upper() if action.nargs != 0 else '')
+        value = value if isinstance(value, str) else ' '.join(value)
         if action.choices and not action.metavar:
             value = '\\|'.join(str(choice) for choice in action.choices)
         names = ', '.join(action.option_strings)
         shown = f'{names} {"" if action.nargs == 0 else value}' if names else value
-        text = (action.help or '') % vars(action)
-        rows.append((code(shown.strip()), plain(f'{text[:1].upper()}{text[1:]}.')))
+        rows.append((code(shown.strip()), plain((action.help or '') % vars(action))))
     return table(('option', 'meaning; default'), rows) if rows else iter([''])
 
 
