@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
-from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -61,17 +60,18 @@ def close(got: Floats, expected: Floats) -> bool:
     return bool(np.all(near & np.isfinite(got)))
 
 
-_PROPORTIONAL = 1e-6  #: relative error of a result that is the right one but for a factor
+_ROUNDING = 1e-6  #: relative error that single precision makes, and more
 _FACTOR, _SIGN = 0.4, 0.6  #: of a result's points; see `Functions.loss`
-_ABSENT = 'Absent'  #: A topic that begins so is of results that are not there: each counts.
+_ABSENT = 'Absent'  #: A topic that begins so is of results that are not there: each costs all.
 
 
-def _loss(got: Floats, right: Floats) -> float:
-    size = float(np.vdot(right, right))
-    factor = float(np.vdot(got, right)) / size if size else 0.0
-    if factor and np.abs(got - factor * right).max() <= _PROPORTIONAL * np.abs(got).max():
+def _loss(got: Floats, right: Floats, scale: float) -> float:
+    """Return how wrong numbers of this scale are, from 0 to 1."""
+    size = max(float(np.vdot(right, right)), right.size * (_ROUNDING * scale) ** 2)
+    factor = float(np.vdot(got, right)) / size
+    if factor and np.abs(got - factor * right).max() <= _ROUNDING * np.abs(got).max():
         return min(abs(factor - 1.0), _FACTOR) if factor > 0.0 else _SIGN
-    error = float(np.sqrt(np.vdot(got - right, got - right) / size)) if size else inf
+    error = float(np.sqrt(np.vdot(got - right, got - right) / size))
     return min(error, 1.0) if error >= 0.0 else 1.0
 
 
@@ -262,7 +262,7 @@ class Functions:
         """Return whether a result is right."""
         return self.agree(trial.got[name], trial.right[name])
 
-    def loss(self, trials: Iterable[Trial], name: str) -> float:
+    def loss(self, trials: Sequence[Trial], name: str) -> float:
         """Return how wrong a result is, from 0 to 1.
 
         It is the mean of the trials that test it, and that of all others. A factor that is off by
@@ -270,10 +270,11 @@ class Functions:
         with the right result, costs all. A state is judged by its change.
         """
         tested, others = [0.0], [0.0]
+        scale = max(float(np.abs(trial.right[name]).max()) for trial in trials)
         for trial in trials:
             old = trial.inputs.get(name.removesuffix('_next'), 0.0)
             got, right = trial.got[name] - old, trial.right[name] - old
-            loss = 0.0 if self.is_right(trial, name) else _loss(got, right)
+            loss = 0.0 if self.is_right(trial, name) else _loss(got, right, scale)
             (tested if name in trial.tests else others).append(loss)
         shares = (sum(each) / max(len(each) - 1, 1) for each in (tested, others))
         loss = 1.0 - (1.0 - next(shares)) * (1.0 - next(shares))
@@ -294,11 +295,10 @@ class Functions:
         verdicts = dict.fromkeys(own, (1.0, ''))
         placed: dict[str, str] = {}  # one mistake has one line
         for name, cause in causes.items():
-            absent = cause.topic.startswith(_ABSENT)
-            share = losses[name] / (1 if absent else times[cause.kind])
-            most = _SIGN if cause.topic and not absent else 1.0
+            share, most = losses[name] / times[cause.kind], _SIGN if cause.topic else 1.0
+            lost = 1.0 if cause.topic.startswith(_ABSENT) else min(share, most)
             text = placed.setdefault(cause.sentence, self._placed(code, own[name], name, cause))
-            verdicts[name] = 1.0 - min(share, most), text
+            verdicts[name] = 1.0 - lost, text
         return verdicts
 
     def _causes(self, trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Mistake]:
@@ -317,7 +317,7 @@ class Functions:
                 cases[name] = _joined(own, name)
         named = self.law.explain(cases, [name for name in wrong if name in cases], self.agree)
         return {
-            name: causes.get(name) or named.get(name) or self._largest_error(trials, name)
+            name: causes.get(name) or named.get(name) or self._unnamed(trials, name)
             for name in wrong
         }
 
@@ -336,9 +336,14 @@ class Functions:
         line = self._line(code, trial, name, index, wrong)
         return f'{line}: {cause.sentence}' if line else cause.sentence
 
-    def _largest_error(self, trials: Sequence[Trial], name: str) -> Mistake:
-        """Return a mistake that names where a result is wrong, and its largest error."""
+    def _unnamed(self, trials: Sequence[Trial], name: str) -> Mistake:
+        """Return a mistake that no law has: a result that never changes, or its largest error."""
         own = [trial for trial in trials if name in trial.got]
+        if not any(np.ptp(trial.got[name], axis=-1).any() for trial in own):
+            values = {*np.concatenate([trial.got[name].ravel() for trial in own]).tolist()}
+            always = f'{values.pop():.6g}' if len(values) == 1 else 'the same in a call'
+            text = f'{name} is always {always}: is it computed, and returned?'
+            return Mistake(_ABSENT, text, {}, text)
         bad = [trial for trial in own if not self.is_right(trial, name)]
         where = f' ({", ".join(trial.name for trial in bad)})' if len(bad) < len(own) else ''
         trial = max(bad, key=lambda each: each.largest_error(name)[1])

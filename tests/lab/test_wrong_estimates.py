@@ -45,6 +45,8 @@ milliseconds | 81 |  | the delay is in milliseconds
     delay, half[2] -> 1000 * delay, 1000 * half[2]
 the delay ignored | 59 |  | delay is always 0
     delay = delays[k] - p[1] / (2 * p[0]) -> delay = 0.0
+a guess | 40 |  | delay is always 0.1
+    return [drag, half[0], friction, half[1], delay -> return [2e-4, half[0], 0.09, half[1], 0.1
 no friction | 49 |  | friction is always 0
     -moving -> 0.0 * moving
     np.linalg.inv -> np.linalg.pinv

@@ -39,7 +39,11 @@ not closed | 78 |  | the lap is closed
     range(2 * n):  # forwards -> range(n - 1):  # forwards
     range(2 * n, 0, -1) -> range(n - 1, 0, -1)
 speeds of another track | 78 |  | profile is wrong. The largest error: profile(curvatures, step=
+    return [v**0.5 for v in v2] -> return [v**0.5 for v in v2[::-1]]
+a constant speed | 70 |  | profile is always 5: is it computed
     return [v**0.5 -> return [5.0
+a mean speed | 70 |  | profile is always the same in a call
+    return [v**0.5 for v in v2] -> return [(sum(v2) / len(v2))**0.5] * len(v2)
 the centre line | 56 |  | that of the centre line
     n = bounded(J, bends, half)⏎    return -> n = 0.0 * x⏎    return
 the other side | 50 |  | positive is to the left
@@ -74,7 +78,7 @@ an unknown H with another model | 75 |  | program is wrong. The largest error
 a model of its own in program | 84 |  | predict is wrong. The largest error
     b1, d / L] -> 0.7 * b1 + d, d / L]
     = predict(speed) -> = 1.0, 0.1 * speed, 0.0, 1.0, 0.05 * speed + speed**2 / 600, speed / 30
-a huge model | 65 |  | number 1, gave 1e+300
+a huge model | 65 |  | predict is always 1e+300
     return [1.0, d, 0.0, 1.0, b1, d / L] -> return [1e300] * 6
     np.append(H, g) -> np.ones(110)
 a missing bracket | 0 | def profil | syntax error

@@ -78,6 +78,11 @@ no ts | 93 | x_next = | ts is missing in x_next
     beta = -> ts = 0.01⏎    beta =
 order of the result | 88 | return [ | v_next is returned in place of psi_next
     psi_next, v_next] -> v_next, psi_next]
+rounded to six digits | 98 | return [ | the results are rounded: return them as they are
+    [x_next, y_next, psi_next, v_next] -> [round(z, 6) for z in (x_next, y_next, psi_next, v_next)]
+single precision | 98 | return numpy | the results are rounded to single precision
+    return [ -> import numpy⏎    return numpy.float32([
+    v_next]⏎ -> v_next])⏎
 an assertion uphill | 94 | assert theta | AssertionError
     beta = -> assert theta < 0.2⏎    beta =
 the template's model | 50 | raise | bikeFE is not written yet (TODO)
@@ -109,6 +114,8 @@ kp in all terms | 94 |  | kp multiplies
     P + I + D -> P + self.kp * (I + D)
 whole numbers | 87 | return int | the outputs are whole numbers
     return output -> return int(output)
+rounded outputs | 96 | return round | the outputs are rounded: return them as they are
+    return output -> return round(output, 3)
 own gains | 88 |  | the gains that PID gets have no effect
     = kp -> = 30
     = ki -> = 60

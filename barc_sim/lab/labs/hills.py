@@ -6,8 +6,8 @@ barc_sim's holds the car at a standstill; the lab's equation does not.
 Of the PID each term is judged alone, and its drive over the hills. Every common form of a term is
 right. The integral can add an error, or the mean of two, with or without the first, before or after
 it is used. The derivative can use the error or the measurement, with or without a low-pass filter
-of first order. The first outputs are not judged. A positive constant factor, such as a missing dt,
-is right and remarked upon: the gains absorb it.
+of first order, or a mean over five calls. The first outputs are not judged. A positive constant
+factor, such as a missing dt, is right and remarked upon: the gains absorb it.
 """
 
 from __future__ import annotations
@@ -245,6 +245,11 @@ def _before(values: Floats) -> Floats:
     return np.concatenate([values[:, :1], values[:, :-1]], axis=1)
 
 
+def _last(values: Floats, count: int) -> list[Floats]:
+    """Return the values of a call, of the call before, and so on."""
+    return [values, *_last(_before(values), count - 1)] if count else []
+
+
 PID_LAW = replace(
     read_law(Path(__file__).with_name('pid.txt')),
     functions={
@@ -310,6 +315,7 @@ _TOLERANCE = 1e-9  #: [m/s²]
 _RELATIVE = 1e-7
 _HALF = 0.5
 _KEPT = 0.99  #: A low-pass filter keeps less of its last output.
+_CHANGES = 5  #: of which D may be a mean
 
 
 def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> list[Sample]:
@@ -328,8 +334,8 @@ def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> l
 
 
 def _fitted(got: Floats, *columns: Floats) -> list[float]:
-    """Return how much of each column the outputs are, from the fourth call on; nothing if not."""
-    values, wanted = np.stack(columns, -1)[:, 3:].reshape(-1, len(columns)), got[:, 3:].ravel()
+    """Return how much of each column the outputs are, from the eighth call on; nothing if not."""
+    values, wanted = np.stack(columns, -1)[:, 7:].reshape(-1, len(columns)), got[:, 7:].ravel()
     scale = np.abs(values).max(0)
     if not (np.all(scale) and 0.0 < np.abs(wanted).max() < NOT_A_CAR):
         return []
@@ -350,22 +356,25 @@ def factor_of(trial: Trial) -> float:
 
     P is the error. What I grows by is a sum of the last errors, each with a positive share: it adds
     an error, or the mean of two, before or after it is used. D is the change of the error or of the
-    measurement, also through a low-pass filter of first order.
+    measurement, also through a low-pass filter of first order, or over several calls.
     """
     ((name, outputs),), inputs = trial.got.items(), trial.inputs
     outputs = outputs / inputs[f'k{name.lower()}']
     e, v = inputs['reference'] - inputs['measured'], inputs['measured']
     if name == 'P':
-        ways = [_fitted(outputs, e)]
-    elif name == 'I':
-        last = e * TS, _before(e) * TS, _before(_before(e)) * TS
-        ways = [_fitted(outputs - _before(outputs), *last)]
-    else:
-        ways = [_fitted(outputs, (x - _before(x)) / TS, _before(outputs)) for x in (e, -v)]
-    for shares in ways:
-        kept = shares[1] if shares and name == 'D' else 0.0
-        if shares and min(shares) >= -_RELATIVE * max(shares) and kept < _KEPT:
-            return (sum(shares) - kept) / (1.0 - kept)
+        return max(sum(_fitted(outputs, e)), 0.0)
+    if name == 'I':
+        shares = _fitted(outputs - _before(outputs), *_last(e * TS, 3))
+        is_sum = shares and min(shares) >= -_RELATIVE * max(shares)
+        return sum(shares) if is_sum else 0.0
+    for x in (e, -v):
+        change = (x - _before(x)) / TS
+        share, kept = _fitted(outputs, change, _before(outputs)) or (0.0, 0.0)
+        if share > 0.0 and -_RELATIVE * share <= kept < _KEPT:
+            return share / (1.0 - kept)
+        shares = _fitted(outputs, *_last(change, _CHANGES))
+        if shares and shares[0] > 0.0 and sum(shares) > _RELATIVE:
+            return sum(shares)
     return 0.0
 
 

@@ -85,6 +85,14 @@ CONTROLLERS = {
         'D = self.kd * change',
         "D = self.D = 0.6 * getattr(self, 'D', 0.0) + 0.4 * self.kd * change",
     ),
+    'derivative of second order': (
+        'D = self.kd * change',
+        'c = self.c = [*getattr(self, "c", [0.0]), change]; D = self.kd / 2 * (3 * c[-1] - c[-2])',
+    ),
+    'slope of five calls': (
+        'D = self.kd * change',
+        'self.e = [*getattr(self, "e", []), e]; D = self.kd * (e - self.e[-6:][0]) / 5',
+    ),
     'own limits': ('return max(-8.0, min(8.0, output))', 'return max(-8.5, min(8.5, output))'),
     'an array': (
         'return max(-8.0, min(8.0, output))',
