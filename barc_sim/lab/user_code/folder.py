@@ -25,7 +25,7 @@ from inspect import Parameter, Signature, signature
 from itertools import islice
 from reprlib import Repr
 from threading import get_ident
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 from barc_sim.errors import one_line, without_addresses
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     import ast
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
-    from types import CodeType, FrameType, ModuleType
+    from types import CodeType, FrameType
 
     _P = ParamSpec('_P')
 
@@ -172,16 +172,22 @@ class Folder:
         self.stand_in: Callable[[str], Any] = lambda _: None
         self.sources: dict[str, Source] = {}  #: the loaded files, by path
         self.failed: dict[Path, UserCodeError] = {}  #: why files cannot be loaded
-        self._names = {file.stem for file in path.glob('*.py')} - sys.stdlib_module_names
+        own = {file.stem for file in path.glob('*.py')}
+        own |= {file.parent.name for file in path.glob('*/*.py')}
+        self._names = own - sys.stdlib_module_names
         self._modules: dict[str, ModuleType] = {}
         #: The names that all of its files find.
         self.builtins = {**vars(builtins), '__import__': self._import, 'input': _no_input}
         if output:
             self.builtins['print'] = _print_to(output)
+        if budget is None:
+            self.builtins['open'] = self._open
 
     def again(self) -> Folder:
         """Return the same folder with nothing loaded."""
-        return Folder(self.path, self._output, budget=self.budget)
+        found = Folder(self.path, self._output, budget=self.budget)
+        found.tolerated = self.tolerated
+        return found
 
     def load(self, file: Path, name: str = '') -> ModuleType:
         """Import `file`, once, with a `name` other than its own; its exceptions are passed on."""
@@ -240,13 +246,41 @@ class Folder:
         top = name.partition('.')[0]
         if level == 0 and (stand_in := self.stand_in(name if fromlist else top)):
             return stand_in  # type: ignore[no-any-return]
-        if level and not name:
+        if level:
+            name, top = self._absolute(name, globals or {}, level)
+        if not name:
             # A file of the lab's package is loaded by itself: its neighbours are in its folder.
             found = {each: self._import(each, globals, locals, (each,)) for each in fromlist}
             return SimpleNamespace(**found)  # type: ignore[return-value]
-        if top in self._names:
-            return self.load(self.path / f'{top}.py', top)
+        if top in self._names and (module := self._own(name)):
+            for each in fromlist or ():
+                if not hasattr(module, each):
+                    self._own(f'{name}.{each}')
+            return module if fromlist else self._modules[top]
         return self._import_installed(name, globals, locals, fromlist)
+
+    def _absolute(self, name: str, importer: Mapping[str, Any], level: int) -> tuple[str, str]:
+        """Return the name of a module that is imported by a relative one, and its first part."""
+        above = level - str(importer.get('__file__')).endswith('__init__.py')
+        package = str(importer.get('__name__')).split('.')
+        parts = [*package[: len(package) - above], *filter(None, [name])]
+        return '.'.join(parts), parts[0] if parts else ''
+
+    def _own(self, name: str) -> ModuleType | None:
+        """Return the module or package `name` of this folder, if it is there."""
+        outer, _, last = name.rpartition('.')
+        package = self._own(outer) if outer else None
+        path = self.path.joinpath(*name.split('.'))
+        files = path.with_suffix('.py'), path / '__init__.py'
+        if file := next((each for each in files if each.is_file()), None):
+            module = self.load(file, name)
+        elif path.is_dir():
+            module = self._modules.setdefault(name, ModuleType(name))
+        else:
+            return None
+        if package:
+            setattr(package, last, module)
+        return module
 
     def _import_installed(
         self,
@@ -277,6 +311,13 @@ class Folder:
         self.tolerate(f'{self.sources[path].name} imports {name}: {why}')
         absent: Any = Absent(name if fromlist else top, reason)
         return absent  # type: ignore[no-any-return]
+
+    def _open(self, file: Any, mode: str = 'r', *args: Any, **options: Any) -> Any:  # noqa: ANN401
+        """Open a file to read it; what is written while code is judged goes nowhere."""
+        if {*mode} & {*'wax+'}:
+            self.tolerate(f'{short_repr(file)} is not written here')
+            file, mode = os.devnull, mode.replace('x', 'w')
+        return open(file, mode, *args, **options)  # noqa: PTH123 (as they call it)
 
     def tolerate(self, phrase: str) -> None:
         """Add a phrase on what is wrong, and is taken all the same."""
@@ -548,13 +589,12 @@ def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: 
     if count == 1:
         value = number(result)
         return value if value is not None and math.isfinite(value) else None
-    if hasattr(result, 'ravel'):
-        result = list(islice(result.ravel(), count + 1))
-    if not isinstance(result, (list, tuple)) or len(result) != count:
-        return None
-    values = [number(value) for value in islice(result, count)]
+    if isinstance(result, (dict, set)):
+        return None  # they have no order of results
+    each_value = result.ravel() if hasattr(result, 'ravel') else result
+    values = [number(value) for value in islice(each_value, count + 1)]
     finite = [value for value in values if value is not None and math.isfinite(value)]
-    return finite if len(finite) == count else None
+    return finite if len(finite) == len(values) == count else None
 
 
 def hint_on(folder: Folder, error: BaseException) -> str:

@@ -38,8 +38,8 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
 _TO_ALL = 'for i in range(3, 64):\n try: os.write(i, {})\n except OSError: pass'
 #: Each is refused with an exception, which names the reason.
 REFUSED = {
-    'write into its own folder': ("open('results.json', 'w')", 'Permission denied'),
-    'write elsewhere': ("open('/tmp/results.json', 'w')", 'Permission denied'),
+    'write into its own folder': ("import io; io.open('results.json', 'w')", 'Permission denied'),
+    'write elsewhere': ("import io; io.open('/tmp/results.json', 'w')", 'Permission denied'),
     'delete its own file': ("os.unlink('bike_model.py')", 'not permitted'),
     'read the rubric': (
         f'open({str(Path(barc_sim.__file__).parent / "lab" / "grade" / "rubrics" / "lab.yaml")!r})',
@@ -117,6 +117,7 @@ ALLOWED = {
     'read its own files': "assert 'bikeFE' in open('bike_model.py').read()",
     'import its own modules': 'import helper; assert helper.ANSWER == 42',
     'write to nowhere': "print('hello', file=open(os.devnull, 'w'))",
+    'write what is dropped': "for mode in 'wax': print('hello', file=open('results.json', mode))",
     'close its output': 'os.close(1); os.close(2)',
     'have nothing in its environment': "assert not {'HOME', 'PATH'} & {*os.environ}",
 }

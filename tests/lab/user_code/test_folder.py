@@ -64,6 +64,27 @@ def test_modules_may_import_one_another(tmp_path: Path) -> None:
     assert module.helpers.f() is module.helpers
 
 
+def test_a_package_is_imported_as_python_does(tmp_path: Path) -> None:
+    files = {
+        'a/__init__': 'from .b import B',
+        'a/b': 'from ..top import T\nfrom .c.d import D\nB = T + D',
+        'a/c/d': 'D = 20',
+        'top': 'T = 1',
+    }
+    for name in ('a/c', 'e'):
+        (tmp_path / name).mkdir(parents=True)
+    own = folder(
+        tmp_path,
+        main='import a.b, a.c.d as d\nfrom a import B, b, c\nfrom e import f\nimport a.c',
+        **files,
+        **{'e/f': 'import a'},
+    )
+    module = own.load(own.path / 'main.py')
+    assert (module.B, module.b.B, module.a.c.d.D, module.c.d) == (21, 21, 20, module.d)
+    assert module.f.a is module.a
+    assert [*sys.modules] == [name for name in sys.modules if name not in {'a', 'e', 'a.b'}]
+
+
 def test_a_standard_module_is_not_hidden_by_a_file_of_its_name(tmp_path: Path) -> None:
     own = folder(tmp_path, main='import random', random='mine = True')
     assert not hasattr(own.load(own.path / 'main.py').random, 'mine')

@@ -60,6 +60,9 @@ def model(tmp_path: Path, body: str, before: str = '') -> UserFunction:
         'import numpy as np; return np.array([[x], [y], [psi], [v]])',
         'import numpy as np; return [np.float64(x), np.array([y]), np.array(psi), v]',
         'import math; return [math.fabs(x), int(y), psi, v]',
+        'return map(float, (x, y, psi, v))',
+        'return dict(x=x, y=y, psi=psi, v=v).values()',
+        'import itertools; return (e for e in (x, y, psi, v))',
     ],
 )
 def test_four_numbers_of_any_kind_become_floats(tmp_path: Path, body: str) -> None:
@@ -74,6 +77,7 @@ def test_four_numbers_of_any_kind_become_floats(tmp_path: Path, body: str) -> No
         ('pass', 'None; ' + FOUR + ': is its return missing?'),
         ('return [x, y, psi]', '[1.0, 2.0, 0.5]; ' + FOUR),
         ('return [x, y, psi, float("nan")]', '[1.0, 2.0, 0.5, nan]; ' + FOUR),
+        ('return {x, x + 1, x + 2, x + 3}', '{1.0, 2.0, 3.0, 4.0}; ' + FOUR),
         ('return [x, y, psi, "8"]', "[1.0, 2.0, 0.5, '8']; " + FOUR),
         ('return [x, y, psi, 1j]', '[1.0, 2.0, 0.5, 1j]; ' + FOUR),
         ('return list(range(10 ** 4))', '[0, 1, 2, 3, 4, 5, ...]; ' + FOUR),
