@@ -28,12 +28,14 @@ from barc_sim.lab.files import (
 from barc_sim.lab.user_code.folder import (
     BUDGET,
     BY_EYE,
+    SECOND,
     Budget,
     Called,
     Command,
     Folder,
     OutOfTime,
     UserFunction,
+    clock,
     describe_error,
     guarded,
     hint_on,
@@ -57,6 +59,7 @@ _ATTACHED = 'student/'
 _MAX_VALUES = 5000  # of the names in a function
 #: [s] Time budget to load a file: it might import SciPy.
 _LOADING = 20.0
+_PERIOD = SECOND // 50  #: [ns] between two calls of an object that is judged
 
 
 _ERRORS = 'two finite numbers, [e_y, e_psi]'
@@ -144,6 +147,7 @@ class UserCode:
                 phrase = f'{path.name} is taken as {usual}: did you mean that name?'
                 self._folders[path.parent].tolerate(phrase)
         self._made: dict[int, Callable[..., float]] = {}  # by the requests' numbers
+        self._now = 1000 * SECOND  # [ns] on the clock of an object that is judged
         self._loaded: dict[str, Any] = {}  # by part: a UserFunction, a RelayProgram, or its error
 
     def load(self) -> Self:
@@ -206,6 +210,8 @@ class UserCode:
         if fresh:
             self._part(part)  # raises what its first loading has raised
             folder = folder.again()
+            own = {'time': clock(lambda: self._now, self._sleep)}
+            folder.stand_in = own.get
         name, value = _defined(folder, path, names)
         called = CALLED[name]
         if not (isinstance(value, type) if called.method else callable(value)):
@@ -336,7 +342,14 @@ class UserCode:
         """Return the outputs of what was made, for one row of inputs after the other."""
         if number not in self._made:
             raise UserError(f'{name}: the process of this object has ended')
-        return [self._made[number](*row) for row in rows]
+        outputs = []
+        for row in rows:
+            self._sleep(_PERIOD)
+            outputs.append(self._made[number](*row))
+        return outputs
+
+    def _sleep(self, duration: int) -> None:
+        self._now += duration  # [ns]
 
     def lines(self, do: str, *arguments: Any) -> list[tuple[str, float]]:  # noqa: ANN401 (JSON)
         """Return the lines that give numbers to names in a request, with these; last, its return.

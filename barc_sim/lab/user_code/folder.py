@@ -50,6 +50,7 @@ _T = TypeVar('_T')
 
 #: [s] Default time budget of a call: a hundred steps of the car.
 BUDGET = 2.0
+SECOND = 10**9  #: [ns]
 #: In the error of a function that still is the template's.
 NOT_WRITTEN = 'is not written yet (TODO)'
 #: In the error of a relay that cannot be judged here.
@@ -333,6 +334,20 @@ def _print_to(output: Callable[[str], object]) -> Callable[..., None]:
             output(text.getvalue())
 
     return user_print
+
+
+def clock(now_ns: Callable[[], int], sleep_ns: Callable[[int], object]) -> SimpleNamespace:
+    """Return the module `time` with another clock."""
+
+    def seconds() -> float:
+        return now_ns() / SECOND
+
+    def sleep(seconds: float) -> None:
+        sleep_ns(round(max(float(seconds), 0.0) * SECOND))
+
+    own = dict.fromkeys(('time', 'monotonic', 'perf_counter'), seconds)
+    own |= dict.fromkeys(('time_ns', 'monotonic_ns', 'perf_counter_ns'), now_ns)
+    return SimpleNamespace(**{**vars(time), **own, 'sleep': sleep})
 
 
 def _no_input(*_: object) -> str:

@@ -11,7 +11,6 @@ message takes its fields by position, and whole numbers for floats.
 from __future__ import annotations
 
 import threading
-import time
 from functools import partial
 from math import isfinite
 from types import SimpleNamespace
@@ -25,6 +24,7 @@ from barc_sim.lab.user_code.folder import (
     Budget,
     Command,
     OutOfTime,
+    clock,
     describe_error,
     raised_at,
 )
@@ -290,13 +290,8 @@ class RelayRun(World):
 
     def _stand_ins(self) -> Callable[[str], Any]:
         """Return what gives the modules that take the places of the program's, by name."""
-        clock = {
-            **dict.fromkeys(('time', 'monotonic', 'perf_counter'), lambda: self._seconds),
-            **dict.fromkeys(('time_ns', 'monotonic_ns'), lambda: self.now_ns),
-            'sleep': lambda seconds: self.sleep(round(max(float(seconds), 0.0) * SECOND)),
-        }
         threads = SimpleNamespace(**{**vars(threading), 'Thread': _NoThread})
-        found = {'time': SimpleNamespace(**vars(time) | clock), 'threading': threads}
+        found = {'time': clock(lambda: self.now_ns, self.sleep), 'threading': threads}
         if self._program.ros == 'rospy':
             found |= rospy_modules(self)
         return lambda name: found.get(name) or find_module(name)

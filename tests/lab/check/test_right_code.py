@@ -93,6 +93,10 @@ CONTROLLERS = {
         'D = self.kd * change',
         'self.e = [*getattr(self, "e", []), e]; D = self.kd * (e - self.e[-6:][0]) / 5',
     ),
+    "the computer's clock": (
+        'dt = 0.02',
+        'import time; before = getattr(self, "t", 0.0); self.t = time.time(); dt = self.t - before',
+    ),
     'own limits': ('return max(-8.0, min(8.0, output))', 'return max(-8.5, min(8.5, output))'),
     'an array': (
         'return max(-8.0, min(8.0, output))',
