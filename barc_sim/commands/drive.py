@@ -159,6 +159,7 @@ def _add_track_options(parser: Parser) -> None:
     )
     parser.add_argument(
         '--lane',
+        type=_law,
         choices=tuple(LANE_TYPES),
         help=f'steering law on a track, unless --lab has a lane.py ({DEFAULT_LANE})',
     )
@@ -177,6 +178,12 @@ def _add_track_options(parser: Parser) -> None:
         metavar=('LATERAL', 'LONGITUDINAL'),
         help='drive as fast as these accelerations [m/s²] allow on the track, --speed at most',
     )
+
+
+def _law(text: str) -> str:
+    if text.endswith('.py'):
+        raise ArgumentTypeError(f'{text!r} is a file: name the folder of your lane.py with --lab')
+    return text
 
 
 def _gain(text: str) -> tuple[str, float]:

@@ -124,6 +124,7 @@ def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
         ('--speed-profile 3 2', '--speed-profile is for a track'),
         ('--lab .', 'lane.py is for a track'),
         ('--track L --lane pid', "invalid choice: 'pid'"),
+        ('--track L --lane lane.py', "'lane.py' is a file: name the folder of your lane.py with"),
         ('--track L --lane-gain k=1', 'k: this controller has no such gain, but q_e_y, q_e_psi'),
         ('--track L --lane-gain q_e_y=0', 'q_e_y: 0 is not a number from 1e-06 to 1000'),
         ('--track L --lane speed-mpc --speed 6', '--speed and speed-mpc both drive: give one of'),
