@@ -151,6 +151,7 @@ def _print_table(console: Console, header: Sequence[str], rows: Iterable[Iterabl
     table = Table(*header, box=None, pad_edge=False)
     for column in table.columns[:-1]:
         column.no_wrap = True
+    table.columns[-1].overflow = 'fold'
     for column in table.columns[1:-1]:
         column.justify = 'right'
     for cells in rows:

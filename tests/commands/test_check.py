@@ -110,6 +110,15 @@ def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
     assert max(map(len, text.splitlines())) <= 100
 
 
+def test_in_a_narrow_terminal_nothing_is_cut_off(wrong: Path) -> None:
+    file = wrong / 'controller.py'
+    file.write_text(replaced(file.read_text(), ('return ', 'return nothing + ')), encoding='utf-8')
+    out = StringIO()
+    console = Console(file=out, force_terminal=True, color_system=None, width=60)
+    print_report(HILLS.judge_folder(wrong, load().settings), load(), console)
+    assert '…' not in out.getvalue().replace('… and more', '')
+
+
 def test_the_figure_is_saved_as_asked(wrong: Path, tmp_path: Path) -> None:
     assert barc(['check', str(wrong), '--save', str(tmp_path / 'a.svg')]) == 1
     assert (tmp_path / 'a.svg').stat().st_size > 1000
