@@ -6,6 +6,7 @@ Each is far beyond what a run records. What exceeds one is named in a UserError.
 from __future__ import annotations
 
 import json
+import re
 from math import inf
 from time import thread_time
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -96,6 +97,14 @@ class _Loader(yaml.SafeLoader):
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError('an alias')
         return super().compose_node(parent, index)
+
+
+# ROS takes 1e3, inf and nan for numbers, too.
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?((\d+\.?\d*|\.\d+)[eE][-+]?\d+|inf|nan)$'),
+    list('-+.0123456789in'),
+)
 
 
 def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)

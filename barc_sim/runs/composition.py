@@ -8,7 +8,6 @@ import shutil
 import sys
 import time
 from contextlib import contextmanager, suppress
-from fnmatch import fnmatchcase
 from functools import partial
 from itertools import pairwise
 from platform import platform, python_version
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import rclpy
 import yaml
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
@@ -81,6 +81,8 @@ def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
         raise UserError(f'ROS cannot start with its arguments: {error}') from None
     try:
         yield MultiThreadedExecutor
+    except InvalidTopicNameException as error:  # as ROS does before the first node
+        raise UserError(str(error)) from None
     finally:
         rclpy.try_shutdown()
 
@@ -339,8 +341,8 @@ def _warn_of_unused(ros_args: list[str], nodes: list[Node]) -> None:
     for option, rule in pairwise(ros_args):
         target = rule.partition(':=')[0]
         owner, _, name = target.rpartition(':')
-        pattern = f'/{owner.lstrip("/")}' if owner else '*'
-        matched = (each for each in nodes if fnmatchcase(each.get_fully_qualified_name(), pattern))
+        owner = owner and f'/{owner.lstrip("/")}'
+        matched = (each for each in nodes if owner in ('', each.get_fully_qualified_name()))
         if option in ('-p', '--param') and not any(each.has_parameter(name) for each in matched):
             warn(
                 f'-p {target} sets nothing, as no node has this parameter; a name without a node '

@@ -83,7 +83,10 @@ def test_what_cannot_be_is_one_sentence_and_leaves_no_bag(tmp_path: Path) -> Non
         'node keyboard': 'barc node',
         f'{wrong}controller:kp:=30': 'parameter kp of controller must be of type float, such as',
         f'{wrong}kp:=-2e6': 'parameter kp of controller: -2e+06 is not a number from',
-        f'{wrong}kp': "Couldn't parse param rule: 'kp': expected NAME:=VALUE",
+        f'{wrong}kp': "Couldn't parse -p 'kp': expected NAME:=VALUE",
+        f'{wrong}kp:=[1': "Couldn't parse -p 'kp:=[1': no YAML",
+        f'{wrong}use_sim_time:=true': 'use_sim_time needs ROS 2',
+        'acc -q --ros-args -r __ns:=/1car': "Invalid name '1car': expected letters",
     }
     words = json.dumps([line.split() for line in lines])
     found = python(tmp_path, '-c', REFUSE, words).stdout.splitlines()

@@ -15,6 +15,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import topic
+from barc_sim.errors import UserError
 from barc_sim.ros.local.executor import (
     SECOND,
     CallbackGroup,
@@ -225,7 +226,7 @@ class Node(Parameters):
         given |= {each.name: each.value for each in parameter_overrides or ()}
         super().__init__(events, given)
         if self.declare_parameter('use_sim_time', False).value:
-            raise ValueError('use_sim_time is for nodes of ROS 2: there is no /clock without it')
+            raise UserError('use_sim_time needs ROS 2: without it there is no /clock; leave it out')
         self.declare_parameter('start_type_description_service', True)
         if start_parameter_services:
             self.serve()

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import array
-from contextlib import suppress
+import re
 from enum import Enum
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -38,22 +37,27 @@ class Arguments:
             if word == '--ros-args':
                 for option in iter(lambda: next(rest, '--'), '--'):
                     if option != '--ros-args':
-                        self._add(option, next(rest, ''), world)
+                        self._parse(option, next(rest, ''), world)
+
+    def _parse(self, option: str, text: str, world: World) -> None:
+        try:
+            self._add(option, text, world)
+        except (OSError, ValueError) as error:
+            raise RuntimeError(f"Couldn't parse {option} {text!r}: {error}") from None
 
     def _add(self, option: str, text: str, world: World) -> None:
         target, _, value = text.rpartition(':=')
         node, _, name = target.rpartition(':')
         if option == '--log-level':
             if value.upper() not in LoggingSeverity.__members__:
-                raise RuntimeError(f"Couldn't parse log level rule: '--log-level {text}'")
+                raise ValueError(f'expected one of {", ".join(LoggingSeverity.__members__)}')
             world.log_levels[target] = LoggingSeverity[value.upper()]
         elif option == '--params-file':
             self._parameters += _of_file(Path(text))
         elif option not in ('-p', '--param', '-r', '--remap'):
-            raise RuntimeError(f'found unknown ROS arguments: {option!r}')
+            raise ValueError('expected -p, -r, --params-file or --log-level')
         elif not target:
-            kind = 'param' if 'p' in option[:3] else 'remap'
-            raise RuntimeError(f"Couldn't parse {kind} rule: {text!r}: expected NAME:=VALUE")
+            raise ValueError('expected NAME:=VALUE')
         elif option in ('-p', '--param'):
             self._parameters.append(_Rule(node, name, _value(value)))
         else:
@@ -69,35 +73,43 @@ class Arguments:
         return {
             rule.name: rule.value
             for rule in self._parameters
-            if fnmatchcase(node, f'/{rule.node.lstrip("/")}' if rule.node else '*')
+            if re.fullmatch(_pattern(rule.node or '**'), node)
         }
+
+
+def _pattern(nodes: str) -> str:
+    """Return the expression for the full names of nodes: `*` is one word, `**` any number."""
+    escaped = re.escape(f'/{nodes.lstrip("/")}')
+    return escaped.replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
 
 
 # A submission's process has no PyYAML, and no arguments either.
 def _value(text: str) -> Any:
-    import yaml
+    from barc_sim.bags.bounds import from_yaml
 
-    for kind in (int, float):
-        with suppress(ValueError):
-            return kind(text)
-    return yaml.safe_load(text)
+    return _allowed(from_yaml(text))
+
+
+def _allowed(value: Any) -> Any:
+    try:
+        Type.from_parameter_value(value)
+    except TypeError as error:
+        raise ValueError(error) from None
+    return value
 
 
 def _of_file(file: Path) -> Iterator[_Rule]:
     from barc_sim.bags.bounds import MAX_TEXT, from_yaml
 
-    try:
-        if file.parent == _OPEN_FILES:  # such as a pipe of the shell's, `<(…)`
-            text = file.read_text(encoding='utf-8')
-        else:
-            text = read_regular(file, MAX_TEXT).decode()
-        for path, value in _flat(from_yaml(text) or {}, ''):
-            node, below, name = path.partition('/ros__parameters/')
-            if not below:
-                raise ValueError(f'{path!r} does not stand below ros__parameters')  # noqa: TRY301
-            yield _Rule(node, name.replace('/', '.'), value)
-    except (OSError, ValueError) as error:
-        raise RuntimeError(f'Error parsing the parameters in {str(file)!r}: {error}') from None
+    if file.parent == _OPEN_FILES:  # such as a pipe of the shell's, `<(…)`
+        text = file.read_text(encoding='utf-8')
+    else:
+        text = read_regular(file, MAX_TEXT).decode()
+    for path, value in _flat(from_yaml(text) or {}, ''):
+        node, below, name = path.partition('/ros__parameters/')
+        if not below:
+            raise ValueError(f'{path!r} does not stand below ros__parameters')
+        yield _Rule(node, name.replace('/', '.'), _allowed(value))
 
 
 def _flat(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:

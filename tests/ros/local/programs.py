@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 import time
 import traceback
 from typing import Any
@@ -370,6 +371,30 @@ def ends_and_begins(node: Node) -> None:
         executor.spin()
     print(rclpy.ok(), own.context.ok(), executor.shutdown())
     rclpy.try_shutdown()
+
+
+def arguments(_: Node) -> None:
+    def overrides(*words: str) -> None:
+        rclpy.try_shutdown()
+        rclpy.init(args=['--ros-args', *words])
+        for space in ('/', '/car1', '/a/b'):
+            own = Node('own', namespace=space)
+            print(space, [own.declare_parameter(name, 0.5).value for name in ('kp', 'a.b')])
+            own.destroy_node()
+
+    for nodes in ('own', '/**', '/*', '/**/own', '/*/own', '/car1/*', '/car1/**', 'car1/own'):
+        print(nodes)
+        with tempfile.NamedTemporaryFile('w', encoding='utf-8', suffix='.yaml') as file:
+            file.write(f'{nodes}:\n  ros__parameters:\n    kp: 1e3\n    a:\n      b: -.inf\n')
+            file.flush()
+            overrides('--params-file', file.name)
+    for value in ('1.5', '.5', '+5.', '-1e+3', '.5e1', 'inf', '-inf'):
+        overrides('-p', f'own:kp:={value}', '-p', 'a.b:=2.0', '-p', 'a.b:=3.0')
+    for wrong in ('[1, 2.0]', '{a: 1}', '[1'):
+        try:
+            overrides('-p', f'kp:={wrong}')
+        except RuntimeError:
+            print('refused')
 
 
 PROGRAMS = [
