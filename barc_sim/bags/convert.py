@@ -19,7 +19,7 @@ from barc_sim.bags.contents import Contents, types_of
 from barc_sim.bags.recording import make_directory, selected
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
-from barc_sim.simulation.log import COLUMNS, Log
+from barc_sim.simulation.log import COLUMNS, Log, log_of_columns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -154,14 +154,13 @@ def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
     seen, speeds = (np.array(each, np.float64) for each in rows['v_x'])
     ts = float(np.median(np.diff(seen)))
     t = ts * np.arange(round((seen[-1] - seen[0]) / ts) + 1)
-    never = np.zeros(len(t), np.bool_)
-    columns: dict[str, Any] = dict.fromkeys(COLUMNS, np.full(len(t), np.nan))
+    columns: dict[str, Any] = {}
     for column, (received, values) in rows.items():
         # A command that follows its state at once counts for that state.
         at = np.searchsorted(np.array(received) - seen[0], t + 0.5 * ts) - 1
         columns[column] = np.where(at < 0, np.nan, np.array(values, np.float64)[at])
     columns |= {'t': t, 'v_x': np.interp(t, seen - seen[0], speeds)}
-    return Log(**columns | {'missed': never, 'saturated': never})
+    return log_of_columns(Log, columns)
 
 
 def recover(path: Path, output: Path) -> Contents:

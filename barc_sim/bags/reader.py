@@ -33,6 +33,7 @@ from barc_sim.simulation.log import (
     Log,
     TrackLog,
     columns_of,
+    log_of_columns,
     recordable,
 )
 from barc_sim.vehicle.road import STEEPEST_DEG
@@ -307,13 +308,12 @@ def join(samples: Mapping[str, Samples]) -> Log:
             else np.full((len(fields), len(stamps)), np.nan)
         )
         columns |= zip(fields.values(), rows, strict=True)
-    columns |= {name: columns[name] == 1.0 for name in columns if name.endswith('saturated')}
     columns['missed'] = missed
+    kind = TrackLog if np.isfinite(columns['s']).any() else Log
     terms: dict[str, Floats] = {}
     for topic in samples:
         terms |= samples[topic].terms(places[topic])
-    kind = TrackLog if np.isfinite(columns['s']).any() else Log
-    return kind(**{name: columns[name] for name in kind.declared}, own_terms=terms)
+    return log_of_columns(kind, terms | {name: columns[name] for name in kind.declared})
 
 
 @np.errstate(invalid='ignore')  # of infinite places

@@ -29,7 +29,7 @@ from barc_sim.control.speed import (
 )
 from barc_sim.errors import Parameter, UserError
 from barc_sim.simulation.fast import pid_log
-from barc_sim.simulation.log import LANE_STATE, TrackLog, columns_of, log_of, recordable
+from barc_sim.simulation.log import LANE_STATE, TrackLog, columns_of, log_of
 from barc_sim.simulation.stepper import DISTANCE as END
 from barc_sim.simulation.stepper import LAPS
 from barc_sim.vehicle.bicycles import LateralParameters
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Observation
     from barc_sim.vehicle.road import Signal
 
-    #: Observation, command, and saturation with terms.
+    #: Observation, command, and what the controllers computed.
     _Row = tuple[Observation, Command, tuple[float, ...]]
 
 
@@ -315,22 +315,24 @@ def closed_loop(
         log = pid_log(plant, controller, speed_reference, distance, steps)
         if log is not None:
             return log
-    terms = recordable(controller.terms)
+    names = ['saturated', *controller.terms]
     # With one name alone, an attrgetter would return no tuple.
-    read = attrgetter('saturated', *terms) if terms else lambda each: (each.saturated,)
+    read = attrgetter(*names) if names[1:] else lambda each: (each.saturated,)
     rows: list[_Row] = []
     held, references = speed_reference, []
     dt, servo = FIRST_DT, 0.0
-    track, steering = plant.track, []
-    keeping = LaneKeeping(lane, track) if track else None
+    track, keeping, steering = plant.track, None, ()
+    if track:
+        keeping, of_lane = LaneKeeping(lane, track), columns_of(LANE_STATE)
+        names += [*of_lane.values(), *(LANE + name for name in keeping.own_terms)]
     see = getattr(controller, 'see', lambda _: None)  # its place, of a policy
     for k in range(steps + 1):
         seen = plant.observe()
         place, y, psi, speed, *_ = seen.measured
         if keeping:
             servo = keeping.steer(place, y, psi, speed)
-            place = keeping.place.s
-            steering.append(keeping.computed())
+            place, made = keeping.place.s, keeping.computed()
+            steering = *(made[field] for field in of_lane), *made['values']
         if reference:
             held = reference(k * plant.period_ns / 1e9, place)
         see(place)
@@ -338,7 +340,7 @@ def closed_loop(
         motor = keeping.acceleration(motor) if keeping else motor
         command = Command(motor, servo)
         references.append(nan if keeping and keeping.plans_speed else held)
-        rows.append((seen, command, read(controller)))
+        rows.append((seen, command, read(controller) + steering))
         if plant.distance >= distance:
             break
         if seen.on_track and track and abs(seen.on_track.e_y) > 0.5 * track.width:
@@ -347,37 +349,23 @@ def closed_loop(
             break
         plant.advance(command)
         dt = plant.period_ns / 1e9  # as the nodes take it from stamps
-    of_lane = {
-        column: np.array([each[name] for each in steering])
-        for name, column in columns_of(LANE_STATE).items()
-        if keeping
-    }
-    for i, name in enumerate(keeping.own_terms if keeping else ()):
-        of_lane[LANE + name] = np.array([each['values'][i] for each in steering])
-    return log_of_rows(rows, plant.period_ns, references, terms, track, **of_lane)
+    return log_of_rows(rows, plant.period_ns, references, names, track)
 
 
 def log_of_rows(
     rows: Sequence[_Row],
     period_ns: int,
     references: Sequence[float] | float = nan,
-    terms: Sequence[str] = (),
+    names: Sequence[str] = ('saturated',),
     track: Track | None = None,
-    **columns: Any,  # noqa: ANN401 (arrays)
 ) -> Log:
     """Return the log of states and their commands, in steps of `period_ns`.
 
-    Of `columns`, those that a log does not declare are own terms; a lane law's may be missing.
+    `names` are the columns and own terms that the values of a row are.
     """
     seen, commands, values = zip(*rows, strict=True)
     _, measured, errors, around, _, on_track = zip(*seen, strict=True)
-    saturated, *of_terms = np.array(values, dtype=np.float64).T.copy()
-    recorded = dict(zip(terms, of_terms, strict=True))
-    unknown = np.full(len(rows), nan)
-    if on_track[0]:
-        columns = dict.fromkeys(columns_of(LANE_STATE).values(), unknown) | columns
-    for name in [name for name in columns if name not in TrackLog.declared]:
-        recorded[name] = columns.pop(name)
+    columns = np.array(values, dtype=np.float64).T.copy()
     log = log_of(
         period_ns,
         _arrays(measured),
@@ -385,11 +373,7 @@ def log_of_rows(
         _arrays(commands),
         _arrays(around),
         on_track[0] and _arrays(on_track),
-        reference=np.full(len(rows), references),
-        saturated=saturated.astype(np.bool_),
-        **{name: recorded.pop(name, unknown) for name in PID.terms},
-        own_terms=recorded,
-        **columns,
+        **dict(zip(names, columns, strict=True)) | {'reference': np.full(len(rows), references)},
     )
     return replace(log, track=track) if isinstance(log, TrackLog) else log
 

@@ -276,6 +276,7 @@ for _kind in (Log, TrackLog):
     _kind.declared = MappingProxyType(dict(_declared(_kind)))
 #: What every log declares, by name.
 COLUMNS = Log.declared
+_FLAGS = {'missed', 'saturated', 'steer_saturated'}
 
 
 def columns_of(topic: str) -> dict[str, str]:
@@ -297,24 +298,33 @@ def log_of(
     command: Any,  # noqa: ANN401
     around: Any,  # noqa: ANN401
     on_track: Any = None,  # noqa: ANN401
-    **controller: Any,  # noqa: ANN401
+    **computed: Floats,
 ) -> Log:
-    """Return a log of steps of `period_ns`: observations, commands, and the controller's columns.
+    """Return a log of steps of `period_ns`: observations, commands, and what controllers computed.
 
     The records have arrays of shape `(n,)` as fields.
     """
     n = len(around.theta)
     kind, place = (TrackLog, columns_from(TRACK_STATE, on_track)) if on_track else (Log, {})
-    return kind(
-        t=np.arange(n) * period_ns / 1e9,
+    columns = {
+        't': np.arange(n) * period_ns / 1e9,
         **columns_from(STATE, measured),
         **columns_from(STATE_ERROR, error),
         **columns_from(COMMAND, command),
-        missed=np.zeros(n, np.bool_),
+        'missed': np.zeros(n),
         **columns_from(ENVIRONMENT, around),
         **place,
-        **controller,
-    )
+    }
+    return log_of_columns(kind, computed | columns)
+
+
+def log_of_columns(kind: type[Log], columns: Mapping[str, Floats]) -> Log:
+    """Return the log of these columns and own terms; a column that is absent is unknown."""
+    unknown = np.full(len(columns['t']), np.nan)
+    made: dict[str, Any] = {name: columns.get(name, unknown) for name in kind.declared}
+    flags = {name: made[name] == 1.0 for name in made.keys() & _FLAGS}
+    own = {name: columns[name] for name in columns if name not in kind.declared}
+    return kind(**made | flags, own_terms=own)
 
 
 def recordable(terms: Iterable[str]) -> tuple[str, ...]:

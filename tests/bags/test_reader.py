@@ -131,6 +131,23 @@ def test_a_term_may_have_the_name_of_a_pids_and_none_of_another_column(tmp_path:
     assert_same(bag.read(written(tmp_path, expected)), expected)
 
 
+@pytest.mark.parametrize('track', [None, 'oval'])
+def test_a_term_may_have_the_name_of_a_tracks_column_on_a_road(
+    tmp_path: Path, track: str | None
+) -> None:
+    class Sliding(PID):
+        """A PID that declares its distance from a sliding surface."""
+
+        terms: Mapping[str, str] = {**PID.terms, 's': 'its name is that of a column'}
+        s = 7.0
+
+    plant = Plant(track=Track.named(track) if track else None)
+    expected = closed_loop(plant, Sliding(output_min=-8.0, output_max=8.0), distance=25.0)
+    assert [*expected.own_terms] == ([] if track else ['s'])
+    assert expected.columns()['s'][0] == (0.0 if track else 7.0)
+    assert_same(bag.read(written(tmp_path, expected)), expected)
+
+
 def test_of_several_cars_one_has_to_be_named(tmp_path: Path, log: Log) -> None:
     path = written(tmp_path, log, '/car2', '')
     with pytest.raises(UserError, match=r'several cars, /, /car2: name one, as in --namespace /'):
