@@ -152,33 +152,29 @@ class Car:
         """
         if t == 0.0:
             self._progress, self._off = Progress(self.simulator.stepper.distance), ''
-        x, y, speed, reference = seen.true.x, seen.true.y, seen.true.v_x, self._speed
-        place, measured = seen.on_track, seen.measured.x
-        if place:
-            x, y = measured, _ = place.s, place.e_y
+        speed, reference, place = seen.true.v_x, self._speed, seen.on_track
+        x, measured = (place.s, place.s) if place else (seen.true.x, seen.measured.x)
         if self.controller:
             reference = self.controller.reference(t, measured)
-        theta_deg = seen.surroundings.theta
-        lap = self._laps.add(t, x, y, speed, reference, theta_deg)
-        if self._progress.add(t, x, speed, reference) or t >= self._duration:
-            self.simulator.stepper.end()
         if place:
             self._add_place(t, place)
-        if not self.display:
-            return
-        if place:
-            self.display.show(x, partial(track_line, t, place, speed))
+            line = partial(track_line, t, place, speed)
         else:
+            theta_deg = seen.surroundings.theta
+            lap = self._laps.add(t, x, seen.true.y, speed, reference, theta_deg)
             error = nan if self._duration < inf else reference - speed  # of commands alone: none
-            self.display.show(x, partial(cruise_line, t, x, speed, error, theta_deg, lap))
+            line = partial(cruise_line, t, x, speed, error, theta_deg, lap)
+        if self._progress.add(t, x, speed, reference) or t >= self._duration:
+            self.simulator.stepper.end()
+        if self.display:
+            self.display.show(x, line)
 
     def _add_place(self, t: float, place: TrackState) -> None:
         """Add the place to the laps of the track; the run of a car beyond its edge ends."""
         # The command that made this state, which is not answered yet.
         servo = self.controller.lane.output if self.controller and self.controller.lane else 0.0
         self.track_laps.add(t, place.lap, place.lap_time, place.e_y, servo)
-        track = self.simulator.track
-        if track and abs(place.e_y) > 0.5 * track.width:
+        if abs(place.e_y) > 0.5 * place.width:
             side = 'left' if place.e_y > 0.0 else 'right'
             self._off = f'the car left the track to the {side} at {place.s:.1f} m'
             self.simulator.stepper.end()
@@ -209,10 +205,11 @@ def print_result(run: Run, cars: list[Car]) -> None:
         print(f'tolerated   {"; ".join(user_code.tolerated)}')  # noqa: T201
     if user_code.identify:
         return  # its commands hold no speed
-    summaries = {name: lap for car in cars for name, lap in car.summaries().items()}
     if cars[0].simulator.track:
         print_track_laps({car.name: car.track_laps for car in cars}, run.late)
-    elif len(summaries) > 1:
+        return
+    summaries = {name: lap for car in cars for name, lap in car.summaries().items()}
+    if len(summaries) > 1:
         print_summaries('car' if len(cars) > 1 else 'lap', summaries, run.late)
     else:
         print_summary(next(iter(summaries.values())), run.late)

@@ -343,7 +343,7 @@ def closed_loop(
         rows.append((seen, command, read(controller) + steering))
         if plant.distance >= distance:
             break
-        if seen.on_track and track and abs(seen.on_track.e_y) > 0.5 * track.width:
+        if seen.on_track and abs(seen.on_track.e_y) > 0.5 * seen.on_track.width:
             break
         if progress and progress.add(k * plant.ts, plant.distance, seen.true.v_x, held):
             break
