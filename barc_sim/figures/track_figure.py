@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from barc_sim.control.planning import Limits
     from barc_sim.simulation.log import TrackLog
-    from barc_sim.simulation.metrics import TrackLap
+    from barc_sim.simulation.metrics import TrackLap, TrackLaps
     from barc_sim.vehicle.track import Track
 
     Floats = NDArray[np.float64]
@@ -54,12 +54,11 @@ _ARC: dict[str, Any] = {'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
 
 
 class _Curve(NamedTuple):
-    """A lap that is drawn."""
+    """A lap that is drawn, or several as one broken line."""
 
     name: str
     line: dict[str, Any]
-    lap: TrackLap
-    log: TrackLog  #: of this lap alone
+    log: TrackLog  #: of these laps
     s: Floats  #: [m] from the finish line on
 
 
@@ -72,25 +71,22 @@ _CHARTS: tuple[tuple[str, Callable[[TrackLog], Floats], float, float], ...] = (
 )
 
 
-def _laps_of(log: TrackLog) -> list[_Curve]:
-    """Return all laps of a run, the best one in front."""
+def _laps_of(log: TrackLog) -> tuple[list[_Curve], TrackLaps]:
+    """Return the curves of a run, that of its best lap in front, and the figures of its laps."""
     laps, numbers = track_laps_of(log)
-    shown, known = laps.best or laps.current, {lap.number: lap for lap in laps.finished}
-    curves = []
-    for number in (*sorted({*numbers} - {shown.number}), shown.number):
-        of_lap = log.map(partial(np.compress, np.equal(numbers, number)))
-        lap, line = known.get(number, laps.current), {'color': _OTHER, 'lw': 1.0}
-        curves.append(_Curve('other laps', line, lap, of_lap, _place_in_lap(of_lap)))
-    name = f'{"best lap" if laps.best else "lap"}: {shown.number + 1}'
-    return [*curves[:-1], curves[-1]._replace(name=name, line=_SHOWN_LINE)]
-
-
-def _place_in_lap(log: TrackLog) -> Floats:
-    start = np.fmin.reduce(log.s)  # where the finish line is not known
+    _, first = np.unique(numbers, return_index=True)
+    start = np.fmin.reduceat(log.s, first)[numbers]  # where the finish line is not known
     if log.track:
-        start = log.lap * log.track.length if log.track.is_closed else 0.0
+        start = log.lap * (log.track.length if log.track.is_closed else 0.0)
     place: Floats = log.s - start
-    return place
+    shown = laps.best or laps.current
+    is_shown = np.equal(numbers, shown.number)
+    name = f'{"best lap" if laps.best else "lap"}: {shown.number + 1}'
+    best = _Curve(name, _SHOWN_LINE, log.map(partial(np.compress, is_shown)), place[is_shown])
+    if np.count_nonzero(~is_shown) <= 1:  # a run ends with one state behind the line
+        return [best], laps
+    place[first[1:]] = np.nan
+    return [_Curve('other laps', {'color': _OTHER, 'lw': 1.0}, log, place), best], laps
 
 
 @style.context(STYLE)
@@ -107,17 +103,18 @@ def track_figure(
     laps are drawn. `title` and `settings` are the two lines of the heading, and `figure` is empty.
     """
     runs = [*map(use_measurement, logs)]
+    found = [_laps_of(each) for each in runs]
+    bests = [laps.best or laps.current for _, laps in found]
     alone = len(runs) == 1
     if alone:
-        curves = _laps_of(*runs)
-        rows = [(f'lap {lap.number + 1}', lap) for lap in track_laps_of(*runs)[0].rows]
+        [(curves, laps)] = found
+        rows = [(f'lap {lap.number + 1}', lap) for lap in laps.rows]
     else:
-        looks = zip([_laps_of(each)[-1] for each in runs], labels, cycle(RUN_COLOURS), strict=False)
         curves = [
-            curve._replace(name=name, line={'color': color, 'lw': 1.6})
-            for curve, name, color in looks
+            own[-1]._replace(name=name, line={'color': color, 'lw': 1.6})
+            for (own, _), name, color in zip(found, labels, cycle(RUN_COLOURS), strict=False)
         ]
-        rows = [(curve.name, curve.lap) for curve in curves]
+        rows = [*zip(labels, bests, strict=True)]
     figure = figure or Figure()
     figure.set_size_inches(TRACK_SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.06)
@@ -127,16 +124,14 @@ def track_figure(
     charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
     track = next((log.track for log in runs if log.track), None)
     _draw_map(seen, track, curves)
-    _draw_table(table, '' if alone else 'best lap of', rows, curves[-1].lap if alone else None)
+    _draw_table(table, '' if alone else 'best lap of', rows, bests[0] if alone else None)
     _draw_charts(charts, curves, track)
     ends = [end for each in runs for end in speed_limits(each)]
     charts[2].set_ylim(min(ends), max(ends))
-    # A run ends with one state behind the line, which is no line of another lap.
-    named = {curve.name: Line2D([], [], **curve.line) for curve in curves if len(curve.log) > 1}
+    handles = [Line2D([], [], label=curve.name, **curve.line) for curve in curves]
     charts[0].legend(
-        named.values(), named.keys(), loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3,
-        borderaxespad=0.0,
-    )  # fmt: skip
+        handles=handles, loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0
+    )
     seen.set_title(title, loc='left', pad=24.0, fontsize=14, fontweight='bold')
     seen.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
     figure.align_ylabels(charts)
