@@ -259,10 +259,7 @@ class Track:
         """
         if not isinstance(x, (float, int)):
             return self._frenet_many(x, y, psi, self._nearest(x, y) if near is None else near)
-        if near is None:
-            import numpy as np  # noqa: PLC0415 (in each call it would take long)
-
-            near = float(self._nearest(np.array([x]), np.array([y]))[0])
+        near = self._nearest(x, y).item() if near is None else near
         n, length, is_closed = len(self.lengths), self.starts[-1], self.is_closed
         i, _ = self.segment(near)
         for _ in range(n):
@@ -332,10 +329,11 @@ class Track:
         found: Any = s, e_y, _wrapped(psi - heading), self._table[i, _CURVATURE]
         return Frenet(*found)
 
-    def _nearest(self, x: Floats, y: Floats) -> Floats:
+    def _nearest(self, x: Numbers, y: Numbers) -> Floats:
         """Return s of the nearest points of the centre line."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
+        x, y = np.atleast_1d(x, y)
         near, minimum = np.zeros(len(x)), np.full(len(x), np.inf)
         for i, (start, end) in enumerate(pairwise(self.starts)):
             s = np.clip(self._project_many(i, x, y)[0], start, end)
