@@ -43,6 +43,24 @@ if TYPE_CHECKING:
 
     Played = Callable[..., AbstractContextManager[Tab]]
 
+#: Notes how far below the part of a chart that is left to its lines each grade is written [px].
+_NOTE_NAMES = """(() => {
+  window.names = [];
+  const { fillText, rect } = CanvasRenderingContext2D.prototype;
+  const ends = {};
+  Object.assign(CanvasRenderingContext2D.prototype, {
+    rect(x, y, width, height) {
+      ends[this.canvas.id] = y + height;
+      rect.call(this, x, y, width, height);
+    },
+    fillText(text, x, y) {
+      const end = ends[this.canvas.id];
+      const { actualBoundingBoxAscent: ascent } = this.measureText(text);
+      if (end && text.endsWith('°')) names.push(y - ascent - end);
+      fillText.call(this, text, x, y);
+    },
+  });
+})()"""
 _SERVE = (
     'from barc_sim.page.run_page import serve;'
     'from barc_sim.simulation.closed_loop import closed_loop;'
@@ -182,6 +200,14 @@ def test_charts_zoom_read_hide_and_save(log: Log, played: Played) -> None:
         assert len(table) == len(log) + 1
         speeds = [float(line.split(',')[COLUMNS.index('speed')]) for line in table[1:]]
         np.testing.assert_array_equal(speeds, log.speed)
+
+
+@in_browser
+def test_the_names_of_slopes_are_below_the_lines(log: Log, played: Played) -> None:
+    with played(log, width=1440, height=900) as tab:
+        tab.run(_NOTE_NAMES)
+        wait_until(lambda: tab.run('names.length') > 3)
+        assert min(tab.run('names')) >= 0.0
 
 
 @in_browser

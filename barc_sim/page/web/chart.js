@@ -4,6 +4,7 @@ import { colours, ease, font, niceStep, reading, stroke } from './look.js';
 
 const EASE = 0.2; // share of the way to new limits, at each drawing
 const [LEFT, RIGHT, TOP, BOTTOM] = [44, 8, 8, 22];
+const NAMES = 16; // [px] below the lines, for the names of the slopes
 const DENSE = 2; // rows per pixel from which only the extremes are drawn
 const SAMPLES = 4096; // rows that the limits are taken from
 
@@ -41,7 +42,8 @@ export class Chart {
     this.shown = this.shown?.map((limit, i) => limit + ease(EASE) * (goal[i] - limit)) ?? goal;
     const [low, high] = this.shown;
     const x = (t) => LEFT + ((t - from) / (to - from)) * (width - LEFT - RIGHT);
-    const y = (v) => TOP + ((high - v) / (high - low)) * (height - TOP - BOTTOM);
+    const bottom = height - BOTTOM - (view.slopes.length ? NAMES : 0);
+    const y = (v) => TOP + ((high - v) / (high - low)) * (bottom - TOP);
     for (const { from: start, to: end, grade, label: name } of view.slopes) {
       context.fillStyle = colours.slope;
       context.globalAlpha = Math.min(0.25 + Math.abs(grade) / 40, 1);
@@ -50,13 +52,13 @@ export class Chart {
       context.globalAlpha = 1;
       const text = name ?? `${reading(grade, 0)}°`;
       context.font = font(12);
-      if (b - a > context.measureText(text).width + 4) label(context, text, (a + b) / 2, height - BOTTOM - 6);
+      if (b - a > context.measureText(text).width + 4) label(context, text, (a + b) / 2, height - BOTTOM - 4);
     }
     drawAxes(context, width, height, view.axis, { from, to, low, high, x, y });
 
     context.save();
     context.beginPath();
-    context.rect(LEFT, TOP - 2, width - LEFT - RIGHT + 2, height - TOP - BOTTOM + 4);
+    context.rect(LEFT, TOP - 2, width - LEFT - RIGHT + 2, bottom - TOP + 4);
     context.clip();
     const lines = this.lines.filter((line) => !line.hidden);
     for (const ghost of view.ghosts) {
