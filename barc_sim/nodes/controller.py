@@ -34,8 +34,9 @@ if TYPE_CHECKING:
 class CruiseController(Node):
     """Answers each `z_vhcl` with an `ecu` of the same stamp; its dt is the difference of stamps.
 
-    On a track it steers, too. Parameters can be changed while it runs: `values` are the present
-    ones, and `reference` the speed to hold. `control` computes; `refused` counts invalid messages.
+    On a track it also steers. Parameters can be changed during the run: `values` has the present
+    ones. `control` computes; `reference` returns the speed to hold; `refused` counts invalid
+    messages.
 
     Examples
     --------
@@ -60,10 +61,12 @@ class CruiseController(Node):
         acceleration_limit: float = ACCELERATION_LIMIT,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        """Use `controller`, any object with the lab's `acc_calculate`; by default a parameter's.
+        """Use `controller`, any object with the lab's `acc_calculate`.
 
-        So are `track`, and `lane`, any object with `steer_calculate`. `acceleration_limit` [m/s²]
-        is the default of the parameter. UserError: a parameter is out of range.
+        On a `track`, `lane` steers: any object with `steer_calculate`. By default the parameters
+        choose all three. `acceleration_limit` [m/s²] is the default of its parameter.
+
+        UserError: a parameter is out of range.
         """
         super().__init__('controller', **options)
         self.refused, track = RefusedInput(self), declare_track(self, track)
@@ -99,7 +102,7 @@ class CruiseController(Node):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.control.reset()
-        response.success, response.message = True, 'as at the start'
+        response.success, response.message = True, 'the controller is reset'
         return response
 
     def _on_state(self, state: ZDynBkMdl) -> None:

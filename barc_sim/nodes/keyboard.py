@@ -20,19 +20,19 @@ from barc_sim.ros.node_helpers import to_twist
 
 
 class Keyboard(Node):
-    """Publishes while a key is held, zero once after its release, and then nothing.
+    """Publishes `cmd_vel` while a key is held, zero once after its release, and then nothing.
 
-    At its end it publishes the brake. `finished` is done when the user presses `q` or Ctrl-C.
+    Destroying the node brakes. `finished` is done when the user presses `q` or Ctrl-C.
     """
 
     def __init__(self, terminal: Terminal | None = None, **options: Any) -> None:  # noqa: ANN401
-        """Read keys from `terminal`, the standard input unless given; it is closed at the end."""
+        """Read keys from `terminal`, by default the standard input; it is closed at the end."""
         super().__init__('keyboard', **options)
         self._keys = HeldKeys()
         self._pressed: deque[tuple[str, float]] = deque()
         self._terminal = terminal = terminal or Terminal()
         self.finished = Future()
-        # The terminal is restored before all else ends, whichever thread ends it.
+        # Restores the terminal before anything else ends, in whichever thread `finished` is set.
         self.finished.add_done_callback(lambda _: terminal.close())
 
         self._twist_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
@@ -47,12 +47,12 @@ class Keyboard(Node):
         self._terminal.close()
         if self.context.ok() and self._twist_pub in self.publishers:
             self._twist_pub.publish(to_twist(FULL_BRAKE))
-            # The process may end next, and would discard what is not delivered.
+            # The process may end next, which would discard an undelivered message.
             self._twist_pub.wait_for_all_acked(Duration(seconds=0.3))
         super().destroy_node()
 
     def _on_key(self, key: str) -> None:
-        """Pass a key from the terminal's thread to the one that spins."""
+        """Pass a key from the terminal's thread to the thread that spins the node."""
         if key == 'quit':
             self.finished.set_result(None)
         else:

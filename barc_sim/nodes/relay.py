@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 
 class Relay(Node):
-    """Publishes commands all the time: when nobody drives, the car coasts.
+    """Publishes commands all the time: without a driver's input the car coasts.
 
-    It runs by the wall clock, as the driver does, at any real-time factor. Its commands have no
-    stamp: each holds until the next one. `driver` makes them; `refused` counts invalid Twists.
+    It runs by the wall clock at any real-time factor, as the driver does. Its commands have no
+    stamp: each holds until the next one. `driver` computes them; `refused` counts invalid Twists.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class Relay(Node):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.driver.reset()
         self._speed = 0.0
-        response.success, response.message = True, 'as at the start'
+        response.success, response.message = True, 'the relay is reset'
         return response
 
     def _on_timer(self) -> None:

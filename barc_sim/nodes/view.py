@@ -49,9 +49,8 @@ _SERVICES = {
 class ViewNode(Node):
     """Serves the live page at `url`, and publishes `cmd_vel` while a page drives.
 
-    The executor only keeps what arrives; the server's thread does the work, between two steps.
-    `url` has the page's token: who has it can drive. The `end` of `page` shows the end of the
-    run.
+    Callbacks only store messages; the server's thread does the work, between two steps. `url` has
+    the page's token: whoever has this link can drive. `page.end` shows the end of the run.
 
     Examples
     --------
@@ -77,7 +76,8 @@ class ViewNode(Node):
     ) -> None:
         """Serve the page; `mode`, `host` and `port` are defaults of the parameters.
 
-        `run` has what no topic carries; without it the page has no sliders, and learns the road.
+        `run` has what no topic carries. Without it the page has no sliders, and draws only the road
+        that the car has driven.
 
         UserError: a parameter is invalid, or the port cannot be used.
         """
@@ -127,7 +127,7 @@ class ViewNode(Node):
             self.page.call(partial(on_done, False, f'no node offers {name}'))
             return
 
-        def on_response(future: Any) -> None:  # noqa: ANN401 (rclpy's, or that of ros/local)
+        def on_response(future: Any) -> None:  # noqa: ANN401 (a future of rclpy or ros/local)
             response = future.result()
             if isinstance(response, SetParameters.Response):
                 (result,) = response.results
@@ -139,7 +139,7 @@ class ViewNode(Node):
 
 
 def _call_of(request: Request) -> tuple[str, Any]:
-    """Return the service of a page's request, and the message to it."""
+    """Return the name of the service for a page's request, and the message to send."""
     match request:
         case Tune(name, value):
             parameter = RosParameter(name, value=value).to_parameter_msg()
