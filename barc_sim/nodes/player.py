@@ -37,13 +37,12 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import Message
 
 _SHOW_PERIOD = 0.1  #: [s]
-#: [s] in which publishers and the subscriptions that are there find each other.
-_MATCHING = 1.0
-_MAX_MATCHING = 5.0
-_ACKNOWLEDGED = 3.0  #: [s] to wait until the last messages are
-_SPIN = 2e-4  #: [s]
-_BATCH, _BATCHES = 20, 16  #: messages read at a time, and how many times in advance
-_SWITCH = 1e-4  #: [s] that another thread may take before the player's thread goes on
+#: [s] without a new subscription after which matching counts as complete, and its longest time.
+_MATCHING, _MAX_MATCHING = 1.0, 5.0
+_ACK_TIMEOUT = 3.0  #: [s] to wait until the last messages are acknowledged
+_SPIN = 2e-4  #: [s] of busy waiting before a message: a sleep ends late
+_BATCH, _BATCHES = 20, 16  #: messages read at a time, and how many batches ahead
+_SWITCH = 1e-4  #: [s] after which another thread gives the interpreter's lock to the player's
 
 
 class Playback(NamedTuple):
@@ -55,11 +54,11 @@ class Playback(NamedTuple):
     start_paused: bool = False
     topics: Sequence[re.Pattern[str]] = ()  #: see `selected`
     exclude: Sequence[re.Pattern[str]] = ()
-    clock: float | None = None  #: [Hz] of `/clock`; None: there is none but the bag's
+    clock: float | None = None  #: [Hz] of `/clock`; None: only the bag's own, if it has one
 
 
 def _ahead(messages: Iterator[Message]) -> Iterator[Message]:
-    """Yield the messages, which a thread reads in advance: a large one would delay others."""
+    """Yield the messages; a thread reads ahead, so that a large one does not delay the others."""
     with ThreadPoolExecutor(1) as pool:
         batches = (pool.submit(list, islice(messages, _BATCH)) for _ in count())
         ahead = deque(islice(batches, _BATCHES))
@@ -74,18 +73,18 @@ class BagPlayer(Node):
     A thread of its own publishes; `finished` is done at the end. A topic whose type is not
     installed is left out, with a warning.
 
-    UserError: there is no bag, or nothing of it can be played.
+    UserError: there is no bag, or none of its topics can be played.
 
     Parameters
     ----------
     path
-        The bag, of MCAP and of any recorder.
+        The MCAP bag, made by any recorder.
     playback
         What to play, and how.
     show
-        Is called with the line of progress, 10 times a second.
+        Called with the line of progress, 10 times a second.
     options
-        Those of `rclpy.node.Node`.
+        Options of `rclpy.node.Node`.
     """
 
     def __init__(
@@ -98,7 +97,7 @@ class BagPlayer(Node):
         self._playback = playback or Playback()
         self._contents = Contents(path)
         self._contents.complete()
-        span = self._contents.span  # of the whole bag; playing counts anew
+        span = self._contents.span  # of the whole bag; `in_order` replaces it
         self._start, self._last = span.start or 0, span.end
         self._first = self._start + int(self._playback.start_offset * 1e9)
         if self._first > self._last:
@@ -111,16 +110,17 @@ class BagPlayer(Node):
         self.finished: Future = Future()
         self.played = 0  #: messages
         playback = self._playback
-        self._paused, self._steps = playback.start_paused, 0  # messages to let go meanwhile
+        self._paused, self._steps = playback.start_paused, 0  # messages to publish while paused
         self._keys: SimpleQueue[str] = SimpleQueue()
         self._set_time(self._first)
         names = selected([*self._contents.topics], playback.topics, playback.exclude)
         if playback.clock and '/clock' in names:
             names.remove('/clock')
-        self._topic_publishers = {name: made for name in names if (made := self._publisher(name))}
+        publishers = {name: self._publisher(name) for name in names}
+        self._topic_publishers = {name: each for name, each in publishers.items() if each}
         if not self._topic_publishers:
             self.destroy_node()
-            raise UserError(f'{str(path)!r} has no topic that can be played: name other --topics')
+            raise UserError(f'{str(path)!r} has no topic that can be played: give other --topics')
         clock = self.create_publisher(ClockMessage, '/clock', 10) if self._playback.clock else None
         self._clock_publisher = clock
         self._show = show
@@ -134,7 +134,7 @@ class BagPlayer(Node):
         try:
             kind, qos = message_class(topic.type), offer(topic.offered_qos)
             return self.create_publisher(kind, name, qos)
-        except Exception as error:  # noqa: BLE001 (a bag's names and types may be any)
+        except Exception as error:  # noqa: BLE001 (a bag can have any names and types)
             reason = str(error).partition('\n')[0]
             self.get_logger().warning(f'{name} is not played: {reason}')
             return None
@@ -149,7 +149,7 @@ class BagPlayer(Node):
         )
 
     def on_key(self, key: str) -> None:
-        """Pause or go on at space, step at the right arrow, and end at `q`."""
+        """Handle a key: `space` pauses or resumes, `right` steps, and `quit` ends."""
         self._keys.put(key)
 
     def _set_time(self, to: int) -> None:
@@ -163,10 +163,7 @@ class BagPlayer(Node):
         return self._time + int(passed * self._playback.rate)
 
     def _wait_until(self, at: int, *, is_message: bool = True) -> bool:
-        """Wait until the bag's time `at`, or until a step to it; return False at the key `quit`.
-
-        The last 0.2 ms are spun, as a wait ends late.
-        """
+        """Wait until the bag's time `at` [ns] or a step; return False at the key `quit`."""
         while True:
             left = None if self._paused else (at - self._now) / self._playback.rate / 1e9
             key = ''
@@ -187,19 +184,19 @@ class BagPlayer(Node):
                 return True
 
     def _run(self) -> None:
-        with suppress(OSError):  # who may, does not wait for others' threads
+        with suppress(OSError):  # without the permission, ordinary threads can delay this one
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
-        gc.freeze()  # a collection of all that is there now would take 20 ms
+        gc.freeze()  # to collect the present objects, too, would take 20 ms
         interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH)
         try:
             self._wait_for_subscriptions()
             while (ended := self._play()) and self._playback.loop:
                 pass
-            end = time.monotonic() + _ACKNOWLEDGED
+            end = time.monotonic() + _ACK_TIMEOUT
             for publisher in self._topic_publishers.values() if ended else ():
                 publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
-        except Exception as error:  # noqa: BLE001 (a thread's end would go unnoticed)
+        except Exception as error:  # noqa: BLE001 (the thread would end unnoticed)
             self.failure = f'{str(self._contents.path)!r} was not played to its end: {error}'
             self.get_logger().error(self.failure)
         finally:
@@ -208,15 +205,15 @@ class BagPlayer(Node):
             self.finished.set_result(None)
 
     def _wait_for_subscriptions(self) -> None:
-        """Wait until those that are there match, as messages before that would be lost."""
+        """Wait until present subscriptions have matched: they would miss earlier messages."""
         begin = changed = time.monotonic()
         alone = not others_here(self.context.get_domain_id())
         seen: list[int] = []
         while (now := time.monotonic()) < changed + _MATCHING and now < begin + _MAX_MATCHING:
             publishers = self._topic_publishers.values()
-            found = [each.get_subscription_count() for each in publishers]
-            if found != seen or not (alone or len(self.get_node_names()) > 1):
-                seen, changed = found, now
+            counts = [each.get_subscription_count() for each in publishers]
+            if counts != seen or not (alone or len(self.get_node_names()) > 1):
+                seen, changed = counts, now
             time.sleep(0.02)
 
     def _play(self) -> bool:
@@ -228,7 +225,7 @@ class BagPlayer(Node):
             if message.topic.name in publishers and message.received >= self._first
         )
         for number, message in enumerate(_ahead(wanted)):
-            if not number:  # reading up to here took time
+            if not number:  # to read the first message took time
                 self._set_time(self._first)
             while self._clock_publisher and self._playback.clock and tick <= message.received:
                 if not self._wait_until(tick, is_message=False):

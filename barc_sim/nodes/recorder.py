@@ -39,8 +39,8 @@ class BagRecorder(Node):
     match at their creation, so that `/rosout` and `/parameter_events` are recorded from the other
     nodes' constructors on.
 
-    A thread of its own writes the messages. Spinning the node finds topics, and serves rosbag2's
-    names: `bag_recorder/pause` and `resume`, of the type Trigger.
+    A thread of its own writes the messages. Spinning the node discovers topics, and serves
+    `bag_recorder/pause` and `resume`: rosbag2's names, with the type Trigger.
 
     UserError: the bag cannot be made.
 
@@ -52,11 +52,11 @@ class BagRecorder(Node):
     recording
         What to record, and how.
     path
-        The bag's directory itself, to be made; overrides the folder.
+        The new bag's directory itself; overrides `directory`.
     metadata
-        The run's metadata, kept in the bag.
+        The run's metadata, stored in the bag.
     options
-        Those of `rclpy.node.Node`.
+        Options of `rclpy.node.Node`.
 
     Examples
     --------
@@ -89,7 +89,7 @@ class BagRecorder(Node):
         self.failure: str | None = None  #: the first failure to write, in a sentence
         self._recording = recording or Recording()
         self._metadata = dict(metadata or {})
-        self._graph_size = 0  # nodes and topics of the graph in the bag
+        self._graph_size = 0  # number of nodes and topics in the bag's graph
         self._is_announced = False
         self._topics = _subscriptions(self, self._recording)
         self.discover()  # before the parameters are declared, to record their events
@@ -104,7 +104,7 @@ class BagRecorder(Node):
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
 
     def _start(self, root: Path, path: Path | None) -> None:
-        """Begin the bag in the directory `path`, or in a new one of the folder `root`."""
+        """Begin the bag in the directory `path`, or in a new directory of the folder `root`."""
         settings = self._recording
         check_space(path or root, settings.reserve)
         self._writer = BagWriter(make_directory(path, root), metadata=self._metadata)
@@ -123,7 +123,7 @@ class BagRecorder(Node):
             self._add_graph()
 
     def announce(self) -> None:
-        """Log the bag's path, once: a run does so when no node can be refused any more."""
+        """Log the bag's path, once; a run calls this when all its nodes have been made."""
         if not self._is_announced:
             self._is_announced = True
             self.get_logger().info(f'recording to {str(self.path)!r}')
@@ -139,10 +139,10 @@ class BagRecorder(Node):
             self._thread.do(lambda writer: writer.add_metadata({'graph': graph}))
 
     def expect(self, topics: Mapping[str, type[Any]]) -> None:
-        """Record topics, by name with their types, before they have a publisher.
+        """Record these topics, given with their types, even before they have a publisher.
 
-        To be called before the nodes that subscribe to them are created: a publisher that waits for
-        a subscription may send one message and end.
+        Call it before the nodes that subscribe to them are created: a publisher that waits for a
+        subscription may send one message and end.
         """
         for name, message_type in topics.items():
             self._topics.expect(self.resolve_topic_name(name), message_type)
@@ -165,9 +165,9 @@ class BagRecorder(Node):
 
     @property
     def lost(self) -> dict[str, dict[str, int] | None]:
-        """Number of lost messages, by topic and node; None where that is unknown.
+        """Number of lost messages, by topic and node; None where the number is unknown.
 
-        What the disk has refused to the end is a loss of the recorder.
+        A message that could not be written counts as lost by the recorder.
         """
         lost: dict[str, dict[str, int] | None] = self._topics.lost()
         for topic, count in self._thread.unwritten.items():
