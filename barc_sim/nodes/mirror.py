@@ -1,9 +1,9 @@
 """The node `mirror`: repeats the simulator's states in the messages of ROS's own tools.
 
-Frames are those of REP-103 and REP-105, x forward, y to the left, z up. `odom` is level, and has
+Frames are those of REP-103 and REP-105: x forward, y to the left, z up. `odom` is level, and has
 its origin where the road's distance is zero. `base_link` lies on the road's surface under the
-centre of mass; the road is level across, so that its grade pitches the frame before the car's
-heading turns it in the surface: uphill is a negative pitch.
+centre of mass. The road is level across: its grade first pitches the frame, then the car's heading
+turns it within the surface. Uphill is a negative pitch.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ if TYPE_CHECKING:
 
 try:
     from tf2_msgs.msg import TFMessage
-except ImportError:  # there is no wheel of it
+except ImportError:  # PyPI has no wheel of it
     TFMessage = None
 
 _OK, _WARN, _ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 PARAMETERS = [Parameter('road', 'lab', "the simulator's road", read_only=True)]
-#: [s] of wall-clock time between two pictures of the car: 25 a second, if states come at 50 Hz.
-_PICTURE_PERIOD = 0.035
-_MAX_POSES, _SPACING = 400, 0.5  #: of the path; [m] between two poses
+#: Minimum [s] of wall-clock time between two markers of the car: 25 a second for states at 50 Hz.
+_MARKERS_PERIOD = 0.035
+_MAX_POSES, _SPACING = 400, 0.5  #: poses of the path, and [m] between two of them
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 _BLUE, _SKY = (0.0, 0.447, 0.698), (0.337, 0.706, 0.914)
@@ -63,15 +63,15 @@ _LENGTH = 4.4  #: [m] of the car
 _ROAD_WIDTH = 6.0  #: [m]
 _LINE_WIDTH = 0.12  #: [m]
 _MARGIN = 200.0  #: [m] of road before the end of its first stretch, and after the start of its last
-#: [s] by which stamps may be behind the wall clock: a usual tolerance of tf2's users.
-_TOLERATED = 0.1
+#: [s] by which stamps may be behind the wall clock: a usual tolerance of nodes that use tf2.
+_MAX_STAMP_LAG = 0.1
 
 
 class Facts(NamedTuple):
     """Facts of a run that no topic carries; None where unknown."""
 
     missed: int | None = None  #: commands that missed their deadline
-    slipped: int | None = None  #: periods by which time has fallen behind the wall clock
+    slipped: int | None = None  #: periods by which simulated time fell behind the wall clock
     recorded: int | None = None  #: messages in the bag
     lost: int | None = None  #: messages lost
     failure: str | None = None  #: why the bag could not be written
@@ -81,9 +81,9 @@ class Facts(NamedTuple):
 class MirrorNode(Node):
     """Publishes each `z_vhcl` again in standard messages.
 
-    They show the measured state on the road of the parameter `road`, the simulator's: `x` is the
-    distance along its surface in `z_vhcl`, and the one on the map here. On a track, whose hills are
-    not shown, both are on the map. Frames are called `odom`, which is where `map` is, and
+    They show the measured state on the simulator's road, which the parameter `road` names. In
+    `z_vhcl`, `x` is the distance along the road's surface; here it is the horizontal distance. On a
+    track both are horizontal: its hills are not shown. The frames are `odom`, equal to `map`, and
     `base_link`; in the namespace `/car2`, `car2/odom` and `car2/base_link`.
 
     Examples
@@ -113,10 +113,10 @@ class MirrorNode(Node):
         period: float = 1.0,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        """Mirror the states on `road`, or on `track`, which replace those of the parameters.
+        """Mirror the states on `road` or `track`, by default those that the parameters name.
 
-        `facts` returns what no topic carries. `period` [s] of wall-clock time is that of paths and
-        diagnoses.
+        `facts` returns what no topic carries. Paths and diagnostics are published every `period`
+        [s] of wall-clock time.
 
         UserError: a parameter is out of range, or the road cannot be read.
         """
@@ -129,11 +129,11 @@ class MirrorNode(Node):
         self._last: ZDynBkMdl | None = None
         self._poses: deque[PoseStamped] = deque(maxlen=_MAX_POSES)
         self.latest = 0  #: [ns] the stamp of the newest state
-        self._state: tuple[int, int] | None = None  # stamp and reception [ns] of the newest
-        self._last_state: tuple[int, int] | None = None  # those at the last diagnosis
+        self._times: tuple[int, int] | None = None  # stamp and reception [ns] of the newest state
+        self._last_times: tuple[int, int] | None = None  # the same at the last diagnosis
         self._facts, self._last_facts = facts, Facts()
         self._period = period
-        self._next_picture = self._next_path = 0.0
+        self._next_markers = self._next_path = 0.0
 
         self._odom_pub = self.create_publisher(Odometry, names.ODOM, names.QOS)
         self._tf_pub = TFMessage and self.create_publisher(TFMessage, names.TF, names.QOS)
@@ -158,7 +158,7 @@ class MirrorNode(Node):
             return
         header = Header(stamp=state.header.stamp, frame_id=self._odom)
         pose = to_pose(state, self._road)
-        self._state = self.latest, time.time_ns()
+        self._times = self.latest, time.time_ns()
         self._extend_path(state, PoseStamped(header=header, pose=pose))
         odometry = Odometry(header=header, child_frame_id=self._base_link)
         odometry.pose.pose, twist = pose, odometry.twist.twist
@@ -167,22 +167,22 @@ class MirrorNode(Node):
         self._odom_pub.publish(odometry)
         if self._tf_pub:
             transform = TransformStamped(header=header, child_frame_id=self._base_link)
-            there = pose.position
-            transform.transform.translation = Vector3(x=there.x, y=there.y, z=there.z)
+            p = pose.position
+            transform.transform.translation = Vector3(x=p.x, y=p.y, z=p.z)
             transform.transform.rotation = pose.orientation
             origin = Header(stamp=state.header.stamp, frame_id=self._map)
             to_map = TransformStamped(header=origin, child_frame_id=self._odom)
             self._tf_pub.publish(TFMessage(transforms=[to_map, transform]))
         now = time.monotonic()
-        if now >= self._next_picture:
-            self._next_picture = now + _PICTURE_PERIOD
+        if now >= self._next_markers:
+            self._next_markers = now + _MARKERS_PERIOD
             self._car_pub.publish(car_markers(pose, header))
         if now >= self._next_path:
             self._next_path = now + self._period
             self._path_pub.publish(Path(header=header, poses=[*self._poses]))
 
     def _extend_path(self, state: ZDynBkMdl, pose: PoseStamped) -> None:
-        """Add a pose unless it is close to the last; begin anew after a reset."""
+        """Add a pose unless it is close to the last one; start a new path after a reset."""
         if not (self._last and is_continuous(self._last, state)):
             self._poses.clear()
         self._last = state
@@ -194,9 +194,9 @@ class MirrorNode(Node):
 
     def _diagnose(self) -> None:
         facts = self._facts()
-        factor = _ratio(self._last_state, self._state)
+        factor = _realtime_factor(self._last_times, self._times)
         statuses = diagnose(facts, self._last_facts, factor)
-        self._last_facts, self._last_state = facts, self._state
+        self._last_facts, self._last_times = facts, self._times
         for status in statuses:
             status.name = f'{self.get_fully_qualified_name()}: {status.name}'
         header = Header(stamp=self.get_clock().now().to_msg())
@@ -204,9 +204,9 @@ class MirrorNode(Node):
 
 
 def to_pose(state: ZDynBkMdl, road: Road) -> Pose:
-    """Return the pose of `base_link` in `odom` of a car, whose `x` is along the road's surface.
+    """Return the pose of `base_link` in `odom`; the state's `x` is along the road's surface.
 
-    Its orientation is a rotation by -theta about y, then one by psi about the rotated z.
+    The orientation is a rotation by -theta about y, then by psi about the rotated z.
     """
     theta = radians(road.grade_deg(state.x))
     c_theta, s_theta = cos(theta / 2.0), sin(theta / 2.0)
@@ -266,7 +266,7 @@ def track_markers(track: Track, frame: str) -> MarkerArray:
 def _surface(
     name: str, frame: str, left: list[Point], right: list[Point], middle: list[Point]
 ) -> MarkerArray:
-    """Return what is between two edges, and the line in the middle."""
+    """Return markers of the surface between two edges, and of the line in the middle."""
     header = to_header(0, frame)
     surface = _marker(header, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0), _SURFACE)
     line = _marker(header, Marker.LINE_STRIP, (_LINE_WIDTH, 0.0, 0.0), _PAINT)
@@ -294,8 +294,8 @@ def _numbered(namespace: str, markers: list[Marker]) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def _ratio(before: tuple[int, int] | None, now: tuple[int, int] | None) -> float | None:
-    """Return simulated seconds per second between two states, each with its reception."""
+def _realtime_factor(before: tuple[int, int] | None, now: tuple[int, int] | None) -> float | None:
+    """Return the real-time factor between two states, each given by stamp and reception [ns]."""
     if before is None or now is None:
         return None
     simulated, real = (new - old for new, old in zip(now, before, strict=True))
@@ -303,9 +303,9 @@ def _ratio(before: tuple[int, int] | None, now: tuple[int, int] | None) -> float
 
 
 def diagnose(facts: Facts, before: Facts, factor: float | None = None) -> list[DiagnosticStatus]:
-    """Return the diagnoses; `before` has the facts of the last call.
+    """Return the diagnostics since the last call, which had the facts `before`.
 
-    `factor` is simulated seconds per second since then.
+    `factor` is the real-time factor since then.
     """
     missed = (facts.missed or 0) - (before.missed or 0)
     slipped = (facts.slipped or 0) - (before.slipped or 0)
@@ -314,7 +314,7 @@ def diagnose(facts: Facts, before: Facts, factor: float | None = None) -> list[D
         level, message = _WARN, f'{missed} commands missed their deadline'
     elif slipped > 0:
         level, message = _WARN, f'simulated time has fallen behind by {slipped} periods'
-    elif (lag := facts.stamp_lag or 0.0) > _TOLERATED:
+    elif (lag := facts.stamp_lag or 0.0) > _MAX_STAMP_LAG:
         message = f'stamps are {lag:.1f} s behind the wall clock: reset, or use --clock'
         level = _WARN
     values = {
@@ -323,7 +323,7 @@ def diagnose(facts: Facts, before: Facts, factor: float | None = None) -> list[D
         'real-time factor': None if factor is None else f'{factor:.3f}',
         'behind the wall clock [s]': None if facts.stamp_lag is None else f'{facts.stamp_lag:.3f}',
     }
-    found = [_status('timing', level, message, values)]
+    statuses = [_status('timing', level, message, values)]
     if facts.recorded is not None:
         level, message = _OK, 'nothing is lost'
         if facts.failure:
@@ -331,15 +331,15 @@ def diagnose(facts: Facts, before: Facts, factor: float | None = None) -> list[D
         elif facts.lost:
             level, message = _WARN, f'{facts.lost} messages are lost'
         values = {'recorded messages': facts.recorded, 'lost messages': facts.lost}
-        found.append(_status('bag', level, message, values))
-    return found
+        statuses.append(_status('bag', level, message, values))
+    return statuses
 
 
 def _status(
     name: str, level: bytes, message: str, values: Mapping[str, object]
 ) -> DiagnosticStatus:
     """Return a status with the values that are not None."""
-    known = [KeyValue(key=key, value=str(each)) for key, each in values.items() if each is not None]
+    pairs = [KeyValue(key=key, value=str(each)) for key, each in values.items() if each is not None]
     return DiagnosticStatus(
-        level=level, name=name, message=message, hardware_id='barc_sim', values=known
+        level=level, name=name, message=message, hardware_id='barc_sim', values=pairs
     )

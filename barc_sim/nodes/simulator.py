@@ -46,12 +46,12 @@ class VehicleSimulator(Node):
     `stepper` has the rules, and counts `states`, `missed` deadlines and `slipped` periods. State
     `k` is stamped `t_0 + k·T_s`.
 
-    Each state's stamp is published on `/clock` before the state, and every second while time stands
-    still: at factor 1 if the parameter `clock` is true.
+    Each state's stamp is published on `/clock` before the state, and again every second while time
+    stands still. At factor 1 this needs the parameter `clock` to be true.
 
-    The service `reset` restarts the run, with the controller or relay, once the present state is
-    answered. `pause` stops and resumes time; meanwhile `step` takes one step. `finished` is done at
-    the end; `refused` counts bad messages.
+    The service `reset` resets the car, and the controller or relay, once the present state is
+    answered. `pause` stops and resumes time; `step` takes one step while time is paused. `finished`
+    is done at the end of the run; `refused` counts invalid messages.
 
     Examples
     --------
@@ -84,12 +84,14 @@ class VehicleSimulator(Node):
         check_period: float = 1.0,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        """Claim the topic, and wait for a controller.
+        """Claim the topic of the state, and wait for a controller.
 
-        `road` and `track` replace those of the parameters; `distance` [m] is the default of the
-        parameter. Of several cars in a domain only one `keeps_clock`. `on_step` gets the simulated
-        time [s] and what is published; it must be quick. `model` steps the car. `check_period` is
-        in seconds. UserError: a parameter is out of range, or the topic has a simulator already.
+        `road` and `track` replace those that the parameters name; `distance` [m] is the default of
+        its parameter. In a domain with several cars only one `keeps_clock`. `on_step` is called
+        with the simulated time [s] and the published observation; it must return quickly. `model`
+        steps the car. Peers are checked every `check_period` [s].
+
+        UserError: a parameter is out of range, or another simulator publishes the state.
         """
         super().__init__('vehicle_simulator', **options)
         self.track = declare_track(self, track)
@@ -101,16 +103,16 @@ class VehicleSimulator(Node):
         self.finished, self.refused, self.on_step = Future(), RefusedInput(self), on_step
         self.warn = partial(self.refused.warn, period=10.0)
 
-        # One stamp for all messages of a state; to make new messages would cost more.
+        # All messages of a state share one stamp. They are made once: new ones would cost time.
         self._subscribed, self._stamp = Subscribed(self), Time()
-        place, car = (Header(stamp=self._stamp, frame_id=name) for name in frames(self))
-        self._time, self._environment = ClockMessage(clock=self._stamp), Environment(header=place)
-        self._state, self._error = ZDynBkMdl(header=place), EZDynBkMdl(header=car)
+        on_map, on_car = (Header(stamp=self._stamp, frame_id=name) for name in frames(self))
+        self._time, self._environment = ClockMessage(clock=self._stamp), Environment(header=on_map)
+        self._state, self._error = ZDynBkMdl(header=on_map), EZDynBkMdl(header=on_car)
         self.clock_pub, self._track_pub = None, None
         if keeps_clock and (values['clock'] or values['realtime_factor'] != 1.0):
             self.clock_pub = self.create_publisher(ClockMessage, names.CLOCK, names.QOS)
         if self.track:
-            self._place = TrackState(header=place)
+            self._place = TrackState(header=on_map)
             self._track_pub = self.create_publisher(TrackState, names.TRACK_STATE, names.QOS)
         self._error_pub = self.create_publisher(EZDynBkMdl, names.STATE_ERROR, names.QOS)
         self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
@@ -134,7 +136,7 @@ class VehicleSimulator(Node):
         super().destroy_node()
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
-        """Publish what was observed at `t` [s], stamped `stamp_ns` [ns]; `z_vhcl` comes last."""
+        """Publish the observation at `t` [s], stamped `stamp_ns` [ns]; `z_vhcl` comes last."""
         self._seen, subscribed = seen, self._subscribed.at(stamp_ns)
         self._stamp.sec, self._stamp.nanosec = split_time(stamp_ns)
         if self.clock_pub in subscribed:
@@ -155,7 +157,7 @@ class VehicleSimulator(Node):
         self._deferred.trigger()
 
     def prepare_start(self, why: str) -> None:
-        """Reset the nodes that command, and begin after that."""
+        """Log `why`, reset the nodes that command, and start after that."""
         self._gate.restart()
         self.get_logger().info(why)
 

@@ -1,4 +1,4 @@
-"""The nodes that command a simulator: waits for them and resets them, and warns if they lack."""
+"""Waits for the nodes that command a simulator and resets them; warns when one is missing."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from barc_sim.simulation.stepper import Stepper
 
 _POLL_PERIOD = 0.01  #: [s]
-#: Polls from the first that finds a controller to the first state: within a process nodes find one
-#: another at once.
+#: Polls in a row that must find a controller before the first state. Nodes of one process discover
+#: one another at once.
 _POLLS = 3
-#: The same for a controller in another process: it may discover this node a little later than it is
-#: discovered, and messages sent meanwhile would be lost. Our recorder discovers topics every 0.2 s.
+#: The same for a controller in another process: it may discover this node a little later than this
+#: node discovers it, and would miss messages. Our recorder discovers topics every 0.2 s.
 _POLLS_OTHER_PROCESS = 40
 _RESETS = (names.RESET_CONTROLLER, names.RESET_RELAY)
-_RESET_TIMEOUT = 0.5  #: [s] for the nodes that command to answer their reset
+_RESET_TIMEOUT = 0.5  #: [s] to wait for the answers to the resets
 
 
 class StartGate:
@@ -39,34 +39,34 @@ class StartGate:
     """
 
     def __init__(self, node: Node, clock: Clock, begin: Callable[[], None], *, wait: bool) -> None:
-        """Poll the graph of `node` by the wall `clock`, and call `begin` at the end.
+        """Poll the graph of `node` by the wall `clock`; call `begin` when the run can start.
 
         If `wait` is false, no controller is needed.
         """
         self._node, self._begin, self._wait = node, begin, wait
         self._clients: dict[str, Client] = {}
-        self._uncalled: list[Client] = []  # to be called once they have found their servers
+        self._uncalled: list[Client] = []  # to be called once they have discovered their servers
         self._answers: list[Future] = []
         self._give_up_at = 0.0
         self._is_reset = False
-        self._polls_found, self._polls_required = 0, _POLLS
+        self._polls_passed, self._polls_required = 0, _POLLS
         self._timer = node.create_timer(_POLL_PERIOD, self._poll, clock=clock)
 
     def restart(self) -> None:
         """Reset the nodes that command, and call `begin` again after that."""
         self._uncalled, self._answers = self._resets(), []
         self._give_up_at = time.monotonic() + _RESET_TIMEOUT
-        # Where the controller is discovered already, one poll is enough.
-        self._polls_found = min(self._polls_found, self._polls_required - 1)
+        # One more poll is enough for a controller that was discovered before.
+        self._polls_passed = min(self._polls_passed, self._polls_required - 1)
         self._is_reset = True
         self._timer.reset()
 
     def _resets(self) -> list[Client]:
-        """Return a client of each reset that is served by now.
+        """Return a client for each reset service that has a server.
 
-        Without a server, ROS would list the service because of the client.
+        ROS would list a service that has a client alone.
         """
-        served = [each for each in _RESETS if self._node.count_services(each)]
+        served = [name for name in _RESETS if self._node.count_services(name)]
         for name in served:
             if name not in self._clients:
                 self._clients[name] = self._node.create_client(Trigger, name)
@@ -79,13 +79,15 @@ class StartGate:
         if self._uncalled or not all(answer.done() for answer in self._answers):
             if time.monotonic() < self._give_up_at:
                 return
-            self._node.get_logger().warning('a node that commands has not answered its reset')
+            self._node.get_logger().warning(
+                f'a controller or relay has not answered its reset within {_RESET_TIMEOUT} s'
+            )
             self._uncalled, self._answers = [], []
-        ends = publishers(self._node, names.ECU)
-        self._polls_required = _POLLS if all_own(self._node, ends) else _POLLS_OTHER_PROCESS
-        self._polls_found = self._polls_found + 1 if ends or not self._wait else 0
-        self._resets()  # clients find their servers meanwhile
-        if self._polls_found < self._polls_required:
+        commanders = publishers(self._node, names.ECU)
+        self._polls_required = _POLLS if all_own(self._node, commanders) else _POLLS_OTHER_PROCESS
+        self._polls_passed = self._polls_passed + 1 if commanders or not self._wait else 0
+        self._resets()  # the clients can discover their servers during the next polls
+        if self._polls_passed < self._polls_required:
             return
         if not self._is_reset:
             self.restart()
@@ -96,11 +98,10 @@ class StartGate:
 
 
 class PeerWatch:
-    """Warns, each sentence once, of what keeps a simulator from being commanded.
+    """Warns, once for each cause, when no node or more than one node commands a simulator.
 
-    While time waits for the answer to a state, that state is published again for a controller that
-    has started since. Of nodes that publish commands, one that was killed counts, too, for the 20 s
-    that DDS needs to notice.
+    While time waits for the answer to a state, the state is published again for a controller that
+    has started since. A killed node still counts as a publisher for 20 s, until DDS notices.
     """
 
     def __init__(
@@ -110,12 +111,13 @@ class PeerWatch:
         republish: Callable[[], None],
         publish_clock: Callable[[], None],
     ) -> None:
-        """Watch the peers of `node`; the functions publish its latest state and time again."""
+        """Watch the peers of `node`; both functions publish its latest state or time again."""
         self._node, self._stepper = node, stepper
         self._republish, self._publish_clock = republish, publish_clock
         self._states = 0
         self._warned: set[str] = set()
-        # Who publishes commands: at the latest check, and at the last one before the present state.
+        # GIDs of the publishers of commands: all at the latest check, and those that were there
+        # when the present state was published.
         self._commanders: set[bytes] = set()
         self._reached: set[bytes] = set()
 
@@ -140,8 +142,8 @@ class PeerWatch:
         self._commanders = commanders
         if len(ends) > 1:
             topic, rivals = self._node.resolve_topic_name(names.ECU), ' and '.join(full_names(ends))
-            end = 'end one; a killed one counts for 20 s'
-            self._warn(f'{rivals} publish {topic} and drive together: {end}')
+            hint = 'end one (a killed node still counts for 20 s)'
+            self._warn(f'{rivals} publish {topic} and drive together: {hint}')
         if states and stands_still:
             self._publish_clock()  # for nodes that have started since
         self._states = states
