@@ -1,4 +1,4 @@
-"""The executor of every run, on events: DDS counts what arrives, and epoll waits for it.
+"""The executor of every run, on events: DDS counts arrivals, and epoll waits for them.
 
 Nothing here changes rclpy's classes, or the process's limits.
 """
@@ -16,8 +16,8 @@ if TYPE_CHECKING or not (_missing := missing()):
     from barc_sim.ros.executor.executor import QuickExecutor
 else:
     warnings.warn(
-        f'QuickExecutor is a plain MultiThreadedExecutor here, as this rclpy or machine has no '
-        f'{", ".join(_missing)}: use rclpy 7.1.5 or later of Jazzy, on Linux, for a fast one',
+        f'QuickExecutor is a plain MultiThreadedExecutor here: this rclpy or machine has no '
+        f"{', '.join(_missing)}; use Jazzy's rclpy 7.1.5 or later, on Linux, for a fast one",
         stacklevel=2,
     )
     QuickExecutor = MultiThreadedExecutor

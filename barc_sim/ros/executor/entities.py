@@ -1,4 +1,4 @@
-"""The entities that an executor executes, and how what has arrived for each kind is taken."""
+"""The entities that an executor executes, and how the arrivals for each kind are taken."""
 
 # ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rclpy.executors import MultiThreadedExecutor
     from rclpy.node import Node
 
-    #: What is to be called, with what.
+    #: A function to call, and its arguments.
     Call = tuple[Callable[..., Any], tuple[Any, ...]]
     Take = Callable[['Entry', MultiThreadedExecutor], 'Call | None']
 
@@ -40,39 +40,39 @@ _MESSAGE_ONLY = Subscription.CallbackType.MessageOnly
 
 @dataclass(eq=False, slots=True)
 class Entry:
-    """An entity of a node, and how much has arrived for it."""
+    """An entity of a node, and the number of arrivals for it that wait to be taken."""
 
     entity: Any  #: a timer, subscription, …: rclpy's have no type in common
     kind: str  #: of KINDS
     node: Node
     handle: Any
     take: Take  #: returns the call that is due, or None for nothing
-    begin: Callable[[], bool]  #: claims its callback group, where that allows another callback
-    end: Callable[[], None]  #: gives the group back
-    pending: int = 0  #: takes that may find something
+    begin: Callable[[], bool]  #: claims its callback group; False: the group is busy
+    end: Callable[[], None]  #: releases the group
+    pending: int = 0  #: arrivals that wait to be taken; there may be fewer messages
     queued: bool = False
-    lasting: bool = False  #: whether its last callback lasted
+    lasting: bool = False  #: whether its last callback took longer than `LASTING`
     descriptor: int = -1  #: the eventfd in which arrivals are counted
-    in_memory: Any = None  #: the counter of arrivals there, while none waits for them
-    counted: int = 0  #: arrivals in memory that were seen
-    idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
+    in_memory: Any = None  #: the counter in memory that replaces it while no thread waits
+    counted: int = 0  #: arrivals in this counter that are pending already
+    idle_uses: int = 0  #: uses until it gets a descriptor of its own; 0: it has one
     on_taken: Callable[[Entry], None] | None = None
-    kept: Any = None  #: a timer's watch on jumps; what stands in the wait set
-    take_message: Any = None  #: a subscription's faster way
+    kept: Any = None  #: a timer's jump handle; the stand-in for an entity in the wait set
+    take_message: Any = None  #: a subscription's faster take
 
     def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
-        """Warn where rclpy itself cannot handle what has arrived; return False for other errors.
+        """Warn of an error of rclpy's own code; return False for other errors.
 
-        That is what a take raises, or rclpy's own callback; and no other code has called it.
+        Such an error is raised by a take or by rclpy's own callback, without other code in between.
         """
         module = str(getattr(getattr(self.entity, 'callback', None), '__module__', None))
-        frames = [frame.f_globals for frame, _ in walk_tb(error.__traceback__)]
-        ours = all(str(each.get('__name__')).startswith(_OURS) for each in frames)
+        scopes = [frame.f_globals for frame, _ in walk_tb(error.__traceback__)]
+        ours = all(str(scope.get('__name__')).startswith(_OURS) for scope in scopes)
         if not (ours and (taking or module.startswith(_OURS)) and isinstance(error, Exception)):
             return False
         name = getattr(self.entity, 'topic', type(self.entity).__name__)
         self.node.get_logger().warning(
-            f'what has arrived for {name!r} was dropped: {type(error).__name__}: {error}',
+            f'dropped what arrived for {name!r}: {type(error).__name__}: {error}',
             throttle_duration_sec=1.0,
         )
         return True
@@ -83,7 +83,7 @@ def entry_of(entity: Any, kind: str, node: Node) -> Entry:  # noqa: ANN401 (see 
     group = entity.callback_group
     begin = lambda: group.can_execute(entity) and group.beginning_execution(entity)  # noqa: E731
     end = partial(group.ending_execution, entity)
-    if type(group) is MutuallyExclusiveCallbackGroup:  # its own methods take longer
+    if type(group) is MutuallyExclusiveCallbackGroup:  # faster than its own methods
         begin, end = partial(_claim, group, entity), partial(setattr, group, '_active_entity', None)
     take = next(take for each, take in _TAKES.items() if isinstance(entity, each))
     handle = '_EventHandler__event' if isinstance(entity, EventHandler) else 'handle'
@@ -98,7 +98,7 @@ def _claim(group: MutuallyExclusiveCallbackGroup, entity: object) -> bool:
 
 
 def _take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
-    """Take a message, the fast way if its callback wants nothing else."""
+    """Take a message, the fast way if the callback takes nothing else."""
     subscription = entry.entity
     message_only = subscription._callback_type is _MESSAGE_ONLY
     if message_only and not subscription.raw:
@@ -112,7 +112,7 @@ def _take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
 
 
 def _take_service(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
-    """Take a request or a response; unlike rclpy's way, this returns whether there was one."""
+    """Take a request or a response; rclpy's own way does not return whether there was one."""
     entity, handle = entry.entity, entry.handle
     with handle:
         if entry.kind == 'services':
@@ -143,7 +143,7 @@ def _take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
 
 
 def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
-    """Take the status of a QoS event, unless another one was meant that shares the descriptor."""
+    """Take a QoS event; None: the arrival was for another entity with the same descriptor."""
     with entry.handle:
         taken = entry.handle.take_event()
     changes = [getattr(taken, name) for name in dir(taken) if name.endswith('_count_change')]

@@ -1,7 +1,7 @@
-"""The private parts of rclpy, rcl and Linux that the executor uses, and whether they are there.
+"""The private parts of rclpy, rcl and Linux that the executor uses, and a check that they exist.
 
-`missing` is asked before any other module of the executor is imported, so that nothing here but
-`missing` may rely on what it checks.
+`missing` is called before any other module of the executor is imported. So the import of this
+module may not rely on what `missing` checks.
 """
 
 # ruff: noqa: SLF001 - rclpy's private names are the point.
@@ -44,7 +44,7 @@ LISTENERS: dict[type[Any], str] = {
 _library, _returning = cache(ctypes.PyDLL), cache(PYFUNCTYPE)  # each makes classes
 _pointer_in = PYFUNCTYPE(c_void_p, py_object, c_char_p)(('PyCapsule_GetPointer', ctypes.pythonapi))
 
-#: By module and class, its private names: those that it has, or that its methods use.
+#: The private names that are needed, by module and class: each an attribute, or used in a method.
 PRIVATE_NAMES = {
     'rclpy.executors': 'await_or_execute ShutdownException ExternalShutdownException',
     'rclpy.executors:Executor': '_guard _is_shutdown _sigint_gc _executor_event '
@@ -74,7 +74,7 @@ PRIVATE_NAMES = {
 
 
 def missing() -> list[str]:
-    """Return what this rclpy, rcl or machine lacks, or has with another behaviour."""
+    """Return the names of what this rclpy, rcl or machine lacks."""
     lacking = [
         f'{path.rpartition(":")[2]}.{name}'
         for path, names in PRIVATE_NAMES.items()
@@ -95,7 +95,7 @@ def missing() -> list[str]:
 
 
 def _lacks(path: str, name: str) -> bool:
-    """Return whether a module or class lacks a name, and its methods do not use it either."""
+    """Return whether a module or class neither has a name nor uses it in a method."""
     try:
         owner = resolve_name(path)
     except (ImportError, AttributeError):
@@ -105,25 +105,25 @@ def _lacks(path: str, name: str) -> bool:
     return not (hasattr(owner, name) or any(name in code.co_names for code in codes))
 
 
-#: By library, the functions that add a number to an eventfd, and to an integer in memory, without
-#: a system call: libc's `eventfd_write`, and `__gnu_cxx::__atomic_add`, which DDS itself links.
-#: Their signature is that of a listener of DDS, `(user_data, number_of_events)`.
+#: Two functions that can be listeners of DDS, each with its library: both have the signature
+#: `(user_data, number_of_events)`. libc's `eventfd_write` adds to an eventfd; libstdc++'s
+#: `__gnu_cxx::__atomic_add`, which DDS itself links, adds to memory without a system call.
 _TO_DESCRIPTOR = (None, 'eventfd_write')
 _TO_MEMORY = ('libstdc++.so.6', '_ZN9__gnu_cxx12__atomic_addEPVii')
 
 
 @cache
 def _counting(library: str | None, name: str) -> c_void_p:
-    """Return one of them, as a listener: it counts arrivals without any code of ours."""
+    """Return such a function as a listener, which counts arrivals without any code of ours."""
     return ctypes.cast(getattr(ctypes.CDLL(library), name), c_void_p)
 
 
 def set_listener(entry: Any, counter: int | c_int32 | None) -> bool:  # noqa: ANN401 (an Entry)
-    """Have arrivals at an entity counted in an eventfd or in memory; with None, no longer.
+    """Count arrivals for an entity in an eventfd or in memory; None stops it.
 
-    Returns False where there is no listener; what was destroyed needs none. Once one is taken
-    back, no thread is left in it. It is set twice, as what arrives during the first call may be
-    missed: the second counts it.
+    Returns False for a kind of entity without listeners; a destroyed entity needs none. After a
+    listener was removed, no thread is in it any more. It is set twice: an arrival during the first
+    call may be missed, and the second call counts it.
     """
     name = next((name for each, name in LISTENERS.items() if isinstance(entry.entity, each)), '')
     if not name:
@@ -149,10 +149,10 @@ def _setter(name: str) -> Any:  # noqa: ANN401
 
 
 def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]:
-    """Return a function that takes the next message, or raises InvalidHandle: none will come.
+    """Return a function that takes the next message; InvalidHandle: the subscription is destroyed.
 
-    rcl writes all messages into one of C that is kept; rclpy makes a new one for each take, and a
-    dictionary of its times.
+    rcl writes all messages into the same C struct; rclpy makes a new struct for each take, and a
+    dictionary of the message's times.
     """
     create, destroy, convert = (
         _returning(result)(_pointer_in(getattr(subscription.msg_type, name), None))
@@ -162,24 +162,24 @@ def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]
             ('_CONVERT_TO_PY', py_object),
         )
     )
-    kept = c_void_p(create())
-    finalize(kept, destroy, c_void_p(kept.value)).atexit = False  # daemons go on until then
+    struct = c_void_p(create())
+    finalize(struct, destroy, c_void_p(struct.value)).atexit = False  # daemons use it until then
     handle, take = subscription.handle, _library('librcl.so').rcl_take
     pointer = c_void_p(handle.pointer)
 
     def take_message() -> tuple[Any] | None:
-        # No other thread runs from the look at the handle to the end. `argtypes` would cost 0.3 us.
-        result = take(pointer if handle.pointer else None, kept, None, None)
-        if result not in (0, 401):  # 401: nothing is there
+        # No other thread runs after the check of the handle. `argtypes` would cost 0.3 us.
+        result = take(pointer if handle.pointer else None, struct, None, None)
+        if result not in (0, 401):  # 401: no message
             _library('librcutils.so').rcutils_reset_error()
             raise RuntimeError(f'rcl_take returned {result}') if handle.pointer else InvalidHandle
-        return None if result else (convert(kept),)
+        return None if result else (convert(struct),)
 
     return take_message
 
 
 class StandIn:
-    """Stands for an object, and has the given attributes in place of the object's own."""
+    """Wraps an object, and replaces some of its attributes."""
 
     def __init__(self, instead_of: Any, **attributes: object) -> None:  # noqa: ANN401
         vars(self).update(attributes, instead_of=instead_of)
@@ -189,26 +189,26 @@ class StandIn:
         return getattr(self.instead_of, name)
 
     def __enter__(self) -> None:
-        """Have the object in use."""
+        """Enter the object's context."""
         self.instead_of.__enter__()
 
     def __exit__(self, *error: object) -> None:
-        """Have it in use no longer."""
+        """Leave the object's context."""
         self.instead_of.__exit__(*error)
 
 
 def notify_of_triggers(guard: GuardCondition, notify: Callable[[], None] | None) -> None:
-    """Call `notify` at each trigger of one guard condition; with None, no longer.
+    """Call `notify` at each trigger of a guard condition; None stops it.
 
-    Its handle is replaced and not its `trigger`, which others may have kept.
+    It replaces the handle, not the method `trigger`, to which others may have a reference.
     """
     handle = getattr(guard.handle, 'instead_of', guard.handle)
-    listening = notify and StandIn(handle, trigger_guard_condition=notify)
-    guard._GuardCondition__gc = listening or handle
+    stand_in = notify and StandIn(handle, trigger_guard_condition=notify)
+    guard._GuardCondition__gc = stand_in or handle
 
 
 def was_triggered(guard: GuardCondition, context: Context) -> bool:
-    """Forget the former triggers of one that is notified of; return whether there were any."""
+    """Return whether a guard condition was triggered before `notify_of_triggers`, and clear it."""
     handle = guard.handle.instead_of
     if not context.ok():
         return False
