@@ -1,4 +1,4 @@
-"""What has arrived for each entity: DDS counts it in eventfds, and epoll waits for all of them."""
+"""Counts arrivals for each entity: DDS counts in eventfds, and epoll waits for all of them."""
 
 from __future__ import annotations
 
@@ -30,43 +30,44 @@ if TYPE_CHECKING:
     from rclpy.context import Context
     from rclpy.node import Node
 
-#: [s] The longest wait. Then the context is checked, as a signal ends it without an event.
+#: [s] The maximum wait. Then the context is checked: a signal shuts it down without an event.
 _CHECK_PERIOD = 0.1
-#: An entity shares a descriptor until it has been used so often.
+#: Uses after which an entity gets a descriptor of its own.
 _IDLE_USES = 8
-#: [s] While callbacks are executed without a pause, epoll is asked so seldom.
+#: [s] between two polls while callbacks are executed without a pause.
 _POLL_PERIOD = 0.25e-3
 #: Polls without a wait after which arrivals are counted in memory.
 _BUSY_POLLS = 16
 _ANY_JUMP = JumpThreshold(
     min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)
 )
-#: By descriptor, what is counted in memory; never freed, as a listener may fire late: see `retire`.
+#: The counters in memory by descriptor; never freed: a listener may fire late, see `retire`.
 _counters: defaultdict[int, c_int32] = defaultdict(c_int32)
 
 
 class Events:
-    """The entities of an executor's nodes, and which of them something has arrived for.
+    """The entities of an executor's nodes, and a queue of those with arrivals.
 
-    Those that are hardly used share one descriptor: when something arrives for one, all of them are
-    tried. After a few uses it gets a descriptor of its own. While no thread waits for descriptors,
-    what arrives is counted in memory: DDS then makes no system call, and nor does this. All but
-    `wake` is for one thread at a time. `on_failure` gets an exception of a waitable.
+    Rarely used entities share one descriptor: after an arrival for one of them, all of them are
+    tried. After a few uses an entity gets a descriptor of its own. While no thread waits for
+    descriptors, arrivals are counted in memory: then neither DDS nor the executor makes a system
+    call. Only `wake` is for several threads at a time. `on_failure` gets an exception of a
+    waitable.
     """
 
     def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:
-        self.ready: deque[Entry] = deque()  #: entries with something pending, in turn
-        self.poll_due = 0.0  #: [s] when epoll is asked, even if something is ready
-        self.stale = True  #: whether the nodes are to be looked at again
+        self.ready: deque[Entry] = deque()  #: entries with pending arrivals, the next one first
+        self.poll_due = 0.0  #: [s] when epoll is polled, even if an entry is ready
+        self.stale = True  #: whether nodes or entities may have been added or removed
         self.woken = True  #: whether `wake` was called, or it is time for a check
         self._entries: dict[object, Entry] = {}
         self._shared = counter()
-        self._wakeup = counter()  # which timers count their resets in, too
+        self._wakeup = counter()  # counts the resets of timers, too
         self._counted: dict[int, list[Entry]] = {self._wakeup: [], self._shared: []}
-        self._in_memory: list[Entry] = []  # whose arrivals are counted there
+        self._in_memory: list[Entry] = []  # entries whose arrivals are counted in memory
         self._polls_at_once = 0  # since the last wait
         self._signalled: deque[Entry] = deque()  # by other threads
-        self._due: dict[Entry, float] = {}  # [s] by timer; inf: not by itself
+        self._due: dict[Entry, float] = {}  # [s] by timer; inf: only an event can make it due
         self._next_due = inf
         self._next_check = 0.0
         self._waiter = WaitSetThread(context, self._signal, on_failure)
@@ -75,7 +76,7 @@ class Events:
             self._descriptors.add(descriptor)
 
     def wake(self, _: object = None) -> None:
-        """End a wait, from any thread, also when this is closed."""
+        """End a wait; any thread may call this, even after `close`."""
         self.woken = True
         os.eventfd_write(self._wakeup, 1)
 
@@ -84,18 +85,18 @@ class Events:
         self.wake()
 
     def queue(self, entry: Entry, count: int = 1) -> None:
-        """Note that something has arrived for an entity."""
+        """Add `count` arrivals to an entry, and queue it."""
         entry.pending += count
         if not entry.queued:
             entry.queued = True
             self.ready.append(entry)
 
     def poll(self, deadline: float) -> float:
-        """Wait until something arrives, `wake` is called or the deadline [s]; return the time.
+        """Wait for an arrival, a `wake` or the deadline [s]; return the time [s].
 
-        A deadline of 0 means that something is ready to be executed.
+        A deadline of 0 means that an entry is ready: do not wait.
         """
-        now, already = time.monotonic(), len(self.ready)
+        now, ready_before = time.monotonic(), len(self.ready)
         for entry in self._in_memory:
             if arrived := entry.in_memory.value - entry.counted:
                 entry.counted += arrived
@@ -117,9 +118,9 @@ class Events:
                 self._count_in_memory(descriptor)
         if now >= self._next_due:
             self._schedule([each for each, due in self._due.items() if due <= now])
-        if len(self.ready) - already > 1:  # in rclpy's order
-            found = [self.ready.pop() for _ in range(len(self.ready) - already)][::-1]
-            self.ready.extend(sorted(found, key=lambda each: KINDS.index(each.kind)))
+        if len(self.ready) - ready_before > 1:  # in rclpy's order
+            new = [self.ready.pop() for _ in range(len(self.ready) - ready_before)][::-1]
+            self.ready.extend(sorted(new, key=lambda entry: KINDS.index(entry.kind)))
         if now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD
             self._count_in_descriptors()  # which of them are busy may change
@@ -127,7 +128,7 @@ class Events:
         return now
 
     def _queue_counted(self, descriptor: int) -> None:
-        """Queue what has arrived for the entities that are counted in a descriptor."""
+        """Queue the entries whose arrivals a descriptor has counted."""
         if count := self._descriptors.take_count(descriptor):
             for entry in self._counted[descriptor]:
                 self.queue(entry, count)
@@ -136,10 +137,10 @@ class Events:
                 entry = self._signalled.popleft()
                 if self._entries.get(entry.entity) is entry and not entry.pending:
                     self.queue(entry)
-            self._schedule(list(self._due))  # as one may be reset, or a clock have jumped
+            self._schedule(list(self._due))  # a timer may be reset, or a clock have jumped
 
     def _count_in_memory(self, descriptor: int) -> None:
-        """Have what arrives for an entity counted in memory, if its descriptor is its own."""
+        """Count an entity's arrivals in memory, if it has a descriptor of its own."""
         for entry in self._counted[descriptor]:
             if not entry.idle_uses and descriptor != self._shared:
                 entry.in_memory = _counters[descriptor]
@@ -148,7 +149,7 @@ class Events:
                 self._queue_counted(descriptor)
 
     def _count_in_descriptors(self) -> None:
-        """Have what arrives counted in descriptors again, so that a thread can wait for it."""
+        """Count arrivals in descriptors again, so that a thread can wait for them."""
         while self._in_memory:
             entry = self._in_memory.pop()
             private.set_listener(entry, entry.descriptor)
@@ -157,14 +158,14 @@ class Events:
             entry.in_memory.value = entry.counted = 0
 
     def _schedule(self, timers: Iterable[Entry]) -> None:
-        """Find out when each of these timers is due."""
+        """Compute when each of these timers is due, and queue the timers that are due now."""
         for entry in timers:
             left = None
             with suppress(InvalidHandle), entry.handle:
                 left = entry.handle.time_until_next_call()
             self._due[entry] = inf
             if left is not None and left <= 0:
-                if not entry.pending:  # else it waits for its group already
+                if not entry.pending:  # otherwise it waits for its group already
                     self.queue(entry)
             elif left and not (entry.kept and entry.entity.clock.ros_time_is_active):
                 self._due[entry] = time.monotonic() + left * 1e-9
@@ -172,17 +173,17 @@ class Events:
 
     def refresh(self, nodes: Iterable[Node]) -> None:
         """Listen to all entities of the nodes, and to no others."""
-        self.stale = False  # before the nodes are looked at, so that no later change is missed
-        found = {
+        self.stale = False  # first, so that no change from here on is missed
+        present = {
             entity: (kind, node)
             for node in nodes
             for kind in KINDS
             for entity in getattr(node, kind)
             if not getattr(entity.callback_group, 'polled', False)
         }
-        for entity in self._entries.keys() - found.keys():
+        for entity in self._entries.keys() - present.keys():
             self._remove(self._entries.pop(entity))
-        for entity, (kind, node) in found.items():
+        for entity, (kind, node) in present.items():
             if entity not in self._entries:
                 with suppress(InvalidHandle):  # destroyed just now
                     self._add(entry_of(entity, kind, node))
@@ -204,7 +205,7 @@ class Events:
         elif private.set_listener(entry, self._shared):
             entry.descriptor, entry.idle_uses = self._shared, _IDLE_USES
             self._counted[self._shared].append(entry)
-            if left := getattr(entity, '_arrived', 0):  # counted, but not taken before
+            if left := getattr(entity, '_arrived', 0):  # its last executor did not take them
                 self.queue(entry, left)
         else:
             entry.on_taken = self._waiter.resume
@@ -212,18 +213,18 @@ class Events:
         self._entries[entity] = entry
 
     def note_use(self, entry: Entry) -> None:
-        """Note that something was taken for an idle entity: it shares a descriptor for so long."""
+        """Count a use of an entity that shares a descriptor; the last one gives it its own."""
         entry.idle_uses -= 1
         if not entry.idle_uses:
             with suppress(OSError):  # no descriptor is left
-                own = counter()
-                private.set_listener(entry, own)
+                descriptor = counter()
+                private.set_listener(entry, descriptor)
                 self._leave(entry)
-                entry.descriptor, self._counted[own] = own, [entry]
-                self._descriptors.add(own)
+                entry.descriptor, self._counted[descriptor] = descriptor, [entry]
+                self._descriptors.add(descriptor)
 
     def _leave(self, entry: Entry) -> None:
-        """Count no arrivals of an entity in its descriptor any longer."""
+        """Stop counting an entity's arrivals in its descriptor."""
         descriptor = entry.descriptor
         self._queue_counted(descriptor)
         self._counted[descriptor].remove(entry)
@@ -233,7 +234,7 @@ class Events:
             retire(descriptor)
 
     def _remove(self, entry: Entry) -> None:
-        """Listen to an entity no longer."""
+        """Stop listening to an entity."""
         entity = entry.entity
         self._count_in_descriptors()
         if isinstance(entity, GuardCondition):
@@ -252,11 +253,11 @@ class Events:
             else:
                 self._leave(entry)
                 entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
-        with suppress(ValueError):  # it waits for nothing
+        with suppress(ValueError):  # it is not queued
             self.ready.remove(entry)
 
     def close(self) -> None:
-        """Listen to nothing."""
+        """Stop listening to all entities."""
         self.refresh([])
         self._waiter.close()
         retire(self._wakeup)
@@ -265,10 +266,10 @@ class Events:
 
 
 class WaitSetThread(SingleThreadedExecutor):
-    """Waits for what has no listener, with rclpy's own wait set; it starts with the first entry.
+    """Waits for entities without a listener, in rclpy's own wait set.
 
-    It calls `is_ready` with an entry that is ready, which is waited for again after `resume`; and
-    `on_failure` with an exception of a waitable, which ends it.
+    It starts with the first entry. It calls `is_ready` with each entry that is ready, and waits for
+    that entry again after `resume`. An exception of a waitable ends it, and goes to `on_failure`.
     """
 
     def __init__(
@@ -280,11 +281,11 @@ class WaitSetThread(SingleThreadedExecutor):
         super().__init__(context=context)
         self._is_ready, self._on_failure = is_ready, on_failure
         self._thread = Thread(target=self._run, daemon=True)
-        for kind in KINDS:  # it is waited for as if they were a node's
+        for kind in KINDS:  # rclpy waits for these entities as for those of a node
             setattr(self, kind, [])
 
     def add(self, entry: Entry) -> None:
-        """Wait for an entry, too, also while its callback group is claimed."""
+        """Wait for an entry from now on, even while its callback group is claimed."""
         group = ReentrantCallbackGroup()
         entry.kept = private.StandIn(
             entry.entity, entry=entry, callback_group=group, _executor_event=False
@@ -295,12 +296,12 @@ class WaitSetThread(SingleThreadedExecutor):
             self._thread.start()
 
     def resume(self, entry: Entry) -> None:
-        """Wait for an entry again, as what was ready is taken."""
+        """Wait for an entry again, after its take."""
         entry.kept._executor_event = False  # noqa: SLF001 - True from ready to taken
         self.wake()
 
     def remove(self, entry: Entry) -> None:
-        """Wait for an entry no longer."""
+        """Stop waiting for an entry."""
         getattr(self, entry.kind).remove(entry.kept)
         self.wake()
 
