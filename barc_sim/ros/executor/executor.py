@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
     from barc_sim.ros.executor.entities import Call, Entry
 
-#: [s] So often a waiting spin looks whether all threads are in callbacks; one in a callback, too.
+#: [s] A spin checks so often whether all threads are in callbacks; the second: a nested spin.
 _CHECK_PERIOD, _CHECK_PERIOD_INSIDE = 0.5, 0.01
 #: Whether rclpy (7.1.9 and later) resumes a task itself, when the future that it awaits is done.
 _RESUMES = hasattr(MultiThreadedExecutor, '_call_task_in_next_spin')
-#: [s] A thread that has stood by while nothing spun ends after this time.
+#: [s] without a spin after which a thread that stands by ends.
 _LINGER = 0.05
 
 
@@ -43,7 +43,7 @@ class Spin:
     future: Future | None
     deadline: float  #: [s]; -inf: its one callback has returned
     once: bool
-    begun: bool = False  #: whether the one callback has
+    begun: bool = False  #: whether its one callback has begun
     over: Event = field(default_factory=Event)
 
 
@@ -54,25 +54,25 @@ class _Lost(Exception):  # noqa: N818 - no error
 class QuickExecutor(MultiThreadedExecutor):
     """A `MultiThreadedExecutor` that waits for events and calls every callback exactly once.
 
-    A callback, of any group, runs in the thread of the pool that polled; another one polls when it
-    lasts longer than a millisecond. The promises of groups are kept, and `num_threads` callbacks
-    run at the same time at most. Of several entities with messages, each is executed once in turn.
-    An exception in a callback ends the spin at once; one in rclpy's own code is a warning.
+    The pool's thread that polled runs the callback, of any group; when the callback lasts longer
+    than a millisecond, another thread polls. Callback groups hold, and at most `num_threads`
+    callbacks run at the same time. Entities with waiting messages take turns, one message each. An
+    exception in a callback ends the spin at once; an exception in rclpy's own code is a warning.
     """
 
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
         super().__init__(num_threads, context=context)
-        self._tasks: dict[Task, Entry | None] = {}  # the oldest first; its entry: of a callback
-        self._spins: set[Spin] = set()  # those that are not over
-        self._once: list[Spin] = []  # those of them that wait for their one callback to begin
+        self._tasks: dict[Task, Entry | None] = {}  # oldest first; entry: of a callback's coroutine
+        self._spins: set[Spin] = set()  # spins that are not over
+        self._once: list[Spin] = []  # spins whose one callback has not begun
         self._failures: deque[BaseException] = deque()  # for the spinning threads to raise
         self._threads: set[Thread] = set()  # daemons, so that a program can end while they spin
-        self._standing_by = 0  # those of them that neither lead nor call a callback
-        self._lock = RLock()  # of both
+        self._standing_by = 0  # number of threads that neither lead nor call a callback
+        self._lock = RLock()  # of `_threads` and `_standing_by`
         self._events = Events(self.context, self._fail)
         self._leadership = Leadership()
-        self._change: object = object()  # another one when a coroutine's wait may have ended
-        self._have_stepped = False  # tasks, since the last poll
+        self._change: object = object()  # a new one when a coroutine's wait may have ended
+        self._have_stepped = False  # whether tasks were stepped since the last poll
         notify_of_triggers(self._guard, self._on_change)
         self._closed = False
 
@@ -89,14 +89,14 @@ class QuickExecutor(MultiThreadedExecutor):
             self._events.close()
             self._leadership.close()
             for task in [task for task, entry in self._tasks.copy().items() if entry]:
-                task.cancel()  # a callback's coroutine, which gives its group back
+                task.cancel()  # a callback's coroutine, which releases its group
 
     def _fail(self, error: BaseException) -> None:
         self._failures.append(error)
         self._events.wake()
 
     def _on_change(self) -> None:
-        """Look at the nodes again; a thread that polls does it by itself."""
+        """Refresh the nodes' entities, here unless a polling thread does it."""
         self._change = object()
         self._events.stale = True
         self._events.wake()
@@ -107,14 +107,14 @@ class QuickExecutor(MultiThreadedExecutor):
                 self._leadership.release()
 
     def create_task(self, callback: Callable[..., Any], *args: Any, **kwargs: Any) -> Task:  # noqa: ANN401
-        """Have a function or a coroutine function executed, and return its future."""
+        """Execute a function or a coroutine function in the next spin; return its future."""
         task = Task(callback, args, kwargs, executor=self)
         self._call_task_in_next_spin(task)
         return task
 
     def _call_task_in_next_spin(self, task: Task) -> None:
         """Step a new task soon, or one whose coroutine yields without a future."""
-        task.seen = self  # nothing
+        task.seen = self  # no `_change` yet
         self._tasks[task] = self._tasks.pop(task, None)  # after the others
         self._change = object()
         self._events.wake()
@@ -124,24 +124,24 @@ class QuickExecutor(MultiThreadedExecutor):
         self._spin(None)
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Execute one callback, or return because the time is over."""
+        """Execute one callback, or none within the timeout."""
         self._spin(timeout_sec, once=True)
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
-        """Execute callbacks until the future is done or the time is over."""
+        """Execute callbacks until the future is done or the timeout is over."""
         self._spin(timeout_sec, future)
 
     def spin_once_until_future_complete(
         self, future: Future, timeout_sec: float | TimeoutObject | None = None
     ) -> None:
-        """Execute one callback, or return because the future is done or the time is over."""
+        """Execute one callback, or none when the future is done or the timeout is over."""
         self._spin(getattr(timeout_sec, 'timeout', timeout_sec), future, once=True)
 
     def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
         """Stop, wait for the callbacks that have begun, and end the pool's threads.
 
-        Returns False where callbacks still ran after `timeout_sec` (None or negative: no end);
-        call it again then. From within a callback, or not to wait for threads, it returns at once.
+        Returns False if callbacks still run after `timeout_sec` (None or negative: no limit); call
+        it again then. Within a callback, or without `wait_for_threads`, it returns at once.
         """
         timeout_sec = timeout_sec if wait_for_threads else 0.0
         self._is_shutdown = True
@@ -162,9 +162,9 @@ class QuickExecutor(MultiThreadedExecutor):
     def _spin(
         self, timeout_sec: float | None, future: Future | None = None, *, once: bool = False
     ) -> None:
-        """Have callbacks executed by the pool, as this may have to end while one runs.
+        """Let the pool execute callbacks, because a spin may have to end while one runs.
 
-        Within a callback this thread is one of the pool, and leads where no other one does.
+        Within a callback this thread is one of the pool, and leads if no other thread does.
         """
         deadline = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
         spin = Spin(future, deadline, once)
@@ -189,16 +189,16 @@ class QuickExecutor(MultiThreadedExecutor):
             self._spins.discard(spin)
             self._is_spinning = bool(self._spins)
             if future:
-                future.remove_done_callback(self._events.wake)  # rclpy leaves it behind
+                future.remove_done_callback(self._events.wake)  # rclpy does not
             self._events.wake()
-            # No callback is to begin any more.
+            # After the spin no callback may begin: wait until no thread leads.
             while not (self._spins or self._leadership.free):
                 time.sleep(1e-4)
         if self._failures:
             raise self._failures.popleft()
 
     def _end_spins(self, expired: float = -inf) -> None:
-        """End the spins that are over, or whose time is."""
+        """End the spins that are done, and those whose deadline is `expired` [s] or earlier."""
         ended = bool(self._failures) or self._is_shutdown or not self.context.ok()
         for spin in list(self._spins):
             done = spin.future is not None and (spin.future.done() or spin.future.cancelled())
@@ -211,11 +211,14 @@ class QuickExecutor(MultiThreadedExecutor):
             self._leadership.wake_stand_by()
 
     def _start_stand_by(self, instead: int = 0) -> None:
-        """Have a thread of the pool stand by, unless one does or none is left."""
+        """Start a thread that stands by, unless one does or the pool is full.
+
+        The number of threads that have just stopped standing by is `instead`.
+        """
         with self._lock:
             self._standing_by -= instead
-            most = self._executor._max_workers  # noqa: SLF001
-            if not (self._standing_by or self._is_shutdown or len(self._threads) >= most):
+            maximum = self._executor._max_workers  # noqa: SLF001
+            if not (self._standing_by or self._is_shutdown or len(self._threads) >= maximum):
                 self._standing_by += 1
                 thread = Thread(target=self._work, daemon=True)
                 self._threads.add(thread)
@@ -279,9 +282,9 @@ class QuickExecutor(MultiThreadedExecutor):
         self._leadership.release(0.0 if self._spins or self._is_shutdown else _LINGER)
 
     def _step_tasks(self) -> None:
-        """Step each task that is new or may go on, in rclpy's order."""
+        """Step each task that is new or may continue, in rclpy's order, once between two polls."""
         nodes, once = [None, *self.get_nodes()], self._once
-        # Once between two polls; other threads create some.
+        # A copy, because other threads create tasks.
         tasks = ({} if self._have_stepped else self._tasks.copy()).items()
         for task, entry in tasks if _RESUMES else reversed(tasks):
             is_due = not task.executing() and task.seen not in (None, self._change)
@@ -290,7 +293,7 @@ class QuickExecutor(MultiThreadedExecutor):
                 if error := task.exception():
                     self._fail(error)
             elif is_due and getattr(entry, 'node', None) in nodes:
-                self._have_stepped = True  # what is ready has the next turn
+                self._have_stepped = True  # the ready entries are next
                 self._run(None, (self._step, (task,)))
                 if once:
                     break
@@ -302,7 +305,7 @@ class QuickExecutor(MultiThreadedExecutor):
         if task.done():
             self._change = object()
             self._tasks.pop(task, None)
-            task.result()  # raises
+            task.result()  # raises its exception
         elif entry:
             self._tasks[task] = entry
             self._events.wake()
@@ -319,18 +322,18 @@ class QuickExecutor(MultiThreadedExecutor):
             elif call := self._take(entry):
                 executed = True
                 self._run(entry, call)
-                if events.woken:  # it may be over
+                if events.woken:  # the spin may be over
                     break
         return executed
 
     def _take(self, entry: Entry) -> Call | None:
-        """Return what is to be called for an entity whose group is claimed, or None for nothing."""
+        """Return the call that is due for an entity whose group is claimed, or None."""
         call = None
         entry.pending -= 1
         try:
             call = entry.take(entry, self)
             if call is None:
-                entry.pending = 0  # nothing is there
+                entry.pending = 0  # there was nothing to take
         except InvalidHandle:
             entry.pending = 0  # destroyed without its node
         except Exception as error:
@@ -351,7 +354,7 @@ class QuickExecutor(MultiThreadedExecutor):
     def _run(self, entry: Entry | None, call: Call) -> None:
         """Call a callback whose group is claimed, or step a task.
 
-        Raises _Lost where another thread has taken over meanwhile.
+        Raises _Lost if another thread has taken over meanwhile.
         """
         callback, args = call
         claimed = entry
@@ -368,13 +371,14 @@ class QuickExecutor(MultiThreadedExecutor):
             if not (entry and entry.warns_of(error)):
                 self._fail(error)
         finally:
-            if claimed:  # after the failure, which ends spins before another of its group begins
+            if claimed:  # after `_fail`: the spin ends before the next callback of the group
                 claimed.end()
         for spin in once:
-            spin.deadline = -inf  # for the next look
+            spin.deadline = -inf  # the next `_end_spins` ends it
         leads = self._leadership.take_back(lent)
         if entry:
-            self._change = lent  # a coroutine in another thread may wait for this, but be no task
+            # A coroutine that another thread steps, and that is no task yet, may wait for this.
+            self._change = lent
             entry.lasting = not leads and time.monotonic() - lent > LASTING
         if self._tasks or once:
             self._events.woken = True
@@ -384,7 +388,7 @@ class QuickExecutor(MultiThreadedExecutor):
 
 
 async def _finish(entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:
-    """Await a callback's coroutine, and give its group back."""
+    """Await a callback's coroutine, and release its group."""
     try:
         await coroutine
     except Exception as error:
