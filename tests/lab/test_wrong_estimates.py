@@ -14,7 +14,7 @@ from user_files import IDENTIFY as RIGHT
 from user_files import points_of, read_programs, replaced
 
 from barc_sim.lab.grade.grade import load
-from barc_sim.lab.labs.identify import NOISE, car_of, measured, shown
+from barc_sim.lab.labs.identify import NOISE, car_of, evidence_of, measured
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,13 +23,13 @@ PROGRAMS = read_programs("""
 right | 90 |  | right in all 5 cases
 no excitation | 55 |  | the car does not move
     if t < 7.0: -> return 0.0⏎    if t < 7.0:
-beyond the limit | 85 |  | the command reaches 2.5 m/s², 2 m/s² are allowed; the first is at 0.00 s
+beyond the limit | 85 |  | 2.5 m/s², but only 2 m/s² are allowed; it is too large from 0.00 s on
     return 2.0⏎    if -> return 2.5 if t < 4.0 else 2.0 if t < 6.0 else 0.0⏎    if
 a force | 80 |  | is it a force? Return an acceleration; the car reaches 4343.2 m/s
     return 2.0⏎    if -> return 4000.0⏎    if
-no number of a car | 50 |  | beyond 1e+06 it is not a car
+no number of a car | 50 |  | expected at most 1e+06
     return 2.0⏎    if -> return 1e308⏎    if
-too fast | 85 |  | m/s, 15 m/s are allowed
+too fast | 85 |  | m/s, but only 15 m/s are allowed
     if t < 7.0 -> if t < 9.0
 backwards | 85 |  | the car drives backwards
     return 0.0 -> return -1.0
@@ -56,7 +56,7 @@ one standard deviation | 84 |  | is it one standard deviation?
     1.96 * -> 1.0 *
 intervals ten times as wide | 80 |  | too wide
     1.96 * -> 19.6 *
-no interval | 75 |  | return numbers above 0
+no interval | 75 |  | return intervals above 0
     1.96 * -> 0.0 *
 three numbers | 40 | def estimate | six finite numbers
     return [drag, half[0], friction, half[1], delay, half[2]] -> return [drag, friction, delay]
@@ -100,6 +100,6 @@ def test_the_bound_is_that_of_a_right_estimate() -> None:
 
 @pytest.mark.parametrize('found', [[1e300] * 6, [-1.0] * 6, [0.0] * 6])
 def test_any_estimate_can_be_drawn(found: list[float]) -> None:
-    drive = shown(car_of(''), [2.0] * 100 + [0.0] * 2900, found)
+    drive = evidence_of(car_of(''), [2.0] * 100 + [0.0] * 2900, found)
     assert len(drive.figure('any').axes) == 2
     assert len(drive.rows) == 3

@@ -50,7 +50,7 @@ the curvature's sign | 82 | k = | is the sign of the curvature right?
     k = curvature(0.0) -> k = -curvature(0.0)
 no feedforward | 76 | steer = | the curvature has no effect
     steer = delta - self.k_y * e_y - self.k_psi * e -> steer = -self.k_y * e_y - self.k_psi * e_psi
-e_psi to 0 | 83 |  | in a turn e_psi is not to be 0
+e_psi to 0 | 83 |  | in a turn e_psi must be the one of steady
     e = e_psi - e_steady -> e = e_psi
 degrees in Lane | 75 | steer = | is it in degrees?
     return steer -> steer = steer * 180 / pi⏎        return steer
@@ -64,11 +64,11 @@ always at the limit | 75 | steer = | the gains are too large
     return steer -> steer = 30 * steer⏎        return steer
 gains too large | 75 | steer = | the gains are too large
     - self.k_y * e_y - self.k_psi * e -> - 30 * (self.k_y * e_y + self.k_psi * e)
-a weak law | 74 | steer = | e_y counts too little
+a weak law | 74 | steer = | the gain of e_y is too small
     self.k_y = 0.22 -> self.k_y = 0.02
-a bias | 85 | steer = | the mirror image
+a bias | 85 | steer = | a mirrored e_y must give the opposite angle
     steer = delta -> steer = 0.02 + delta
-nothing | 35 |  | the angle is the same
+nothing | 35 |  | the steering angle is the same
     return steer -> return 0.0
 pure pursuit | 87 |  | the signs are right
     k = curvature(0.0) -> PURE_PURSUIT

@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 PROGRAMS = read_programs("""
 right | 90 |  | right in all 10 cases
-no root | 78 |  | the root is missing
+no root | 78 |  | sqrt is missing
     min(144.0, 3.5 / abs(k)) -> min(144.0, (3.5 / k)**2)
 a straight | 70 | v2 = | ZeroDivisionError
     if k else 144.0 -> if True else 144.0
-the turns alone | 78 |  | the car cannot jump from speed to speed
+the turns alone | 78 |  | the speeds keep only the limits in turns
     range(2 * n) -> range(0)
     range(2 * n, 0, -1) -> range(0)
 not closed | 78 |  | the lap is closed
@@ -44,11 +44,11 @@ a constant speed | 70 |  | profile is always 5: is it computed
     return [v**0.5 -> return [5.0
 a mean speed | 70 |  | profile is always the same in a call
     return [v**0.5 for v in v2] -> return [(sum(v2) / len(v2))**0.5] * len(v2)
-the centre line | 56 |  | that of the centre line
+the centre line | 56 |  | on the centre line
     n = bounded(J, bends, half)⏎    return -> n = 0.0 * x⏎    return
 the other side | 50 |  | positive is to the left
     return n⏎⏎⏎def predict -> return -n⏎⏎⏎def predict
-out of bounds | 85 |  | it leaves its bounds by
+out of bounds | 85 |  | m beyond its bounds
     return n⏎⏎⏎def predict -> return 1.05 * n⏎⏎⏎def predict
 a kink | 60 |  | it bends most at point 7
     return n⏎⏎⏎def predict -> n[6] += 0.5⏎    return n⏎⏎⏎def predict
@@ -58,7 +58,7 @@ no line | 45 | raise | line is not written yet (TODO)
     x, y, psi = np.array -> raise NotImplementedError⏎    x, y, psi = np.array
 a model that is not written | 65 | raise | predict is not written yet (TODO)
     d = 0.1 * speed -> raise NotImplementedError
-no half step | 84 | b1 = | b1 misses d**2 / (2 * L)
+no half step | 84 | b1 = | d**2 / (2 * L) is missing in b1
     + d**2 / (2 * L) -> + 0.0
 the wrong way | 84 | return | steering to the left (u > 0) turns the car to the left
     b1, d / L] -> -b1, -d / L]

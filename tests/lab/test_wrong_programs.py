@@ -32,7 +32,7 @@ gravity's sign | 93 | F_ext = | gravity speeds the car up uphill
     -m * g -> m * g
 no gravity | 91 | F_ext = | gravity is missing: F_ext includes -m * g * sin(theta)
     -m * g * sin(theta) - (a0 -> -(a0
-theta once more | 92 | theta = | theta arrives in radians
+theta once more | 92 | theta = | theta is already in radians
     F_ext = -> theta = theta * 3.141592653589793 / 180⏎    F_ext =
 a power of sin | 94 | v_next = | v_next is wrong (uphill, downhill,
     sin(theta) -> sin(theta)**3
@@ -89,7 +89,7 @@ the template's model | 50 | raise | bikeFE is not written yet (TODO)
     beta = -> raise NotImplementedError⏎    beta =
 reversed error | 92 | e = | the error has the wrong sign: it is speed_reference - speed_current
     speed_reference - speed_current -> speed_current - speed_reference
-abs of the error | 92 | e = | the error has no sign: use no abs
+abs of the error | 92 | e = | the error has lost its sign: remove the abs
     speed_reference - speed_current -> abs(speed_reference - speed_current)
 an own error with a factor | 96 |  | right in all 240 outputs
     speed_reference - speed_current -> 2 * (speed_reference - speed_current)
@@ -102,13 +102,13 @@ I with the wrong sign | 95 | output = | I has the wrong sign
     P + I + D -> P - I + D
 a clamped sum | 100 |  | right in all 240 outputs
     self.total += e * dt -> self.total = max(-0.1, min(0.1, self.total + e * dt))
-the sum differentiated | 95 | D = | D is kd * e: is the sum differentiated
+the sum differentiated | 95 | D = | D is kd * e, not kd * (e - e_before)
     change = 0.0 if -> change = e * dt if True else 0.0 if
 D without memory | 95 | D = | D is kd * e
     self.e_before = e⏎ -> self.e_before = 0.0⏎
 D after the error is stored | 92 | return output | replaced only after D has used it?
     self.total += -> self.e_before = e⏎        self.total +=
-D adds | 95 | D = | D adds the error of the last call
+D adds | 95 | D = | D adds e_before, but must subtract it
     e - self.e_before -> e + self.e_before
 kp in all terms | 94 |  | kp multiplies
     P + I + D -> P + self.kp * (I + D)
@@ -148,7 +148,7 @@ a limit of 2 | 72 |  | at its limit of 2 m/s²
     return output -> return max(-2.0, min(2.0, output))
 it swings | 75 |  | the speed swings
     kp=30, ki=60, kd=0.1 -> kp=0.3, ki=60, kd=0
-a weak kp | 82 |  | m/s too fast at its end
+a weak kp | 82 |  | m/s too fast at the end
     kp=30, ki=60, kd=0.1 -> kp=2, ki=0.2, kd=0
 all gains are 0 | 74 |  | the commands do not move it
     kp=30, ki=60, kd=0.1 -> kp=0, ki=0, kd=0

@@ -1,13 +1,14 @@
 """The lab of the hills: a model, a PID and a relay; `bikeFE` and the PID are judged here.
 
-No state of the model passes through zero speed within a step: sensible models differ there.
-barc_sim's holds the car at a standstill; the lab's equation does not.
+In no test does the speed of the model pass through zero within a step, because sensible models
+differ there: barc_sim's model holds the car at a standstill; the lab's equation does not.
 
-Of the PID each term is judged alone, and its drive over the hills. Every common form of a term is
-right. The integral can add an error, or the mean of two, with or without the first, before or after
-it is used. The derivative can use the error or the measurement, with or without a low-pass filter
-of first order, or a mean over five calls. The first outputs are not judged. A positive constant
-factor, such as a missing dt, is right and remarked upon: the gains absorb it.
+Each term of the PID is judged alone, and the whole PID by its drive over the hills. Every common
+form of a term is right. The integral can add each error, or the mean of two, with or without the
+first, before or after it is used. The derivative can use the error or the measurement, with or
+without a low-pass filter of first order, or a mean over five calls. The first outputs are not
+judged. A positive constant factor, such as a missing dt, costs nothing and is mentioned: the gains
+absorb it.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ if TYPE_CHECKING:
 
 
 TS = 0.02  #: [s]
-EQUATIONS = ('x_next', 'y_next', 'psi_next', 'v_next')  #: in the order of what bikeFE returns
+EQUATIONS = ('x_next', 'y_next', 'psi_next', 'v_next')  #: in the order in which bikeFE returns them
 MODEL_LABELS = {
     'model.x': 'Model: position x',
     'model.y': 'Model: position y',
@@ -81,58 +82,58 @@ FUNCTIONS = Functions(
 )
 
 
-Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
+Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last sample
 
 
 def _outputs(code: JudgedCode, gains: Sequence[float], rows: Sequence[Sample]) -> list[float]:
-    """Return the accelerations [m/s²] of a new `PID` for one sample after the other."""
+    """Return the accelerations [m/s²] of a new `PID` for these samples in turn."""
     return code.steps('PID', code.make('PID', *gains), rows)
 
 
 NOT_A_CAR = 1e6  #: [m/s²]
-_MAX_SPEED = 40.0  #: [m/s] A figure ends there.
+_MAX_SPEED = 40.0  #: [m/s] The limit of the figure's speed axis.
 
 
-@np.errstate(all='ignore')  # of numbers of any size
+@np.errstate(all='ignore')  # user code can return numbers of any size
 def judge_lab_road(
-    code: JudgedCode, gains: ChosenGains | None, by: Thresholds, mended: Sequence[str] = ()
+    code: JudgedCode, gains: ChosenGains | None, by: Thresholds, wrong_terms: Sequence[str] = ()
 ) -> tuple[float, str, Evidence | None]:
     """Return score, message and evidence of the drive over the lab's road, stretch by stretch.
 
-    What follows from a wrong term is not taken off again: where some are `mended`, barc_sim's PID
-    drives, too, with the gains that were chosen, and the better drive counts.
+    A wrong term costs points only once: with `wrong_terms`, barc_sim's PID also drives with the
+    chosen gains, and the better drive counts.
     """
     if gains is None:
-        _outputs(code, (0.0, 0.0, 0.0), [(0.0, 0.0, TS)])  # its own error, if there is one
+        _outputs(code, (0.0, 0.0, 0.0), [(0.0, 0.0, TS)])  # an error of PID itself comes first
         raise UserError(
-            'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with the tuned '
-            'ones as its last line'
+            'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with your tuned '
+            'gains as its last line'
         )
-    if not mended:
+    if not wrong_terms:
         return _driven(_Driving(code, gains), by, gains)
     score, text, _ = _driven(PID(*gains[:3]), by, gains)
-    shown = None
+    evidence = None
     with suppress(UserError):
         own = _driven(_Driving(code, gains), by, gains)
         if own[0] >= score:
             return own
-        shown = own[2]  # what the user's own code does
-    return score, f'with {", ".join(mended)} put right: {text}', shown
+        evidence = own[2]  # the figure shows the user's own code
+    return score, f'with {" and ".join(wrong_terms)} corrected: {text}', evidence
 
 
 def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float, str, Evidence]:
-    """Return score, message and evidence of a drive."""
+    """Drive over the lab's road; return score, message and evidence."""
     progress = Progress(DISTANCE)
     log = closed_loop(Plant(), controller, distance=DISTANCE, progress=progress)
     result, limit = summary(log), _own_limit(log)
     rms, maximum = result.rms_error_after_run_up, result.max_error_after_run_up
     score = 0.0 if progress.failure else by.score(round(rms, 6), round(maximum, 6))
     text = (
-        f'RMS error {rms:.3f} m/s after the first 10 m, at most {maximum:.3f} m/s '
-        f'({by.full_rms:g} and {by.full_max:g} m/s are full marks)'
+        f'RMS error {rms:.3f} m/s after the first 10 m, maximum {maximum:.3f} m/s '
+        f'(full marks up to {by.full_rms:g} and {by.full_max:g} m/s)'
     )
     if progress.failure:
-        at_most = f'; its output is {limit:g} m/s² at most' if isfinite(limit) else ''
+        at_most = f'; the maximum output is {limit:g} m/s²' if isfinite(limit) else ''
         text = f'{progress.failure}{at_most}'
     changes = (np.flatnonzero(np.diff(log.theta_deg)) + 1).tolist()
     parts = [slice(*each) for each in pairwise([0, *changes, len(log)])]
@@ -166,7 +167,7 @@ def _own_limit(log: Log) -> float:
 
 
 def _figure(log: Log, title: str = '') -> Figure:
-    """Draw the run beside that with barc_sim's controller."""
+    """Draw the run beside the run of barc_sim's controller."""
     from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
 
     figure = cast('Figure', plot(log, _usual(), labels=['your PID', "barc_sim's PID"]))
@@ -204,7 +205,7 @@ class _Driving(PID):
                 raise
             raise UserError(f'{where}: {error} (with {self._gains})') from error
         if abs(output) > NOT_A_CAR:
-            text = f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car'
+            text = f'it returned {output:.3g} m/s²; expected at most {NOT_A_CAR:g}'
             raise UserError(f'{where}: {text} (with {self._gains})')
         return output
 
@@ -212,11 +213,11 @@ class _Driving(PID):
 _BACKWARDS = 'the car drives backwards: is the error speed_reference - speed_current?'
 _HELD = 0.05  #: [m/s] An error up to this is negligible.
 _OWN_LIMIT = 25  #: calls: code that returns its largest output for longer has a limit of its own
-_SWINGS, _SWING = 4, 0.3  #: how many count, and the share of the maximum error that one reaches
+_SWINGS, _SWING = 4, 0.3  #: fewer are not mentioned; each reaches this share of the maximum error
 
 
 def _stretch_remark(log: Log, part: slice, limit: float) -> str:
-    """Return what the speed does on a stretch: what was measured, and no advice."""
+    """Return what the speed does on a stretch, as measured; advice would be a guess."""
     error, remarks = log.speed_error[part], []
     if not part.start and log.speed[part].min() < -_HELD:
         remarks.append(_BACKWARDS)
@@ -226,9 +227,9 @@ def _stretch_remark(log: Log, part: slice, limit: float) -> str:
     at_limit = np.count_nonzero(np.abs(log.motor[part]) >= limit)
     if at_limit > 1 and np.abs(error).max() > _HELD:
         remarks.append(f'the output was at its limit of {limit:g} m/s² for {at_limit * TS:.1f} s')
-    rest = round(float(np.mean(error[-max(len(error) // 5, 1) :])), 2)
-    wrong = f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"}'
-    remarks.append(f'{wrong if rest else "no error"} at its end')
+    final = round(float(np.mean(error[-max(len(error) // 5, 1) :])), 2)
+    wrong = f'{abs(final):.2f} m/s too {"slow" if final > 0.0 else "fast"}'
+    remarks.append(f'{wrong if final else "no error"} at the end')
     return '; '.join(remarks)
 
 
@@ -241,7 +242,7 @@ PID_LABELS = {
 
 
 def _before(values: Floats) -> Floats:
-    """Return the values of the call before; the first value before the first call."""
+    """Return the values of the previous call; at the first call, its own value."""
     return np.concatenate([values[:, :1], values[:, :-1]], axis=1)
 
 
@@ -268,9 +269,9 @@ def judge_pid(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     yield from findings
     if gains is None and findings[0].message == _IGNORED:
         gains = ChosenGains(KP, KI, KD, 'which have no effect')
-    there = zip('PID', (each.score for each in findings), strict=True)
-    mended = [name for name, score in there if 0.0 < score < 1.0]
-    yield Finding('loop.lab_road', *judge_lab_road(code, gains, settings.thresholds, mended))
+    scores = zip('PID', (each.score for each in findings), strict=True)
+    wrong = [name for name, score in scores if 0.0 < score < 1.0]
+    yield Finding('loop.lab_road', *judge_lab_road(code, gains, settings.thresholds, wrong))
 
 
 class Term(NamedTuple):
@@ -279,11 +280,11 @@ class Term(NamedTuple):
     criterion: str
     name: str  #: P, I or D
     gains: tuple[float, float]
-    amplitude: float  #: [m/s] of the error, for a gain of 1
-    max_sum: float = inf  #: [m/s] of the errors
+    amplitude: float  #: [m/s] maximum error, for a gain of 1
+    max_sum: float = inf  #: [m/s] maximum sum of the errors
 
     def tried(self, code: JudgedCode, seed: int) -> Trial:
-        """Return the outputs: a row for each gain, and a column for each call."""
+        """Return the trial of the term; its outputs have a row for each gain, a column a call."""
         sequences = [
             wandering(seed, f'{self.criterion} {gain}', self.amplitude / gain, self.max_sum)
             for gain in self.gains
@@ -303,10 +304,10 @@ class Term(NamedTuple):
         return Trial(*about, inputs, PID_LAW.compute(inputs), {self.name: outputs}, failure)
 
 
-# Outputs are below 2 m/s², also with a missing dt: a user's limit does not change them.
+# Outputs stay below 2 m/s², even with a missing dt, so that no limit in user code changes them.
 TERMS = (
     Term('pid.proportional', 'P', (0.5, 30.0), 1.5),
-    # The sum of errors is far below what a limited sum allows.
+    # The sum of the errors stays far below any sensible limit of the integral.
     Term('pid.integral', 'I', (0.5, 200.0), 0.05, max_sum=1.0),
     Term('pid.derivative', 'D', (0.1, 3.0), 0.75 * TS),
 )
@@ -314,14 +315,14 @@ _LENGTH = 120  #: calls of a sequence
 _TOLERANCE = 1e-9  #: [m/s²]
 _RELATIVE = 1e-7
 _HALF = 0.5
-_KEPT = 0.99  #: A low-pass filter keeps less of its last output.
-_CHANGES = 5  #: of which D may be a mean
+_KEPT = 0.99  #: share of its last output that a low-pass filter may keep
+_CHANGES = 5  #: whose mean D may use
 
 
 def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> list[Sample]:
-    """Return calls with random errors up to ±`amplitude` [m/s], and a reference that changes.
+    """Return samples with random errors up to ±`amplitude` [m/s], and a reference that changes.
 
-    The errors are smaller where their sum would reach more than `max_sum` [m/s].
+    All errors are scaled down if their sum would exceed `max_sum` [m/s].
     """
     uniform = Random(f'{seed} {name}').uniform  # noqa: S311 (a simulation, not a secret)
     error = amplitude * np.array([uniform(-1.0, 1.0) for _ in range(_LENGTH)])
@@ -334,29 +335,33 @@ def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> l
 
 
 def _fitted(got: Floats, *columns: Floats) -> list[float]:
-    """Return how much of each column the outputs are, from the eighth call on; nothing if not."""
-    values, wanted = np.stack(columns, -1)[:, 7:].reshape(-1, len(columns)), got[:, 7:].ravel()
+    """Return the coefficients with which the columns sum to the outputs; empty if none do.
+
+    The first seven calls do not count.
+    """
+    values, outputs = np.stack(columns, -1)[:, 7:].reshape(-1, len(columns)), got[:, 7:].ravel()
     scale = np.abs(values).max(0)
-    if not (np.all(scale) and 0.0 < np.abs(wanted).max() < NOT_A_CAR):
+    if not (np.all(scale) and 0.0 < np.abs(outputs).max() < NOT_A_CAR):
         return []
-    found = np.linalg.lstsq(values / scale, wanted)[0] / scale
-    rest = np.abs(wanted - values @ found).max()
-    shares: list[float] = found.tolist()
-    return shares if rest <= _RELATIVE * np.abs(wanted).max() else []
+    solution = np.linalg.lstsq(values / scale, outputs)[0] / scale
+    residual = np.abs(outputs - values @ solution).max()
+    coefficients: list[float] = solution.tolist()
+    return coefficients if residual <= _RELATIVE * np.abs(outputs).max() else []
 
 
 def agree(got: Floats, form: Floats) -> bool:
     """Return whether outputs are the same, up to a positive factor."""
-    shares = _fitted(got, np.broadcast_to(form, got.shape))
-    return shares[0] > 0.0 if shares else not (np.any(got[:, 1:]) or np.any(form[:, 1:]))
+    factors = _fitted(got, np.broadcast_to(form, got.shape))
+    return factors[0] > 0.0 if factors else not (np.any(got[:, 1:]) or np.any(form[:, 1:]))
 
 
 def factor_of(trial: Trial) -> float:
-    """Return how many times the formula's term the outputs are; 0 if they are another term.
+    """Return the factor between the outputs and the formula's term; 0 if they are another term.
 
-    P is the error. What I grows by is a sum of the last errors, each with a positive share: it adds
-    an error, or the mean of two, before or after it is used. D is the change of the error or of the
-    measurement, also through a low-pass filter of first order, or over several calls.
+    P must be the error. The growth of I must be a sum of the last three errors with coefficients of
+    at least 0: so I may add each error, or the mean of two, before or after it is used. D must be
+    the change of the error or of the measurement, also through a low-pass filter of first order, or
+    over several calls.
     """
     ((name, outputs),), inputs = trial.got.items(), trial.inputs
     outputs = outputs / inputs[f'k{name.lower()}']
@@ -364,22 +369,22 @@ def factor_of(trial: Trial) -> float:
     if name == 'P':
         return max(sum(_fitted(outputs, e)), 0.0)
     if name == 'I':
-        shares = _fitted(outputs - _before(outputs), *_last(e * TS, 3))
-        is_sum = shares and min(shares) >= -_RELATIVE * max(shares)
-        return sum(shares) if is_sum else 0.0
+        factors = _fitted(outputs - _before(outputs), *_last(e * TS, 3))
+        is_sum = factors and min(factors) >= -_RELATIVE * max(factors)
+        return sum(factors) if is_sum else 0.0
     for x in (e, -v):
         change = (x - _before(x)) / TS
-        share, kept = _fitted(outputs, change, _before(outputs)) or (0.0, 0.0)
-        if share > 0.0 and -_RELATIVE * share <= kept < _KEPT:
-            return share / (1.0 - kept)
-        shares = _fitted(outputs, *_last(change, _CHANGES))
-        if shares and shares[0] > 0.0 and sum(shares) > _RELATIVE:
-            return sum(shares)
+        factor, kept = _fitted(outputs, change, _before(outputs)) or (0.0, 0.0)
+        if factor > 0.0 and -_RELATIVE * factor <= kept < _KEPT:
+            return factor / (1.0 - kept)
+        factors = _fitted(outputs, *_last(change, _CHANGES))
+        if factors and factors[0] > 0.0 and sum(factors) > _RELATIVE:
+            return sum(factors)
     return 0.0
 
 
 class _Terms(Functions):
-    """The terms: each of their common forms is right."""
+    """Judges the terms of the PID: every common form of a term is right."""
 
     def is_right(self, trial: Trial, _: str) -> bool:
         """Return whether a term is right up to a factor, which the gain absorbs."""
@@ -406,17 +411,17 @@ class _Terms(Functions):
 
 
 _KP = (
-    'kp multiplies a term that is not its own: the gains are those of '
+    'kp multiplies this term, too: the output is '
     'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
 )
 _IGNORED = (
-    'the gains that PID gets have no effect: it uses numbers of its own. Store kp, ki and kd in '
-    '__init__, and use these'
+    'the gains that PID gets have no effect: it uses fixed numbers. Store kp, ki and kd in '
+    '__init__, and use them'
 )
 
 
 def judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
-    """Return the finding for each term."""
+    """Return a finding for each term; with a wrong one, random outputs are mentioned."""
     findings = _judge_terms(code, seed)
     random = '' if all(each.passed for each in findings) else _randomness(code, seed)
     return [
@@ -433,7 +438,7 @@ def _randomness(code: JudgedCode, seed: int) -> str:
         if not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE):
             return (
                 'the same speeds give different outputs: does PID use random numbers, or the '
-                f"computer's clock? It is called every {TS:g} s of simulated time. So: "
+                f"computer's clock? It is called every {TS:g} s of simulated time. As a result: "
             )
     return ''
 
@@ -461,7 +466,7 @@ def _judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
 
 
 def _is_scaled_by_kp(code: JudgedCode, name: str, rows: Sequence[Sample]) -> bool:
-    """Return whether a term that is 0 without kp is there with it."""
+    """Return whether a term has an effect with kp = 1, though it is 0 with kp = 0."""
     one, other = ((1.0, *(each * (name == of) for of in 'ID')) for each in (1.0, 0.0))
     with suppress(UserError):
         return _outputs(code, one, rows) != _outputs(code, other, rows)
@@ -469,14 +474,14 @@ def _is_scaled_by_kp(code: JudgedCode, name: str, rows: Sequence[Sample]) -> boo
 
 
 def _remark(name: str, factor: float) -> str:
-    """Return the remark on a term that is right up to a factor, which the gain absorbs."""
+    """Return a remark if a right term differs from the formula by a factor, else nothing."""
     if abs(factor - 1.0) <= _RELATIVE:
         return ''
     no_dt = {'I': (1.0 / TS, 'add up ki * e * dt'), 'D': (TS, 'divide the change of e by dt')}
     missing, advice = no_dt.get(name, (0.0, ''))
     if abs(factor - missing) <= _RELATIVE * missing:
         return f'; {name} has no dt: {advice}, with dt = {TS:g} s, or choose gains that absorb it'
-    return f'; {name} is {factor:.6g} times that of the formula: is dt right? The gain absorbs it'
+    return f'; {name} is {factor:.6g} times the formula: is dt right? The gain absorbs the factor'
 
 
 HILLS = Lab(

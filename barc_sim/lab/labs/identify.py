@@ -1,4 +1,4 @@
-"""Lab 5 as data: identification. 60 s of commands, and an estimate of what the car is."""
+"""Lab 5, identification: judges 60 s of commands, and an estimate of the car's parameters."""
 
 from __future__ import annotations
 
@@ -34,42 +34,42 @@ if TYPE_CHECKING:
 
 LABELS = {
     'commands.limits': 'Commands: within the limits',
-    'commands.drag': 'Commands: they show the drag',
-    'commands.friction': 'Commands: they show the friction',
-    'commands.delay': 'Commands: they show the delay',
+    'commands.drag': 'Commands: information on the drag',
+    'commands.friction': 'Commands: information on the friction',
+    'commands.delay': 'Commands: information on the delay',
     'estimate.drag': 'Estimate: drag',
     'estimate.friction': 'Estimate: friction',
     'estimate.delay': 'Estimate: delay',
     'estimate.intervals': 'Estimate: intervals of 95 %',
-    'estimate.residuals': 'Estimate: what the residuals show',
+    'estimate.residuals': 'Estimate: residuals',
 }
 
 TS = 0.02  #: [s]
 NOISE = 0.03  #: [m/s] of the measured speed
 _MAX_COMMAND, _MAX_SPEED = 2.0, 15.0  #: [m/s²] and [m/s]
-_FORCE, _NOT_A_CAR = 100.0, 1e6  #: [m/s²] A larger command is a force; none can be driven.
+_FORCE, _NOT_A_CAR = 100.0, 1e6  #: [m/s²] Above: probably a force; no car can drive with it.
 _T = [k * TS for k in range(round(COMMANDS / TS))]  #: [s]
-_CARS = 5  #: hidden ones
-_SIGMAS = 1.96  #: standard deviations: 95 %
-_WRONG = 0.05  #: share by which a right estimate may be off
-_FULL_SHARE = 0.8  #: of the intervals that hold the truth, for full marks
-_WIDE = 3.0  #: times the smallest interval that is possible
-#: Up to how many times as wide as possible, the score at most, and a hint.
+_CARS = 5  #: hidden cars
+_SIGMAS = 1.96  #: standard deviations in an interval of 95 %
+_WRONG = 0.05  #: share of the true value by which a right estimate may be off
+_FULL_SHARE = 0.8  #: of the intervals contain the true value: full marks
+_WIDE = 3.0  #: times the smallest possible interval: full marks
+#: By the width, in smallest possible intervals: the maximum score, and a hint.
 _HINTS = (
-    (0.0, 0.0, '; an interval is how far the truth may be off either way: return numbers above 0'),
+    (0.0, 0.0, '; the true value lies within estimate ± interval: return intervals above 0'),
     (0.35, 1.0, '; too narrow: is it a variance?'),
-    (0.7, 0.6, '; is it one standard deviation? 1.96 of them hold 95 %'),
+    (0.7, 0.6, '; is it one standard deviation? An interval of 95 % has 1.96 of them'),
     (_WIDE, 1.0, ''),
     (inf, 1.0, '; too wide'),
 )
 _UNITS = {'drag': '1/m', 'friction': 'm/s²', 'delay': 's'}
-_STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the differences
-#: Intervals that a drive can give: full marks up to the first, none from the second on.
-_SHOWN = {'drag': (8e-6, 3e-5), 'friction': (1e-3, 5e-3), 'delay': (1e-3, 4e-3)}
+_STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the finite differences
+#: Smallest interval that a drive allows: full marks up to the first, none from the second on.
+_INFORMATION = {'drag': (8e-6, 3e-5), 'friction': (1e-3, 5e-3), 'delay': (1e-3, 4e-3)}
 
 
 class Car(NamedTuple):
-    """What is to be identified: resistances by mass [1/m], [m/s²], and the motor's delay [s]."""
+    """A car to identify: a_0/m [1/m] and F_f/m [m/s²], and the motor's delay [s]."""
 
     drag: float
     friction: float
@@ -84,17 +84,17 @@ class Car(NamedTuple):
     def intervals(self, commands: Sequence[float]) -> Floats:
         """Return the smallest interval of 95 % that these commands allow, for each parameter.
 
-        It is the bound of Cramér and Rao; infinite for what the drive does not show.
+        It is the Cramér-Rao bound; infinite for a parameter without effect on the speeds.
         """
         speeds = driven(self, commands)
-        moved = [self._replace(**{n: getattr(self, n) + step}) for n, step in _STEP.items()]
-        changes = np.column_stack([driven(car, commands) - speeds for car in moved])
+        changed = [self._replace(**{n: getattr(self, n) + step}) for n, step in _STEP.items()]
+        changes = np.column_stack([driven(car, commands) - speeds for car in changed])
         deviations: Floats = np.sqrt(np.diag(covariance(changes / [*_STEP.values()])))
         return _SIGMAS * NOISE * deviations
 
 
 def driven(car: Car, commands: Sequence[float]) -> Floats:
-    """Return the speeds [m/s] at which a car from a standstill gets each command."""
+    """Return the true speed [m/s] at each command, of a car that starts from a standstill."""
     plant = Plant(road=Road.flat(), vehicle=car.vehicle, motor=Actuator(delay=car.delay))
     speeds = []
     for command in commands:
@@ -104,7 +104,7 @@ def driven(car: Car, commands: Sequence[float]) -> Floats:
 
 
 def _usual() -> tuple[float, ...]:
-    """Return commands that show all: a coast-down, then a random sequence of two values."""
+    """Return commands with information on all parameters: a coast-down, then two random values."""
     draw = Random('commands').choice  # noqa: S311 (a simulation, not a secret)
     commands = [2.0] * 350 + [0.0] * 1400
     while len(commands) < len(_T):
@@ -117,13 +117,13 @@ _USUAL = _usual()
 
 @lru_cache(64)
 def measured(car: Car, commands: tuple[float, ...] = _USUAL) -> list[float]:
-    """Return the measured speeds [m/s] of a drive."""
+    """Return the measured speeds [m/s] of a drive, with the same noise each time."""
     noise = Random(str(car)).gauss  # noqa: S311 (as above)
     return [float(v) + noise(0.0, NOISE) for v in driven(car, commands)]
 
 
 def speeds_of(*parameters: Floats) -> Floats:
-    """Return the measured speeds [m/s] of cars, a row for each."""
+    """Return the measured speeds [m/s] of cars with these parameters, a row for each car."""
     return np.array([measured(car) for car in starmap(Car, np.transpose(parameters).tolist())])
 
 
@@ -134,7 +134,7 @@ LAW = replace(
 
 
 def car_of(name: str) -> Car:
-    """Return the car of the student of this name."""
+    """Return the car of the student with this name."""
     drawn = LAW.situations['estimate'][0].inputs(name, 1)
     return Car(*(float(values[0]) for values in drawn.values()))
 
@@ -149,39 +149,44 @@ FUNCTIONS = Functions(
 )
 
 
-def shown(car: Car, commands: Sequence[float], found: Sequence[float]) -> Evidence:
-    """Return a drive of the student's car: three parameters, each with its interval."""
+def evidence_of(car: Car, commands: Sequence[float], estimate: Sequence[float]) -> Evidence:
+    """Return the evidence of a drive of the student's car: true and estimated parameters.
+
+    `estimate` has three parameters, each followed by its interval.
+    """
     rows, possible = [], car.intervals(commands)
     for k, (name, unit) in enumerate(_UNITS.items()):
-        true, value, interval = car[k], *found[2 * k : 2 * k + 2]
-        inside = 'holds the truth' if abs(value - true) <= interval else 'does not hold it'
+        true, value, interval = car[k], *estimate[2 * k : 2 * k + 2]
+        is_inside = 'yes' if abs(value - true) <= interval else 'no'
         own = f'{value:.4g} ± {interval:.2g}'
-        rows.append((name, f'{true:.4g} {unit}', own, f'± {possible[k]:.2g}', inside))
-    header = ('', 'true', 'your estimate', 'best possible', 'your interval')
-    figure = partial(_figure, car, commands, found)
+        rows.append((name, f'{true:.4g} {unit}', own, f'± {possible[k]:.2g}', is_inside))
+    header = ('', 'true value', 'your estimate', 'best possible', 'true value in your interval')
+    figure = partial(_figure, car, commands, estimate)
     return Evidence('your car, with your commands', header, rows, figure)
 
 
-def _figure(car: Car, commands: Sequence[float], found: Sequence[float], title: str = '') -> Figure:
-    """Draw the speed, what the estimated car predicts, and the residuals."""
+def _figure(
+    car: Car, commands: Sequence[float], estimate: Sequence[float], title: str = ''
+) -> Figure:
+    """Draw the speed, the speed of the estimated car, and the residuals."""
     from barc_sim.figures.run_figures import identification_figure  # noqa: PLC0415 (slow)
 
-    predicted = driven(Car(*(min(max(each, 0.0), 0.4) for each in found[::2])), commands)
+    predicted = driven(Car(*(min(max(each, 0.0), 0.4) for each in estimate[::2])), commands)
     speeds = np.array(_T), np.array(measured(car, tuple(commands))), predicted
     return identification_figure({'v_x': speeds}, title=title)
 
 
 def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
-    """Yield a finding for each criterion; the cars are those of the seed and the name."""
+    """Yield a finding for each criterion; the cars follow from the seed and the name."""
     car = car_of(str(code.call('name')))
     findings, (trial,) = FUNCTIONS.judge(code, f'{settings.seed} {car}')
     yield from findings
     score, text = (0.0, trial.failure) if trial.failure else _judge_intervals(trial)
     yield Finding('estimate.intervals', score, text)
-    commands, evidence = _commands(code), None  # an error costs the criteria of the commands
+    commands, evidence = _commands(code), None  # an error costs the criteria on the commands
     with suppress(UserError):
         row = [_T, measured(car, commands), commands]
-        evidence = shown(car, commands, code.rows('estimate', [row])[0])
+        evidence = evidence_of(car, commands, code.rows('estimate', [row])[0])
     yield Finding('commands.limits', *_judge_limits(car, commands), evidence)
     yield from _judge_information(car, commands)
 
@@ -190,51 +195,51 @@ def _commands(code: JudgedCode) -> tuple[float, ...]:
     """Return the commands [m/s²] of 60 s; a UserError if no car can drive with them."""
     commands = numbers_of('command', code.call('functions', 'command', [[t] for t in _T]), len(_T))
     if (size := max(map(abs, commands))) > _NOT_A_CAR:
-        raise UserError(f'command returned {size:.3g} m/s²: beyond {_NOT_A_CAR:g} it is not a car')
+        raise UserError(f'command returned {size:.3g} m/s²; expected at most {_NOT_A_CAR:g}')
     return tuple(commands)
 
 
 def _judge_limits(car: Car, commands: Sequence[float]) -> tuple[float, str]:
-    """Judge the size of the commands, and the speeds to which they lead."""
+    """Judge the size of the commands, and the speeds that they give."""
     speeds, sizes = driven(car, commands), np.abs(commands)
     slow, fast, size = float(speeds.min()), float(speeds.max()), float(sizes.max())
     first = _T[int(np.argmax(sizes > _MAX_COMMAND + 1e-9))]
     force = ': is it a force? Return an acceleration' if size > _FORCE else ''
-    too_large = f'the command reaches {size:.3g} m/s², {_MAX_COMMAND:g} m/s² are allowed; '
-    too_large += f'the first is at {first:.2f} s{force}'
+    too_large = f'the command reaches {size:.3g} m/s², but only {_MAX_COMMAND:g} m/s² are allowed; '
+    too_large += f'it is too large from {first:.2f} s on{force}'
+    too_fast = f'the car reaches {fast:.1f} m/s, but only {_MAX_SPEED:g} m/s are allowed'
     checks = (
         (size > _MAX_COMMAND + 1e-9, too_large),
-        (fast > _MAX_SPEED, f'the car reaches {fast:.1f} m/s, {_MAX_SPEED:g} m/s are allowed'),
+        (fast > _MAX_SPEED, too_fast),
         (slow < -0.05, f'the car drives backwards, at up to {-slow:.1f} m/s'),  # noqa: PLR2004
         (not speeds.any(), 'the car does not move'),
     )
     faults = [text for is_fault, text in checks if is_fault]
-    text = '; '.join(faults) or f'at most {size:.3g} m/s², and {fast:.1f} m/s'
+    text = '; '.join(faults) or f'the command reaches {size:.3g} m/s², the car {fast:.1f} m/s'
     return max(1.0 - 0.5 * len(faults), 0.0), text
 
 
 def _judge_information(car: Car, commands: Sequence[float]) -> Iterator[Finding]:
-    """Judge what the commands show: the smallest interval that an estimate from them can have."""
+    """Judge the information in the commands: the smallest intervals of an estimate from them."""
     possible = car.intervals(np.clip(commands, -_MAX_COMMAND, _MAX_COMMAND).tolist())
-    for (name, (full, zero)), best in zip(_SHOWN.items(), possible.tolist(), strict=True):
-        score = share(best, full, zero)
-        how = f'at best ± {best:.2g} {_UNITS[name]}' if best < inf else 'not at all'
-        text = f'your commands show the {name} {how} (± {full:g} is full marks)'
-        yield Finding(f'commands.{name}', score, text)
+    for (name, (full, zero)), best in zip(_INFORMATION.items(), possible.tolist(), strict=True):
+        interval = f'is ± {best:.2g} {_UNITS[name]}' if best < inf else 'is infinite'
+        text = f'the best possible interval of the {name} {interval} (full marks up to ± {full:g})'
+        yield Finding(f'commands.{name}', share(best, full, zero), text)
 
 
-@np.errstate(all='ignore')  # of numbers of any size
+@np.errstate(all='ignore')  # user code can return numbers of any size
 def _judge_intervals(trial: Trial) -> tuple[float, str]:
-    """Judge whether the intervals hold the truth, and are no wider than need be."""
+    """Judge whether the intervals contain the true values, and are not too wide."""
     true = np.column_stack([*trial.inputs.values()])
     values, intervals = np.column_stack([*trial.got.values()]).reshape(-1, 3, 2).transpose(2, 0, 1)
     best = np.array([car.intervals(_USUAL) for car in starmap(Car, true.tolist())])
     inside = float(np.mean(np.abs(values - true) <= intervals))
     width = float(np.median(intervals / best))
-    most, hint = next(row[1:] for row in _HINTS if width <= row[0])
+    max_score, hint = next(row[1:] for row in _HINTS if width <= row[0])
     score = share(-inside, -_FULL_SHARE, 0.0) * _WIDE / max(width, _WIDE)
-    text = f'{inside:.0%} of the intervals hold the truth; they are {width:.2g} times the smallest '
-    return min(score, most), f'{text}that is possible{hint}'
+    text = f'{inside:.0%} of the intervals contain the true value; their size is {width:.2g} times '
+    return min(score, max_score), f'{text}the smallest possible one{hint}'
 
 
 IDENTIFY = Lab(

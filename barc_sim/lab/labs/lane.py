@@ -1,8 +1,8 @@
 """Lab 3, lane keeping: the errors beside a track, the steady turn, and a class `Lane` that drives.
 
-The mistakes in a function are in `lane.txt`. Those in `Lane` are in `lane_class.txt`: they are
-known by the angles that it returns for each error and curvature alone, and their sentences stand
-before what was measured in the drive.
+`lane.txt` has the common mistakes in the functions, `lane_class.txt` those in `Lane`. A mistake in
+`Lane` is recognised by the angles that it returns for each error and curvature alone; its message
+precedes the measurements of the drive.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ DRIVE_LABELS = {
     'lane.return': 'Lane: back from 1 m beside the line',
     'lane.laps': 'Lane: three laps of L',
     'lane.hidden': 'Lane: a hidden track',
-    'lane.delay': 'Lane: what a delay does',
+    'lane.delay': 'Lane: effect of a delay',
 }
 _RESULTS = {
     'straight_errors': ('straight_e_y', 'straight_e_psi'),
@@ -74,24 +74,24 @@ SPEED = 6.0  #: [m/s]
 _CURVATURE = 0.05  #: [1/m]
 _TURN = dict(zip(('STEER', 'STEADY'), steady_turn(_CURVATURE), strict=True))
 _STRAIGHT, _BEND = Track((1e4,), (0.0,)), Track((50.0, 100.0), (0.0, _CURVATURE))
-_SHIFTS = range(-8, 9)  #: [m] at which the curvature may be read
+_SHIFTS = range(-8, 9)  #: [m] around the start of a turn, where `Lane` is called
 _NEAR = 1e-3  #: [rad]
 CLASS = read_law(
     Path(__file__).with_name('lane_class.txt'), CURVATURE=_CURVATURE, NEAR=_NEAR, **_TURN
 )
-_ONE_WRONG = 0.2  #: of the points are left
-_LAPS, _MAX_DURATION = 3, 200.0
-_OFF, _BACK = 1.0, 0.1  #: [m] beside the line, at the start and when it counts as back
-_SEEN = 80.0  #: [m] of the way back
+_ONE_WRONG = 0.2  #: score with one wrong sign
+_LAPS, _MAX_DURATION = 3, 200.0  #: [s]
+_OFF, _BACK = 1.0, 0.1  #: [m] beside the line: at the start, and where it counts as back
+_SEEN = 80.0  #: [m] that the car drives to come back
 # Full marks up to the first, none from the second on:
-_DISTANCE = (30.0, 60.0)  #: [m] until it is back
-_OVERSHOOT = (0.2, 0.6)  #: share of the start
-_SATURATED = (0.1, 0.5)  #: share of the steps up to the first distance
-_PUT_RIGHT = 'with LaneLQR in its place: '
+_DISTANCE = (30.0, 60.0)  #: [m] until the car is back
+_OVERSHOOT = (0.2, 0.6)  #: share of the distance from the line at the start
+_SATURATED = (0.1, 0.5)  #: share of the steps on the first 30 m
+_PUT_RIGHT = 'with LaneLQR in place of your Lane: '
 
 
 def _new(code: JudgedCode, track: Track) -> int:
-    """Return the number of a new `Lane` on a track."""
+    """Make a new `Lane` on a track; return its number."""
     return code.make('Lane', track.starts[1:], track.curvatures)
 
 
@@ -109,11 +109,11 @@ class _Law(LaneLaw):
 
 
 def _mistakes(code: JudgedCode) -> Mapping[str, list[str]]:
-    """Return the sentences of the mistakes in `Lane`, by topic, after the lines of them."""
+    """Return the messages on the mistakes in `Lane`, by topic; each names its line if known."""
     situations = {each.name: each.values.values() for each in CLASS.situations['Lane']}
 
     def call(name: str) -> tuple[str, int, Sequence[Any]]:
-        """Return a new `Lane`, and what it is called with in a situation."""
+        """Return the request that calls a new `Lane` once in a situation."""
         *errors, curvature = map(float, situations[name])  # type: ignore[arg-type]  # no ranges
         return 'Lane', _new(code, Track((100.0,), (curvature,))), [(*errors, SPEED, 0.0)]
 
@@ -125,7 +125,7 @@ def _mistakes(code: JudgedCode) -> Mapping[str, list[str]]:
     made = defaultdict(list)
     for topic, sentence, formulas, _ in CLASS.mistakes:
         if CLASS.compute(values, {'made': formulas['made']})['made']:
-            name, wrong = 'curvature', [_CURVATURE, -_CURVATURE]  # where it is read
+            name, wrong = 'curvature', [_CURVATURE, -_CURVATURE]  # the line that reads it
             if formulas['line'] in situations:
                 name, wrong = formulas['line'], [values[formulas['line']]]
             line = code.line_of('steps', call(name), wrong, [])
@@ -135,20 +135,20 @@ def _mistakes(code: JudgedCode) -> Mapping[str, list[str]]:
 
 
 def _signs(made: Mapping[str, list[str]]) -> tuple[float, str]:
-    """Return score and message on the signs and the symmetry."""
+    """Judge the signs and the symmetry; return score and message."""
     if wrong := made['Signs']:
         return _ONE_WRONG if len(wrong) == 1 else 0.0, '; '.join(wrong)
     for topic, score in (('No effect', 0.0), ('Symmetry', 0.5)):
         if made[topic]:
             return score, made[topic][0]
-    return 1.0, 'the signs are right, and the mirror image gives the opposite angle'
+    return 1.0, 'the signs are right, and mirrored inputs give the opposite angle'
 
 
 def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield a finding for each criterion.
 
-    What follows from a mistake in the feedback is not taken off again: barc_sim's law drives, too,
-    and the better drive counts.
+    A mistake in the feedback costs points only once: with one, barc_sim's law also drives, and the
+    better drive counts.
     """
     yield from FUNCTIONS.judge(code, settings.seed)[0]
     made, by = _mistakes(code), settings.thresholds
@@ -171,12 +171,12 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
         shown = None
         if criterion == 'lane.laps':
             text = '; '.join([*made['In turns'][:1], text]) if score < 1.0 else text
-            shown = kept[0][2]  # of the user's own
+            shown = kept[0][2]  # the drive of the user's own law
         yield Finding(criterion, score, f'{whose}{text}', shown)
 
 
 def _drive(law: NewLaw, track: Track, distance: float, e_y: float = 0.0) -> TrackLog:
-    """Drive with a law from a standstill, or beside the line at full speed."""
+    """Drive with a law: from a standstill, or from `e_y` [m] beside the line at full speed."""
     plant = plant_of(track=track, road='flat', dynamics='dynamic')
     if e_y:
         plant.place(State(*track.place(0.0, e_y), SPEED))
@@ -192,7 +192,7 @@ def _drive(law: NewLaw, track: Track, distance: float, e_y: float = 0.0) -> Trac
 
 
 def _returned(law: NewLaw) -> tuple[float, str]:
-    """Return score and message of the way back."""
+    """Judge how the car returns to the line; return score and message."""
     log = _drive(law, _STRAIGHT, _SEEN, _OFF)
     away = log.s[np.abs(log.e_y) > _BACK]
     over = max(-float(log.e_y.min()), 0.0) / _OFF
@@ -200,27 +200,27 @@ def _returned(law: NewLaw) -> tuple[float, str]:
     back = float(away[-1]) if away[-1] < log.s[-1] - 1.0 else inf
     score = share(back, *_DISTANCE) * share(over, *_OVERSHOOT) * share(limited, *_SATURATED)
     way = f'back after {back:.0f} m' if back < inf else f'not back within {_SEEN:g} m'
-    marks = f'({_DISTANCE[0]:g} m and {_OVERSHOOT[0]:.0%} are full marks)'
+    marks = f'(full marks up to {_DISTANCE[0]:g} m and {_OVERSHOOT[0]:.0%})'
     text = f'{way}, overshoot {over:.0%} {marks}'
     text += f', the steering at its limit in {limited:.0%} of the steps' if limited else ''
     return score, text
 
 
 def _kept(law: NewLaw, track: Track, laps: int, by: Thresholds) -> tuple[float, str, Evidence]:
-    """Return score, message and evidence of laps."""
+    """Judge how close to the line the car stays in laps; return score, message and evidence."""
     log = _drive(law, track, laps * track.length)
     driven, _ = track_laps_of(log)
     rows = [(f'{each.number + 1}', *each.cells) for each in [*driven.finished, driven.current]]
     shown = Evidence('lap by lap', ('lap', *LAP_HEADINGS), rows[:laps], partial(_figure, log))
-    marks = f'({by.full_rms:g} and {by.full_max:g} m are full marks)'
+    marks = f'(full marks up to {by.full_rms:g} and {by.full_max:g} m)'
     if abs(log.e_y[-1]) >= 0.5 * track.width:  # a drive ends at its distance, or off the track
         return 0.0, f'the car leaves the track after {log.s[-1]:.0f} m {marks}', shown
     rms, maximum = float(np.sqrt(np.mean(log.e_y**2))), float(np.abs(log.e_y).max())
-    return by.score(rms, maximum), f'RMS error {rms:.2f} m, at most {maximum:.2f} m {marks}', shown
+    return by.score(rms, maximum), f'RMS error {rms:.2f} m, maximum {maximum:.2f} m {marks}', shown
 
 
 def _figure(log: TrackLog, title: str = '') -> Figure:
-    """Draw the best lap beside that with barc_sim's law."""
+    """Draw the best lap beside the best lap of barc_sim's law."""
     from barc_sim.figures.track_figure import track_figure  # noqa: PLC0415 (slow)
 
     return track_figure(log, _usual(), labels=['your Lane', 'LaneLQR'], title=title)
@@ -228,12 +228,12 @@ def _figure(log: TrackLog, title: str = '') -> Figure:
 
 @cache
 def _usual() -> TrackLog:
-    """Return laps with barc_sim's law."""
+    """Return the laps of barc_sim's law."""
     return lap(speed=SPEED, laps=_LAPS, dynamics='dynamic')
 
 
 def hidden_track(seed: int) -> Track:
-    """Return an L of other radii, mirrored."""
+    """Return the hidden track of a seed: a mirrored L with other radii."""
     uniform = Random(f'{seed} track').uniform  # noqa: S311 (a simulation, not a secret)
     radii = [round(uniform(9.0, 13.0), 1) for _ in range(4)]
     rows = l_shape(radii, straight=round(uniform(14.0, 20.0), 1))

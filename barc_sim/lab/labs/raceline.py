@@ -1,7 +1,7 @@
-"""Lab 4: the speeds of a lap and the program of an MPC, by their numbers; a line, by its laps.
+"""Lab 4, racing line and MPC: judges the speeds of a lap, a racing line, and an MPC's program.
 
-A line is judged by how much it bends, and by the acceleration across in laps at the speed that it
-allows. The time of a lap is not judged.
+Speeds and program are judged by their numbers, a line by how much it bends, and by the lateral
+acceleration in laps at the speed that it allows. The time of a lap is not judged.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import TrackLog
 
 LABELS = {
-    'speed.profile': 'Speed: of a lap',
+    'speed.profile': 'Speed: profile of a lap',
     'line.inside': 'Line: between the edges',
     'line.bending': 'Line: how much it bends',
     'line.lap': 'Line: laps of L',
@@ -48,23 +48,26 @@ LABELS = {
     'mpc.program': 'MPC: the quadratic program',
     'line.gain': 'Line: what it gains, and why',
 }
-LIMITS = 12.0, 3.5, 2.0  #: [m/s], and [m/s²] across and along
+LIMITS = 12.0, 3.5, 2.0  #: speed [m/s], lateral and longitudinal acceleration [m/s²]
 _BENT = 1.1  #: times the bending of the best line: full marks
-_LOAD = (1.1, 1.5)  #: times the acceleration across: full marks, none
+_LOAD = (1.1, 1.5)  #: times the limit of the lateral acceleration: full marks, none
 _TOLERANCE = 1e-6
 _L = Track.named('L')
 
 
 def passed(limits: Floats, gain: Floats, *, closed: bool = True) -> Floats:
-    """Return rows of `limits` cut to what grows by its `gain` at most from point to point."""
+    """Return `limits` cut so that no row grows by more than its `gain` from point to point."""
     laps = np.tile(limits, 1 + closed)
     gained = gain[:, np.newaxis] * np.arange(laps.shape[1])
-    found: Floats = (np.minimum.accumulate(laps - gained, 1) + gained)[:, -limits.shape[1] :]
-    return found
+    cut: Floats = (np.minimum.accumulate(laps - gained, 1) + gained)[:, -limits.shape[1] :]
+    return cut
 
 
 def effects_of(models: Floats) -> Floats:
-    """Return x_1 to x_10 of models (a11, …, b2) over the state now and the ten commands."""
+    """Return the matrices from the present state and ten commands to the states x_1 to x_10.
+
+    Each model is a row a11, …, b2.
+    """
     matrix, by_command = models[:, :4].reshape(-1, 2, 2), models[:, 4:]
     state = np.tile(np.eye(2, 12), (len(models), 1, 1))
     states = []
@@ -88,15 +91,14 @@ FUNCTIONS = Functions(
     min_loss=0.6,
     calls={'program': 'predict'},
 )
-#: The best line of a track.
-_best = cache(racing_line)
+_best = cache(racing_line)  #: the best line of a track
 
 
 class _Line:
     """A student's line of a track, its offsets cut to their bounds."""
 
     def __init__(self, code: JudgedCode, track: Track) -> None:
-        """Call `line`."""
+        """Call the student's `line` for this track."""
         arguments = line_arguments(track)
         half, offsets = arguments[-1], np.array(code.rows('line', [arguments])[0])
         self.beyond = float(np.abs(offsets).max()) - half
@@ -104,41 +106,42 @@ class _Line:
 
     @cached_property
     def line(self) -> Track:
-        """The track along it; a UserError where no car can follow it."""
+        """The line as a track; a UserError where no car can follow it."""
         return line_along(self.track, self._offsets.tolist())
 
     def judge_bending(self) -> tuple[float, str]:
-        """Return score and message of how much it bends."""
+        """Judge how much the line bends; return score and message."""
         best, centre, own = map(bending, (_best(self.track), self.track, self.line))
         mirrored = inf
-        with suppress(UserError):  # no car can follow the mirror image of some
+        with suppress(UserError):  # no car can follow some mirror images
             mirrored = bending(line_along(self.track, (-self._offsets).tolist()))
         score, of_mirrored = (share(each, _BENT * best, centre) for each in (own, mirrored))
-        text = f'{own:.3g} 1/m is the integral of its squared curvature; that of the centre line '
-        text += f'{centre:.3g}, of the best line {best:.3g}'
+        text = f'the integral of the squared curvature is {own:.3g} 1/m '
+        text += f'({centre:.3g} on the centre line, {best:.3g} on the best line)'
         if score < 1.0:
             k = int(np.abs(self.line.curvatures).argmax())
             radius, point = 1.0 / abs(self.line.curvatures[k]), k // 2 + 1
             text += f'; it bends most at point {point} of {POINTS}, with a radius of {radius:.1f} m'
         if of_mirrored > score + 0.3:
-            text = f'the other way round it bends less: positive is to the left. {text}'
+            text = f'with the opposite sign it bends less: positive is to the left; {text}'
         return score, text
 
     def judge_laps(self) -> tuple[float, str, Evidence]:
-        """Return score, message and evidence of laps at the speed that the line allows."""
+        """Judge laps at the speed that the line allows; return score, message and evidence."""
         speed = speed_profile(self.line, *LIMITS)
         log = lap(LaneLQR(), self.line, speed=speed, laps=2, dynamics='dynamic')
         shown = self._evidence(log)
         if log.s[-1] < 2.0 * self.line.length:
-            return 0.0, f'the car leaves the track, {log.s[-1]:.0f} m along the line', shown
-        across = float(np.abs(log.v_x * log.psi_dot).max())
+            return 0.0, f'the car leaves the track after {log.s[-1]:.0f} m along the line', shown
+        lateral = float(np.abs(log.v_x * log.psi_dot).max())
         planned = lap_time(self.line, LIMITS)
-        text = f'best lap {log.best:.2f} s (not judged; planned {planned:.2f} s)'
-        text += f', at most {across:.2f} m/s² across ({_LOAD[0] * LIMITS[1]:.2f} is full marks)'
-        return share(across / LIMITS[1], *_LOAD), text, shown
+        text = f'lateral acceleration up to {lateral:.2f} m/s² (full marks up to '
+        text += f'{_LOAD[0] * LIMITS[1]:.2f}); best lap {log.best:.2f} s, planned {planned:.2f} s '
+        text += '(not judged)'
+        return share(lateral / LIMITS[1], *_LOAD), text, shown
 
     def _evidence(self, log: TrackLog) -> Evidence:
-        """Return the planned laps of three lines, and the one that was driven."""
+        """Return the planned laps of centre line, student's line and best line, and the drive."""
         rows = []
         lines = {'centre': self.track, 'yours': self.line, 'best': _best(self.track)}
         for name, line in lines.items():
@@ -157,11 +160,14 @@ class _Line:
 
 
 def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
-    """Yield a finding for each criterion; those of the line come last: an error costs the rest."""
+    """Yield a finding for each criterion.
+
+    Those of the line come last, because an error in `line` costs all that follow.
+    """
     yield from FUNCTIONS.judge(code, settings.seed)[0]
-    own, text = _Line(code, _L), 'it keeps its bounds'
+    own, text = _Line(code, _L), 'no offset is beyond its bounds'
     if outside := own.beyond > _TOLERANCE:
-        text = f'it leaves its bounds by {own.beyond:.3g} m; the rest is judged within these'
+        text = f'an offset is {own.beyond:.3g} m beyond its bounds; below, all are cut to them'
     yield Finding('line.inside', float(not outside), text)
     yield Finding('line.bending', *own.judge_bending())
     yield Finding('line.lap', *own.judge_laps())

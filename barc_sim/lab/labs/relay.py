@@ -1,4 +1,4 @@
-"""Judges a relay: what it commands while a driver presses and releases each key."""
+"""Judges a relay by its commands while a driver presses and releases each key."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ LABELS = {
 }
 _PRESSED, _RELEASED, _END = 1.0, 3.0, 5.0  #: [s]
 _PERIOD = 0.05  #: [s] between the Twists of a held key
-_HELD = 2.9  #: [s] The relay has had 1.9 s to turn the wheels.
+_HELD = 2.9  #: [s] 1.9 s after the press, enough to turn the wheels
 _LATER = 4.9  #: [s] 1.9 s after the release
 _NEGLIGIBLE = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad]
 _TOLERANCE = 1e-6
-_SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these is full marks.
+_SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these gets full marks.
 _PARAMETERS = {each.name: float(each.default) for each in PARAMETERS if 'refuse' in each.name}
 
 
 class _Key(NamedTuple):
-    """A key, and its Twist."""
+    """A key of the driver, with the fields of its Twist."""
 
     name: str
     linear_x: float
@@ -45,7 +45,7 @@ class _Key(NamedTuple):
 
     @property
     def sign(self) -> float:
-        """The sign that its command has."""
+        """The right sign of its command."""
         return self.linear_x + self.angular_z
 
 
@@ -58,14 +58,17 @@ Drives = dict[_Key, list[Command]]
 def relay_commands(
     code: JudgedCode, twists: Sequence[TimedTwist], duration: float
 ) -> list[Command]:
-    """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
-    found = code.call('relay_commands', twists, duration, _relay_calls(twists, duration))
-    rows = min(len(found), MAX_COMMANDS) if isinstance(found, list) else -1
-    return [Command(*row) for row in rows_of('relay', found, rows, len(Command._fields))]
+    """Return the commands of a new relay from 0 to `duration` [s], while it gets `twists`."""
+    reply = code.call('relay_commands', twists, duration, _relay_calls(twists, duration))
+    rows = min(len(reply), MAX_COMMANDS) if isinstance(reply, list) else -1
+    return [Command(*row) for row in rows_of('relay', reply, rows, len(Command._fields))]
 
 
 def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwist]:
-    """Return the calls of a function `relay`, as its node makes them: zeros after stale Twists."""
+    """Return the calls of a function `relay`, as the relay node makes them.
+
+    After a Twist that is too old, the node passes zeros.
+    """
     calls, nothing = [], TimedTwist(-inf, 0.0, 0.0)
     for k in range(round(duration * RATE)):
         t = k * (1.0 / RATE)
@@ -78,7 +81,7 @@ def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwi
 def judge_relay(code: JudgedCode) -> list[Finding]:
     """Return a finding for each criterion `relay.…`; all are skipped if it is not written yet.
 
-    That of a program that reads keys itself is open.
+    The findings of a program that reads keys itself are open: a person judges it.
     """
     try:
         drives = {
@@ -100,7 +103,7 @@ def judge_relay(code: JudgedCode) -> list[Finding]:
 
 
 def _twists(key: _Key) -> list[TimedTwist]:
-    """Return the Twists of a key that is held, with the zero of its release."""
+    """Return the Twists of a key that is pressed and held, and the zero of its release."""
     count = round((_RELEASED - _PRESSED) / _PERIOD)
     twists = [TimedTwist(_PRESSED + k * _PERIOD, key.linear_x, key.angular_z) for k in range(count)]
     return [*twists, TimedTwist(_RELEASED, 0.0, 0.0)]
@@ -111,18 +114,18 @@ def _at(commands: Sequence[Command], t: float) -> Command:
     return next((each for each in reversed(commands) if each.t <= t), _NOTHING)
 
 
-#: Sentences: the wrong sign, no effect, an effect on the other value, too, and all right.
+#: Messages: the sign is wrong, no effect, an effect also on the other value, all is right.
 _FORWARD = (
-    '{name} commands a motor of {value:+.3g} m/s²: the sign is wrong',
-    '{name} does not change the motor: it comes as linear.x',
+    '{name} commands motor {value:+.3g} m/s²: the sign is wrong',
+    '{name} does not change motor: the key arrives as linear.x',
     '{name} turns the wheels, too, by {other:+.3g} rad',
     'up commands {:+.3g} m/s², down {:+.3g} m/s²',
 )
 _STEERING = (
-    '{name} commands a servo of {value:+.3g} rad: left is positive',
-    '{name} does not turn the wheels: it comes as angular.z',
-    '{name} changes the motor, too, to {other:+.3g} m/s²',
-    'left turns the wheels by {:+.3g} rad, right {:+.3g}',
+    '{name} commands servo {value:+.3g} rad: left is positive',
+    '{name} does not turn the wheels: the key arrives as angular.z',
+    '{name} changes motor, too, to {other:+.3g} m/s²',
+    'left turns the wheels by {:+.3g} rad, right by {:+.3g} rad',
 )
 
 
@@ -132,7 +135,7 @@ def _direction(
     sentences: tuple[str, ...],
     commands: Mapping[_Key, Command],
 ) -> tuple[float, str]:
-    """Judge what two keys do to a field of `Command`, and not to the other."""
+    """Judge whether two keys change a field of `Command`, and only this one."""
     faults, score, values = [], 0.0, []
     for key in keys:
         held = commands[key]._asdict()
@@ -151,7 +154,7 @@ def _direction(
     return score, '; '.join(faults) or sentences[3].format(*values)
 
 
-#: The maximum motor [m/s²] and servo [rad]; beyond is what is in other units.
+#: The maximum servo [rad] and motor [m/s²]; a larger value is probably in other units.
 _BOUNDS = {'servo': 0.8, 'motor': _PARAMETERS['refuse_motor_above']}
 _BEYOND = {
     'servo': 'servo reaches {0:.3g} rad, which is {2:.0f}°: the wheels of a car turn by about 0.5 '
@@ -161,7 +164,7 @@ _BEYOND = {
 
 
 def _bounded(drives: Drives) -> tuple[float, str]:
-    """Judge the maximum values of the commands, either way."""
+    """Judge the maximum sizes of the commands, of either sign."""
     faults, reached = [], {}
     for field, bound in _BOUNDS.items():
         values = [abs(getattr(each, field)) for drive in drives.values() for each in drive]
@@ -180,12 +183,12 @@ def _release(drives: Drives) -> tuple[float, str]:
     for key in (_UP, _DOWN):
         later = _at(drives[key], _LATER).motor
         if later * key.sign > _NEGLIGIBLE['motor']:
-            faults.append(f'after the release of {key.name} it goes on with {later:+.3g} m/s²')
+            faults.append(f'after the release of {key.name} motor is still {later:+.3g} m/s²')
     for key in (_LEFT, _RIGHT):
         released, later = (abs(_at(drives[key], t).servo) for t in (_RELEASED, _LATER))
         if later > released + _NEGLIGIBLE['servo']:
-            faults.append(f'after the release of {key.name} the wheels go on turning')
-    right = 'a released key neither drives on nor turns the wheels further'
+            faults.append(f'after the release of {key.name} the wheels turn further')
+    right = 'after the release of a key the motor stops, and the wheels turn no further'
     checks = 1 + len(drives)
     return 1.0 - len(faults) / checks, '; '.join(faults) or right
 
@@ -197,5 +200,5 @@ def _rate(commands: Sequence[Command]) -> tuple[float, str]:
     if rate > _FAST:
         return 0.5, f'{text}: is the sleep of its loop missing? 20 are enough'
     if rate < _SLOW - _TOLERANCE:
-        return rate / _SLOW, f'{text}: the lab has dt = 0.05 s, 20 a second'
+        return rate / _SLOW, f'{text}: the lab asks for one every 0.05 s, 20 a second'
     return 1.0, text

@@ -51,15 +51,15 @@ WORKS = {
     ),
     'wrong signs': Work(
         replaced(ROS_1, 'servo = 0.3', 'servo = -0.3').replace('motor = 2', 'motor = -2'),
-        10, 'up commands a motor of -2 m/s²: the sign is wrong; down commands',
+        10, 'up commands motor -2 m/s²: the sign is wrong; down commands',
     ),
     'right is left': Work(
         replaced(FUNCTION, '0.3 *', '-0.3 *'), 15,
-        'left commands a servo of -0.3 rad: left is positive; right commands',
+        'left commands servo -0.3 rad: left is positive; right commands',
     ),
     'mixed up': Work(
         replaced(FUNCTION, '[2.0 * linear_x, 0.3 * angular_z]', '[angular_z, linear_x]'),
-        6, 'up does not change the motor: it comes as linear.x',
+        6, 'up does not change motor: the key arrives as linear.x',
     ),
     "that gets the Twists on the handout's other topic": Work(
         replaced(ROS_1, 'turtle1/cmd_vel', 'keyboard/keyup'), 20, ''
@@ -86,11 +86,11 @@ WORKS = {
     'throttle that stays': Work(
         'class Relay:\n    m = 0.0\n    def relay(self, x, z):\n        self.m += 0.1 * x\n'
         '        return [self.m, 0.3 * z]\n',
-        18.8, 'after the release of up it goes on with +4 m/s²',
+        18.8, 'after the release of up motor is still +4 m/s²',
     ),
     'slow': Work(
         replaced(ROS_1, 'dt=0.05', 'dt=0.2'), 18.5,
-        '5 commands a second while a key is held: the lab has dt = 0.05 s',
+        '5 commands a second while a key is held: the lab asks for one every 0.05 s',
     ),
     'without a sleep': Work(
         replaced(ROS_1, 'self.rate.sleep()', 'pass'), 18.5,
