@@ -42,7 +42,7 @@ class _Drive:
     _plant: Any
     _pid: Any
     _begin: Callable[[Any], None]
-    _measure: Callable[[], Motion]  #: the motion, with noise
+    _measured: Callable[[Motion], Motion]  #: a motion, with noise
     _command: Any  #: a Command
 
     def _go(self, motor: Any, servo: Any, over: Cars | tuple[()] = ()) -> tuple[Any, ...]:  # noqa: ANN401
@@ -65,7 +65,7 @@ class _Drive:
         """Return the observation, and `info`."""
         task, plant, track = self.task, self._plant, self.task.track
         s, e_y, e_psi, _ = plant.frenet or (plant.state.x, 0.0, 0.0, 0.0)
-        info, speed, self._s = {'s': s}, plant.v_x, s
+        info, motion, self._s = {'s': s}, plant.motion(), s
         if track:
             info = {
                 's': s,
@@ -75,9 +75,10 @@ class _Drive:
                 'lap_times': plant.lap_times,
             }
         if task.is_noisy:
-            x, y, psi, speed, _, _ = self._measure()
+            motion = self._measured(motion)
+            x, y, psi, *_ = motion
             s, e_y, e_psi, _ = track.frenet(x, y, psi, s) if track else (x, 0.0, 0.0, 0.0)
-        self._speed = speed
+        self._speed = speed = motion.v_x
         seen = task.speed - speed, e_y, e_psi, speed, *self._command
         return task.observe(seen, task.ahead(s)), info
 
@@ -130,8 +131,8 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
             self.render()
         return observation, reward, is_over, False, info
 
-    def _measure(self) -> Motion:
-        true, k = self._plant.motion(), self._plant.steps % BLOCK
+    def _measured(self, true: Motion) -> Motion:
+        k = self._plant.steps % BLOCK
         if not k:
             self._errors = self.task.errors(self.np_random, self._noise).tolist()
         return with_error(true, MeasurementError(*self._errors[k]), cos(true.psi), sin(true.psi))
@@ -207,8 +208,8 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         self._over = terminated | truncated
         return observation, rewards, terminated, truncated, info
 
-    def _measure(self) -> Motion:
-        true, k = self._plant.motion(), self._plant.steps % BLOCK
+    def _measured(self, true: Motion) -> Motion:
+        k = self._plant.steps % BLOCK
         for car in np.flatnonzero(k == 0).tolist():
             self._errors[car] = self.task.errors(self._generators[car], self._noise[car])
         error = MeasurementError(*self._errors[np.arange(self.num_envs), k].T)

@@ -342,20 +342,14 @@ class Plants:
         if self.track:
             self._locate(self.track)
 
-    @property
-    def v_x(self) -> Floats:
-        """The speeds along the cars' axes [m/s]."""
-        tangent = self._tangent(self.servo.value)
-        v_x: Floats = self.state.v / np.sqrt(1.0 + tangent * tangent)
+    def motion(self) -> Motion:
+        """Return the true states; the velocities besides v_x are left at zero."""
+        (x, y, psi, v), tangent = self.state, self._tangent(self.servo.value)
+        v_x: Arrays = v / np.sqrt(1.0 + tangent * tangent)
         if self._lateral:
             slipping = self._slip[0]
             v_x = np.where(slipping > self._lateral.dynamic_above, slipping, v_x)
-        return v_x
-
-    def motion(self) -> Motion:
-        """Return the true states; the velocities besides v_x are left at zero."""
-        x, y, psi, _ = self.state
-        return Motion(x, y, psi, self.v_x, 0.0, 0.0)  # type: ignore[arg-type]  # arrays
+        return Motion(x, y, psi, v_x, 0.0, 0.0)
 
     def _tangent(self, servo: Floats) -> Floats:
         """Return the tangent of `slip_angle`."""

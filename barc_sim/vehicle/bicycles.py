@@ -155,11 +155,6 @@ class KinematicBicycle:
     #: `bike_model.motion`: the velocities follow from state and steering alone.
     motion = staticmethod(motion)
 
-    @staticmethod
-    def v_x(state: State, servo: float, vehicle: Vehicle) -> float:
-        """Return `motion`'s v_x [m/s] alone."""
-        return state.v * cos(slip_angle(servo, vehicle.l_f, vehicle.l_r))
-
 
 def kinematic_rates(
     motor: float,
@@ -233,13 +228,6 @@ class DynamicBicycle:
         if self._dynamic(state):
             return self._motion(state)
         return self._kinematic.motion(state, servo, vehicle)
-
-    def v_x(self, state: State, servo: float, vehicle: Vehicle) -> float:
-        """Return `motion`'s v_x [m/s] alone."""
-        v_x = state.v * cos(self._beta)
-        if v_x > self.lateral.dynamic_above:
-            return v_x
-        return self._kinematic.v_x(state, servo, vehicle)
 
     def _dynamic(self, state: State) -> bool:
         return state.v * cos(self._beta) > self.lateral.dynamic_above

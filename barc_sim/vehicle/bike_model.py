@@ -205,10 +205,9 @@ def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: flo
 def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
     """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad]."""
     beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
-    x, y, psi, v, *_ = state
-    v_x, v_y = v * cos(beta), v * sin(beta)
-    psi_dot = v / vehicle.l_r * sin(beta)
-    return Motion(x, y, psi, v_x, v_y, psi_dot)
+    x, y, psi, v = state
+    along, across = cos(beta), sin(beta)
+    return Motion(x, y, psi, v * along, v * across, v / vehicle.l_r * across)
 
 
 def surroundings(v: float, road: RoadPoint, vehicle: Vehicle) -> Surroundings:

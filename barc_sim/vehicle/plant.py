@@ -411,11 +411,6 @@ class Plant:
         """Return the true state, with the velocities in the vehicle's frame."""
         return self.bicycle.motion(self.state, self.actuators.servo.value, self.vehicle)
 
-    @property
-    def v_x(self) -> float:
-        """The speed along the car's axis [m/s], of `motion`."""
-        return self.bicycle.v_x(self.state, self.actuators.servo.value, self.vehicle)
-
     def advance(self, command: Command) -> None:
         """Go one step with `command`."""
         held = self.actuators.advance(command)
