@@ -23,7 +23,6 @@ from barc_sim.simulation.closed_loop import LIMITS, check_arguments, plant_of
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import State, Vehicle
 from barc_sim.vehicle.parameters import ROWS
-from barc_sim.vehicle.plant import NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -86,13 +85,12 @@ class Task:
         self.speed = self.default_speed if speed is None else speed
         SPEED._replace(between=(1e-3, SPEED.between[1])).check(self.speed, 'speed')
         given = {name: each for name, each in options.items() if each not in (None, '')}
-        noise = given.pop('noise', 0.0)  # which is not the plant's: it is of `np_random`
-        check_arguments(acceleration_limit=acceleration_limit, noise=noise)
-        self._noise = noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise)
+        check_arguments(acceleration_limit=acceleration_limit)
         self.delays_servo = 'servo' not in given  #: Whether `delay` is that of the servo, too.
         self._options: dict[str, Any] = {**self.course, **given}
         self.plain = self.plant({})  #: the plant of the options alone
         self.road, self.track, self.ts = self.plain.road, self.plain.track, self.plain.ts
+        self._noise = self.plain.sensor.noise  # of the sensor's kind, but of `np_random`
         self._options |= {'road': self.road, 'track': self.track}  # read once
         self.ranges = _checked('ranges', ranges, _VARIED, are_pairs=True)
         for corner in product(*self.ranges.values()):
@@ -194,11 +192,11 @@ class Task:
         `AHEAD`.
         """
         pairs = zip(self._own(seen), self._high, strict=True)
-        if isinstance(seen[-1], float):  # of one car: NumPy takes twice as long for so few
-            within = [x if -h <= x <= h else copysign(h, x) for x, h in pairs]
-        else:
-            within = [np.minimum(np.maximum(x, -h), h) for x, h in pairs]
-        values: Floats = np.array((*within, *ahead)).T  # what is ahead is within its bounds
+        # What is ahead is within its bounds. Of one car, NumPy takes twice as long for so few.
+        if isinstance(seen[-1], float):
+            return np.array([*[x if -h <= x <= h else copysign(h, x) for x, h in pairs], *ahead])
+        values: Floats
+        values = np.array([*[np.minimum(np.maximum(x, -h), h) for x, h in pairs], *ahead]).T
         return values
 
     def is_over(self, s: Numbers, e_y: Numbers, v: Numbers) -> Numbers:
