@@ -5,7 +5,6 @@ The quadratic program is in `planning`, which needs NumPy: `--help` lists the ga
 
 from __future__ import annotations
 
-from math import nan
 from time import thread_time
 from typing import TYPE_CHECKING, Any
 
@@ -66,10 +65,8 @@ class MPC(LaneLaw):
 
         from barc_sim.control.planning import HORIZON, solver  # noqa: PLC0415 (as above)
 
-        super().reset()
         solver()  # or a UserError
-        self.of_e_y = self.of_e_psi = nan  # one sum of the plan
-        self.solve_time = self.infeasible = 0.0
+        self.feedforward = self.solve_time = self.infeasible = 0.0
         self._servo = self._latest = 0.0  # [rad] the angle, and the command before
         self._sent: list[float] = []  # the commands on their way
         #: The latest plan, shape `(21, 2)`: distance ahead and e_y [m].
