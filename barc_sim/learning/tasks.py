@@ -56,8 +56,8 @@ SEEN = 'error', 'e_y', 'e_psi', 'speed', 'motor', 'servo'
 class Task:
     """The options that all environments have, and what each makes of them."""
 
-    observed: ClassVar[tuple[str, ...]]  #: of `SEEN`
-    #: What an action commands, each from -1 to 1: that share of the limit.
+    measured: ClassVar[tuple[str, ...]] = ('e_y', 'e_psi', 'speed')  #: and observed, of `SEEN`
+    #: What an action commands, each from -1 to 1: that share of the limit. It is observed, too.
     actions: ClassVar[tuple[str, ...]]
     course: ClassVar[Mapping[str, str]] = {'track': 'L', 'road': 'flat'}
     default_speed: ClassVar[float] = 6.0
@@ -121,9 +121,10 @@ class Task:
             'motor': acceleration_limit,
             'servo': STEERING_LIMIT,
         }
-        self._high = [self.limits[name] for name in self.observed]
+        observed = *self.measured, *self.actions
+        self._high = [self.limits[name] for name in observed]
         self.high = np.array([*self._high, *[max_ahead] * len(AHEAD)])
-        self._own = itemgetter(*map(SEEN.index, self.observed))
+        self._own = itemgetter(*map(SEEN.index, observed))
 
     def plant(self, drawn: Mapping[str, float]) -> Plant:
         """Return the plant of an episode with these numbers of `ranges`."""
@@ -281,7 +282,7 @@ class Hills(Task):
         faster than 50 m/s, or 10 m before the start of the road
     """
 
-    observed = ('error', 'speed', 'motor')
+    measured = ('error', 'speed')
     actions = ('motor',)
     course: ClassVar = {'road': 'lab'}
     default_speed = SPEED_REFERENCE
@@ -310,7 +311,6 @@ class Lane(Task):
         off the track, or faster than 50 m/s
     """
 
-    observed = ('e_y', 'e_psi', 'speed', 'servo')
     actions = ('servo',)
     start_speeds = (1.0, 1.0)
 
@@ -334,7 +334,6 @@ class Race(Task):
         as in `Lane`
     """
 
-    observed = ('e_y', 'e_psi', 'speed', 'motor', 'servo')
     actions = ('motor', 'servo')
 
 
