@@ -28,7 +28,7 @@ import numpy as np
 
 from barc_sim.control.lane import speed_profile
 from barc_sim.errors import UserError, extra
-from barc_sim.vehicle.track import Track
+from barc_sim.vehicle.track import RACING_LINE, Track
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -145,8 +145,7 @@ def write_line(path: Path, track: Track, line: Track, limits: Limits) -> None:
     speed = speed_profile(line, *limits)
     planned = np.array([speed(0.0, each) for each in s.tolist()])
     rows = np.column_stack([x, y, half + e_y, half - e_y, planned])
-    header = 'x_m,y_m,w_tr_right_m,w_tr_left_m,speed_mps'
-    np.savetxt(path, rows, '%.17g', ',', header=header, comments='')
+    np.savetxt(path, rows, '%.17g', ',', header=RACING_LINE, comments='')
 
 
 @lru_cache(256)

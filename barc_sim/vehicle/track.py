@@ -41,7 +41,7 @@ _TOLERANCE = 0.05  #: [m] A fitted arc passes the points of a file within this.
 _MIN_POINTS, _MAX_POINTS = 3, 10_000  #: of a file with a centre line
 _SPACING, _MAX_SAMPLES = 0.5, 5000  #: [m] between two places that are drawn, and how many
 _SEGMENTS, _CENTRE_LINE = 'length_m,radius_m', 'x_m,y_m,w_tr_right_m,w_tr_left_m'
-_RACING_LINE = f'{_CENTRE_LINE},speed_mps'
+RACING_LINE = f'{_CENTRE_LINE},speed_mps'
 
 
 class Pose(NamedTuple):
@@ -162,7 +162,7 @@ class Track:
             return cls.of_rows(TRACKS[name], name)
 
         def read(lines: list[str]) -> Track:
-            header, *columns = read_columns(lines, _SEGMENTS, _CENTRE_LINE, _RACING_LINE)
+            header, *columns = read_columns(lines, _SEGMENTS, _CENTRE_LINE, RACING_LINE)
             if header == _SEGMENTS:
                 return cls.of_rows(zip(*columns, strict=True), name)
             x, y, *widths = columns[:4]
@@ -170,7 +170,7 @@ class Track:
                 raise ValueError(f'{len(x)} points, not {_MIN_POINTS} to {_MAX_POINTS}')
             is_again = hypot(x[0] - x[-1], y[0] - y[-1]) < _TOLERANCE  # the first once more
             n, width = len(x) - is_again, 2.0 * min(map(min, widths))
-            tolerance = 0.0 if header == _RACING_LINE else _TOLERANCE
+            tolerance = 0.0 if header == RACING_LINE else _TOLERANCE
             return cls.through(x[:n], y[:n], width, name, tolerance)
 
         return read_named('track', name, TRACKS, read)
