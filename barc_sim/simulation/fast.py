@@ -400,9 +400,8 @@ class Plants:
         if (before * after).min() >= 0.0:
             return after
         slowed = self.ts * resistance(self.state.v, self.vehicle) / self.vehicle.mass
-        forwards = np.maximum(after, np.minimum(after + slowed, 0.0))
-        backwards = np.minimum(after, np.maximum(after - slowed, 0.0))
-        return np.where(before > 0.0, forwards, np.where(before < 0.0, backwards, after))
+        free = after + np.sign(before) * slowed
+        return np.clip(0.0, np.minimum(after, free), np.maximum(after, free))  # nearest to zero
 
     def _locate(self, track: Track) -> None:
         """Find all on the track, and time those that finish a lap."""
