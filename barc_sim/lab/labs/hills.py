@@ -414,43 +414,24 @@ _KP = (
     'kp multiplies this term, too: the output is '
     'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
 )
+_RANDOM = 'the same speeds give different outputs: does PID use random numbers? So: '
 _IGNORED = (
     'the gains that PID gets have no effect: it uses fixed numbers. Store kp, ki and kd in '
     '__init__, and use them'
 )
 
 
+@np.errstate(all='ignore')
 def judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
     """Return a finding for each term; with a wrong one, random outputs are mentioned."""
-    findings = _judge_terms(code, seed)
-    random = '' if all(each.passed for each in findings) else _randomness(code, seed)
-    return [
-        each if each.passed else replace(each, message=f'{random}{each.message}')
-        for each in findings
-    ]
-
-
-def _randomness(code: JudgedCode, seed: int) -> str:
-    """Return a sentence if outputs differ for the same speeds, else nothing."""
-    rows = wandering(seed, 'random', 0.3)
+    rows, random = wandering(seed, 'gains', 0.01), ''
     with suppress(UserError):
-        one, other = (_outputs(code, (1.0, 0.0, 0.0), rows) for _ in range(2))
-        if not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE):
-            return (
-                'the same speeds give different outputs: does PID use random numbers, or the '
-                f"computer's clock? It is called every {TS:g} s of simulated time. As a result: "
-            )
-    return ''
-
-
-@np.errstate(all='ignore')
-def _judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
-    rows = wandering(seed, 'gains', 0.01)
-    with suppress(UserError):
-        one, other = (_outputs(code, gains, rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7)))
+        small, large = (1.0, 0.5, 0.1), (3.0, 2.0, 0.7)
+        one, again, other = (_outputs(code, gains, rows) for gains in (small, small, large))
         if one == other and any(one):
             is_a_pid = len({*map(abs, one)}) > _LENGTH // 2 and max(one) < NOT_A_CAR
             return [Finding(term.criterion, _HALF * is_a_pid, _IGNORED) for term in TERMS]
+        random = '' if np.allclose(one, again, rtol=0.0, atol=_TOLERANCE) else _RANDOM
     trials = [term.tried(code, seed) for term in TERMS]
     judge = _Terms(PID_LAW, {}, {}, agree=agree, min_loss=_HALF)
     findings = []
@@ -461,7 +442,7 @@ def _judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
         if not trial.got[name].any() and _is_scaled_by_kp(code, name, rows):
             score, message = 1.0 - 0.5 * _HALF, _KP
         right = f'right in all {trial.got[name].size} outputs{_remark(name, factor_of(trial))}'
-        findings.append(Finding(trial.name, score, message or right))
+        findings.append(Finding(trial.name, score, f'{random}{message}' if message else right))
     return findings
 
 
