@@ -148,7 +148,7 @@ class UserCode:
                 self._folders[path.parent].tolerate(phrase)
         self._made: dict[int, Callable[..., float]] = {}  # by the requests' numbers
         self._now = 1000 * SECOND  # [ns] on the clock of an object that is judged
-        self._loaded: dict[str, Any] = {}  # by part: a UserFunction, a RelayProgram, or its error
+        self._loaded: dict[str, Any] = {}  # by part: a UserFunction or a RelayProgram
 
     def load(self) -> Self:
         """Load all parts now; return this object."""
@@ -171,15 +171,9 @@ class UserCode:
 
     def _part(self, part: str) -> Any:  # noqa: ANN401 (see `_loaded`)
         if part in self.paths and part not in self._loaded:
-            try:
-                program = self._program() if part == 'relay' else None
-                self._loaded[part] = program or self.function(*_MAIN[part])
-            except UserError as error:
-                self._loaded[part] = error
-        found = self._loaded.get(part)
-        if isinstance(found, UserError):
-            raise found
-        return found
+            program = self._program() if part == 'relay' else None
+            self._loaded[part] = program or self.function(*_MAIN[part])
+        return self._loaded.get(part)
 
     def _program(self) -> RelayProgram | None:
         """Return the relay, if its file is a whole program of ROS."""
@@ -271,9 +265,9 @@ class UserCode:
     @property
     def gains(self) -> ChosenGains | None:
         """The gains that `controller.py`, which is loaded, chooses."""
-        if 'controller' not in self._loaded or not self.controller:
+        if (new := self._loaded.get('controller')) is None:
             return None
-        new, path = self.controller, str(self.paths['controller'])
+        path = str(self.paths['controller'])
         name = new.folder.sources[path].name
         return find_gains(new.folder.trees[path], name, new.signature, new.place())
 
