@@ -212,6 +212,7 @@ def _start(folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
 
 _USUAL = Limits()
 _MAX_PHRASES = 20
+_REQUESTS = 10  # for the rows of a function
 _MAX_ENDS = 3  # a function that has ended its process, or looped, so often is not called again
 _numbers = count()  # of the objects that are made
 
@@ -246,8 +247,12 @@ class JudgedCode:
 
     def rows(self, name: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
         """Return the numbers that a user's function returns for each row of arguments."""
-        found = self.call('functions', name, rows)
-        return rows_of(name, found, len(rows), CALLED[name].numbers)
+        found: list[Any] = []
+        while left := rows[len(found) :]:
+            some = left[: max(len(rows) // _REQUESTS, 1)]  # each request has its own time
+            reply = self.call('functions', name, some)
+            found += rows_of(name, reply, len(some), CALLED[name].numbers)
+        return found
 
     def make(self, name: str, *arguments: Any) -> int:  # noqa: ANN401 (JSON)
         """Return the number of a new object of a user's class.

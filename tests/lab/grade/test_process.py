@@ -175,6 +175,13 @@ def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) 
     assert time.monotonic() - began < 10.0
 
 
+def test_each_of_a_few_slow_calls_has_its_own_time(folder: Callable[..., Path]) -> None:
+    busy = 'from time import process_time as t\n    end = t() + 0.1\n    while t() < end: pass'
+    path = folder(bike_model=BIKE_FE.replace(':', f':\n    {busy}'))
+    with JudgedCode(path, QUICK) as code:
+        assert len(code.rows('bikeFE', [ROW] * 5)) == 5
+
+
 def test_it_may(folder: Callable[..., Path]) -> None:
     code = '\n'.join(ALLOWED.values())
     assert asked(folder, code, limits=Limits()) == [(1.0, 2.0, 3.0, 4.0)]
