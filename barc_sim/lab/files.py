@@ -40,12 +40,6 @@ _KEY_READERS = {
     *('tkinter', 'Tkinter', 'tty'),
 }
 _INPUTS = {'sys.stdin', 'input()', 'raw_input()'}
-#: What a constant, and a call with numbers and constants, consist of.
-_ARITHMETIC = (
-    *(ast.Module, ast.Assign, ast.Tuple, ast.Store, ast.Expression, ast.Call, ast.keyword),
-    *(ast.BinOp, ast.UnaryOp, ast.Constant, ast.Name, ast.Load),
-    *(ast.Add, ast.Sub, ast.Mult, ast.Div, ast.USub, ast.UAdd),
-)
 
 
 class Handout(NamedTuple):
@@ -290,18 +284,20 @@ def find_gains(tree: ast.Module, file: str, new: Signature, place: str) -> Chose
     nodes = sorted(ast.walk(tree), key=lambda node: getattr(node, 'lineno', 0))
     names = GAINS if {*GAINS} <= {*new.parameters} else [*new.parameters][: len(GAINS)]
     known: dict[str, Any] = {}
+    numbers_alone: dict[str, Any] = {'__builtins__': {}}  # no function has a name
     for node in nodes:
         if isinstance(node, ast.Assign):
             with suppress(Exception):  # it is no constant
-                _run(ast.Module([node], []), 'exec', known)
+                exec(compile(ast.Module([node], []), '', 'exec'), numbers_alone, known)  # noqa: S102
     for call in reversed(nodes):
         if isinstance(call, ast.Call) and 'PID' in (
             getattr(call.func, 'id', ''),
             getattr(call.func, 'attr', ''),
         ):
-            own = ast.Call(ast.Name('PID', ast.Load()), call.args, call.keywords)
+            own = ast.Expression(ast.Call(ast.Name('PID', ast.Load()), call.args, call.keywords))
             with suppress(Exception):  # its arguments are no constants
-                passed = _run(ast.Expression(own), 'eval', {**known, 'PID': new.bind})
+                code = compile(ast.fix_missing_locations(own), '', 'eval')
+                passed = eval(code, numbers_alone, {**known, 'PID': new.bind})  # noqa: S307
                 is_chosen = not passed.arguments.keys().isdisjoint(names)
                 passed.apply_defaults()
                 found = _gains(map(passed.arguments.get, names), f'{file}, line {call.lineno}')
@@ -311,16 +307,6 @@ def find_gains(tree: ast.Module, file: str, new: Signature, place: str) -> Chose
         found = _gains((new.parameters[name].default for name in names), f'defaults, {place}')
         return None if found[:3] == _TEMPLATE else found
     return None
-
-
-def _run(tree: ast.Module | ast.Expression, mode: str, names: dict[str, Any]) -> Any:  # noqa: ANN401 (any)
-    """Run or evaluate code of numbers and names alone; ValueError where there is more in it."""
-    for node in ast.walk(tree):
-        is_number = not isinstance(node, ast.Constant) or type(node.value) in {int, float}
-        if not (isinstance(node, _ARITHMETIC) and is_number):
-            raise ValueError('it is no arithmetic')
-    code = compile(ast.fix_missing_locations(tree), '<gains>', mode)
-    return eval(code, {'__builtins__': {}}, names)  # noqa: S307 (arithmetic)
 
 
 def _gains(values: Iterable[Any], origin: str) -> ChosenGains:

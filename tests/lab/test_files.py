@@ -101,7 +101,8 @@ PLAIN = 'class PID:\n    def __init__(self, kp, ki, kd): pass\n'
             'class PID:\n    def __init__(self, kp, kd, ki): pass\nPID(1, 2, 3)\n',
             (1, 3, 2, 'line 3'),
         ),
-        (PLAIN + 'PID(*[1, 2, 3])\n', None),
+        (PLAIN + 'PID(*[1, 2, 3])\n', (1, 2, 3, 'line 3')),
+        ('G = {"kp": 2, "ki": 3, "kd": 0}\n' + PLAIN + 'PID(**G)\n', (2, 3, 0, 'line 4')),
         (PLAIN + 'PID(1e400, 1, 1)\n', None),
     ],
 )
