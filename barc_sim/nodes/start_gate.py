@@ -126,11 +126,11 @@ class PeerWatch:
         self._stepper.check()
         states = self._stepper.states
         waits = self._stepper.deadline_period is None and not self._stepper.paused
-        ends = publishers(self._node, names.ECU)
-        commanders = {bytes(end.endpoint_gid) for end in ends}
+        endpoints = publishers(self._node, names.ECU)
+        commanders = {bytes(each.endpoint_gid) for each in endpoints}
         stands_still = states == self._states
         if not states:
-            if not ends:
+            if not endpoints:
                 topic = self._node.resolve_topic_name(names.ECU)
                 self._warn(f'waiting for a controller that publishes {topic}')
         elif waits and stands_still:
@@ -140,8 +140,9 @@ class PeerWatch:
         else:
             self._reached = self._commanders
         self._commanders = commanders
-        if len(ends) > 1:
-            topic, rivals = self._node.resolve_topic_name(names.ECU), ' and '.join(full_names(ends))
+        if len(endpoints) > 1:
+            topic = self._node.resolve_topic_name(names.ECU)
+            rivals = ' and '.join(full_names(endpoints))
             hint = 'end one (a killed node still counts for 20 s)'
             self._warn(f'{rivals} publish {topic} and drive together: {hint}')
         if states and stands_still:

@@ -1,4 +1,4 @@
-"""What our nodes share: parameters from a table, messages as records, and refused input."""
+"""Helpers of our nodes: parameters from a table, messages from records, and refused input."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ _RECOUNT_NS = 500_000_000
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
     """Return the ROS descriptor of a parameter."""
-    made = ParameterDescriptor(description=parameter.description, read_only=parameter.read_only)
+    message = ParameterDescriptor(description=parameter.description, read_only=parameter.read_only)
     if parameter.between == ANY:
-        return made
+        return message
     low, high = parameter.between
     if isinstance(parameter.default, float):
-        made.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        message.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     else:
-        made.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
-    return made
+        message.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+    return message
 
 
 def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
@@ -75,20 +75,20 @@ def _declare(node: Node, parameter: Parameter) -> Any:  # noqa: ANN401 (as rclpy
 
 
 def declare_track(node: Node, track: Track | None = None) -> Track | None:
-    """Declare the parameter `track`; return `track`, or the one that the parameter names."""
+    """Declare the parameter `track`; return `track`, or else the track that the parameter names."""
     default = TRACK._replace(default=track.name if track else '')
     name = declare(node, [default])[TRACK.name]
     return track or (Track.named(name) if name else None)
 
 
 def frames(node: Node) -> tuple[str, str]:
-    """Return the frames of a car's place and of the car: in the namespace `/car2` its own."""
+    """Return the frames of map and car; in the namespace `/car2`, `map` and `car2/base_link`."""
     prefix = f'{node.get_namespace().strip("/")}/'.lstrip('/')
     return 'map', f'{prefix}base_link'
 
 
 def fill(message: Message, record: Any) -> Message:  # noqa: ANN401 (a NamedTuple)
-    """Set the fields of `message` that `record` has, by their names; return the message."""
+    """Copy the fields of `record` to those of `message` by name; return the message."""
     for name, value in zip(record._fields, record, strict=True):
         setattr(message, name, value)
     return message
@@ -101,7 +101,7 @@ def to_header(stamp_ns: int, frame_id: str = '') -> Header:
 
 
 def to_poses(header: Header, poses: Any) -> dict[str, Any]:  # noqa: ANN401 (x, y, psi: arrays)
-    """Return the field of a Path that has poses on the map."""
+    """Return the field `poses` of a Path."""
     path = []
     for x, y, psi in zip(*poses, strict=True):
         half = 0.5 * float(psi)
@@ -117,36 +117,36 @@ def to_driver_input(twist: Twist) -> DriverInput:
 
 
 def to_twist(request: DriverInput) -> Twist:
-    """Return `request` as a message."""
+    """Return the driver's input `request` as a Twist."""
     return Twist(
         linear=Vector3(x=request.forward, z=-request.brake or 0.0), angular=Vector3(z=request.turn)
     )
 
 
 class Subscribed:
-    """Which publishers of a node have subscriptions: a message without one need not be made.
+    """Finds the publishers of a node that have subscriptions: others need no message.
 
-    To ask a publisher at each state would be a twentieth of a step in lock-step.
+    To count the subscriptions at each state would take a twentieth of a step in lock-step.
     """
 
     def __init__(self, node: Node) -> None:
-        """Ask the publishers of `node`."""
+        """Count the subscriptions to the publishers of `node`."""
         self._node, self._window = node, -1
-        self._found: set[Publisher] = set()
+        self._publishers: set[Publisher] = set()
 
     def at(self, stamp_ns: int) -> set[Publisher]:
-        """Return the publishers with subscriptions, asked anew each 0.5 s of the stamps."""
+        """Return the publishers with subscriptions, counted once per 0.5 s of the stamps."""
         if stamp_ns // _RECOUNT_NS != self._window:
             self._window = stamp_ns // _RECOUNT_NS
-            self._found = {pub for pub in self._node.publishers if pub.get_subscription_count()}
-        return self._found
+            self._publishers = {p for p in self._node.publishers if p.get_subscription_count()}
+        return self._publishers
 
 
 class Outputs:
-    """The messages of a node that need not be made while nobody subscribes to them."""
+    """Publishes messages for each state; a message without a subscription is not made."""
 
     def __init__(self, node: Node) -> None:
-        """Begin without any."""
+        """Begin without messages."""
         self._node, self._subscribed = node, Subscribed(node)
         self._outputs: list[tuple[Publisher, Any, Callable[[], Mapping[str, Any]], int]] = []
         self._published: Counter[Publisher] = Counter()
@@ -158,7 +158,7 @@ class Outputs:
         fields: Callable[[], Mapping[str, Any]],
         every: int = 1,
     ) -> None:
-        """Publish `message` with these `fields` from now on, for one of `every` so many states."""
+        """Publish `message` from now on, with what `fields` returns, for one state in `every`."""
         publisher = self._node.create_publisher(type(message), topic, names.QOS)
         self._outputs.append((publisher, message, fields, every))
 
@@ -177,7 +177,7 @@ class Outputs:
 
 
 class RefusedInput:
-    """Counts the invalid messages that a node refuses; logs each kind of warning once in a period.
+    """Counts the invalid messages that a node refuses; logs rate-limited warnings.
 
     The logger's own throttle inspects the stack at each message, which takes 0.3 ms; here a
     suppressed warning costs next to nothing.
@@ -187,7 +187,7 @@ class RefusedInput:
         """Warn with the logger of `node`."""
         self.count = 0
         self._logger = node.get_logger()
-        self._next: dict[str, float] = {}  # [s] by what a warning is about
+        self._next: dict[str, float] = {}  # [s] when the next warning `about` this may be logged
 
     def add(self, describe: Callable[[], str]) -> None:
         """Count a message; `describe` is called only where a warning is logged."""
@@ -195,9 +195,9 @@ class RefusedInput:
         self.warn(lambda: f'refused {describe()} ({self.count} refused so far)', 'refused')
 
     def warn(self, sentence: Callable[[], str], about: str = '', period: float = 1.0) -> None:
-        """Log what `sentence` returns, unless the last `about` this is less than `period` [s] old.
+        """Log what `sentence` returns, at most once in a `period` [s] for what it is `about`.
 
-        It is for what is odd, and not refused.
+        Use it for input that is odd, but not refused.
         """
         now = time.monotonic()
         if now >= self._next.get(about, 0.0):

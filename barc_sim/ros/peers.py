@@ -1,4 +1,4 @@
-"""The nodes that take part: their graph, publishers, a simulator's claim to its topic."""
+"""The nodes of the system: their graph, a topic's publishers, a simulator's claim to its topic."""
 
 from __future__ import annotations
 
@@ -51,45 +51,45 @@ def node_graph(node: Node) -> NodeGraph:
 
 
 def has_dds() -> bool:
-    """Return whether messages reach other processes: not through `ros/local`."""
+    """Return whether messages reach other processes; they do not with `ros/local`."""
     return hasattr(sys.modules['rclpy'], '__file__')
 
 
 def claim(node: Node, topic: str) -> socket.socket:
     """Claim `topic` for `node` on this machine, in its ROS domain; closing the result frees it.
 
-    The claim is a socket's name in Linux's abstract namespace. It is taken at once, where discovery
-    would need seconds to find another publisher, and it is free as soon as its process ends.
+    The claim is a socket's name in Linux's abstract namespace. It holds at once, while discovery
+    of another publisher would take seconds, and it ends with its process.
     """
     if not has_dds():
-        return socket.socket()  # nobody else is there
-    held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        return socket.socket()  # no other process can publish the topic
+    lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     # A topic's name may be longer than a socket's.
     digest = hashlib.sha256(node.resolve_topic_name(topic).encode()).hexdigest()
     try:
-        held.bind(f'\0barc_sim/{node.context.get_domain_id()}/{digest}')
+        lock.bind(f'\0barc_sim/{node.context.get_domain_id()}/{digest}')
     except OSError:
-        held.close()
-        raise _taken(node, topic) from None
-    return held
+        lock.close()
+        raise _topic_in_use(node, topic) from None
+    return lock
 
 
 def others_here(domain: int) -> bool:
     """Return whether another process of this machine takes part in the ROS domain.
 
-    DDS gives the participants of a domain UDP ports of a range of its own (RTPS 2.3, 9.6.1.1).
+    Each domain has its own range of UDP ports in DDS (RTPS 2.3, 9.6.1.1).
     """
     first = 7400 + 250 * domain
-    own = {str(f.readlink()) for f in Path('/proc/self/fd').iterdir() if f.is_symlink()}
+    own_files = {str(f.readlink()) for f in Path('/proc/self/fd').iterdir() if f.is_symlink()}
     for line in Path('/proc/net/udp').read_text(encoding='ascii').splitlines()[1:]:
         _, address, *_, inode = line.split()[:10]
         port = int(address.rpartition(':')[2], 16)
-        if first <= port < first + 250 and f'socket:[{inode}]' not in own:
+        if first <= port < first + 250 and f'socket:[{inode}]' not in own_files:
             return True
     return False
 
 
-def _taken(node: Node, topic: str) -> UserError:
+def _topic_in_use(node: Node, topic: str) -> UserError:
     """Return the error of a second publisher of `topic`."""
     name, dds = node.resolve_topic_name(topic), has_dds()
     here = f' in ROS domain {node.context.get_domain_id()}' if dds else ''
@@ -100,40 +100,42 @@ def _taken(node: Node, topic: str) -> UserError:
 
 
 def publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    """Return the publishers of `topic` that are alive for DDS, which notices a kill after 20 s."""
+    """Return the publishers of `topic`; DDS drops those of a killed process after 20 s."""
     return [*node.get_publishers_info_by_topic(node.resolve_topic_name(topic))]
 
 
-def full_names(ends: Iterable[TopicEndpointInfo]) -> list[str]:
-    """Return the full names of the nodes that `ends` belong to."""
-    return sorted(f'{end.node_namespace.rstrip("/")}/{end.node_name}' for end in ends)
+def full_names(endpoints: Iterable[TopicEndpointInfo]) -> list[str]:
+    """Return the full names of the nodes that have these endpoints."""
+    return sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in endpoints)
 
 
 def check_unique(node: Node, topic: str) -> None:
     """Check that `node` alone publishes `topic`."""
     if len(publishers(node, topic)) > 1:
-        raise _taken(node, topic)
+        raise _topic_in_use(node, topic)
 
 
-def all_own(node: Node, ends: Iterable[TopicEndpointInfo]) -> bool:
-    """Return whether `ends` belong to nodes of this process, as `node` does."""
-    own = (_own_gid(node) or b'') if has_dds() else None
-    return own is None or all(bytes(end.endpoint_gid)[_PROCESS] == own[_PROCESS] for end in ends)
+def all_own(node: Node, endpoints: Iterable[TopicEndpointInfo]) -> bool:
+    """Return whether all `endpoints` belong to nodes in the process of `node`."""
+    if not has_dds():
+        return True
+    process = (_own_gid(node) or b'')[_PROCESS]
+    return all(bytes(each.endpoint_gid)[_PROCESS] == process for each in endpoints)
 
 
-def of_participant(node: Node, ends: Iterable[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
-    """Return those of `ends` that belong to nodes in the DDS participant of `node`."""
-    own = (_own_gid(node) or b'')[_PARTICIPANT]
-    return [end for end in ends if bytes(end.endpoint_gid)[_PARTICIPANT] == own]
+def of_participant(node: Node, endpoints: Iterable[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
+    """Return the endpoints that belong to nodes in the DDS participant of `node`."""
+    participant = (_own_gid(node) or b'')[_PARTICIPANT]
+    return [each for each in endpoints if bytes(each.endpoint_gid)[_PARTICIPANT] == participant]
 
 
 def _own_gid(node: Node) -> bytes | None:
-    """Return the identifier of one of the node's publishers; None with another DDS."""
+    """Return the GID of one of the node's publishers; None if it is not of Fast DDS."""
     number = (os.getpid() % (1 << 16)).to_bytes(2, 'little')
     topics = {publisher.topic_name for publisher in node.publishers}
-    # Every node publishes /parameter_events: a topic of its own has fewer publishers to look at.
-    for end in node.get_publishers_info_by_topic(min(topics, key=node.count_publishers)):
-        gid = bytes(end.endpoint_gid)
-        if end.node_name == node.get_name() and gid[_PROCESS].startswith(number, 4):
+    # Every node publishes /parameter_events: search the topic with the fewest publishers.
+    for endpoint in node.get_publishers_info_by_topic(min(topics, key=node.count_publishers)):
+        gid = bytes(endpoint.endpoint_gid)
+        if endpoint.node_name == node.get_name() and gid[_PROCESS].startswith(number, 4):
             return gid
     return None

@@ -1,4 +1,4 @@
-"""Starts ROS in a process, with Fast DDS's use of memory; spins a node, and ends in order."""
+"""Starts ROS in a process, with our settings of Fast DDS; spins a node, and ends in order."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 _Node = TypeVar('_Node', bound='Node')
-#: Threads for callbacks that may block; the quick ones need none.
+#: Threads of the executor: the second one is for the time in which a callback blocks.
 NUM_THREADS = 2
-_MAX_DOMAIN = 232  #: whose ports DDS can count
+_MAX_DOMAIN = 232  #: the last domain whose UDP ports exist
 #: rcutils' own format, on a cleared line: the status line of a run may stand there.
 _CONSOLE_FORMAT = '\r\x1b[K[{severity}] [{time}] [{name}]: {message}'
 
 _PROFILES = Path(__file__).with_name('fast_dds.xml')
 PLAYER_PROFILES = Path(__file__).with_name('fast_dds_player.xml')
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
-#: Without it, rmw overrides how histories use memory. ROS's QoS settings win over the profiles
-#: either way.
+#: Without it, rmw overrides how histories use memory. ROS's QoS settings override the profiles in
+#: both cases.
 _USE_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 
 _SHARED_MEMORY = Path('/dev/shm')  # noqa: S108 (where Fast DDS has it)
@@ -45,10 +45,10 @@ _LOCK = re.compile(r'fastrtps_[0-9a-f]{16}_el')
 
 @contextmanager
 def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
-    """Initialise ROS with `args`, visible on this machine only unless the environment differs.
+    """Initialise ROS with `args`; by default, only this machine can discover the process.
 
-    This process may open as many files as the system allows. With `network` it is visible in the
-    whole subnet. Segments of dead processes are removed.
+    With `network`, the whole subnet can. The process may then open as many files as the system
+    allows, and shared memory of dead processes is removed.
     """
     check_limits()
     if not any(os.environ.get(name) for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')):
@@ -64,7 +64,7 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
     try:
-        # rcl raises what it logs about its arguments.
+        # rcl raises its errors about arguments as well as logging them.
         set_logger_level('rcl', LoggingSeverity.FATAL)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 (rclpy raises several private kinds)
@@ -101,27 +101,27 @@ def use_profiles(
     environment: MutableMapping[str, str] = os.environ, profiles: Path = _PROFILES
 ) -> None:
     """Set our profiles in `environment`, unless the user has set others there."""
-    is_ours = environment.get(_VARIABLES[0]) == str(_PROFILES)  # of a process that started this
+    is_ours = environment.get(_VARIABLES[0]) == str(_PROFILES)  # set by this process's parent
     if is_ours or not any(name in environment for name in (*_VARIABLES, _USE_PROFILES)):
         environment[_VARIABLES[0]] = str(profiles)
         environment[_USE_PROFILES] = '1'
 
 
-def sweep(folder: Path = _SHARED_MEMORY, least_age: float = 10.0) -> int:
-    """Remove this user's shared-memory segments whose process is dead; return how many.
+def sweep(folder: Path = _SHARED_MEMORY, min_age: float = 10.0) -> int:
+    """Remove this user's shared-memory segments whose process is dead; return their number.
 
     Fast DDS gives each participant a segment `fastrtps_<16 hex digits>` of half a megabyte, and a
-    file `..._el` that its process holds locked. A killed process leaves both, no process uses them
-    again, and after a hundred of them the small /dev/shm of a container is full. Fast DDS itself
-    repairs what participants share, the ports.
+    file `..._el` that its process holds locked. A killed process leaves both, and no process uses
+    them again. A hundred of them fill the small /dev/shm of a container. Fast DDS itself repairs
+    the ports, which participants share.
 
-    A lock younger than `least_age` [s] stays: its process may be about to take it.
+    A lock younger than `min_age` [s] stays: its process may be about to take it.
     """
     removed = 0
     for lock in folder.glob('fastrtps_*_el'):
-        with suppress(OSError):  # others hold it, or have removed it
+        with suppress(OSError):  # a process holds it, or has removed it
             status = lock.lstat()
-            is_old = time.time() - status.st_ctime > least_age
+            is_old = time.time() - status.st_ctime > min_age
             if _LOCK.fullmatch(lock.name) and is_old and status.st_uid == os.getuid():
                 with lock.open('rb') as file:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -157,10 +157,10 @@ def test_an_old_segment_without_a_process_is_removed_and_nothing_else(segment: P
         path.write_bytes(b'')
     with lock.open('rb') as held:
         fcntl.flock(held, fcntl.LOCK_EX)
-        assert sweep(segment.parent, least_age=-1.0) == 0
+        assert sweep(segment.parent, min_age=-1.0) == 0
     assert sweep(segment.parent) == 0
     assert {*segment.parent.iterdir()} == {segment, lock, *others}
-    assert sweep(segment.parent, least_age=-1.0) == 1
+    assert sweep(segment.parent, min_age=-1.0) == 1
     assert {*segment.parent.iterdir()} == others
     assert sweep(segment.with_name('none')) == 0
 
