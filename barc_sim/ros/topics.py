@@ -1,4 +1,4 @@
-"""Topics as their publishers offer them; subscriptions that are polled, to record them raw."""
+"""The QoS and description of topics, and polled subscriptions that record raw messages."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from barc_sim.bags.recording import Recording
 
 
-_DEPTH = 1000  #: of a queue, where the bag has none: DDS does not send it to other processes
+_DEPTH = 1000  #: of a queue, if the bag has no depth: DDS does not announce it to other processes
 _MAX_DEPTH = 2**31 - 1
 _INTERFACES = ('msg', 'srv', 'action')
 _QOS = (
@@ -53,23 +53,23 @@ _LATCHED = ('transient_local', DurabilityPolicy.TRANSIENT_LOCAL.value)
 def message_class(type_name: str) -> type[Any]:
     """Return the class of a type such as `std_msgs/msg/String`."""
     package, *rest = type_name.split('/')
-    found: Any = None
+    kind: Any = None
     if len(rest) == 2 and rest[0] in _INTERFACES:  # noqa: PLR2004
         with suppress(AttributeError, ImportError, TypeError, ValueError):
-            found = getattr(importlib.import_module(f'{package}.{rest[0]}'), rest[1])
-    if not hasattr(found, 'get_fields_and_field_types'):  # a stranger may name any class
+            kind = getattr(importlib.import_module(f'{package}.{rest[0]}'), rest[1])
+    if not hasattr(kind, 'get_fields_and_field_types'):  # a bag can name any class
         raise UserError(
             f'the type {type_name} is not installed here: source the workspace of {package}'
         )
-    return found  # type: ignore[no-any-return]
+    return kind  # type: ignore[no-any-return]
 
 
-def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
+def request(endpoints: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
     """Return the strongest QoS that all publishers offer, as rosbag2 requests it.
 
-    Of subscriptions, the QoS that gets every message that one of them gets.
+    For subscriptions, return the QoS that receives every message that any of them receives.
     """
-    offered = [end.qos_profile for end in ends]
+    offered = [each.qos_profile for each in endpoints]
     return _profile(
         depth,
         reliable=all(each.reliability == ReliabilityPolicy.RELIABLE for each in offered),
@@ -78,10 +78,11 @@ def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
 
 
 def offer(recorded: Sequence[Mapping[str, Any]]) -> QoSProfile:
-    """Return the QoS of a publisher in place of the recorded ones, in rosbag2's terms.
+    """Return the QoS of the one publisher that replaces the recorded publishers.
 
-    It reaches every subscription that one of them reached, with as many messages for late ones.
-    Older bags have policies by number. UserError: it is no QoS.
+    `recorded` has their QoS as rosbag2 writes it, in older bags with a number for each policy. The
+    new publisher reaches every subscription that one of them reached, and keeps as many messages
+    for late subscriptions. UserError: it is no QoS.
     """
     try:
         depth = max((int(each.get('depth', 0)) for each in recorded), default=0)
@@ -107,20 +108,20 @@ def _strength(end: TopicEndpointInfo | Subscription) -> tuple[Any, Any]:
     return end.qos_profile.reliability, end.qos_profile.durability
 
 
-def describe(name: str, ends: Sequence[TopicEndpointInfo]) -> Topic:
-    """Return a bag's record of the topic, from its publishers; from subscriptions without any."""
-    type_name, text = ends[0].topic_type, ''
-    with suppress(LookupError):  # not installed: others may have it
+def describe(name: str, endpoints: Sequence[TopicEndpointInfo]) -> Topic:
+    """Return a bag's record of the topic, from its publishers or else its subscriptions."""
+    type_name, text = endpoints[0].topic_type, ''
+    with suppress(LookupError):  # not installed here, but perhaps where the bag is read
         text = definition(type_name)
     return Topic(
         name=name,
         type=type_name,
         definition=text,
-        type_hash=str(ends[0].topic_type_hash),
+        type_hash=str(endpoints[0].topic_type_hash),
         offered_qos=[
-            _as_metadata(end.qos_profile)
-            for end in ends
-            if end.endpoint_type == TopicEndpointTypeEnum.PUBLISHER
+            _as_metadata(each.qos_profile)
+            for each in endpoints
+            if each.endpoint_type == TopicEndpointTypeEnum.PUBLISHER
         ],
     )
 
@@ -139,18 +140,18 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 (a policy, a duration, a number)
 
 @dataclass
 class RecordedTopic:
-    """A topic with its subscriptions, and what has arrived through them."""
+    """A topic with its subscriptions, and the losses and nodes of its publishers."""
 
     topic: Topic
     publishers: int = 0
     subscriptions: list[Subscription] = field(default_factory=list)
-    #: By publisher, the index of the subscription that counts: the first one to get a message.
+    #: The index of the subscription to record, by publisher: the first one that got a message.
     route: dict[bytes, int] = field(default_factory=dict)
     losses: Losses = field(default_factory=Losses)
     names: dict[bytes, str] = field(default_factory=dict)  # of the publishers' nodes
 
     @property
-    def begun(self) -> bool:
+    def had_publisher(self) -> bool:
         """Whether it has had a publisher."""
         return bool(self.topic.offered_qos or self.route)
 
@@ -168,9 +169,9 @@ class RecordedTopic:
 class TopicSubscriptions:
     """Subscribes to the topics of a recording, and takes the messages of all publishers.
 
-    Each QoS that publishers of a topic offer gets a subscription that requests all of it: one that
-    offers less costs the others nothing. A topic that others subscribe to is subscribed to before
-    it has a publisher, with their QoS: a publisher may send one message and end before it is
+    A topic gets one subscription for each QoS that its publishers offer, so that a publisher with a
+    weak QoS does not weaken the others. A topic that other nodes subscribe to gets a subscription
+    with their QoS before it has a publisher: a publisher may send one message and end before it is
     discovered.
     """
 
@@ -180,19 +181,19 @@ class TopicSubscriptions:
         self._taker = Taker()
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`
-        self.unknown: dict[str, str] = {}  #: by name, why a topic cannot be recorded
-        self._unexpected: set[str] = set()  # without a publisher, and impossible to record
+        self.unknown: dict[str, str] = {}  #: why a topic cannot be recorded, by its name
+        self._unexpected: set[str] = set()  # topics that cannot be recorded yet: no publisher
 
     def expect(self, name: str, message_type: type[Any]) -> None:
         """Subscribe, reliably, to a wanted topic before it has a publisher or subscriptions."""
         if self._wants(name) and name not in self._topics:
-            self._begin(name, message_type, QoSProfile(depth=self._depth))
+            self._subscribe_early(name, message_type, QoSProfile(depth=self._depth))
 
     def discover(self) -> None:
-        """Subscribe to each wanted topic that has got a publisher since the last call.
+        """Subscribe to each wanted topic with a new publisher since the last call.
 
-        Also to each that has got its first subscription. A topic that cannot be recorded is named
-        in a warning, once.
+        Subscribe also to each topic with its first subscription. For a topic that cannot be
+        recorded, warn once.
         """
         for name, _ in self._node.get_topic_names_and_types():
             recorded = self._topics.get(name)
@@ -205,37 +206,35 @@ class TopicSubscriptions:
                 elif recorded:
                     recorded.publishers = 0
                 elif name not in self._unexpected and self._follow(name):
-                    self._unexpected.add(name)  # whether that matters, a publisher will show
+                    self._unexpected.add(name)  # its first publisher causes the warning
 
     def _follow(self, name: str) -> Exception | None:
-        """Subscribe to a topic as its subscribers do; return why that is impossible."""
+        """Subscribe to a topic with the QoS of its subscribers; return why it is impossible."""
         try:
-            if ends := self._node.get_subscriptions_info_by_topic(name):
-                kind = message_class(self._type_of(ends))
-                self._begin(name, kind, request(ends, self._depth))
+            if endpoints := self._node.get_subscriptions_info_by_topic(name):
+                kind = message_class(self._type_of(endpoints))
+                self._subscribe_early(name, kind, request(endpoints, self._depth))
         except (RuntimeError, UserError) as error:  # of rcl: this process has another type
             return error
         return None
 
-    def _type_of(self, ends: Sequence[TopicEndpointInfo]) -> str:
-        """Return the type of this participant, where DDS takes no second one; else the first."""
-        several = len({end.topic_type for end in ends}) > 1
-        own = of_participant(self._node, ends) if several else []
-        type_name: str = (*own, *ends)[0].topic_type
+    def _type_of(self, endpoints: Sequence[TopicEndpointInfo]) -> str:
+        """Return the topic's type in this participant, in which DDS allows one; else the first."""
+        several = len({each.topic_type for each in endpoints}) > 1
+        ours = of_participant(self._node, endpoints) if several else []
+        type_name: str = (*ours, *endpoints)[0].topic_type
         return type_name
 
-    def _begin(self, name: str, message_type: type[Any], qos: QoSProfile) -> None:
-        """Subscribe to a topic without a publisher."""
+    def _subscribe_early(self, name: str, message_type: type[Any], qos: QoSProfile) -> None:
+        """Subscribe to a topic that has no publisher yet."""
         subscription = self._create(name, message_type, qos)
-        ends = self._node.get_subscriptions_info_by_topic(subscription.topic_name)
+        endpoints = self._node.get_subscriptions_info_by_topic(subscription.topic_name)
+        recorded = RecordedTopic(describe(name, endpoints), subscriptions=[subscription])
         with self._lock:
-            self._topics[name] = RecordedTopic(describe(name, ends), subscriptions=[subscription])
+            self._topics[name] = recorded
 
     def _subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
-        """Subscribe to all publishers of a topic.
-
-        Those of another type are left out.
-        """
+        """Subscribe to all publishers of a topic, except publishers of another type."""
         recorded = self._topics.get(name)
         types = {publisher.topic_type for publisher in publishers}
         type_name = recorded.topic.type if recorded else self._type_of(publishers)
@@ -243,7 +242,7 @@ class TopicSubscriptions:
             self._leave_out(f'{name} as {other}', f'its type is {type_name}')
         try:
             if of_type := [each for each in publishers if each.topic_type == type_name]:
-                recorded = self._begun(name, recorded, of_type)
+                recorded = self._add_subscriptions(name, recorded, of_type)
         except UserError as error:
             self._leave_out(name, f'{type_name}: {error}')
         except RuntimeError:  # of rcl: another node of this process has another type
@@ -259,12 +258,12 @@ class TopicSubscriptions:
             self.unknown[what] = why
             self._node.get_logger().warning(f'{what} is not recorded: {why}')
 
-    def _begun(
+    def _add_subscriptions(
         self, name: str, recorded: RecordedTopic | None, publishers: Sequence[TopicEndpointInfo]
     ) -> RecordedTopic:
-        """Return a topic that has a subscription of each QoS that its publishers offer."""
+        """Return the topic with a subscription for each QoS that its publishers offer."""
         recorded = recorded or RecordedTopic(describe(name, publishers))
-        if not recorded.begun:
+        if not recorded.had_publisher:
             recorded.topic = describe(name, publishers)
         missing = {*map(_strength, publishers)} - {*map(_strength, recorded.subscriptions)}
         for reliability, durability in sorted(missing):  # the strongest first
@@ -310,7 +309,7 @@ class TopicSubscriptions:
     def lost(self) -> dict[str, dict[str, int] | None]:
         """Return the number of lost messages by topic and publishing node; None where unknown.
 
-        A publisher that ended before its node's name was found has its GID for a name.
+        A publisher that ended before its node was discovered is listed by its GID.
         """
         with self._lock:
             return {name: recorded.lost() for name, recorded in self._topics.items()}
@@ -332,14 +331,14 @@ class PolledCallbackGroup(CallbackGroup):
     DDS stamps the time of reception, so polling late loses nothing.
     """
 
-    polled = True  #: QuickExecutor leaves them out, too
+    polled = True  #: QuickExecutor ignores them, too
 
     def can_execute(self, entity: object) -> bool:  # noqa: ARG002 (rclpy's)
         """Never."""
         return False
 
 
-class _Allocator(ctypes.Structure):  # rcutils_allocator_t: four functions, and their state
+class _Allocator(ctypes.Structure):  # rcutils_allocator_t: four functions and their state
     _fields_ = (('pointers', c_void_p * 5),)
 
 
@@ -352,34 +351,32 @@ class _Array(ctypes.Structure):  # rcutils_uint8_array_t
     )
 
 
-#: Of rmw_message_info_t: times of publication and reception, number, and the publisher's GID, which
-#: rclpy's own take leaves out.
+#: Fields of rmw_message_info_t: times of publication and reception, number, and the publisher's
+#: GID, which rclpy's own take omits.
 _INFO = Struct('=qqQ16x16s')
-_MOST_INFO = 256  # bytes, as much as another rmw may write
-_NOTHING_THERE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
+_MAX_INFO = 256  # bytes: another rmw may write more than Fast DDS
+_NO_MESSAGE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
 
 
 class Taker:
-    """Takes messages through one buffer, which rcl makes larger; for one thread at a time."""
+    """Takes messages through one buffer, which rcl enlarges; for one thread at a time."""
 
     def __init__(self) -> None:
         rcutils = ctypes.PyDLL('librcutils.so')
         rcutils.rcutils_get_default_allocator.restype = _Allocator
         self._array = _Array(allocator=rcutils.rcutils_get_default_allocator())
-        self._info = ctypes.create_string_buffer(_MOST_INFO)
-        # PyDLL keeps the interpreter's lock: to give it up for 2 us would cost more than that.
+        self._info = ctypes.create_string_buffer(_MAX_INFO)
+        # PyDLL keeps the interpreter's lock: to release it for 2 us would cost more than that.
         self._take = ctypes.PyDLL('librcl.so').rcl_take_serialized_message
         self._free = rcutils.rcutils_uint8_array_fini
 
     def take(
-        self, subscription: Subscription, most: int
+        self, subscription: Subscription, maximum: int
     ) -> list[tuple[bytes, int, int, int, bytes]]:
-        """Return what waits in `subscription`, `most` messages.
+        """Return at most `maximum` of the messages that wait in `subscription`.
 
-        Of each, the message in CDR; the times of publication and reception [ns]; the publisher's
-        count of its messages, and its GID.
-
-        RuntimeError: rcl has failed.
+        Each has its CDR, the times of publication and reception [ns], and the publisher's number
+        for it and GID. RuntimeError: rcl has failed.
         """
         take, array, info, unpack = self._take, self._array, self._info, _INFO.unpack_from
         arguments = ctypes.byref(array), ctypes.byref(info), None
@@ -388,11 +385,11 @@ class Taker:
         result = 0
         with subscription.handle:
             pointer = c_void_p(subscription.handle.pointer)
-            while len(taken) < most and (result := take(pointer, *arguments)) == 0:
+            while len(taken) < maximum and (result := take(pointer, *arguments)) == 0:
                 if array.capacity != len(buffer):
                     buffer = (ctypes.c_char * array.capacity).from_address(array.buffer)
                 taken.append((buffer[: array.length], *unpack(info)))
-        if result not in (0, _NOTHING_THERE):
+        if result not in (0, _NO_MESSAGE):
             raise RuntimeError(
                 f'rcl_take_serialized_message returned {result} on {subscription.topic_name}'
             )
