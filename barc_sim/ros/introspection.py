@@ -1,4 +1,4 @@
-"""What `barc topics`, `echo` and `param` print, as a hidden node observes the running system.
+"""Prints topics, messages and parameters of the running system, which a hidden node observes.
 
 Messages are written as YAML here because the wheels of ROS lack `rosidl_runtime_py`.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import contextmanager
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -34,18 +35,18 @@ if TYPE_CHECKING:
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
-#: [s] to wait for something that is not there.
-_PATIENCE = 3.0
+#: [s] to wait for a topic, node or service to appear.
+_TIMEOUT = 3.0
 #: [s] to wait for the first other node: discovery on a busy machine can take this long.
-_BUSY = 8.0
-#: [s] the same where no other process of this machine takes part: others are on the network.
-_ALONE = 1.2
+_FIRST_TIMEOUT = 8.0
+#: [s] the same if no other process of this machine is in the domain; other machines may be.
+_ALONE_TIMEOUT = 1.2
 #: [s] without a change, after which the system counts as stable.
-_STEADY = 0.5
+_STABLE_PERIOD = 0.5
 _POLL_PERIOD = 0.02  #: [s]
 #: [s] to wait for a response before the request is sent again. The client can discover a service
 #: before the service discovers the client; a response is lost then.
-_RESPONSE_PATIENCE = 2.0
+_RESPONSE_TIMEOUT = 2.0
 _ATTEMPTS = 3
 _DEPTH = 10_000  #: messages that can wait to be printed
 _MAX_SHOWN = 128  #: elements of an array, characters of a string
@@ -79,9 +80,9 @@ class GraphObserver:
         if self.stop.requested.wait(seconds):
             raise KeyboardInterrupt
 
-    def wait_for(self, condition: Callable[[], object], patience: float | None = None) -> bool:
-        """Wait for `condition`; return False if it is not true within some seconds."""
-        end = time.monotonic() + (_PATIENCE if patience is None else patience)
+    def wait_for(self, condition: Callable[[], object], timeout: float | None = None) -> bool:
+        """Wait for `condition`; return False if it is not true within `timeout` [s]."""
+        end = time.monotonic() + (_TIMEOUT if timeout is None else timeout)
         while not condition():
             if time.monotonic() > end:
                 return False
@@ -89,26 +90,26 @@ class GraphObserver:
         return True
 
     def _wait_for_first(self, condition: Callable[[], object]) -> bool:
-        """Wait for what the first other node brings."""
+        """Wait for a condition that the first other node fulfils; return whether it does."""
         others = others_here(self.node.context.get_domain_id())
-        return self.wait_for(condition, _BUSY if others else _ALONE)
+        return self.wait_for(condition, _FIRST_TIMEOUT if others else _ALONE_TIMEOUT)
 
     def wait_until_stable(self, read: Callable[[], Any]) -> Any:  # noqa: ANN401 (of any type)
-        """Call `read` until there is another node and the result no longer changes; return that."""
+        """Wait for another node; then call `read` until its result no longer changes; return it."""
         if not self._wait_for_first(self.nodes):
             raise UserError(f'no node is running in {self._domain}: start a run first')
-        end, seen = time.monotonic() + _BUSY, None
-        while (new := read()) != seen and time.monotonic() < end:
-            seen = new
-            self.pause(_STEADY)
-        return new
+        end, before = time.monotonic() + _FIRST_TIMEOUT, None
+        while (now := read()) != before and time.monotonic() < end:
+            before = now
+            self.pause(_STABLE_PERIOD)
+        return now
 
     def topics(self) -> dict[str, str]:
-        """Return the present topics, in order, and their types."""
+        """Return the types of the present topics by name, sorted."""
         return {name: types[0] for name, types in sorted(self.node.get_topic_names_and_types())}
 
     def nodes(self) -> list[str]:
-        """Return the full names of the present nodes, without hidden ones, in order."""
+        """Return the full names of the present nodes, without hidden ones, sorted."""
         return sorted(
             f'{namespace.rstrip("/")}/{name}'
             for name, namespace in self.node.get_node_names_and_namespaces()
@@ -121,20 +122,20 @@ class GraphObserver:
         publishers = self.node.get_publishers_info_by_topic(topic)
         subscriptions = self.node.get_subscriptions_info_by_topic(topic)
         return (
-            [end for end in publishers if end.node_name != here],
-            [end for end in subscriptions if end.node_name != here],
+            [each for each in publishers if each.node_name != here],
+            [each for each in subscriptions if each.node_name != here],
         )
 
     def find(self, name: str, what: str, present: Callable[[], Iterable[str]]) -> str:
-        """Wait until `name` is `present`, the name of a topic or a node; return it in full."""
+        """Wait until the topic or node `name` is `present`; return its full name."""
         full = str(self.node.resolve_topic_name(name))
         others = self._wait_for_first(lambda: full in present() or self.nodes())
         if others and self.wait_for(lambda: full in present()):
             return full
-        hint = f' in {self._domain}: is a run on?'
+        hint = f' in {self._domain}: start a run'
         if others:
-            known = [each for each in present() if not topic_or_service_is_hidden(each)]
-            hint = did_you_mean(full, known) or f': there are {", ".join(known)}'
+            visible = [each for each in present() if not topic_or_service_is_hidden(each)]
+            hint = did_you_mean(full, visible) or f': there are {", ".join(visible)}'
         raise UserError(f'there is no {what} {full}{hint}')
 
     def request(self, send: Callable[[], Future], node: str) -> Any:  # noqa: ANN401 (a service's own)
@@ -144,7 +145,7 @@ class GraphObserver:
         """
         for _ in range(_ATTEMPTS):
             future = send()
-            rclpy.spin_until_future_complete(self.node, future, timeout_sec=_RESPONSE_PATIENCE)
+            rclpy.spin_until_future_complete(self.node, future, timeout_sec=_RESPONSE_TIMEOUT)
             if future.done():
                 return future.result()
             self.pause(0.0)
@@ -152,14 +153,14 @@ class GraphObserver:
 
 
 def print_messages(observer: GraphObserver, name: str, count: int | None) -> None:
-    """Print `count` messages of a topic, or those up to a signal."""
+    """Print `count` messages of a topic; None: all messages until a signal."""
     topic = observer.find(name, 'topic', observer.topics)
     kind = message_class(observer.topics()[topic])
     if not observer.wait_for(lambda: observer.node.count_publishers(topic)):
         print(f'barc echo: {topic} has no publisher yet', file=sys.stderr)  # noqa: T201
     publishers = observer.node.get_publishers_info_by_topic(topic)
     qos = request(publishers, _DEPTH)
-    if not publishers:  # none to match yet: request the weakest
+    if not publishers:  # the weakest QoS matches any later one
         qos.reliability, qos.durability = ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE
     finished, left = Future(), count
 
@@ -180,7 +181,7 @@ def print_messages(observer: GraphObserver, name: str, count: int | None) -> Non
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 (generated classes)
-    """Return a message in YAML's types, with the beginnings of long values."""
+    """Return a message in YAML's types; long values are cut."""
     if hasattr(value, 'get_fields_and_field_types'):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, bytes):
@@ -208,11 +209,11 @@ def print_topics(observer: GraphObserver, names: Sequence[str], *, full: bool) -
         }
 
     for name, (kind, publishers, subscribers) in observer.wait_until_stable(read).items():
-        ends = f'{_plural(len(publishers), "publisher")}, {_plural(len(subscribers), "subscriber")}'
-        lines = [f'{name} [{kind}] {ends}']
+        counts = _plural(len(publishers), 'publisher'), _plural(len(subscribers), 'subscriber')
+        lines = [f'{name} [{kind}] {", ".join(counts)}']
         if full:
-            for end in (end for ends in observer.endpoints(name) for end in ends):
-                lines += ['', *(f'  {line}' for line in str(end).splitlines())]
+            for endpoint in chain.from_iterable(observer.endpoints(name)):
+                lines += ['', *(f'  {line}' for line in str(endpoint).splitlines())]
             lines.append('')
         print('\n'.join(lines))  # noqa: T201
 
@@ -236,28 +237,29 @@ class Parameters:
         return self._observer.request(lambda: send(*arguments), self.node)
 
     def names(self) -> list[str]:
-        """Return the names of all parameters, in order."""
+        """Return the names of all parameters, sorted."""
         return sorted(self._request(self._client.list_parameters).result.names)
 
     def get(self, name: str) -> Any:  # noqa: ANN401 (of any type)
         """Return the value of a parameter."""
         values = self._request(self._client.get_parameters, [name]).values
         if not values:
-            known = self.names()
-            hint = did_you_mean(name, known) or f': it has {", ".join(known)}'
+            names = self.names()
+            hint = did_you_mean(name, names) or f': it has {", ".join(names)}'
             raise UserError(f'{self.node} has no parameter {name}{hint}')
         return parameter_value_to_python(values[0])
 
     def set(self, name: str, text: str) -> None:
-        """Set a parameter to `text`: of the present value's type, or as YAML reads it."""
-        now = self.get(name)
-        kind = type(now)
+        """Set a parameter to `text`, read as YAML unless the present value is a float or string."""
+        present = self.get(name)
+        kind = type(present)
         try:
             value = kind(text) if kind in (float, str) else yaml.safe_load(text)
             parameter = Parameter(name, value=value)
         except (yaml.YAMLError, TypeError, ValueError, AssertionError, OverflowError):
             raise UserError(
-                f'parameter {name} cannot be {text!r}: expected one like {now!r}, as it has now'
+                f'parameter {name} cannot be {text!r}: expected a value like {present!r}, its '
+                'present one'
             ) from None
         (result,) = self._request(self._client.set_parameters, [parameter]).results
         if not result.successful:
@@ -265,14 +267,14 @@ class Parameters:
 
 
 def print_names(observer: GraphObserver, node: str | None) -> None:
-    """Print the names of a node's parameters, or those of all nodes."""
-    for each in [node] if node else observer.wait_until_stable(observer.nodes):
+    """Print the names of the parameters of `node`, by default of all nodes."""
+    for full_name in [node] if node else observer.wait_until_stable(observer.nodes):
         try:
-            names = Parameters(observer, each).names()
+            names = Parameters(observer, full_name).names()
         except UserError as error:
             if node:
                 raise
             print(f'barc param: {error}', file=sys.stderr)  # noqa: T201 (continue with the others)
             continue
-        heading = [] if node else [f'{each}:']
+        heading = [] if node else [f'{full_name}:']
         print('\n'.join([*heading, *(f'  {name}' for name in names)]))  # noqa: T201

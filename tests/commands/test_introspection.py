@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait a shorter time [s] for what is not in the ROS graph: all of it is in this process."""
-    monkeypatch.setattr('barc_sim.ros.introspection._PATIENCE', 0.5)
-    monkeypatch.setattr('barc_sim.ros.introspection._ALONE', 0.3)
-    monkeypatch.setattr('barc_sim.ros.introspection._STEADY', 0.2)
+    monkeypatch.setattr('barc_sim.ros.introspection._TIMEOUT', 0.5)
+    monkeypatch.setattr('barc_sim.ros.introspection._ALONE_TIMEOUT', 0.3)
+    monkeypatch.setattr('barc_sim.ros.introspection._STABLE_PERIOD', 0.2)
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ def test_mistake_of_echo_is_one_sentence() -> None:
 def test_empty_domain_is_one_sentence(ros_domain: int, tmp_path: Path) -> None:
     nothing = f'no node is running in ROS domain {ros_domain}: start a run first'
     sentences = {
-        ('echo', 'z_vhcl'): f'there is no topic /z_vhcl in ROS domain {ros_domain}: is a run on?',
+        ('echo', 'z_vhcl'): f'there is no topic /z_vhcl in ROS domain {ros_domain}: start a run',
         ('graph', '--save', str(tmp_path / 'graph.svg')): nothing,
         ('topics',): nothing,
         ('param', 'list'): nothing,
@@ -185,8 +185,8 @@ def test_mistake_of_param_is_one_sentence(car: Node) -> None:
     for words, sentence in {
         'get /one/car gian': '/one/car has no parameter gian: did you mean gain?',
         'get /one/cat gain': 'there is no node /one/cat: did you mean /one/car?',
-        'set /one/car gain {': "parameter gain cannot be '{': expected one like 30.0, as it "
-        'has now',
+        'set /one/car gain {': "parameter gain cannot be '{': expected a value like 30.0, its "
+        'present one',
         'set /one/car seed 1.5': "/one/car refused '1.5': Wrong parameter type, expected "
         "'Type.INTEGER' got 'Type.DOUBLE'",
         'set /one/car gain 101.0': "/one/car refused '101.0': Parameter gain out of range Min: "
