@@ -83,7 +83,7 @@ def test_what_is_not_installed_is_named(name: str) -> None:
 TEXT = """\
 # Command to the vehicle's actuators.
 
-std_msgs/Header header   # stamp: that of the state which this command answers
+std_msgs/Header header   # stamp: as in the state message that this command answers
 \tbuiltin_interfaces/Time stamp
 \t\tint32 sec
 \t\tuint32 nanosec
