@@ -1,6 +1,6 @@
 """Bounds on what is read from a bag, which can come from anyone.
 
-Each is far beyond what a run records. What exceeds one is named in a UserError.
+Each bound is far beyond what a run records. A UserError names what exceeds it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-MAX_RECORD = 32 << 20  #: bytes, and those of a chunk unpacked
+MAX_RECORD = 32 << 20  #: bytes of a record, and of an unpacked chunk
 MAX_METADATA = 2 << 20  #: bytes of a record of metadata
 MAX_TRACK = 1 << 20  #: bytes of the file with a track
 MAX_KEPT = 16 << 20  #: bytes of a bag's topics, metadata and attached files
@@ -28,10 +28,10 @@ MAX_SCHEMAS = 32  #: definitions that are parsed
 MAX_ARRAY = 1000  #: numbers in an array of fixed length
 MAX_MESSAGE = 64 << 10  #: bytes of a message that is decoded
 MAX_TERMS = 64  #: of a controller
-MAX_QOS = 50_000  #: characters of what a topic's publishers offer
+MAX_QOS = 50_000  #: characters of the QoS that a topic's publishers offer
 MAX_TEXT = 200_000  #: characters of an entry of the run's metadata, or of a YAML file
-MAX_NODES = 300  #: and topics, of a graph
-MAX_LINKS = 3000
+MAX_NODES = 300  #: nodes and topics of a graph
+MAX_LINKS = 3000  #: of a graph
 MAX_NAME = 300  #: characters
 MAX_GAP = 86_400.0  #: [s] between the stamps of two states
 MAX_DURATION = 172_800.0  #: [s]
@@ -39,14 +39,14 @@ MAX_DISTANCE = 1e9  #: [m] from the start, either way
 
 
 class Budget:
-    """What a reading of a bag may take: bytes unpacked, records, and the thread's processor time.
+    """Limits one reading of a bag: unpacked bytes, records, and the thread's processor time.
 
-    A recording has an index of 16 bytes for each message, and a chunk of equal messages shrinks to
-    a thousandth at most.
+    A recording has 16 bytes of index for each message, and compression makes a chunk of equal
+    messages at most a thousand times smaller.
     """
 
     def __init__(self, files: Sequence[Path], *, timed: bool = True) -> None:
-        """Begin the reading of a bag's files, which takes time from now on if it is `timed`."""
+        """Begin the reading of a bag's files; if `timed`, its time is limited from now on."""
         self.file = files[0]
         self._size = sum(file.lstat().st_size for file in files)
         self._seconds = max(8.0, self._size / (3 << 20))
@@ -61,7 +61,7 @@ class Budget:
         self._records = 10_000 + self._size // 8
 
     def charge(self, size: int = 0) -> None:
-        """Charge a record that unpacks to `size` bytes before the work; UserError: all is spent."""
+        """Charge a record of `size` unpacked bytes, before the work; UserError: all is spent."""
         self._bytes -= size
         self._records -= 1
         late = (size or not self._records % 64) and thread_time() > self._end
@@ -72,7 +72,10 @@ class Budget:
             )
 
     def keep(self, record: bytes) -> None:
-        """Charge a record that stays in memory, once for all files, with what Python adds."""
+        """Charge a record that stays in memory, with Python's overhead; equal records count once.
+
+        UserError: the bag's records exceed the bound.
+        """
         if (identity := hash(record)) not in self._kept:
             self._kept.add(identity)
             self._kept_bytes += len(record) + 1000
@@ -82,7 +85,7 @@ class Budget:
 
 
 def from_json(text: str) -> Any:  # noqa: ANN401 (any JSON)
-    """Return the value of a bag's JSON; ValueError: it is none, too long or too deep."""
+    """Return the value of a bag's JSON; ValueError: it is invalid, too long or too deep."""
     _check_length(text)
     try:
         return json.loads(text)
@@ -99,7 +102,7 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
 
-# ROS takes 1e3, inf and nan for numbers, too.
+# ROS reads 1e3, inf and nan as numbers, too.
 _Loader.add_implicit_resolver(
     'tag:yaml.org,2002:float',
     re.compile(r'[-+]?((\d+\.?\d*|\.\d+)[eE][-+]?\d+|inf|nan)$'),
@@ -108,7 +111,7 @@ _Loader.add_implicit_resolver(
 
 
 def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)
-    """Return the value of ROS's YAML; ValueError: it is none, too long, deep, or has aliases."""
+    """Return the value of ROS's YAML; ValueError: it is invalid, too long, deep, or has aliases."""
     _check_length(text)
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
@@ -121,8 +124,8 @@ def _check_length(text: str) -> None:
         raise ValueError(f'{len(text)} characters')
 
 
-def refuse(path: Path, found: str, most: str) -> NoReturn:
-    """Raise the UserError for what exceeds a bound."""
+def refuse(path: Path, found: str, maximum: str) -> NoReturn:
+    """Raise the UserError for what was `found` beyond a bound."""
     raise UserError(
-        f'{str(path)!r} has {found}, where a run has at most {most}: name the bag of a run'
+        f'{str(path)!r} has {found}, where a run has at most {maximum}: name the bag of a run'
     )

@@ -1,4 +1,4 @@
-"""Names of topics, services and nodes, relative so that a namespace moves them all; their graph.
+"""Names of topics, services and nodes, all relative, so that a namespace moves them; their graph.
 
 A new node of ours has its topics here, and its line in `NODES`.
 """
@@ -15,18 +15,18 @@ from barc_sim.simulation import log
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-# Those that a log is made of.
+# The topics that a log is made of.
 STATE, STATE_ERROR, TRACK_STATE = log.STATE, log.STATE_ERROR, log.TRACK_STATE
 ECU, ENVIRONMENT, CLOCK = log.COMMAND, log.ENVIRONMENT, log.CLOCK
 PID_STATE, CONTROLLER_STATE, LANE_STATE = log.PID_STATE, log.CONTROLLER_STATE, log.LANE_STATE
 #: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
 CMD_VEL = 'cmd_vel'
-PREDICTION = 'prediction'  #: the way that a law of the lane plans, at every fifth state
+PREDICTION = 'prediction'  #: the path that the lane controller plans, at every fifth state
 SPEED_REFERENCE = 'speed_reference'  #: the speed to hold [m/s], from an outer loop
 
 # Published by the node `mirror`, for ROS's own tools.
 ODOM = 'odom'  #: the measured pose from odom to base_link; x on the map, z the elevation
-PATH = 'path'  #: the newest 200 m of the way, once a second
+PATH = 'path'  #: the last 200 m of the car's path, once a second
 MARKERS = 'markers'  #: the car, 25 times a second
 ROAD_MARKERS = 'road_markers'  #: the road, or the track, once, latched (transient local)
 TRACK_PATH = 'track_path'  #: the centre line of the track, once, latched
@@ -37,19 +37,19 @@ TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs
 DIAGNOSTICS = '/diagnostics'
 
 # Services. Not `~/reset`: a remapped node keeps these names, so that its clients find them.
-#: starts afresh: state, noise, and every node that commands
+#: resets the car, its noise, and every node that commands it
 RESET_SIMULATOR = 'vehicle_simulator/reset'
-PAUSE_SIMULATOR = 'vehicle_simulator/pause'  #: stops simulated time, or lets it continue
-STEP_SIMULATOR = 'vehicle_simulator/step'  #: makes one step while paused
-RESET_CONTROLLER = 'controller/reset'  #: the next call of the controller is its first
-RESET_RELAY = 'relay/reset'  #: forgets the input of the driver and puts the wheel straight
-PAUSE_RECORDER = 'bag_recorder/pause'  #: records nothing until it resumes
-RESUME_RECORDER = 'bag_recorder/resume'  #: records again
+PAUSE_SIMULATOR = 'vehicle_simulator/pause'  #: pauses or resumes simulated time
+STEP_SIMULATOR = 'vehicle_simulator/step'  #: takes one step while paused
+RESET_CONTROLLER = 'controller/reset'  #: resets the controller
+RESET_RELAY = 'relay/reset'  #: clears the driver's input and straightens the wheels
+PAUSE_RECORDER = 'bag_recorder/pause'  #: pauses the recording
+RESUME_RECORDER = 'bag_recorder/resume'  #: resumes the recording
 
-# The QoS of rclpy's default, reliable, with a queue of this depth.
-QOS = 100  #: messages: a second at 100 Hz; of every topic of a run
-#: Of a node that the simulator does not wait for and that needs every state: in lock-step many
-#: states arrive while one of its callbacks lasts.
+# rclpy's default QoS, reliable, with a queue of one of these depths, in messages.
+QOS = 100  #: of every topic of a run: one second at 100 Hz
+#: Of a node that needs every state and that the simulator does not wait for: in lock-step many
+#: states arrive during one of its callbacks.
 QOS_ALL = 10_000
 QOS_NEWEST = 1  #: of a subscription that needs only the newest message
 
@@ -98,11 +98,11 @@ class NodeGraph:
             )
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(f'no graph: {error!r}') from None
-        known = {*graph.nodes, *graph.topics}
+        present = {*graph.nodes, *graph.topics}
         links = (*graph.publications, *graph.subscriptions)
-        if len(known) > bounds.MAX_NODES or len(links) > bounds.MAX_LINKS:
-            raise ValueError(f'a graph of {len(known)} nodes and topics, and {len(links)} links')
-        if not known.issuperset(name for link in links for name in link):
+        if len(present) > bounds.MAX_NODES or len(links) > bounds.MAX_LINKS:
+            raise ValueError(f'a graph of {len(present)} nodes and topics, and {len(links)} links')
+        if not present.issuperset(name for link in links for name in link):
             raise ValueError('a graph with a link to a node or topic that it lacks')
         return graph
 
