@@ -1,4 +1,4 @@
-"""What a recording is: settings, topics, directory, metadata.yaml, and the lost messages."""
+"""A recording's settings, directory and metadata.yaml, and its lost messages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _TRIES = 1000
 BAG_DIR = Parameter(
     'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
 )
-TRACK_NAME = 'track.json'  #: of the attached file with the track of a run
+TRACK_NAME = 'track.json'  #: name of the attached file with the track of a run
 #: The number of a message that the middleware does not number.
 UNNUMBERED = 2**64 - 1
 
@@ -150,7 +150,7 @@ def write_metadata(directory: Path, information: Mapping[str, Any]) -> None:
 
 # PyYAML's wheels have libyaml, which writes 40 cars' metadata in 0.1 s; a source build may lack it.
 class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
-    """Writes equal values out each time, as rosbag2's files have no anchors."""
+    """Writes equal values in full each time: rosbag2's files have no anchors."""
 
     def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002
         return True
@@ -222,18 +222,18 @@ def make_directory(path: Path | None, root: Path) -> Path:
 class Losses:
     """The lost messages of one topic, for each publisher.
 
-    A publisher numbers its messages one by one, so that a gap is a loss, wherever it happened: in
-    the subscription, on the way, or in a publisher whose queue was too short. Losses before the
-    first received message of a publisher, or after its last one, are not counted.
+    A publisher numbers its messages one by one. So a gap is a loss, wherever it happened: in the
+    subscription, on the way, or in a publisher whose queue was too short. Losses before a
+    publisher's first received message, or after its last one, are not counted.
     """
 
     def __init__(self) -> None:
         self._last: dict[bytes, int] = {}
-        self.by_publisher: dict[bytes, int] = {}  #: where any were lost, by the publisher's GID
+        self.by_publisher: dict[bytes, int] = {}  #: number of lost messages, by publisher's GID
         self.unnumbered = False  #: whether a message had no number, so that losses are unknown
 
     def count(self, publisher: bytes, numbers: Sequence[int]) -> None:
-        """Count received messages, by their publisher's GID and their numbers, which grow."""
+        """Count the gaps in the rising `numbers` of a publisher's messages, since the last call."""
         last = self._last.get(publisher, numbers[0] - 1)
         self._last[publisher] = numbers[-1]
         if UNNUMBERED in numbers:
@@ -250,7 +250,7 @@ def losses_as_metadata(
     Parameters
     ----------
     lost
-        By topic, the number of lost messages by the publisher's node; None where the middleware
+        Number of lost messages, by topic and by the publisher's node; None where the middleware
         does not number messages.
     unrecorded
         Why a topic cannot be recorded, by its name.
@@ -271,7 +271,7 @@ def summary(
     lost: Mapping[str, Mapping[str, int] | None],
     unrecorded: Mapping[str, str],
 ) -> str:
-    """Return lines with the numbers of recorded and lost messages, and with what is left out."""
+    """Return lines with the numbers of recorded and lost messages, and the topics left out."""
     entries = losses_as_metadata(lost, unrecorded)
     total = entries.pop('lost_messages')
     first = f'recorded {sum(counts.values())} messages, lost {total}'

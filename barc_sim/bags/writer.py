@@ -1,7 +1,7 @@
 """Writes a rosbag2 bag: a directory with MCAP files and their metadata.yaml.
 
-The records are those of https://mcap.dev/spec. mcap's writer takes 2.5 us for a message, this one
-0.5 us. A file whose disk is full, or whose process is killed, is whole up to its last block.
+The records follow https://mcap.dev/spec. mcap's writer takes 2.5 us for a message, this one
+0.5 us. When the disk is full or the process is killed, the file is whole up to its last block.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 
 
 MAGIC = b'\x89MCAP0\r\n'  #: begins and ends a file
-#: [B] The largest chunk, as rosbag2 has it. A file's summary, in memory until the file is closed,
-#: needs about 140 bytes for each chunk. zstd writes 40 % of the bytes for 0.6 us a message.
+#: [B] The maximum size of a chunk, as in rosbag2. A file's summary, in memory until the file is
+#: closed, needs about 140 bytes for each chunk. zstd reduces a chunk to 40 %, in 0.6 us a message.
 CHUNK_SIZE = 768 * 1024
 
 _OPCODE_AND_LENGTH = 9  # bytes of each record that its length does not count
@@ -71,7 +71,7 @@ class AtomicAppender:
         self._path = path
         self._waiting: list[bytes] = []
         self._size = 0  # of the file
-        self.position = 0  #: [B] the length of all that was written, with what waits
+        self.position = 0  #: [B] the length of the file with the block
         self._file = path.open('xb', buffering=0)
         self._status = os.fstat(self._file.fileno())
 
@@ -99,7 +99,7 @@ class AtomicAppender:
         self._waiting = []
 
     def put(self, data: bytes) -> None:
-        """Write to the end of the file, in as many parts as the system takes."""
+        """Write to the end of the file, in as many parts as the system needs."""
         rest = memoryview(data)
         while rest:
             rest = rest[self._file.write(rest) :]
@@ -123,7 +123,7 @@ class ChunkBuilder:
     def __init__(self) -> None:
         self.size = 0  #: [B] before compression
         self._records: list[bytes] = []
-        #: By channel: of each message its time and its offset, one after the other.
+        #: Time and offset of each message, one after the other, by channel.
         self.pairs: defaultdict[int, list[int]] = defaultdict(list)
 
     def add_record(self, record: McapRecord) -> None:
@@ -139,9 +139,9 @@ class ChunkBuilder:
         self.size += length + _OPCODE_AND_LENGTH
 
     def build(self, offset: int) -> tuple[bytes, ChunkIndex]:
-        """Return the chunk with its message indexes, to stand in a file at `offset`.
+        """Return the chunk with its message indexes, and its entry in the file's summary.
 
-        Also return the chunk's entry in the file's summary. There must be messages.
+        The chunk's place in the file is `offset` [B]. It must have messages.
         """
         content = b''.join(self._records)
         times = [pairs[::2] for pairs in self.pairs.values()]
@@ -173,14 +173,14 @@ class ChunkBuilder:
 
 
 def _message_index(channel: int, pairs: Sequence[int]) -> bytes:
-    """Return the record, which `MessageIndex.write` makes a number at a time."""
+    """Return the record of a message index, faster than `MessageIndex.write`."""
     numbers = Struct(f'<{len(pairs)}Q')
     length = _INDEX.size - _OPCODE_AND_LENGTH + numbers.size
     return _INDEX.pack(Opcode.MESSAGE_INDEX, length, channel, numbers.size) + numbers.pack(*pairs)
 
 
 def to_bytes(record: McapRecord) -> bytes:
-    """Return a record as it stands in a file."""
+    """Return a record's bytes in a file."""
     builder = RecordBuilder()
     record.write(builder)
     data: bytes = builder.end()  # type: ignore[no-untyped-call]
@@ -191,7 +191,7 @@ class BagWriter:
     """Writes a bag of one file into an empty directory; not to be shared among threads.
 
     Messages reach the file in chunks of 768 KiB, each with a checksum, and at `flush`. `close`
-    writes metadata.yaml: a directory without it holds a bag whose run was killed, whole but for the
+    writes metadata.yaml. A directory without it holds the bag of a killed run, which lacks only its
     last chunk.
 
     A method that raises OSError loses nothing: the data is kept, and `flush` tries again.
@@ -201,17 +201,17 @@ class BagWriter:
     Parameters
     ----------
     directory
-        Where to write; the file in it is named after it, as rosbag2 does.
+        Where to write; its file is named after it, as in rosbag2.
     metadata
-        The run's own, kept in the file and in `custom_data` of metadata.yaml.
+        The run's own metadata, stored in the file and in `custom_data` of metadata.yaml.
     """
 
     def __init__(self, directory: Path, *, metadata: Mapping[str, str] | None = None) -> None:
         self.directory = directory
         self.file = directory / f'{directory.absolute().name}_0.mcap'
         self.closed = False
-        self.counts: Counter[str] = Counter()  #: of the messages in finished chunks, by topic
-        self._committed: Counter[str] = Counter()  # of those that the system has taken
+        self.counts: Counter[str] = Counter()  #: number of messages in finished chunks, by topic
+        self._committed: Counter[str] = Counter()  # number of messages in the file, by topic
         self._span = Span()
         self._metadata: dict[str, str] = {}
         self._topics: dict[int, Topic] = {}  # by the ID of their channel
@@ -272,9 +272,9 @@ class BagWriter:
         self.flush()
 
     def write(self, messages: Iterable[MessageFields]) -> None:
-        """Append messages; those of one name have the same topic each time.
+        """Append messages; all messages with one topic's name have the same `Topic`.
 
-        MCAP has no times before 1970, which a stranger's clock may show: they become zero.
+        MCAP has no times before 1970, which another machine's clock may show: they become zero.
         """
         for topic, data, received, published, number in messages:
             channel = self._channels.get(topic.name) or self._register(topic)
@@ -287,7 +287,7 @@ class BagWriter:
         self._commit()
 
     def flush(self) -> None:
-        """Hand all data to the operating system: a kill of the process loses nothing then."""
+        """Hand all data to the operating system: then a killed process loses nothing."""
         self._end_chunk()
         self._commit()
 
@@ -372,7 +372,7 @@ class BagWriter:
             self._committed = self.counts.copy()  # a new object, as other threads read it
 
     def _put_summary(self) -> None:
-        """Write the summary, its records of one kind together, and how to find each kind."""
+        """Write the summary, grouped by kind of record, and the offset of each group."""
         listed = Counter({opcode: len(records) for opcode, records in self._summary.items()})
         self._list(
             Statistics(

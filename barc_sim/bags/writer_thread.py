@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import MessageFields
     from barc_sim.bags.writer import BagWriter
 
-#: [s] between two polls of the source: each makes the control loop wait for Python's lock. Shorter
-#: after one that finds many messages: to publish takes longer the more wait in DDS, and a long poll
-#: makes the executor hand over to another thread.
+#: [s] between two polls of the source, during which the control loop waits for Python's lock. The
+#: second applies after a poll with many messages: publishing slows down with the messages that wait
+#: in DDS, and during a long poll the executor switches to another thread.
 _PERIOD, _PERIOD_OF_MANY = 0.1, 0.01
 _MANY = 100
-#: [s] between the ends of two chunks. A kill loses the messages of this time, and of one poll.
+#: [s] between the ends of two chunks. A kill loses the messages of this time and of one poll.
 _CHUNK_PERIOD = 0.1
 
 _RECEIVED = itemgetter(2)
@@ -34,8 +34,8 @@ _RECEIVED = itemgetter(2)
 class WriterThread:
     """Polls a source and writes its messages into a bag, until it is closed.
 
-    A slow or full disk blocks only this thread. A message that the disk refuses waits here, and the
-    later ones in the source, while each poll tries again; so nothing is lost while they have room.
+    A slow or full disk blocks only this thread. Messages that the disk refuses wait here, and later
+    messages wait in the source; each poll tries again. Nothing is lost while there is room.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class WriterThread:
     reserve
         Space to leave free [B].
     on_failure
-        Called in the thread with a sentence when writing fails, not again until it works again.
+        Called in the thread with a sentence when writing fails; once until writing works again.
     """
 
     def __init__(
@@ -60,15 +60,15 @@ class WriterThread:
         self.paused = False
         self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
         self._now: int | None = None  # [ns] of the latest `/clock`
-        self._late: list[MessageFields] = []
-        self.unwritten: dict[str, int] = {}  #: messages that are lost, by topic, once closed
+        self._late: list[MessageFields] = []  # for the next poll
+        self.unwritten: dict[str, int] = {}  #: number of lost messages by topic, after `close`
         self._writer = writer
         self._source = source
         self._reserve = reserve
         self._on_failure = on_failure
-        self._arrived = 0  # messages that the last poll found
-        self._stuck = False  # until the disk accepts what it refused
-        self._broken = False  # for good, as the source has failed
+        self._arrived = 0  # number of messages in the last poll
+        self._stuck = False  # whether the disk has refused a block, which waits
+        self._broken = False  # whether the source has failed, for good
         self._chunk_due = time.monotonic()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
@@ -83,7 +83,7 @@ class WriterThread:
                 self._run_once()
 
     def write_now(self) -> None:
-        """Write what waits in the calling thread, unless the writer's is about it."""
+        """Write the waiting messages in the calling thread, unless the writer's thread does."""
         if self._lock.acquire(blocking=False):
             try:
                 self._run_once()
@@ -101,7 +101,7 @@ class WriterThread:
                 self._stuck = self._broken
         except OSError as error:
             self._fail(error)
-        except Exception as error:  # noqa: BLE001 (a thread's end would go unnoticed)
+        except Exception as error:  # noqa: BLE001 (the thread would end unnoticed)
             self._broken = True
             self._fail(error)
 
@@ -114,8 +114,8 @@ class WriterThread:
     def _take(self) -> list[MessageFields]:
         """Return the waiting messages in order of reception, as readers expect.
 
-        The source takes one topic after the other, so that a `/clock` older than a message may come
-        with the next poll: messages received since this poll began wait for the next.
+        The source takes one topic after the other, so a `/clock` older than a message may come with
+        the next poll. Messages received since this poll began therefore wait for the next one.
         """
         now = time.time_ns()
         messages = sorted((*self._late, *self._source()), key=_RECEIVED)
@@ -127,10 +127,11 @@ class WriterThread:
         return self._stamped(messages[:number])
 
     def _stamped(self, messages: Iterable[MessageFields]) -> list[MessageFields]:
-        """Return messages, in order of reception, as received at the latest `/clock` before them.
+        """Set the time of reception of each message to the latest `/clock` before it.
 
-        Messages before the first `/clock` keep their time. `ros2 bag record --use-sim-time` does
-        the same, but in the order of its executor. A clock that jumps back is followed.
+        The messages are in order of reception. Messages before the first `/clock` keep their time.
+        When the clock jumps back, the times do, too. `ros2 bag record --use-sim-time` does the
+        same, but in the order of its executor.
         """
         now = self._now
         stamped: list[MessageFields] = []
@@ -143,9 +144,9 @@ class WriterThread:
         return stamped
 
     def _check_disk(self) -> None:
-        """Check what the system does not report, or reports too late.
+        """Raise an OSError if the bag was removed or the disk is short of space.
 
-        OSError: the bag was removed, or the disk is short of space.
+        The system does not report the one, and reports the other too late.
         """
         if not self._writer.in_place:
             raise OSError(errno.ENOENT, 'it was removed while recording')
@@ -159,7 +160,7 @@ class WriterThread:
             self._on_failure(f'writing to {str(self._writer.directory)!r} failed: {reason}')
 
     def do(self, action: Callable[[BagWriter], None]) -> None:
-        """Do something with the bag's writer between two polls; nothing once the bag is closed."""
+        """Call `action` with the bag's writer between two polls, unless the bag is closed."""
         with self._lock:
             try:
                 if not self._writer.closed:
@@ -183,7 +184,7 @@ class WriterThread:
         with self._lock:
             self._reserve = 0  # space was kept free for this
             self._chunk_due = 0.0
-            self._run_once()  # resumes writing, where it was blocked
+            self._run_once()  # resumes writing if the disk had refused a block
             self._chunk_due = 0.0
             self._run_once()
             if not self._stuck:
@@ -192,9 +193,9 @@ class WriterThread:
             self._count_unwritten()
 
     def _count_unwritten(self) -> None:
-        """Count the messages that were received, and that the disk has refused to the end."""
-        left = Counter(self._writer.counts)
-        left.subtract(self._writer.on_disk)
+        """Count the messages that were received but never written."""
+        unwritten = Counter(self._writer.counts)
+        unwritten.subtract(self._writer.on_disk)
         if self._stuck and not self._broken:
-            left.update(topic.name for topic, *_ in (*self._late, *self._source()))
-        self.unwritten = {topic: count for topic, count in left.items() if count > 0}
+            unwritten.update(topic.name for topic, *_ in (*self._late, *self._source()))
+        self.unwritten = {topic: count for topic, count in unwritten.items() if count > 0}
