@@ -72,6 +72,7 @@ _ACROSS = {
     'yaw_inertia': _Unknown(4000.0, 1.0, 'kg m²', 'about the vertical axis', 1e2),
 }
 _UNKNOWN = _ALONG | _ACROSS
+_TYRES = LateralParameters._fields
 
 
 class Estimate(NamedTuple):
@@ -132,7 +133,7 @@ class _Stretch(NamedTuple):
 def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'euler') -> Identified:
     """Return the parameters of the car that made the logs, each with its interval of 95 %.
 
-    Servo, tyres and yaw inertia are among them where the car steered.
+    The servo is among them where the car steered, tyres and yaw inertia where it slipped.
 
     Parameters
     ----------
@@ -175,14 +176,18 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     names = [*_ALONG, *(_ACROSS if steering else ())]
     lags = [name for name in names if name.endswith('_lag')]
     start = search.begin({name: _UNKNOWN[name].start for name in names if name not in lags})
-    fit = search.fit(start)
+    fit, remarks = search.fit(start), []
+    # More parameters count where they explain more than as many numbers explain by chance (Schwarz,
+    # Annals of Statistics 6, 1978). Those of a car that does not slip cannot be found.
+    n, rest = fit.errors.size, {name: start[name] for name in start if name not in _TYRES}
+    if steering and (without := search.fit(rest)).cost < fit.cost * n ** (3.0 / n):
+        fit = without
+        remarks.append('tyres and yaw inertia are not seen: the car does not slip')
     search = search._replace(sizes=_size(fit.errors))
     fit = search.fit(fit.values)
-    remarks = []
     for lag in lags:
-        # A lag far shorter than a step acts as a delay does: it counts where it explains more than
-        # any one number explains by chance (Schwarz, Annals of Statistics 6, 1978).
-        delay, n = lag.replace('lag', 'delay'), fit.errors.size
+        # A lag far shorter than a step acts as a delay does.
+        delay = lag.replace('lag', 'delay')
         shorter = max(fit.values[delay] - _UNKNOWN[lag].start, 0.0)
         with_lag = search.fit(fit.values | {delay: shorter, lag: _UNKNOWN[lag].start})
         if fit.cost > with_lag.cost * n ** (1.0 / n):
@@ -279,7 +284,7 @@ class _Search(NamedTuple):
         predicted = np.full_like(stretch.measured, inf)
         ts, mass, weight = stretch.ts, self.vehicle.mass, self.vehicle.mass * self.vehicle.gravity
         force = [-weight * sine for sine in stretch.sines]
-        lateral = {name: values[name] for name in LateralParameters._fields if name in values}
+        lateral = {name: values[name] for name in _TYRES if name in values}
         with suppress(UserError, OverflowError, ValueError):
             plant = Plant(
                 road=Road.flat(),

@@ -106,6 +106,20 @@ def test_tyres_and_yaw_inertia_are_found_where_the_car_steered() -> None:
         assert found[name].interval < 0.05 * value, name
 
 
+def test_a_car_that_steered_without_slip_has_no_tyres() -> None:
+    """The kinematic bicycle, a run's default: all else is found."""
+    noise = NoiseLevels(v_x=0.03, v_y=0.01, psi_dot=0.005)
+    late = Actuator(delay=0.07, lag=0.1)
+    log = lap(SineSteer(), 'oval', laps=1, noise=noise, controller=PRBS(), vehicle=CAR, servo=late)
+    found = identify(log)
+    true = {**TRUTH, 'motor_delay': 0.0, 'servo_delay': 0.07, 'servo_lag': 0.1}
+    del true['motor_lag']
+    assert found.estimates.keys() == true.keys()
+    for name, value in true.items():
+        assert abs(found[name].value - value) < 2.0 * found[name].interval, name
+    assert 'tyres and yaw inertia are not seen: the car does not slip' in found.remarks
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_intervals_of_95_percent_hold_the_truth_that_often() -> None:
