@@ -329,8 +329,10 @@ def _stretches(log: Log) -> Iterator[_Stretch]:
     for part in np.split(known, np.flatnonzero((abs(steps - ts) > 0.1 * ts) | jumps) + 1):
         if len(part) * ts >= _SHORTEST:
             rows = slice(part[0], part[-1] + 1)
+            # Where a command missed its deadline, the one before it held.
+            acted = (np.where(log.missed, nan, column) for column in (log.motor, log.servo))
             # The plant is slower on NumPy's numbers, which warn of what overflows, too.
-            commands = (_held(column[rows]).tolist() for column in (log.motor, log.servo))
+            commands = (_held(column[rows]).tolist() for column in acted)
             yield _Stretch(
                 round(ts * 1e9) / 1e9,
                 log.t[rows],

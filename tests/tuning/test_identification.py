@@ -157,6 +157,17 @@ def test_a_log_that_begins_in_motion_has_a_first_speed_of_its_own() -> None:
     assert abs(np.mean(found.signals['v_x'][2] - found.signals['v_x'][1])) < 0.005
 
 
+def test_a_command_that_missed_its_deadline_did_not_act() -> None:
+    """The one before it held, as in a run in real time."""
+    log = drive(seed=1)
+    for k in (97, 157, 202):
+        log.motor[k], log.missed[k] = -log.motor[k], True
+    found = identify(log)
+    for name, true in TRUTH.items():
+        assert abs(found[name].value - true) < 2.0 * found[name].interval, name
+    assert found.whiteness['v_x'] > 0.001
+
+
 def test_a_return_to_the_start_begins_a_stretch() -> None:
     """A bag of two laps has no gap, but the car stands at the start of the second."""
     log = drive(seed=4)
