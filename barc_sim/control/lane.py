@@ -34,13 +34,7 @@ _POINTS = 8  #: of the centre line between the car and the point that it pursues
 
 
 class LaneController(Protocol):
-    """A steering law, and the declaration of its gains and terms, as in `Controller`."""
-
-    gains: Mapping[str, Gain]
-    terms: Mapping[str, str]  #: [rad] parts of the output: their meaning by name
-
-    def reset(self) -> None:
-        """Forget the past: the next call is the first."""
+    """A steering law; `gains`, `terms` [rad] and `reset`, as of a `Controller`, are optional."""
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature, /
@@ -212,8 +206,7 @@ class LaneLQR(LaneLaw):
 class LaneKeeping:
     """Steers by any object with `steer_calculate`: finds the car's place, and limits the angle.
 
-    The object's gains, terms and `reset` are used where it has them; without a `reset`, a copy of
-    it begins each run. Without an object nothing steers.
+    Without a `reset` of the object, a copy of it begins each run. Without an object nothing steers.
     """
 
     def __init__(self, lane: Any, track: Track) -> None:  # noqa: ANN401 (any object of the user's)

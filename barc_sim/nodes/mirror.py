@@ -256,11 +256,8 @@ def road_markers(road: Road, frame: str) -> MarkerArray:
 
 def track_markers(track: Track, frame: str) -> MarkerArray:
     """Return a track's surface, and its centre line."""
-    lines: Any = track.lines()
-    points = (
-        [Point(x=x, y=y) for x, y in zip(u.tolist(), v.tolist(), strict=True)] for u, v, _ in lines
-    )
-    return _surface('track', frame, *points)
+    lines = (to_poses(Header(), line)['poses'] for line in track.lines())
+    return _surface('track', frame, *([each.pose.position for each in line] for line in lines))
 
 
 def _surface(

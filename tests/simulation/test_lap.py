@@ -100,7 +100,7 @@ def test_a_law_of_ones_own_begins_anew_in_each_run() -> None:
             self.sum += 0.001 * e_y
             return 3.0 * curvature(0.0) - 0.2 * e_y - 0.6 * e_psi - self.sum
 
-    law: Any = Integral()
+    law = Integral()
     log = lap(law, 'oval', laps=1)
     assert log == lap(law, 'oval', laps=1)
     assert law.sum == 0.0

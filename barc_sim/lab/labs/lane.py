@@ -88,6 +88,8 @@ _DISTANCE = (30.0, 60.0)  #: [m] until the car is back
 _OVERSHOOT = (0.2, 0.6)  #: share of the distance from the line at the start
 _SATURATED = (0.1, 0.5)  #: share of the steps on the first 30 m
 _PUT_RIGHT = 'with LaneLQR in place of your Lane: '
+#: The laps of barc_sim's law.
+_usual = cache(partial(lap, speed=SPEED, laps=_LAPS, dynamics='dynamic'))
 
 
 def _new(code: JudgedCode, track: Track) -> int:
@@ -224,12 +226,6 @@ def _figure(log: TrackLog, title: str = '') -> Figure:
     from barc_sim.figures.track_figure import track_figure  # noqa: PLC0415 (slow)
 
     return track_figure(log, _usual(), labels=['your Lane', 'LaneLQR'], title=title)
-
-
-@cache
-def _usual() -> TrackLog:
-    """Return the laps of barc_sim's law."""
-    return lap(speed=SPEED, laps=_LAPS, dynamics='dynamic')
 
 
 def hidden_track(seed: int) -> Track:
