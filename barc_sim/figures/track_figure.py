@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from barc_sim.control.planning import Limits
     from barc_sim.simulation.log import TrackLog
-    from barc_sim.simulation.metrics import TrackLap, TrackLaps
+    from barc_sim.simulation.metrics import TrackLaps
     from barc_sim.vehicle.track import Track
 
     Floats = NDArray[np.float64]
@@ -108,23 +108,26 @@ def track_figure(
     alone = len(runs) == 1
     if alone:
         [(curves, laps)] = found
-        rows = [(f'lap {lap.number + 1}', lap) for lap in laps.rows]
+        table = [LAP_HEADINGS, *(lap.cells for lap in laps.rows)]
     else:
         curves = [
             own[-1]._replace(name=name, line={'color': color, 'lw': 1.6})
             for (own, _), name, color in zip(found, labels, cycle(RUN_COLOURS), strict=False)
         ]
-        rows = [*zip(labels, bests, strict=True)]
+        table = [('best lap of', *LAP_HEADINGS[1:])]
+        for name, lap in zip(labels, bests, strict=True):
+            shown = name if lap.is_finished else f'{name}, not finished'
+            table.append((shown, *lap.cells[1:]))
     figure = figure or Figure()
     figure.set_size_inches(TRACK_SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.06)
     grid = figure.add_gridspec(4, 2, width_ratios=[1.0, 1.25])
-    seen, table = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3, 0])
+    seen, below = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3, 0])
     charts = [figure.add_subplot(grid[0, 1])]
     charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
     track = next((log.track for log in runs if log.track), None)
     _draw_map(seen, track, curves)
-    _draw_table(table, '' if alone else 'best lap of', rows, bests[0] if alone else None)
+    _draw_table(below, table, bests[0].cells if alone else ())
     _draw_charts(charts, curves, track)
     ends = [end for each in runs for end in speed_limits(each)]
     charts[2].set_ylim(min(ends), max(ends))
@@ -234,24 +237,19 @@ def line_figure(track: Track, line: Track, limits: Limits, title: str = '') -> F
     return figure
 
 
-def _draw_table(
-    axes: Axes, heading: str, rows: Sequence[tuple[str, TrackLap]], best: TrackLap | None
-) -> None:
-    """Draw the figures of the laps; `best` is bold."""
+def _draw_table(axes: Axes, rows: Sequence[Sequence[str]], best: Sequence[str]) -> None:
+    """Draw rows of texts, headings first; `best` is bold."""
     axes.set_axis_off()
-    names = [name if lap.is_finished else f'{name}, not finished' for name, lap in rows]
     table = axes.table(
-        [[name, *lap.cells] for name, (_, lap) in zip(names, rows, strict=True)],
-        colLabels=[heading, *LAP_HEADINGS],
+        [*rows],
         colWidths=(0.25, 0.15, 0.16, 0.17, 0.27),
         cellLoc='right',
-        colLoc='right',
         edges='open',
         loc='upper center',
     )
     table.auto_set_font_size(False)
     table.set_fontsize(9)
     for (k, _), cell in table.get_celld().items():
-        is_best = k > 0 and rows[k - 1][1] == best
+        is_best = rows[k] == best
         cell.get_text().set_color(BLUE if is_best else INK if k else MUTED)
         cell.get_text().set_fontweight('bold' if is_best else 'normal')

@@ -167,13 +167,13 @@ def print_track_laps(cars: Mapping[str, TrackLaps], late: str) -> None:
     """
     rows, ends = [], []
     for name, laps in cars.items():
-        shown = [(f'{number}', lap) for number, lap in enumerate(laps.finished, 1)]
+        shown = [lap.cells for lap in laps.finished]
         if not shown or laps.current.time > _SHOWN:
-            shown.append(('not finished', laps.current))
-        rows += [(f'{name} {number}'.strip(), *lap.cells) for number, lap in shown]
+            shown.append(laps.current.cells)
+        rows += [(f'{name} {number}'.strip(), *figures) for number, *figures in shown]
         if laps.best:
             ends.append(f'{name} best lap {laps.best.time:.2f} s'.strip())
-    _print_table(('Laps', 'lap', *LAP_HEADINGS), rows, *ends, late)
+    _print_table(('Laps', *LAP_HEADINGS), rows, *ends, late)
 
 
 def _print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *ends: str) -> None:

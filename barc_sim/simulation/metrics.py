@@ -33,8 +33,8 @@ _MAX_LAPS = 10_000  #: that are kept: those of three days
 _MAX_ROWS = 8  #: of a table of laps
 _MAX_INTERVAL = 1.0  #: [s] between two states of a recorded run, unless time was set anew
 _NEAR = 1e-6  #: [m], [m/s] within which the car is at rest at its start
-#: Headings of the figures of a lap of a track, `TrackLap.cells`.
-LAP_HEADINGS = ('time', 'RMS e_y', 'max |e_y|', 'steering')
+#: Headings of a table of laps of a track, `TrackLap.cells`.
+LAP_HEADINGS = ('lap', 'time', 'RMS e_y', 'max |e_y|', 'steering')
 #: Time [s], distance along and across [m], speed [m/s].
 _Place = tuple[float, float, float, float]
 
@@ -265,9 +265,10 @@ class TrackLap(NamedTuple):
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Its figures as the texts of a table with `LAP_HEADINGS`."""
+        """Its number and figures as the texts of a table with `LAP_HEADINGS`."""
+        number = f'{self.number + 1}' if self.is_finished else 'not finished'
         errors = f'{self.rms:.3f} m', f'{self.maximum:.3f} m'
-        return f'{self.time:.2f} s', *errors, f'{self.at_limit:.0%} at its limit'
+        return number, f'{self.time:.2f} s', *errors, f'{self.at_limit:.0%} at its limit'
 
 
 class TrackLaps:

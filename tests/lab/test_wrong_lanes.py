@@ -138,6 +138,18 @@ def test_an_endless_loop_in_a_step_costs_the_drives_alone(tmp_path: Path) -> Non
     assert all('endless loop' in each.message for each in wrong)
 
 
+@pytest.mark.parametrize(
+    ('name', 'laps'), [('right', ['1', '2', '3']), ('nothing', ['not finished'])]
+)
+def test_a_lap_that_ends_off_the_track_has_no_number(
+    tmp_path: Path, name: str, laps: list[str]
+) -> None:
+    (tmp_path / 'lane.py').write_text(text_of(name), encoding='utf-8')
+    drive = LANE.judge_folder(tmp_path, RUBRIC.settings).drive
+    assert drive
+    assert [number for number, *_ in drive.rows] == laps
+
+
 @pytest.mark.parametrize('seed', range(20))
 def test_the_hidden_track_is_closed_and_can_be_driven(seed: int) -> None:
     track = hidden_track(seed)

@@ -212,8 +212,8 @@ def _kept(law: NewLaw, track: Track, laps: int, by: Thresholds) -> tuple[float, 
     """Judge how close to the line the car stays in laps; return score, message and evidence."""
     log = _drive(law, track, laps * track.length)
     driven, _ = track_laps_of(log)
-    rows = [(f'{each.number + 1}', *each.cells) for each in [*driven.finished, driven.current]]
-    shown = Evidence('lap by lap', ('lap', *LAP_HEADINGS), rows[:laps], partial(_figure, log))
+    rows = [each.cells for each in [*driven.finished, driven.current]]
+    shown = Evidence('lap by lap', LAP_HEADINGS, rows[:laps], partial(_figure, log))
     marks = f'(full marks up to {by.full_rms:g} and {by.full_max:g} m)'
     if abs(log.e_y[-1]) >= 0.5 * track.width:  # a drive ends at its distance, or off the track
         return 0.0, f'the car leaves the track after {log.s[-1]:.0f} m {marks}', shown
