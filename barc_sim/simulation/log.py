@@ -57,7 +57,11 @@ class Column(NamedTuple):
     unit: str
     meaning: str
     topic: str = ''  #: whose messages hold it; empty where no message does
-    field: str = ''  #: of the message; empty where it is called as the column
+    field: str = ''  #: of the message; empty where it is called as the column, but for a prefix
+
+
+#: Before the fields of a topic in the names of columns.
+_PREFIXES = {STATE_ERROR: 'e_', LANE_STATE: 'steer_'}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -86,12 +90,12 @@ class Log:
     v_y: Annotated[Floats, Column('m/s', "speed to the vehicle's left", STATE)]
     psi_dot: Annotated[Floats, Column('rad/s', 'yaw rate', STATE)]
     # Measured minus true, in the vehicle's frame.
-    e_s: Annotated[Floats, Column('m', 'error of the position along', STATE_ERROR, 's')]
-    e_ey: Annotated[Floats, Column('m', 'error of the position across', STATE_ERROR, 'ey')]
-    e_epsi: Annotated[Floats, Column('rad', 'error of the heading', STATE_ERROR, 'epsi')]
-    e_v_x: Annotated[Floats, Column('m/s', 'error of the speed along', STATE_ERROR, 'v_x')]
-    e_v_y: Annotated[Floats, Column('m/s', 'error of the speed across', STATE_ERROR, 'v_y')]
-    e_psi_dot: Annotated[Floats, Column('rad/s', 'error of the yaw rate', STATE_ERROR, 'psi_dot')]
+    e_s: Annotated[Floats, Column('m', 'error of the position along', STATE_ERROR)]
+    e_ey: Annotated[Floats, Column('m', 'error of the position across', STATE_ERROR)]
+    e_epsi: Annotated[Floats, Column('rad', 'error of the heading', STATE_ERROR)]
+    e_v_x: Annotated[Floats, Column('m/s', 'error of the speed along', STATE_ERROR)]
+    e_v_y: Annotated[Floats, Column('m/s', 'error of the speed across', STATE_ERROR)]
+    e_psi_dot: Annotated[Floats, Column('rad/s', 'error of the yaw rate', STATE_ERROR)]
     # The command that answers state k.
     motor: Annotated[Floats, Column('m/s²', 'acceleration command', COMMAND)]
     servo: Annotated[Floats, Column('rad', 'steering angle command', COMMAND)]
@@ -229,16 +233,10 @@ class TrackLog(Log):
     lap: Annotated[Floats, Column('', 'number of the lap, from 0', TRACK_STATE)]
     lap_time: Annotated[Floats, Column('s', 'time since the lap began', TRACK_STATE)]
     # The lane controller.
-    steer_feedforward: Annotated[
-        Floats, Column('rad', LaneLaw.terms['feedforward'], LANE_STATE, 'feedforward')
-    ]
-    steer_of_e_y: Annotated[Floats, Column('rad', LaneLaw.terms['of_e_y'], LANE_STATE, 'of_e_y')]
-    steer_of_e_psi: Annotated[
-        Floats, Column('rad', LaneLaw.terms['of_e_psi'], LANE_STATE, 'of_e_psi')
-    ]
-    steer_saturated: Annotated[
-        Flags, Column('', 'whether a limit cut the steering', LANE_STATE, 'saturated')
-    ]
+    steer_feedforward: Annotated[Floats, Column('rad', LaneLaw.terms['feedforward'], LANE_STATE)]
+    steer_of_e_y: Annotated[Floats, Column('rad', LaneLaw.terms['of_e_y'], LANE_STATE)]
+    steer_of_e_psi: Annotated[Floats, Column('rad', LaneLaw.terms['of_e_psi'], LANE_STATE)]
+    steer_saturated: Annotated[Flags, Column('', 'whether a limit cut the steering', LANE_STATE)]
     track: Track | None = None  #: None: unknown, as in a bag that another program recorded
 
     @property
@@ -269,7 +267,8 @@ class TrackLog(Log):
 def _declared(kind: type[Log]) -> Iterator[tuple[str, Column]]:
     for name, hint in get_type_hints(kind, include_extras=True).items():
         for column in getattr(hint, '__metadata__', ()):
-            yield name, column._replace(field=column.field or name) if column.topic else column
+            field = column.field or name.removeprefix(_PREFIXES.get(column.topic, ''))
+            yield name, column._replace(field=field) if column.topic else column
 
 
 for _kind in (Log, TrackLog):
