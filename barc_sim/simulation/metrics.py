@@ -277,7 +277,7 @@ class TrackLaps:
     def __init__(self) -> None:
         """Begin without states."""
         self.finished: list[TrackLap] = []  #: without those that a reset has cut short
-        self._number = 0
+        self._number = -1
         self._start = self._end = nan
         self._before = (nan, nan)  # lap and its time [s]
         self._states, self._squares, self._maximum, self._at_limit = 0, 0.0, 0.0, 0
@@ -285,9 +285,9 @@ class TrackLaps:
     def add(self, t: float, lap: float, lap_time: float, e_y: float, servo: float) -> int:
         """Take a state, its values as in `TrackLog`; return the number of its lap."""
         before = self._before
-        if isnan(self._start):
-            self._start = t - lap_time
-        elif lap != before[0] or lap_time < before[1]:
+        if isnan(lap):  # its place is not known
+            return max(self._number, 0)
+        if lap != before[0] or lap_time < before[1]:  # the first state, too
             if lap == before[0] + 1.0:
                 self._end = t - lap_time
                 self.finished.append(self.current._replace(is_finished=True))

@@ -89,6 +89,17 @@ def test_a_reset_begins_a_lap_that_no_time_is_taken_of(log: TrackLog) -> None:
     track_figure(again)
 
 
+def test_a_state_whose_place_is_unknown_begins_no_lap(log: TrackLog) -> None:
+    fields = ('s', 'e_y', 'e_psi', 'curvature', 'lap', 'lap_time')
+    gaps = {name: getattr(log, name).copy() for name in fields}
+    for column in gaps.values():
+        column[[0, 700, 2000]] = np.nan
+    laps, numbers = track_laps_of(replace(log, **gaps))
+    assert [*dict.fromkeys(numbers)] == [0, 1, 2, 3]
+    assert [each.time for each in laps.finished] == pytest.approx(log.lap_times.tolist())
+    track_figure(replace(log, **gaps))
+
+
 def test_every_run_has_a_figure(log: TrackLog) -> None:
     unfinished = log.map(lambda column: column[:300])
     one = log.map(lambda column: column[:1])
