@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.runs.inputs import Inputs
     from barc_sim.simulation.metrics import Summary
-    from barc_sim.vehicle.plant import Observation, TrackState
+    from barc_sim.vehicle.plant import Observation
 
 #: [m] The lab's road ends there.
 _DISTANCE = 180.0
@@ -140,7 +140,7 @@ class Car:
         self.name, self.controller, self.simulator = name, controller, simulator
         self.display: Display | None = None
         self._laps, self.track_laps = Laps(), TrackLaps()
-        self._progress, self._off = Progress(inf), ''
+        self._progress = Progress(inf)
         self._duration = COMMANDS if run.inputs.user_code.identify else inf
         self._speed = SPEED_REFERENCE if options.speed is None else options.speed
         simulator.on_step = self.on_step
@@ -151,38 +151,30 @@ class Car:
         The run of a car that makes no progress ends.
         """
         if t == 0.0:
-            self._progress, self._off = Progress(self.simulator.stepper.distance), ''
+            self._progress = Progress(self.simulator.stepper.distance)
         speed, reference, place = seen.true.v_x, self._speed, seen.on_track
         x, measured = (place.s, place.s) if place else (seen.true.x, seen.measured.x)
         if self.controller:
             reference = self.controller.reference(t, measured)
         if place:
-            self._add_place(t, place)
+            # The command that made this state, which is not answered yet.
+            servo = self.controller.lane.output if self.controller and self.controller.lane else 0.0
+            self.track_laps.add(t, place.lap, place.lap_time, place.e_y, servo)
             line = partial(track_line, t, place, speed)
         else:
             theta_deg = seen.surroundings.theta
             lap = self._laps.add(t, x, seen.true.y, speed, reference, theta_deg)
             error = nan if self._duration < inf else reference - speed  # of commands alone: none
             line = partial(cruise_line, t, x, speed, error, theta_deg, lap)
-        if self._progress.add(t, x, speed, reference) or t >= self._duration:
+        if self._progress.add(t, x, speed, reference, place) or t >= self._duration:
             self.simulator.stepper.end()
         if self.display:
             self.display.show(x, line)
 
-    def _add_place(self, t: float, place: TrackState) -> None:
-        """Add the place to the laps of the track; the run of a car beyond its edge ends."""
-        # The command that made this state, which is not answered yet.
-        servo = self.controller.lane.output if self.controller and self.controller.lane else 0.0
-        self.track_laps.add(t, place.lap, place.lap_time, place.e_y, servo)
-        if abs(place.e_y) > 0.5 * place.width:
-            side = 'left' if place.e_y > 0.0 else 'right'
-            self._off = f'the car left the track to the {side} at {place.s:.1f} m'
-            self.simulator.stepper.end()
-
     @property
     def failure(self) -> str:
         """What a car does that never arrives, with its name; empty for others."""
-        failure = self._progress.failure or self._off
+        failure = self._progress.failure
         return f'{self.name}: {failure}' if self.name and failure else failure
 
     def summaries(self) -> dict[str, Summary]:

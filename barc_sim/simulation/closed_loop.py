@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from barc_sim.control.speed import Controller
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.bike_model import Model
-    from barc_sim.vehicle.plant import Observation
+    from barc_sim.vehicle.plant import Observation, TrackState
     from barc_sim.vehicle.road import Signal
 
     #: Observation, command, and what the controllers computed.
@@ -323,6 +323,7 @@ def closed_loop(
     dt, servo = FIRST_DT, 0.0
     track, keeping, steering = plant.track, None, ()
     if track:
+        progress = progress or Progress(inf)
         keeping, of_lane = LaneKeeping(lane, track), columns_of(LANE_STATE)
         names += [*of_lane.values(), *(LANE + name for name in keeping.own_terms)]
     see = getattr(controller, 'see', lambda _: None)  # its place, of a policy
@@ -343,9 +344,9 @@ def closed_loop(
         rows.append((seen, command, read(controller) + steering))
         if plant.distance >= distance:
             break
-        if seen.on_track and abs(seen.on_track.e_y) > 0.5 * seen.on_track.width:
-            break
-        if progress and progress.add(k * plant.ts, plant.distance, seen.true.v_x, held):
+        if progress and progress.add(
+            k * plant.ts, plant.distance, seen.true.v_x, held, seen.on_track
+        ):
             break
         plant.advance(command)
         dt = plant.period_ns / 1e9  # as the nodes take it from stamps
@@ -415,17 +416,20 @@ class Progress:
     """
 
     def __init__(self, distance: float) -> None:
-        """Follow the car to `distance` [m]; with infinity, only a runaway car is given up."""
+        """Follow the car to `distance` [m]; with infinity, a car that stands may go on."""
         self._distance = distance
         self._since = 0.0  # [s] of the last progress
         self._best = -inf
         self._may_stand = False
         self.failure = ''
 
-    def add(self, t: float, x: float, v: float, reference: float) -> bool:
+    def add(
+        self, t: float, x: float, v: float, reference: float, place: TrackState | None = None
+    ) -> bool:
         """Take a state, [s], [m], [m/s], [m/s]; return whether the run is to end.
 
-        A car may stand while its reference is 0, once that was positive.
+        A car may stand while its reference is 0, once that was positive. Its `place` on a track is
+        not to be beyond the edge.
         """
         if x > self._best + _ADVANCE:
             self._best, self._since = x, t
@@ -435,6 +439,10 @@ class Progress:
         self.failure = ''
         if abs(v) > _RUNAWAY:
             self.failure = f'the car {self._does(x, v)}; at {v:.4g} m/s it is given up'
+            return True
+        if place and abs(place.e_y) > 0.5 * place.width:
+            side = 'left' if place.e_y > 0.0 else 'right'
+            self.failure = f'the car left the track to the {side} at {x:.1f} m'
             return True
         if self._distance == inf or x >= self._distance:
             return False
