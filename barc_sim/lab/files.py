@@ -13,6 +13,7 @@ import warnings
 from contextlib import suppress
 from importlib import resources
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.files import read_regular
@@ -283,8 +284,8 @@ def find_gains(tree: ast.Module, file: str, new: Signature, place: str) -> Chose
     """
     nodes = sorted(ast.walk(tree), key=lambda node: getattr(node, 'lineno', 0))
     names = GAINS if {*GAINS} <= {*new.parameters} else [*new.parameters][: len(GAINS)]
-    known: dict[str, Any] = {}
-    numbers_alone: dict[str, Any] = {'__builtins__': {}}  # no function has a name
+    known: dict[str, Any] = {'self': SimpleNamespace()}
+    numbers_alone: dict[str, Any] = {'__builtins__': {'dict': dict, 'float': float}}
     for node in nodes:
         if isinstance(node, ast.Assign):
             with suppress(Exception):  # it is no constant

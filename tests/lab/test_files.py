@@ -103,6 +103,8 @@ PLAIN = 'class PID:\n    def __init__(self, kp, ki, kd): pass\n'
         ),
         (PLAIN + 'PID(*[1, 2, 3])\n', (1, 2, 3, 'line 3')),
         ('G = {"kp": 2, "ki": 3, "kd": 0}\n' + PLAIN + 'PID(**G)\n', (2, 3, 0, 'line 4')),
+        (PLAIN + 'PID(**dict(kp=2, ki=3, kd=float(0)))\n', (2, 3, 0, 'line 3')),
+        (PLAIN + 'def f(self):\n  self.k = 4\n  self.pid = PID(self.k, 1, 0)', (4, 1, 0, 'line 5')),
         (PLAIN + 'PID(1e400, 1, 1)\n', None),
     ],
 )
