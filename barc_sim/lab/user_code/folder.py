@@ -61,6 +61,7 @@ _REPR = Repr()
 _REPR.maxlist = _REPR.maxtuple = 6
 _REPR.maxstring = _REPR.maxother = _SHOWN
 _FLOAT = {float}
+_open = open
 _POLL = 0.05
 #: By a name that a file uses and does not have: what it forgot.
 _IMPORTS = {
@@ -182,7 +183,7 @@ class Folder:
         if output:
             self.builtins['print'] = _print_to(output)
         if budget is None:
-            self.builtins['open'] = self._open
+            self.builtins['open'] = self.open
 
     def again(self) -> Folder:
         """Return the same folder with nothing loaded."""
@@ -313,12 +314,12 @@ class Folder:
         absent: Any = Absent(name if fromlist else top, reason)
         return absent  # type: ignore[no-any-return]
 
-    def _open(self, file: Any, mode: str = 'r', *args: Any, **options: Any) -> Any:  # noqa: ANN401
-        """Open a file to read it; what is written while code is judged goes nowhere."""
-        if {*mode} & {*'wax+'}:
-            self.tolerate(f'{short_repr(file)} is not written here')
+    def open(self, file: Any, mode: str = 'r', *args: Any, **options: Any) -> Any:  # noqa: ANN401
+        """Open a file to read it; what is written goes nowhere."""
+        if not isinstance(file, int) and {*mode} & {*'wax+'}:
+            self.tolerate(f'{short_repr(os.path.basename(file))} is not written here')  # noqa: PTH119
             file, mode = os.devnull, mode.replace('x', 'w')
-        return open(file, mode, *args, **options)  # noqa: PTH123 (as they call it)
+        return _open(file, mode, *args, **options)
 
     def tolerate(self, phrase: str) -> None:
         """Add a phrase on what is wrong, and is taken all the same."""
@@ -490,7 +491,8 @@ class UserFunction:
         self._positions = {name: position for position, name in enumerate(self.parameters)}
         takes = self.parameters if called.takes is None else called.takes.split()
         is_timed = called.timed and _binds(found, len(takes), dt=0.0)
-        if not (is_timed or _binds(found, len(takes))):
+        is_named = called.method and _binds(found, 0, **dict.fromkeys(takes, 0.0))
+        if not (is_timed or is_named or _binds(found, len(takes))):
             hint = '' if self._has_self() else ': is self missing as its first argument?'
             raise UserCodeError(
                 f'{self.place()}: {self._name()} takes ({", ".join(self.parameters)}); '

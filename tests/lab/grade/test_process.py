@@ -38,8 +38,8 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
 _TO_ALL = 'for i in range(3, 64):\n try: os.write(i, {})\n except OSError: pass'
 #: Each is refused with an exception, which names the reason.
 REFUSED = {
-    'write into its own folder': ("import io; io.open('results.json', 'w')", 'Permission denied'),
-    'write elsewhere': ("import io; io.open('/tmp/results.json', 'w')", 'Permission denied'),
+    'write into its own folder': ("os.open('results.json', os.O_CREAT | 1)", 'Permission denied'),
+    'write elsewhere': ("os.open('/tmp/results.json', os.O_CREAT | 1)", 'Permission denied'),
     'delete its own file': ("os.unlink('bike_model.py')", 'not permitted'),
     'read the rubric': (
         f'open({str(Path(barc_sim.__file__).parent / "lab" / "grade" / "rubrics" / "lab.yaml")!r})',
@@ -118,6 +118,8 @@ ALLOWED = {
     'import its own modules': 'import helper; assert helper.ANSWER == 42',
     'write to nowhere': "print('hello', file=open(os.devnull, 'w'))",
     'write what is dropped': "for mode in 'wax': print('hello', file=open('results.json', mode))",
+    'write what is dropped, by pathlib': "import pathlib; pathlib.Path('a').write_text('hello')",
+    'write what is dropped, by logging': "import logging; logging.FileHandler('/tmp/a.log')",
     'close its output': 'os.close(1); os.close(2)',
     'have nothing in its environment': "assert not {'HOME', 'PATH'} & {*os.environ}",
 }
