@@ -111,16 +111,8 @@ class Law:
     ) -> dict[str, Mistake]:
         """Return the mistake that explains each wrong result, where one does.
 
-        Of several it is the one that explains the most results, right ones included.
-
-        Parameters
-        ----------
-        cases
-            What the user's function got, and what it returned, by result; right ones, too.
-        wrong
-            The names of the wrong ones.
-        agree
-            Whether two arrays are the same results.
+        `cases` has what the user's function got and returned, by result, right ones included. Of
+        several mistakes it is the one that explains the most of them.
         """
 
         def explains(mistake: Mistake, name: str) -> bool:

@@ -88,13 +88,7 @@ class Facts:
 
 
 def read(path: Path, namespace: str | None = None) -> Facts:
-    """Read the bag at `path`.
-
-    Raises
-    ------
-    UserError
-        if there is none, or it has no car, or several.
-    """
+    """Read the bag at `path`; UserError: there is none, or it has no car, or several."""
     bag = reader.load(path)
     log, info = _sensible(bag.log(namespace)), bag.info
     sources = attached(bag.attachments)

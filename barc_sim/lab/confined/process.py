@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-#: Whether a process can be confined: by the kernel of Linux alone.
-ON_LINUX = sys.platform == 'linux'
 _SCRIPT = Path(__file__).with_name('child.py')
 _PACKAGES = Path(__file__).parents[3]
 # The hash seed is fixed, so that sets have the same order each time; `python -I` would ignore it.
@@ -313,13 +311,7 @@ class JudgedCode:
         return f'{text}\n[and more]' if len(self._printed) > self._limits.output else text
 
     def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
-        """Return the result of a request.
-
-        Raises
-        ------
-        UserCodeError
-            if the function fails or ends its process.
-        """
+        """Return the result of a request; UserCodeError: it has failed, or ended its process."""
         function = self._called(do, *arguments)
         if len(ends := self._ends[function]) >= _MAX_ENDS:
             raise UserCodeError(ends[-1])
@@ -383,7 +375,7 @@ def numbers_of(function: str, found: Any, size: int) -> list[float]:  # noqa: AN
 
 def check(limits: Limits) -> None:
     """Start a process that runs nothing; a UserError if it cannot be confined here."""
-    if not ON_LINUX:
+    if sys.platform != 'linux':  # whose kernel alone can confine a process
         if limits.confined:
             raise UserError(
                 f'submissions can be confined on Linux alone, and this is {sys.platform}: grade '

@@ -129,15 +129,9 @@ class UserCode:
     ) -> None:
         """Use `files` by part (see `FILES`), of any folders.
 
-        Parameters
-        ----------
-        files
-            The files.
-        budget
-            [s] Time budget of each call; None in the process of a submission, as in `check` and
-            `grade`: no thread, and the code can import no package but NumPy.
-        output
-            Receives the text that user code prints; without it, that goes to stdout.
+        The `budget` is that of each call [s]; None in the process of a submission, as in `check`
+        and `grade`: no thread, and the code can import no package but NumPy. What user code prints
+        goes to `output`, or to stdout without it.
         """
         # Without `..`, for the names of folders.
         self.paths = {part: Path(os.path.abspath(file)) for part, file in (files or {}).items()}  # noqa: PTH100
@@ -161,7 +155,7 @@ class UserCode:
     def drop_writes(self) -> None:
         """Let all that this process writes to files go nowhere."""
         for folder in self._folders.values():
-            builtins.open = io.open = folder.open
+            builtins.open = io.open = folder.builtins['open'] = folder.open
 
     #: Their `bikeFE`; it also gets `l_f`, `l_r` and `g` if it takes them.
     model = property(lambda self: self._part('model'))

@@ -182,8 +182,6 @@ class Folder:
         self.builtins = {**vars(builtins), '__import__': self._import, 'input': _no_input}
         if output:
             self.builtins['print'] = _print_to(output)
-        if budget is None:
-            self.builtins['open'] = self.open
 
     def again(self) -> Folder:
         """Return the same folder with nothing loaded."""
