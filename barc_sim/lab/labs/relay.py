@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from functools import partial
 from math import degrees, inf, radians
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.errors import UserError
@@ -14,7 +13,7 @@ from barc_sim.lab.user_code.folder import BY_EYE, MAX_COMMANDS, NOT_WRITTEN, Com
 from barc_sim.vehicle.parameters import PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from barc_sim.lab.confined.process import JudgedCode
 
@@ -36,23 +35,9 @@ _SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these gets full marks.
 _PARAMETERS = {each.name: float(each.default) for each in PARAMETERS if 'refuse' in each.name}
 
 
-class _Key(NamedTuple):
-    """A key of the driver, with the fields of its Twist."""
-
-    name: str
-    linear_x: float
-    angular_z: float
-
-    @property
-    def sign(self) -> float:
-        """The right sign of its command."""
-        return self.linear_x + self.angular_z
-
-
-_UP, _DOWN = _Key('up', 1.0, 0.0), _Key('down', -1.0, 0.0)
-_LEFT, _RIGHT = _Key('left', 0.0, 1.0), _Key('right', 0.0, -1.0)
+#: By key: linear.x and angular.z of its Twist; their sum is the right sign of its command.
+_KEYS = {'up': (1.0, 0.0), 'down': (-1.0, 0.0), 'left': (0.0, 1.0), 'right': (0.0, -1.0)}
 _NOTHING = Command(0.0, 0.0, 0.0)
-Drives = dict[_Key, list[Command]]
 
 
 def relay_commands(
@@ -84,28 +69,26 @@ def judge_relay(code: JudgedCode) -> list[Finding]:
     The findings of a program that reads keys itself are open: a person judges it.
     """
     try:
-        drives = {
-            key: relay_commands(code, _twists(key), _END) for key in (_UP, _DOWN, _LEFT, _RIGHT)
-        }
+        drives = {key: relay_commands(code, _twists(*twist), _END) for key, twist in _KEYS.items()}
     except UserError as error:
         text = str(error)
         skipped, is_open = NOT_WRITTEN in text, BY_EYE in text
         return [Finding(name, 0.0, text, skipped=skipped, open=is_open) for name in LABELS]
     held = {key: _at(commands, _HELD) for key, commands in drives.items()}
-    judges: Mapping[str, Callable[[], tuple[float, str]]] = {
-        'relay.forward': partial(_direction, 'motor', (_UP, _DOWN), _FORWARD, held),
-        'relay.steering': partial(_direction, 'servo', (_LEFT, _RIGHT), _STEERING, held),
-        'relay.units': partial(_bounded, drives),
-        'relay.release': partial(_release, drives),
-        'relay.rate': partial(_rate, drives[_UP]),
+    verdicts = {
+        'relay.forward': _direction('motor', ('up', 'down'), _FORWARD, held),
+        'relay.steering': _direction('servo', ('left', 'right'), _STEERING, held),
+        'relay.units': _bounded(drives),
+        'relay.release': _release(drives),
+        'relay.rate': _rate(drives['up']),
     }
-    return [Finding(name, *judges[name]()) for name in LABELS]
+    return [Finding(name, *verdict) for name, verdict in verdicts.items()]
 
 
-def _twists(key: _Key) -> list[TimedTwist]:
+def _twists(linear_x: float, angular_z: float) -> list[TimedTwist]:
     """Return the Twists of a key that is pressed and held, and the zero of its release."""
     count = round((_RELEASED - _PRESSED) / _PERIOD)
-    twists = [TimedTwist(_PRESSED + k * _PERIOD, key.linear_x, key.angular_z) for k in range(count)]
+    twists = [TimedTwist(_PRESSED + k * _PERIOD, linear_x, angular_z) for k in range(count)]
     return [*twists, TimedTwist(_RELEASED, 0.0, 0.0)]
 
 
@@ -130,10 +113,7 @@ _STEERING = (
 
 
 def _direction(
-    field: str,
-    keys: tuple[_Key, _Key],
-    sentences: tuple[str, ...],
-    commands: Mapping[_Key, Command],
+    field: str, keys: Sequence[str], sentences: Sequence[str], commands: Mapping[str, Command]
 ) -> tuple[float, str]:
     """Judge whether two keys change a field of `Command`, and only this one."""
     faults, score, values = [], 0.0, []
@@ -141,7 +121,7 @@ def _direction(
         held = commands[key]._asdict()
         value, (other,) = held[field], _NEGLIGIBLE.keys() - {field}
         values.append(value)
-        if value * key.sign < -_NEGLIGIBLE[field]:
+        if value * sum(_KEYS[key]) < -_NEGLIGIBLE[field]:
             fault = 0
         elif abs(value) <= _NEGLIGIBLE[field]:
             fault = 1
@@ -150,7 +130,7 @@ def _direction(
         else:
             score += 0.5
             continue
-        faults.append(sentences[fault].format(name=key.name, value=value, other=held[other]))
+        faults.append(sentences[fault].format(name=key, value=value, other=held[other]))
     return score, '; '.join(faults) or sentences[3].format(*values)
 
 
@@ -163,7 +143,7 @@ _BEYOND = {
 }
 
 
-def _bounded(drives: Drives) -> tuple[float, str]:
+def _bounded(drives: Mapping[str, Sequence[Command]]) -> tuple[float, str]:
     """Judge the maximum sizes of the commands, of either sign."""
     faults, reached = [], {}
     for field, bound in _BOUNDS.items():
@@ -175,19 +155,19 @@ def _bounded(drives: Drives) -> tuple[float, str]:
     return 1.0 - bool(faults), '; '.join(faults) or right.format(**reached)
 
 
-def _release(drives: Drives) -> tuple[float, str]:
+def _release(drives: Mapping[str, Sequence[Command]]) -> tuple[float, str]:
     faults = []
-    _, motor, servo = _at(drives[_UP], _PRESSED - _PERIOD)
+    _, motor, servo = _at(drives['up'], _PRESSED - _PERIOD)
     if abs(motor) > _NEGLIGIBLE['motor'] or abs(servo) > _NEGLIGIBLE['servo']:
         faults.append(f'without a key it commands {motor:+.3g} m/s² and {servo:+.3g} rad')
-    for key in (_UP, _DOWN):
+    for key in ('up', 'down'):
         later = _at(drives[key], _LATER).motor
-        if later * key.sign > _NEGLIGIBLE['motor']:
-            faults.append(f'after the release of {key.name} motor is still {later:+.3g} m/s²')
-    for key in (_LEFT, _RIGHT):
+        if later * sum(_KEYS[key]) > _NEGLIGIBLE['motor']:
+            faults.append(f'after the release of {key} motor is still {later:+.3g} m/s²')
+    for key in ('left', 'right'):
         released, later = (abs(_at(drives[key], t).servo) for t in (_RELEASED, _LATER))
         if later > released + _NEGLIGIBLE['servo']:
-            faults.append(f'after the release of {key.name} the wheels turn further')
+            faults.append(f'after the release of {key} the wheels turn further')
     right = 'after the release of a key the motor stops, and the wheels turn no further'
     checks = 1 + len(drives)
     return 1.0 - len(faults) / checks, '; '.join(faults) or right
