@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-MAX_RECORD = 32 << 20  #: bytes of a record, and of an unpacked chunk
+MAX_RECORD = 32 << 20  #: bytes of a record
+MAX_CHUNK = 256 << 20  #: bytes of an unpacked chunk, where the bag is as large
 MAX_METADATA = 2 << 20  #: bytes of a record of metadata
 MAX_TRACK = 1 << 20  #: bytes of the file with a track
 MAX_KEPT = 16 << 20  #: bytes of a bag's topics, metadata and attached files
@@ -49,6 +50,8 @@ class Budget:
         """Begin the reading of a bag's files; if `timed`, its time is limited from now on."""
         self.file = files[0]
         self._size = sum(file.lstat().st_size for file in files)
+        #: [B] of an unpacked chunk: only a hostile bag is much smaller than its largest message
+        self.max_chunk = max(MAX_RECORD, min(self._size, MAX_CHUNK))
         self._seconds = max(8.0, self._size / (3 << 20))
         self._end = thread_time() + self._seconds if timed else inf
         self._kept: set[int] = set()

@@ -155,7 +155,8 @@ class McapFile:
             header = stream.read(_HEADER.size)
             opcode, length = _HEADER.unpack(header)
             at += _HEADER.size + length
-            if not opcode or at > size or length > MAX_RECORD:
+            maximum = self._budget.max_chunk if opcode in _OF_MESSAGES else MAX_RECORD
+            if not opcode or at > size or length > maximum:
                 raise ValueError('record')
             self._budget.charge(length)
             if not messages and opcode in _OF_MESSAGES:
@@ -230,8 +231,8 @@ class McapFile:
     def _unpacked(self, chunk: Chunk) -> bytes:
         """Return what is in a chunk: no more than it claims, which is charged before."""
         size = chunk.uncompressed_size if chunk.compression else len(chunk.data)
-        self._budget.charge(min(size, MAX_RECORD))
-        if size > MAX_RECORD:
+        self._budget.charge(min(size, self._budget.max_chunk))
+        if size > self._budget.max_chunk:
             raise ValueError('size')
         if chunk.compression == 'zstd':
             data = unpacked(chunk.data, size)
@@ -265,12 +266,12 @@ def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
         yield opcode, data[at - length : at]
 
 
-def unpacked(data: bytes, most: int) -> bytes:
-    """Return what zstd has made smaller; an exception if it is damaged, or more than `most`."""
+def unpacked(data: bytes, max_size: int) -> bytes:
+    """Return what zstd has compressed; an exception if it is damaged or over `max_size` bytes."""
     # The size in the frame's own header decides how much is allocated.
-    if zstandard.frame_content_size(data) > most:
+    if zstandard.frame_content_size(data) > max_size:
         raise ValueError('size')
-    return zstandard.ZstdDecompressor().decompress(data, max_output_size=most)
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=max_size)
 
 
 @lru_cache(maxsize=16)
@@ -364,7 +365,7 @@ class Contents:
     def _unpacked(self, data: bytes) -> bytes:
         """Return a message without the compression that rosbag2 can give it."""
         try:
-            whole = unpacked(data, bounds.MAX_RECORD)
+            whole = unpacked(data, self._budget.max_chunk)
         except Exception:  # noqa: BLE001 (damage may raise anything)
             return data
         self._budget.charge(len(whole))

@@ -183,7 +183,7 @@ def _described(found: dict[str, Any]) -> Iterator[str]:
 def _damages(found: dict[str, dict[str, int]]) -> Iterator[str]:
     for name, damage in found.items():
         if chunks := damage['unreadable_chunks']:
-            yield f'{name}: damaged chunks left out: {chunks}'
+            yield f'{name}: chunks left out, as they are damaged or too large: {chunks}'
         if damage['unfinished']:
             yield f'{name} is unfinished or damaged: {damage["unread"]} bytes at its end are unread'
 

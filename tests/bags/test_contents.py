@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from typing import TYPE_CHECKING
 
@@ -143,6 +144,20 @@ def test_a_message_that_unpacks_to_too_much_is_left_as_it_is(tmp_path: Path) -> 
     writer.write([Message(topic('/a', 'std_msgs/msg/Header'), bomb, 1, 1, 1)])
     writer.close()
     assert [message.data for message in Contents(tmp_path).messages()] == [bomb]
+
+
+@pytest.mark.parametrize('read', [True, False], ids=['large bag', 'small bag'])
+def test_a_message_is_as_large_as_its_bag_allows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read: bool
+) -> None:
+    data = os.urandom(3 << 20) if read else bytes(3 << 20)
+    monkeypatch.setattr('barc_sim.bags.bounds.MAX_RECORD', 1 << 20)
+    writer = BagWriter(tmp_path)
+    writer.write([Message(topic('/map', 'std_msgs/msg/Header'), data, 1, 1, 1)])
+    writer.close()
+    told = 'chunks left out, as they are damaged or too large: 1'
+    assert (told in printed('info', str(tmp_path))) != read
+    assert [message.data for message in Contents(tmp_path).messages()] == [data] * read
 
 
 @pytest.mark.parametrize(
