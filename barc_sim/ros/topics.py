@@ -46,6 +46,7 @@ _QOS = (
     *('history', 'depth', 'reliability', 'durability', 'deadline', 'lifespan', 'liveliness'),
     *('liveliness_lease_duration', 'avoid_ros_namespace_conventions'),
 )
+_NAMELESS = '_NODE_NAME_UNKNOWN_'  #: of a node that rmw does not know yet
 _BEST = ('best_effort', ReliabilityPolicy.BEST_EFFORT.value)
 _LATCHED = ('transient_local', DurabilityPolicy.TRANSIENT_LOCAL.value)
 
@@ -249,7 +250,8 @@ class TopicSubscriptions:
             if why := self._follow(name):
                 self._leave_out(name, f'{type_name}: {why}')
         else:
-            if recorded:
+            # A publisher can be discovered before its node: its name comes with the next search.
+            if recorded and all(each.node_name != _NAMELESS for each in publishers):
                 recorded.publishers = len(publishers)
 
     def _leave_out(self, what: str, why: str) -> None:

@@ -212,6 +212,31 @@ def test_losses_are_counted_for_each_publisher_and_kept(
         assert kept['lost /value'] == f'{lost} ({lost} of talker)'
 
 
+@recording(depth=5)
+def test_losses_have_the_name_of_a_node_that_is_discovered_after_its_publisher(
+    recorder: BagRecorder, talker: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 100)
+    find = recorder.get_publishers_info_by_topic
+
+    def nameless(topic: str) -> list[Any]:
+        ends = find(topic)
+        for end in ends:
+            end.node_name = '_NODE_NAME_UNKNOWN_'  # as rmw has it
+        return ends
+
+    with monkeypatch.context() as early:
+        early.setattr(recorder, 'get_publishers_info_by_topic', nameless)
+        recorder.discover()
+    publisher.publish(Float64())
+    wait_for(lambda: recorder.counts.get('/value') == 1)
+    recorder.discover()
+    for _ in range(500):
+        publisher.publish(Float64())
+    recorder.close()
+    assert recorder.lost['/value'] == {'talker': 501 - recorder.counts['/value']}
+
+
 def test_late_publisher_that_offers_less_costs_the_others_nothing(
     recorder: BagRecorder, talker: Node
 ) -> None:
