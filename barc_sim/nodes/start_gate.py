@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rclpy.clock import Clock
     from rclpy.node import Node
     from rclpy.task import Future
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
     from barc_sim.simulation.stepper import Stepper
 
@@ -98,7 +99,7 @@ class StartGate:
 
 
 class PeerWatch:
-    """Warns, once for each cause, when no node or more than one node commands a simulator.
+    """Warns, once for each cause, when no node or more than one commands, or publishes `/clock`.
 
     While time waits for the answer to a state, the state is published again for a controller that
     has started since. A killed node still counts as a publisher for 20 s, until DDS notices.
@@ -140,14 +141,18 @@ class PeerWatch:
         else:
             self._reached = self._commanders
         self._commanders = commanders
-        if len(endpoints) > 1:
-            topic = self._node.resolve_topic_name(names.ECU)
-            rivals = ' and '.join(full_names(endpoints))
-            hint = 'end one (a killed node still counts for 20 s)'
-            self._warn(f'{rivals} publish {topic} and drive together: {hint}')
+        clocks = publishers(self._node, names.CLOCK)
+        self._warn_of_several(names.ECU, endpoints, 'drive together: end one')
+        self._warn_of_several(names.CLOCK, clocks, 'time jumps: give each run a ROS_DOMAIN_ID')
         if states and stands_still:
             self._publish_clock()  # for nodes that have started since
         self._states = states
+
+    def _warn_of_several(self, topic: str, endpoints: list[TopicEndpointInfo], effect: str) -> None:
+        if len(endpoints) > 1:
+            name, rivals = self._node.resolve_topic_name(topic), ' and '.join(full_names(endpoints))
+            hint = '(a killed node still counts for 20 s)'
+            self._warn(f'{rivals} publish {name} and {effect} {hint}')
 
     def _warn(self, sentence: str) -> None:
         if sentence not in self._warned:

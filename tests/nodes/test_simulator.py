@@ -307,6 +307,19 @@ def test_nodes_that_drive_together_are_named(world: World, capfd: Capture) -> No
     world.until(are_named)
 
 
+def test_another_clock_is_named(world: World, capfd: Capture) -> None:
+    world.simulator(check_period=OFTEN, realtime_factor=LOCK_STEP)
+    player = world.add(Node('player', context=world.context))
+    player.create_publisher(Clock, '/clock', 1)
+    warned: list[str] = []
+
+    def is_named() -> bool:
+        warned.append(capfd.readouterr().err)
+        return '/player and /vehicle_simulator publish /clock and time jumps' in ''.join(warned)
+
+    world.until(is_named)
+
+
 def test_reset_continues_without_the_controllers_answer(world: World, capfd: Capture) -> None:
     world.driver(partial(command, 1.0))
     deaf = Node('controller', context=world.context)  # not spun
