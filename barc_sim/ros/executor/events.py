@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rclpy.context import Context
     from rclpy.node import Node
 
-#: [s] The maximum wait. Then the context is checked: a signal shuts it down without an event.
+#: [s] The maximum wait: a signal shuts the context down without an event.
 _CHECK_PERIOD = 0.1
 #: Uses after which an entity gets a descriptor of its own.
 _IDLE_USES = 8
@@ -60,6 +60,7 @@ class Events:
         self.poll_due = 0.0  #: [s] when epoll is polled, even if an entry is ready
         self.stale = True  #: whether nodes or entities may have been added or removed
         self.woken = True  #: whether `wake` was called, or it is time for a check
+        self.ended = False  #: whether a signal has shut the context down: no callback can publish
         self._entries: dict[object, Entry] = {}
         self._shared = counter()
         self._wakeup = counter()  # counts the resets of timers, too
@@ -70,6 +71,7 @@ class Events:
         self._due: dict[Entry, float] = {}  # [s] by timer; inf: only an event can make it due
         self._next_due = inf
         self._next_check = 0.0
+        self._context = context
         self._waiter = WaitSetThread(context, self._signal, on_failure)
         self._descriptors = Descriptors()
         for descriptor in self._counted:
@@ -121,7 +123,8 @@ class Events:
         if len(self.ready) - ready_before > 1:  # in rclpy's order
             new = [self.ready.pop() for _ in range(len(self.ready) - ready_before)][::-1]
             self.ready.extend(sorted(new, key=lambda entry: KINDS.index(entry.kind)))
-        if now >= self._next_check:
+        self.ended = not self._context.handle.ok()
+        if self.ended or now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD
             self._count_in_descriptors()  # which of them are busy may change
             self.woken = True

@@ -236,8 +236,7 @@ class QuickExecutor(MultiThreadedExecutor):
                     if self._is_shutdown and not self._threads:
                         self._close()
                     break
-                waited = not self._spins
-                if waited:
+                if waited := not self._spins:
                     self._leadership.wake_stand_by(_LINGER)  # another spin may follow
             if self._leadership.take_over(wanted=not waited):
                 self._start_stand_by(instead=1)
@@ -269,7 +268,7 @@ class QuickExecutor(MultiThreadedExecutor):
                     executed = True
                 stepped, self._have_stepped = self._have_stepped, False
                 now = events.poll(0 if stepped or (executed and events.ready) else deadline)
-                executed = self._execute_ready()
+                executed = not events.ended and self._execute_ready()
                 if stepped or now >= deadline:
                     events.woken = True
                 if now >= deadline:

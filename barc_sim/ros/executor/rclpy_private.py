@@ -202,9 +202,8 @@ def notify_of_triggers(guard: GuardCondition, notify: Callable[[], None] | None)
 
     It replaces the handle, not the method `trigger`, to which others may have a reference.
     """
-    handle = getattr(guard.handle, 'instead_of', guard.handle)
-    stand_in = notify and StandIn(handle, trigger_guard_condition=notify)
-    guard._GuardCondition__gc = stand_in or handle
+    own = getattr(guard.handle, 'instead_of', guard.handle)
+    guard._GuardCondition__gc = StandIn(own, trigger_guard_condition=notify) if notify else own
 
 
 def was_triggered(guard: GuardCondition, context: Context) -> bool:

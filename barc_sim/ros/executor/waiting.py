@@ -158,8 +158,7 @@ class Leadership:
     def take_over(self, *, wanted: bool) -> bool:
         """Take it from a callback that lasts; otherwise wait until another try makes sense."""
         if wanted and self.free:
-            left = self._lent + LASTING - time.monotonic()
-            if left <= 0:
+            if (left := self._lent + LASTING - time.monotonic()) <= 0:
                 return self.take()
             self.wake_stand_by(left)
         os.read(self._timer, 8)

@@ -183,10 +183,17 @@ def test_a_signal_ends_the_spin(ros_domain: int, number: signal.Signals) -> None
         import rclpy
         from rclpy.executors import ExternalShutdownException
         from rclpy.node import Node
+        from std_msgs.msg import Bool
         from barc_sim.ros.executor import QuickExecutor
         rclpy.init()
         node = Node('tested')
-        node.create_timer(0.01, lambda: print('spinning', flush=True))
+        publisher = node.create_publisher(Bool, 'answer', 1)
+
+        def on_timer():
+            publisher.publish(Bool())  # raises once the context has ended
+            print('spinning', flush=True)
+
+        node.create_timer(0.01, on_timer)
         with QuickExecutor(2) as executor:
             executor.add_node(node)
             try:
