@@ -10,6 +10,7 @@ import time
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 from platform import platform, python_version
 from typing import TYPE_CHECKING, Any
 
@@ -338,16 +339,30 @@ class Run:
 
 def _warn_of_unused(ros_args: list[str], nodes: list[Node]) -> None:
     """Name each parameter after `--ros-args` that no node has; ROS ignores it."""
-    for option, rule in pairwise(ros_args):
-        target = rule.partition(':=')[0]
-        owner, _, name = target.rpartition(':')
-        owner = owner and f'/{owner.lstrip("/")}'
-        matched = (each for each in nodes if owner in ('', each.get_fully_qualified_name()))
-        if option in ('-p', '--param') and not any(each.has_parameter(name) for each in matched):
+    by_name = [(each.get_fully_qualified_name()[1:], each) for each in nodes]
+    for source, owner, name in _parameters(ros_args):
+        named = [(full, each) for full, each in by_name if owner in ('', full, each.get_name())]
+        is_set = any(each.has_parameter(name) for full, each in named if owner in ('', full))
+        if not is_set and (named or source == '-p'):  # a file can have other systems' nodes
             warn(
-                f'-p {target} sets nothing, as no node has this parameter; a name without a node '
-                'sets it in all nodes, also in a namespace'
+                f'{source} {owner}{":" * bool(owner)}{name} sets nothing, as no node has this '
+                'parameter; in a namespace, leave out the node after -p, and in a file name it in '
+                'full'
             )
+
+
+def _parameters(ros_args: list[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield the file of each parameter or `-p`, its node, or '' for all, and its name."""
+    for option, text in pairwise(ros_args):
+        if option in ('-p', '--param'):
+            owner, _, name = text.partition(':=')[0].rpartition(':')
+            yield '-p', owner.lstrip('/'), name
+        elif option == '--params-file':
+            from barc_sim.ros.local.parameters import of_file  # noqa: PLC0415 (of few runs)
+
+            with suppress(OSError, ValueError):  # ROS has read it
+                for owner, name, _ in of_file(Path(text)):
+                    yield text, owner.lstrip('/'), name
 
 
 def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:

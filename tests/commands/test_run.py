@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import signal
 import subprocess
 from pathlib import Path
@@ -124,6 +125,29 @@ def test_parameters_after_ros_args_count_unless_an_option_is_given(here: Path) -
     log = bag.read(path)
     assert log.x[-2] < 1.0 <= log.x[-1]
     assert bag.info(path)['kp'] == '25.0'
+
+
+@pytest.mark.parametrize('engine', ['ros', 'local'])
+def test_a_parameter_that_no_node_has_is_named(here: Path, engine: str) -> None:
+    sections = {
+        'vehicle_simulator': 'mass',  # it is in a namespace
+        'car1/controller': 'kpp',
+        '/car1/vehicle_simulator': 'mass',
+        'planner': 'rate',  # of another system
+        '/**': 'use_sim_times',
+    }
+    text = (f'{node}:\n  ros__parameters:\n    {name}: 3e3\n' for node, name in sections.items())
+    (here / 'all.yaml').write_text(''.join(text))
+    given = ('--params-file', 'all.yaml', '-p', 'ki:=2.0', '-p', 'kj:=2.0', '-p', 'pid:kp:=2.0')
+    run = ('acc', *MAX, '--no-bag', '--distance', '0.3', '--engine', engine)
+    done = barc(*run, '--ros-args', '-r', '__ns:=/car1', *given)
+    assert re.findall('warning: (.*) sets nothing', done.stderr) == [
+        'all.yaml vehicle_simulator:mass',
+        'all.yaml car1/controller:kpp',
+        '-p kj',
+        '-p pid:kp',
+    ]
+    assert done.returncode == 0
 
 
 def test_factor_scales_the_wall_clock(here: Path) -> None:

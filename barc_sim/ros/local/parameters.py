@@ -53,7 +53,7 @@ class Arguments:
                 raise ValueError(f'expected one of {", ".join(LoggingSeverity.__members__)}')
             world.log_levels[target] = LoggingSeverity[value.upper()]
         elif option == '--params-file':
-            self._parameters += _of_file(Path(text))
+            self._parameters += of_file(Path(text))
         elif option not in ('-p', '--param', '-r', '--remap'):
             raise ValueError('expected -p, -r, --params-file or --log-level')
         elif not target:
@@ -98,7 +98,8 @@ def _allowed(value: Any) -> Any:
     return value
 
 
-def _of_file(file: Path) -> Iterator[_Rule]:
+def of_file(file: Path) -> Iterator[_Rule]:
+    """Yield the parameters in a file; ValueError, OSError: it cannot be read."""
     from barc_sim.bags.bounds import MAX_TEXT, from_yaml
 
     if file.parent == _OPEN_FILES:  # such as a pipe of the shell's, `<(…)`
