@@ -88,6 +88,19 @@ def test_script_is_bash_that_parses(script: Path) -> None:
     assert (process.returncode, process.stderr) == (0, '')
 
 
+@pytest.mark.parametrize('script', ['run', 'test'])
+def test_what_sh_starts_is_run_by_bash(checkout: Path, tmp_path: Path, script: str) -> None:
+    path = programs(tmp_path / 'bin', *TOOLS, 'sh')
+    process = subprocess.run(
+        ['sh', str(checkout / 'scripts' / script)],  # noqa: S607 (of `path`)
+        env={'PATH': str(path), 'BARC_PYTHON': sys.executable},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert 'a C++ compiler must be installed' in sentence(process)
+
+
 def test_missing_compiler_is_named(checkout: Path, tmp_path: Path) -> None:
     line = sentence(run(checkout, programs(tmp_path / 'bin', *TOOLS)))
     assert 'a C++ compiler must be installed' in line
