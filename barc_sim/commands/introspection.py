@@ -95,13 +95,16 @@ def run_param(options: Namespace) -> None:
 
 def add_arguments_graph(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Draw the nodes and topics of the running system.'
+    parser.description = 'Draw the nodes and topics of the running system, or of a recorded run.'
+    parser.add_argument(
+        'bag', nargs='?', type=Path, metavar='BAG', help='draw this recorded run instead'
+    )
     parser.add_argument(
         '--save',
         metavar='FILE',
         help='save as .svg, .png or .pdf (a window; without a display, graph.svg)',
     )
-    parser.add_argument('--bag', type=Path, metavar='BAG', help='draw this recorded run instead')
+    parser.add_argument('--bag', dest='named', type=Path, metavar='BAG', help='the same')
 
 
 def run_graph(options: Namespace) -> None:
@@ -110,7 +113,8 @@ def run_graph(options: Namespace) -> None:
     from barc_sim.figures.graph_figure import graph_figure, lines, save  # noqa: PLC0415
 
     path = target(options.save, _FORMATS) if options.save is not None else None
-    graph, title = _graph_of_bag(options.bag) if options.bag else _graph_of_system()
+    bag = options.bag or options.named
+    graph, title = _graph_of_bag(bag) if bag else _graph_of_system()
     print(escaped('\n'.join(lines(graph))))  # noqa: T201
     window = None if path else style.window(title)
     figure = graph_figure(graph, title, window)

@@ -257,8 +257,9 @@ def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
         run.communicate(timeout=60)
     assert live.returncode == 0, live.stderr
     (path,) = (tmp_path / 'bags').iterdir()
-    recorded = call('graph', '--bag', str(path), cwd=tmp_path)
-    assert recorded.stdout.splitlines()[:-1] == live.stdout.splitlines()[:-1]
+    for name in (['--bag', str(path)], [str(path)]):
+        recorded = call('graph', *name, cwd=tmp_path)
+        assert recorded.stdout.splitlines()[:-1] == live.stdout.splitlines()[:-1]
     for name in ('live.svg', 'graph.svg'):
         assert texts(tmp_path / name) >= TELEOP | TOPICS
     assert '/relay              turns the driver' in live.stdout
