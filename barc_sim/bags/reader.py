@@ -55,7 +55,10 @@ def newest(root: Path | str = 'bags') -> Path:
     """Return the bag in the folder `root` that was written to last; UserError: there is none."""
     files = [file for file in Path(root).glob('*/*.mcap') if not file.is_symlink()]
     if not files:
-        raise UserError(f'there is no bag in {str(root)!r}: make a run first, or name a bag')
+        raise UserError(
+            f'there is no bag in {str(Path(root).absolute())!r}: make a run first, name a bag, '
+            'or change to the folder that holds your bags/'
+        )
     return max(files, key=lambda file: (file.lstat().st_mtime_ns, file)).parent
 
 

@@ -198,10 +198,14 @@ def test_the_bag_written_to_last_is_the_newest(tmp_path: Path) -> None:
     assert bag.newest(tmp_path) == tmp_path / 'b'
 
 
-@pytest.mark.parametrize('root', ['', 'missing'])
-def test_without_a_bag_there_is_no_newest(tmp_path: Path, root: str) -> None:
-    with pytest.raises(UserError, match=r'there is no bag in .*: make a run first'):
-        bag.newest(tmp_path / root)
+@pytest.mark.parametrize('root', ['.', 'missing'])
+def test_without_a_bag_the_folder_is_named(
+    tmp_path: Path, root: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match=r'there is no bag in .*: make a run first') as caught:
+        bag.newest(root)
+    assert repr(str(tmp_path / root)) in str(caught.value)
 
 
 @pytest.mark.parametrize(
