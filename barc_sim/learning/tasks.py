@@ -7,8 +7,8 @@ batch, and the policy that drives a run, which is here, too.
 from __future__ import annotations
 
 from bisect import bisect_right
-from itertools import pairwise, product
-from math import copysign, inf, isnan, pi, radians
+from itertools import product
+from math import copysign, inf, isnan, pi
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -106,7 +106,7 @@ class Task:
             self._allowed |= {'s': (0.0, self.length), 'e_y': (-e_y, e_y), 'e_psi': (-pi, pi)}
         else:
             self.length, self.half_width = self.road.starts[-1], inf
-            self.ahead = _preview(self.road.starts, lambda x: radians(self.road.grade_deg(x)))
+            self.ahead = _preview(self.road.starts, lambda x: np.radians(self.road.grade_deg(x)))
             max_ahead = 0.5 * pi
         self.is_noisy = any(self._noise) or 'noise' in self.ranges
         #: What an episode draws, each from and to.
@@ -240,20 +240,19 @@ def _checked(
 
 
 def _preview(
-    starts: Sequence[float], at: Callable[[float], float], is_closed: bool = False
+    starts: Sequence[float], at: Callable[[Floats], Floats], is_closed: bool = False
 ) -> Callable[[Numbers], Numbers]:
     """Return a function of s [m]: what is at each of `AHEAD` from there; a row each, of an array.
 
     `at` changes at `starts` alone, [m], of which the last is the length where the way `is_closed`:
     so does this function at the places that lie so far before them, and is a table.
     """
-    length = starts[-1]
-    places = {start - d for start in starts for d in AHEAD}
-    ends = sorted({place % length for place in places} if is_closed else places)
-    first, last = (0.0, length) if is_closed else (ends[0] - 1.0, ends[-1] + 1.0)
-    middles = [0.5 * (a + b) for a, b in pairwise([first, *ends, last])]
-    table = [tuple(at(middle + d) for d in AHEAD) for middle in middles]
-    edges, rows = np.array(ends), np.array(table).T
+    length, places = starts[-1], np.subtract.outer(starts, AHEAD)
+    edges = np.unique(places % length if is_closed else places)
+    first, last = (0.0, length) if is_closed else (edges[0] - 1.0, edges[-1] + 1.0)
+    middles = 0.5 * (np.append(first, edges) + np.append(edges, last))
+    rows = at(np.add.outer(AHEAD, middles))
+    ends, table = edges.tolist(), [*map(tuple, rows.T.tolist())]
 
     def ahead(s: Numbers) -> Numbers:
         if isinstance(s, float):
