@@ -91,7 +91,7 @@ def simulate(
     ki: float | None = None,
     kd: float | None = None,
     *,
-    road: Road | str | PathLike[str] = 'lab',
+    road: Road | str | PathLike[str] | None = None,
     vehicle: Vehicle | None = None,
     noise: float | NoiseLevels = 0.0,
     delay: float = 0.0,
@@ -120,7 +120,8 @@ def simulate(
     kp, ki, kd
         Gains of the PID; those of `acc` where they are not given.
     road
-        A road, 'lab', 'flat', or the path of a CSV file with the columns `start_m,grade_deg`.
+        A road, 'lab', 'flat', or the path of a CSV file with the columns `start_m,grade_deg`;
+        unless given the lab's, and on a track a flat one.
     vehicle
         Its parameters; the lab's where they are not given.
     noise
@@ -219,7 +220,7 @@ def plant_of(**arguments: Any) -> Plant:  # noqa: ANN401 (of `simulate`)
     is_constant = isinstance(given.disturbance, (float, int))
     noise, model, vehicle = given.noise, given.model, given.vehicle
     plant = Plant(
-        road=Road.of(given.road),
+        road=None if given.road is None else Road.of(given.road),
         vehicle=vehicle and Vehicle(*vehicle),  # which checks it: `_replace` does not
         ts=round(given.ts * NANOSECONDS) / NANOSECONDS,
         noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),
@@ -279,13 +280,13 @@ def lap(
     road = Track.of(track)
     LAPS._replace(between=(1, 10**6)).check(laps)
     road.check_laps(laps)
-    defaults: dict[str, Any] = {'road': 'flat', 'max_duration': min(laps * MAX_DURATION, 1e5)}
+    options = {'max_duration': min(laps * MAX_DURATION, 1e5), **options}
     return simulate(  # type: ignore[return-value]  # on a track
         track=road,
         lane=lane or LaneLQR(),
         reference=reference_of(speed),
         distance=laps * road.length,
-        **defaults | options,
+        **options,
     )
 
 

@@ -188,7 +188,8 @@ def sweep(
         set_gains(drives, {name: float(bound(gain)) for name, gain in given.items()})
     axes = dict(zip(held, np.broadcast_arrays(*{**held, **given}.values()), strict=True))
     check_arguments(**{name: options[name] for name in options.keys() & LIMITS.keys()})
-    options['road'] = Road.of(options.get('road', 'lab'))
+    if road := options.get('road'):
+        options['road'] = Road.of(road)  # which is read once
     speed = options.get('speed_reference', SPEED_REFERENCE)
     distance = options.get('distance', DISTANCE)
     tuning.SPEED.check(speed)

@@ -12,7 +12,7 @@ import pytest
 from barc_sim.control.lane import STEERING_LIMIT, LaneLQR
 from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
-from barc_sim.simulation.closed_loop import lap
+from barc_sim.simulation.closed_loop import lap, simulate
 from barc_sim.simulation.log import Log, TrackLog
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import Command, State
@@ -160,6 +160,12 @@ def test_a_road_counts_along_the_track_anew_in_each_lap() -> None:
     assert (log.theta_deg == np.where(on_hill, 4.0, 0.0)).all()
     assert log.gravity[on_hill] == pytest.approx(-19600.0 * sin(radians(4.0)))
     assert log.motor[on_hill].mean() > 0.5
+
+
+def test_a_track_is_flat_unless_a_road_is_given() -> None:
+    oval = Track.named('oval')
+    log = simulate(track=oval, lane=LaneLQR(), speed_reference=6.0, distance=oval.length)
+    assert log == lap(track=oval, laps=1)
 
 
 def test_a_placed_car_begins_a_lap_where_it_is_nearest() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from barc_sim.commands.research import GAINS
+from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import simulate
@@ -89,6 +90,7 @@ def test_the_labs_road_is_held_to_8_5_mm_s_and_no_better_than_can_be() -> None:
         {},
         {'noise': 0.05, 'seed': 2, 'delay': 0.04, 'ts': 1 / 333},
         {'delay': 0.03, 'integrator': 'rk4', 'acceleration_limit': 3.0},
+        {'track': 'oval', 'lane': LaneLQR()},
     ],
 )
 def test_a_sweep_scores_the_runs_of_simulate(options: dict[str, Any]) -> None:

@@ -179,7 +179,7 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
 
 def _drive(law: NewLaw, track: Track, distance: float, e_y: float = 0.0) -> TrackLog:
     """Drive with a law: from a standstill, or from `e_y` [m] beside the line at full speed."""
-    plant = plant_of(track=track, road='flat', dynamics='dynamic')
+    plant = plant_of(track=track, dynamics='dynamic')
     if e_y:
         plant.place(State(*track.place(0.0, e_y), SPEED))
     log = closed_loop(
