@@ -247,8 +247,8 @@ class Track:
         half = 0.5 * curvature * (s_in_lap - start)
         chord, psi = (s_in_lap - start) * np.sinc(half / pi), psi + half
         x, y, psi = x + chord * np.cos(psi), y + chord * np.sin(psi), psi + half
-        found = x - e_y * np.sin(psi), y + e_y * np.cos(psi), psi + e_psi
-        return Pose(*(map(float, found) if np.ndim(s) == 0 else found))
+        found = np.broadcast_arrays(x - e_y * np.sin(psi), y + e_y * np.cos(psi), psi + e_psi)
+        return Pose(*(found if found[0].ndim else map(float, found)))
 
     def frenet(self, x: Numbers, y: Numbers, psi: Numbers, near: Numbers = None) -> Frenet:
         """Return the pose on the track of a pose on the map; arrays, of arrays.

@@ -54,6 +54,8 @@ def test_place_and_frenet_are_inverse_also_where_the_track_meets_itself(name: st
     assert (each[3] == many.curvature).all()
     places = np.array([track.place(s, 1.0, 0.2) for s in near[:50].tolist()])
     assert np.abs(places - np.array(track.place(near[:50], 1.0, 0.2)).T).max() < 1e-12
+    across = [track.place(30.0, e_y) for e_y in (-1.0, 2.0)]
+    assert np.abs(np.array(track.place(30.0, np.array([-1.0, 2.0]))).T - across).max() < 1e-12
 
 
 @pytest.mark.parametrize('name', ['L', 'oval', 'circle'])
