@@ -104,7 +104,7 @@ def _read(table: str) -> dict[str, Work]:
 
 
 WORKS = _read("""
-the published law | 100 | RMS error 0.101 m/s after the first 10 m, at most 0.367
+the published law | 100 | RMS error 0.101 m/s after the first 10 m, maximum 0.367
     + error -> + error⏎if self.int_error >= 10:⏎    self.int_error = 10
     I = self.ki -> if self.int_error <= -10:⏎    self.int_error = -10⏎I = self.ki
 no limit of the sum | 100 | with kp 10, ki 0.5, kd 0.4 (controller.py, line 38)

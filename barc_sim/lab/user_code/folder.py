@@ -196,7 +196,8 @@ class Folder:
 
     def _run(self, name: str, file: Path) -> ModuleType:
         """Return the new module `name`, in which the file has run."""
-        module = module_from_spec(ModuleSpec(name, None))
+        is_package = file.name == '__init__.py'
+        module = module_from_spec(ModuleSpec(name, None, is_package=is_package))
         # All of the module's functions find `import` and `print` here.
         vars(module).update(__file__=str(file), __builtins__=self.builtins)
         self._modules[name] = module
@@ -247,7 +248,9 @@ class Folder:
         if level == 0 and (stand_in := self.stand_in(name if fromlist else top)):
             return stand_in  # type: ignore[no-any-return]
         if level:
-            name, top = self._absolute(name, globals or {}, level)
+            package = str((globals or {}).get('__package__')).rsplit('.', level - 1)[0]
+            name = f'{package}.{name}'.strip('.')
+            top = name.partition('.')[0]
         if not name:
             # A file of the lab's package is loaded by itself: its neighbours are in its folder.
             found = {each: self._import(each, globals, locals, (each,)) for each in fromlist}
@@ -258,13 +261,6 @@ class Folder:
                     self._own(f'{name}.{each}')
             return module if fromlist else self._modules[top]
         return self._import_installed(name, globals, locals, fromlist)
-
-    def _absolute(self, name: str, importer: Mapping[str, Any], level: int) -> tuple[str, str]:
-        """Return the name of a module that is imported by a relative one, and its first part."""
-        above = level - str(importer.get('__file__')).endswith('__init__.py')
-        package = str(importer.get('__name__')).split('.')
-        parts = [*package[: len(package) - above], *filter(None, [name])]
-        return '.'.join(parts), parts[0] if parts else ''
 
     def _own(self, name: str) -> ModuleType | None:
         """Return the module or package `name` of this folder, if it is there."""

@@ -67,7 +67,7 @@ def test_modules_may_import_one_another(tmp_path: Path) -> None:
 def test_a_package_is_imported_as_python_does(tmp_path: Path) -> None:
     files = {
         'a/__init__': 'from .b import B',
-        'a/b': 'from ..top import T\nfrom .c.d import D\nB = T + D',
+        'a/b': 'from top import T\nfrom .c.d import D\nB = T + D',
         'a/c/d': 'D = 20',
         'top': 'T = 1',
     }
