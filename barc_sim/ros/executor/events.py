@@ -50,9 +50,8 @@ class Events:
 
     Rarely used entities share one descriptor: after an arrival for one of them, all of them are
     tried. After a few uses an entity gets a descriptor of its own. While no thread waits for
-    descriptors, arrivals are counted in memory: then neither DDS nor the executor makes a system
-    call. Only `wake` is for several threads at a time. `on_failure` gets an exception of a
-    waitable.
+    descriptors, arrivals are counted in memory, without a system call of DDS or the executor. Only
+    `wake` and `listens_to` are for any thread. `on_failure` gets an exception of a waitable.
     """
 
     def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:
@@ -185,11 +184,16 @@ class Events:
             if not getattr(entity.callback_group, 'polled', False)
         }
         for entity in self._entries.keys() - present.keys():
-            self._remove(self._entries.pop(entity))
+            self._remove(self._entries[entity])
+            del self._entries[entity]
         for entity, (kind, node) in present.items():
             if entity not in self._entries:
                 with suppress(InvalidHandle):  # destroyed just now
                     self._add(entry_of(entity, kind, node))
+
+    def listens_to(self, node: Node) -> bool:
+        """Return whether entities of a node are listened to."""
+        return any(entry.node is node for entry in list(self._entries.values()))
 
     def _add(self, entry: Entry) -> None:
         """Listen to an entity."""

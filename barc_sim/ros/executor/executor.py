@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from rclpy.context import Context
     from rclpy.executors import TimeoutObject
+    from rclpy.node import Node
     from rclpy.task import Future
 
     from barc_sim.ros.executor.entities import Call, Entry
@@ -105,6 +106,13 @@ class QuickExecutor(MultiThreadedExecutor):
                 self._events.refresh(self.get_nodes())
             finally:
                 self._leadership.release()
+
+    def remove_node(self, node: Node) -> None:
+        """Remove a node; after that, another executor can listen to its entities."""
+        super().remove_node(node)
+        while self._events.listens_to(node) and not (self._is_shutdown or node in self.get_nodes()):
+            self._on_change()
+            time.sleep(1e-4)
 
     def create_task(self, callback: Callable[..., Any], *args: Any, **kwargs: Any) -> Task:  # noqa: ANN401
         """Execute a function or a coroutine function in the next spin; return its future."""
@@ -211,10 +219,7 @@ class QuickExecutor(MultiThreadedExecutor):
             self._leadership.wake_stand_by()
 
     def _start_stand_by(self, instead: int = 0) -> None:
-        """Start a thread that stands by, unless one does or the pool is full.
-
-        The number of threads that have just stopped standing by is `instead`.
-        """
+        """Start a thread in place of `instead` that stood by, unless one does or none is left."""
         with self._lock:
             self._standing_by -= instead
             maximum = self._executor._max_workers  # noqa: SLF001

@@ -125,6 +125,27 @@ def test_a_removed_node_is_executed_no_longer(
     assert len(ticks['goes']) == before
 
 
+@pytest.mark.usefixtures('spinning')
+def test_a_node_moves_between_executors_that_spin(
+    ros: Context, node: Node, executor: QuickExecutor
+) -> None:
+    received, triggered = threading.Semaphore(0), threading.Semaphore(0)
+    node.create_subscription(Time, 'a', lambda _: received.release(), 10)
+    guard = node.create_guard_condition(triggered.release)
+    publisher = node.create_publisher(Time, 'a', 10)
+    with QuickExecutor(2, context=ros) as other:
+        thread = threading.Thread(target=other.spin)
+        thread.start()
+        for each in [other, executor] * 50:
+            each.add_node(node)  # which takes it from the other one
+            publisher.publish(Time())
+            guard.trigger()
+            assert received.acquire(timeout=DEADLINE)
+            assert triggered.acquire(timeout=DEADLINE)
+    thread.join(DEADLINE)
+    assert not thread.is_alive()
+
+
 @pytest.mark.parametrize('kind', ['subscription', 'timer', 'service', 'client', 'guard_condition'])
 def test_a_destroyed_handle_is_gone_at_once_between_spins(
     node: Node, executor: QuickExecutor, kind: str
