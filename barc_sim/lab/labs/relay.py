@@ -131,6 +131,8 @@ def _direction(
             score += 0.5
             continue
         faults.append(sentences[fault].format(name=key, value=value, other=held[other]))
+        if fault == 1 and abs(held[other]) > _NEGLIGIBLE[other]:
+            faults[-1] += ', and the order is [motor, servo]'
     return score, '; '.join(faults) or sentences[3].format(*values)
 
 

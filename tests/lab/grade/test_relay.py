@@ -59,7 +59,7 @@ WORKS = {
     ),
     'mixed up': Work(
         replaced(FUNCTION, '[2.0 * linear_x, 0.3 * angular_z]', '[angular_z, linear_x]'),
-        6, 'up does not change motor: the key arrives as linear.x',
+        6, 'the key arrives as linear.x, and the order is [motor, servo]; down',
     ),
     "that gets the Twists on the handout's other topic": Work(
         replaced(ROS_1, 'turtle1/cmd_vel', 'keyboard/keyup'), 20, ''
