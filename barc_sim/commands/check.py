@@ -93,7 +93,7 @@ def _composition(folder: Path) -> bool:
     from barc_sim.runs.compose_check import judge_composition  # noqa: PLC0415 (slow)
 
     right, sentence = judge_composition(file)
-    print(f'{COMPOSE}: {sentence}')  # noqa: T201
+    print(sentence if sentence.startswith(COMPOSE) else f'{COMPOSE}: {sentence}')  # noqa: T201
     return right
 
 

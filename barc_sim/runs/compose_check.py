@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import os
+import re
 import runpy
 import signal
 import subprocess
@@ -67,8 +68,11 @@ def judge_composition(file: Path) -> Verdict:
         if (found := Path(folder, _FOUND)).exists():
             return _verdict(*json.loads(found.read_text(encoding='utf-8')))
         output.seek(0)
-        last = output.read().decode(errors='replace').strip().rpartition('\n')[2]
-    return Verdict(False, f'it has ended with exit code {code}: {last[:200]}'.rstrip(': '))
+        text = output.read().decode(errors='replace').strip()
+    why = text.rpartition('\n')[2][:200] if code else 'is main called, and does an executor spin?'
+    lines = re.findall(rf'File "{re.escape(str(file.resolve()))}", line (\d+)', text)
+    place = f'{file.name}, line {lines[-1]}: ' if lines else ''
+    return Verdict(False, f'{place}it has ended with exit code {code}: {why}'.rstrip(': '))
 
 
 def _is_unwritten(file: Path) -> bool:
@@ -81,7 +85,7 @@ def _is_unwritten(file: Path) -> bool:
 
 
 def _run_here(file: str) -> None:
-    """Run the script on what stands in for ROS; write its nodes, by full name, to a file."""
+    """Run the script on what stands in for ROS; write what is found of its nodes to a file."""
     from barc_sim.ros.local import install  # noqa: PLC0415 (as the script's own process)
 
     world, before = install(), 0
@@ -97,7 +101,8 @@ def _run_here(file: str) -> None:
             for publisher in node.publishers:
                 publishers.get(publisher.topic_name, []).append(node.get_name())
         names = sorted(node.get_fully_qualified_name() for node in world.nodes)
-        Path(_FOUND).write_text(json.dumps((names, publishers)), encoding='utf-8')
+        idle = [node.get_name() for node in world.nodes if node.executor is None]
+        Path(_FOUND).write_text(json.dumps((names, publishers, idle)), encoding='utf-8')
         os._exit(0)
 
     signal.signal(signal.SIGALRM, poll)
@@ -106,15 +111,17 @@ def _run_here(file: str) -> None:
     runpy.run_path(file, run_name='__main__')
 
 
-def _verdict(nodes: list[str], publishers: dict[str, list[str]]) -> Verdict:
-    """Judge the script's nodes, and the publishers of each topic."""
+def _verdict(nodes: list[str], publishers: dict[str, list[str]], idle: list[str]) -> Verdict:
+    """Judge the script's nodes, the publishers of each topic, and what is in no executor."""
     listed = f'{len(nodes)} nodes, {", ".join(nodes)}'
     faults = []
     if len(nodes) < _NODES:
         faults.append(
             f'{listed}; expected {_NODES}: a simulator, a relay, a driver and a recorder. '
-            'Is each made and added to the executor?'
+            'Is each made?'
         )
+    if idle:
+        faults.append(f'no executor has {", ".join(idle)}: call its add_node with each node')
     if _SIMULATOR not in nodes:
         faults.append(f'there is no node {_SIMULATOR}')
     for topic, names in publishers.items():

@@ -73,8 +73,10 @@ def test_finished_template_is_right_however_slowly_its_nodes_are_made(
             'Key',
             '3 nodes, /bag_recorder, /keyboard, /vehicle_simulator; expected 4',
         ),
-        ('Terminal())]', 'Terminal)]', 'it has ended with exit code 1: '),
-        ('rclpy.init()', 'rclpy.init(', "'(' was never closed"),
+        ('Terminal())]', 'Terminal)]', 'compose.py, line 25: it has ended with exit code 1: '),
+        ('executor.add_node(node)', 'pass', 'no executor has bag_recorder, vehicle_simulator,'),
+        ('executor.spin()', 'pass', 'exit code 0: is main called, and does an executor spin?'),
+        ('rclpy.init()', 'rclpy.init(', "compose.py, line 30: syntax error: '(' was never closed"),
     ],
 )
 def test_mistake_is_a_sentence(
