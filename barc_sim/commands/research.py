@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.cli.files import figure_path, save_figure, saving, target
 from barc_sim.cli.parser import barc_path, number, whole
 from barc_sim.control.cruise_control import PROFILE, SPEED
-from barc_sim.control.speed import KD, KI, KP, SPEED_REFERENCE
+from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, SPEED_REFERENCE
 from barc_sim.errors import UserError
 from barc_sim.tuning import DISTANCE
 from barc_sim.tuning import SPEED as TUNED_SPEED
@@ -90,6 +90,7 @@ def add_arguments_tune(parser: Parser) -> None:
 def run_tune(options: Namespace) -> None:
     """Search, and print the gains with the lines to run them."""
     import numpy as np  # noqa: PLC0415 (slow: not for --help)
+    from rich.console import Console  # noqa: PLC0415
 
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
     from barc_sim.tuning.search import search, sweep  # noqa: PLC0415
@@ -101,6 +102,8 @@ def run_tune(options: Namespace) -> None:
             raise UserError(f'--{gain}-range {first:g} {last:g} must have the lower number first')
     low, high = zip(*ranges, strict=True)
     controller = controller_of(options.controller) if options.controller else None
+    # As in a run: a user's controller limits its output itself.
+    limit = NO_LIMIT if controller else ACCELERATION_LIMIT
 
     def scores(gains: Floats, road: str) -> Sweep:
         return sweep(
@@ -112,20 +115,22 @@ def run_tune(options: Namespace) -> None:
             noise=options.noise,
             seed=options.seed,
             delay=options.delay * _PERIOD,
+            acceleration_limit=limit,
         )
 
     def cost(found: Sweep) -> Floats:
         value: Floats = found[COSTS[options.cost]]
         return value + options.effort * found.effort if options.effort else value
 
-    start = np.array([first for first, _ in GAINS.values()])
-    best = search(
-        lambda gains: np.mean([cost(scores(gains, road)) for road in roads], axis=0),
-        np.array(low),
-        np.array(high),
-        start,
-        seed=options.seed,
-    )
+    start = np.array([getattr(controller, name, first) for name, (first, _) in GAINS.items()])
+    with Console(stderr=True).status('searching'):
+        best = search(
+            lambda gains: np.mean([cost(scores(gains, road)) for road in roads], axis=0),
+            np.array(low),
+            np.array(high),
+            start,
+            seed=options.seed,
+        )
     if not np.isfinite(best.cost):
         raise UserError(
             f'no gains in these ranges drive {options.distance:g} m in thrice the time that it '

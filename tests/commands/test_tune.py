@@ -11,8 +11,9 @@ from command_line import printed, refused
 
 from barc_sim.__main__ import main as barc
 from barc_sim.__main__ import parse
-from barc_sim.control.speed import speed_controller
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.control.speed import NO_LIMIT, speed_controller
+from barc_sim.lab.user_code.adapters import controller_of
+from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.metrics import summary
 from barc_sim.tuning import search
 
@@ -78,10 +79,25 @@ def test_an_own_controller_is_tuned(tmp_path: Path) -> None:
         'class PID:\n'
         '    def __init__(self, kp, ki, kd): self.kp = kp\n'
         '    def acc_calculate(self, r, v): return self.kp * (r - v)\n'
+        'pid = PID(kp=12.0, ki=0.0, kd=0.0)\n'
     )
     args = ['--controller', str(path), '--road', 'flat']
-    line = command_of(printed('tune', *QUICK, *args))
-    assert line[-2:] == ['--controller', str(path)]
+    out = printed('tune', *QUICK, *args)
+    assert command_of(out)[-2:] == ['--controller', str(path)]
+    start, found = (float(each) for each in _row(out, 'kp'))
+    assert start == 12.0  # the file chooses it
+    # As in a run with it, there is no limit of acceleration.
+    for kp, cost in zip((start, found), _row(out, 'cost: rms'), strict=True):
+        ways = {'road': 'flat', 'distance': 30.0, 'acceleration_limit': NO_LIMIT}
+        controller = controller_of(path)
+        controller.kp = kp
+        log = simulate(controller=controller, **ways)
+        assert float(cost) == pytest.approx(summary(log).rms_error_after_run_up, rel=1e-3)
+
+
+def _row(out: str, label: str) -> list[str]:
+    (line,) = [line for line in out.splitlines() if line.startswith(label)]
+    return line.removeprefix(label).split()
 
 
 @pytest.mark.parametrize(
