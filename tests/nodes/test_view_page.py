@@ -294,6 +294,10 @@ def test_sliders_work_by_keyboard_and_arrows_do_not_drive(acc: Acc, open_: Open)
     tab.until("document.querySelector('#tuning-note').textContent.startsWith('kd was refused')")
     assert tab.run("document.querySelector('#kd').value") == '0.1'
     assert controller.get_parameter('kd').value == 0.1
+    tab.select('#acceleration_limit', 1e6)  # no limit, as with a user's controller
+    tab.until("document.querySelector('#acceleration_limit').value === '1e+6'")
+    box = "document.querySelector('#acceleration_limit')"
+    assert tab.run(f'{box}.scrollWidth <= {box}.clientWidth')
 
 
 def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) -> None:

@@ -162,6 +162,7 @@ export class Tuning {
   #place(name, value) {
     const { slider, number } = this.inputs[name];
     slider.value = value; // the slider ends where its range does; the number shows all
-    number.value = Number(value.toPrecision(6));
+    const shown = Number(value.toPrecision(6));
+    number.value = Math.abs(shown) < 1e6 ? shown : shown.toExponential(); // what the box holds
   }
 }
