@@ -1,7 +1,7 @@
 """The topics and messages of any MCAP bag: rosbag2's, our own, and damaged ones.
 
-An MCAP file is read up to its last whole record. mcap parses its records; what a file claims of
-itself decides neither how much is read nor how much is unpacked.
+An MCAP file is read up to its last whole record. mcap parses the records. The sizes that a file
+claims decide neither how much is read nor how much is unpacked.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _DESCRIBING: dict[int, Any] = {
     Opcode.STATISTICS: Statistics,
 }
 _IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL}
-_CONVERTIBLE = {'.db3', '.zstd'}  #: of rosbag2's files that `rosbags-convert` reads
+_CONVERTIBLE = {'.db3', '.zstd'}  #: suffixes of rosbag2's files that `rosbags-convert` reads
 
 
 @dataclass
@@ -73,37 +73,37 @@ def files(path: Path) -> list[Path]:
     """Return the MCAP files of a bag; `path` is its directory, or one of the files."""
     if not path.exists():
         raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')
-    there = [*path.iterdir()] if path.is_dir() else [path]
-    found = [file for file in there if file.suffix == '.mcap' and not file.name.startswith('.')]
-    if not found and any(file.suffix in _CONVERTIBLE for file in there):
-        # It reads a folder with metadata.yaml, or plain files one by one.
+    present = [*path.iterdir()] if path.is_dir() else [path]
+    mcap = [file for file in present if file.suffix == '.mcap' and not file.name.startswith('.')]
+    if not mcap and any(file.suffix in _CONVERTIBLE for file in present):
+        # rosbags-convert reads a folder with metadata.yaml, or uncompressed files one by one.
         is_whole = path.is_dir() and (path / 'metadata.yaml').exists()
-        plain = [] if is_whole else sorted(file for file in there if file.suffix == '.db3')
+        plain = [] if is_whole else sorted(file for file in present if file.suffix == '.db3')
         sources = plain or [path if path.is_dir() else path.parent]
         raise UserError(
-            f'{str(path)!r} is a bag of sqlite3, or of compressed files: make one of MCAP with '
+            f'{str(path)!r} is a bag of sqlite3, or of compressed files: convert it to MCAP with '
             f'`rosbags-convert --src {shlex.join(map(str, sources))} --dst NEW --dst-storage mcap`'
         )
     if not path.is_dir():
         return [path.resolve() if path.is_symlink() else path]
-    if not found:
+    if not mcap:
         raise UserError(f'{str(path)!r} has no .mcap file in it: name the directory of a bag')
 
     def order(file: Path) -> tuple[int, str]:  # run_10.mcap after run_9.mcap
         number = re.search(r'_(\d+)\.mcap$', file.name)
         return int(number[1]) if number else -1, file.name
 
-    return sorted(found, key=order)
+    return sorted(mcap, key=order)
 
 
 class McapFile:
-    """A file of a bag: adds what its records describe to the bag, and yields its messages."""
+    """A file of a bag: adds its topics and metadata to the bag, and yields its messages."""
 
     def __init__(self, path: Path, bag: Contents, budget: Budget) -> None:
         """Read all but the messages; UserError: it is no MCAP file, or exceeds a bound."""
         self.path = path
         self.has_summary = False
-        self.damage = Damage()  #: without that of chunks until `messages` has read them
+        self.damage = Damage()  #: `messages` adds the damage of chunks
         self._bag = bag
         self._budget = budget
         self._schemas: dict[int, tuple[str, str]] = {}  # type and definition
@@ -124,7 +124,7 @@ class McapFile:
 
     @contextmanager
     def _records(self, *, messages: bool) -> Iterator[Iterator[tuple[int, bytes]]]:
-        """Open the file and provide its records; an exception in reading them is its damage."""
+        """Open the file and provide its records; an exception while reading them is damage."""
         self.damage = damage = Damage()
         try:
             stream = open_regular(self.path, follow=False)
@@ -147,7 +147,7 @@ class McapFile:
                 damage.unread = size - self._whole
 
     def _raw(self, stream: BinaryIO, size: int, *, messages: bool) -> Iterator[tuple[int, bytes]]:
-        """Yield opcode and body of each record up to the footer, of those that are asked for."""
+        """Yield opcode and body of each record up to the footer, with or without `messages`."""
         at = self._whole
         checksum = zlib.crc32(MAGIC)  # of the data, where all are read
         opcode = 0
@@ -163,8 +163,8 @@ class McapFile:
                 stream.seek(length, os.SEEK_CUR)
             else:
                 body = stream.read(length)
-                known = int.from_bytes(body[:4], 'little')
-                if messages and opcode == Opcode.DATA_END and known not in {0, checksum}:
+                expected = int.from_bytes(body[:4], 'little')
+                if messages and opcode == Opcode.DATA_END and expected not in {0, checksum}:
                     raise ValueError('checksum')
                 checksum = zlib.crc32(body, zlib.crc32(header, checksum))
                 yield opcode, body
@@ -173,11 +173,11 @@ class McapFile:
             raise ValueError('end')
 
     def _add(self, opcode: int, body: bytes) -> None:
-        """Add what a record describes, if it is of use here."""
+        """Add a topic, metadata, an attached file or a time span to the bag; skip other records."""
         if opcode not in _DESCRIBING or (
             opcode == Opcode.METADATA and len(body) > bounds.MAX_METADATA
         ):
-            return  # metadata would take several times its size
+            return  # in memory, metadata takes several times its size
         record: Any = _DESCRIBING[opcode].read(ReadDataStream(BytesIO(body)))
         bag, keep = self._bag, self._budget.keep
         if isinstance(record, Schema):
@@ -229,7 +229,7 @@ class McapFile:
         return None
 
     def _unpacked(self, chunk: Chunk) -> bytes:
-        """Return what is in a chunk: no more than it claims, which is charged before."""
+        """Return a chunk's unpacked records: at most its claimed size, which is charged before."""
         size = chunk.uncompressed_size if chunk.compression else len(chunk.data)
         self._budget.charge(min(size, self._budget.max_chunk))
         if size > self._budget.max_chunk:
@@ -267,7 +267,7 @@ def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def unpacked(data: bytes, max_size: int) -> bytes:
-    """Return what zstd has compressed; an exception if it is damaged or over `max_size` bytes."""
+    """Decompress zstd's data; an exception: it is damaged, or larger than `max_size` [B]."""
     # The size in the frame's own header decides how much is allocated.
     if zstandard.frame_content_size(data) > max_size:
         raise ValueError('size')
@@ -282,51 +282,51 @@ def _offered_qos(text: str) -> list[dict[str, Any]]:
     return [each for each in qos if isinstance(each, dict)] if isinstance(qos, list) else []
 
 
-_ZSTD = b'\x28\xb5\x2f\xfd'  # begins what rosbag2 has compressed; CDR begins with a zero
-#: [ns] by which a message may stand behind later ones.
+_ZSTD = b'\x28\xb5\x2f\xfd'  # begins a message that rosbag2 has compressed; CDR begins with a zero
+#: [ns] by which a message may stand behind later messages in a file.
 _DISORDER = 2_000_000_000
 _IDL = '=' * 80 + '\nIDL: '
 _LOSSES = ('lost ', 'lost_messages', 'not recorded ')
 
 
 class Contents:
-    """What is in a bag: what its files describe at once, the rest as `messages` reads them.
+    """What is in a bag: topics and metadata at once, and the messages when `messages` reads them.
 
     Attributes
     ----------
     topics
-        By name.
+        The topics by name.
     files
-        Its files.
+        The bag's files.
     counts
         The number of messages that were read, by topic.
     span
-        Of all messages, or of those that were read.
+        The time span of all messages, or of the messages that were read.
     metadata, attachments
-        The run's own, and the attached files by their names.
+        The run's metadata, and the attached files by name.
     """
 
     def __init__(self, path: Path, *, timed: bool = False) -> None:
-        """Find and describe the bag at `path`: its directory, or one of the files.
+        """Read all but the messages of the bag at `path`: its directory, or one of its files.
 
-        To read a bag that is `timed` takes limited time.
+        If `timed`, the time for all reading is limited.
 
         UserError: there is no bag, it cannot be read, or it exceeds a bound.
         """
         self.path = path
         self.topics: dict[str, Topic] = {}
-        self.definitions: dict[str, str] = {}  #: of their types; topics of all files share them
+        self.definitions: dict[str, str] = {}  #: of types; equal texts of all files are stored once
         self.counts: Counter[str] = Counter()
         self.span = Span()
         self.metadata: dict[str, str] = {}
         self.attachments: dict[str, bytes] = {}
-        found = files(path)
-        self._budget = Budget(found, timed=timed)
-        self.files = [McapFile(file, self, self._budget) for file in found]
+        paths = files(path)
+        self._budget = Budget(paths, timed=timed)
+        self.files = [McapFile(file, self, self._budget) for file in paths]
 
     @property
     def damages(self) -> dict[str, Damage]:
-        """By the damaged files' names."""
+        """The damage of each damaged file, by the file's name."""
         return {file.path.name: file.damage for file in self.files if file.damage}
 
     def add(self, topic: Topic) -> Topic:
@@ -336,7 +336,7 @@ class Contents:
         return self.topics[topic.name]
 
     def complete(self) -> None:
-        """Find topics and span in the messages where a file has no summary of them."""
+        """Read all messages if a file has no summary, to find the topics and the span."""
         if not all(file.has_summary for file in self.files):
             deque(self.messages(), maxlen=0)
 
@@ -353,7 +353,7 @@ class Contents:
                 yield message
 
     def in_order(self) -> Iterator[Message]:
-        """Yield the messages by their time of reception, unless one is 2 s behind a later one."""
+        """Yield the messages in order of reception, if none is more than 2 s behind a later one."""
         waiting: list[tuple[int, int, Message]] = []
         for number, message in enumerate(self.messages()):
             heappush(waiting, (message.received, number, message))
@@ -363,17 +363,17 @@ class Contents:
             yield heappop(waiting)[2]
 
     def _unpacked(self, data: bytes) -> bytes:
-        """Return a message without the compression that rosbag2 can give it."""
+        """Return the data of a message that rosbag2 has compressed."""
         try:
-            whole = unpacked(data, self._budget.max_chunk)
+            decompressed = unpacked(data, self._budget.max_chunk)
         except Exception:  # noqa: BLE001 (damage may raise anything)
             return data
-        self._budget.charge(len(whole))
-        return whole
+        self._budget.charge(len(decompressed))
+        return decompressed
 
 
 def types_of(topic: Topic) -> dict[str, Any]:
-    """Return the types in a topic's definition; ValueError: it is far beyond those of robots."""
+    """Return the types in a topic's definition; ValueError: it exceeds a bound."""
     text = topic.definition or definition(topic.type)
     if len(text) > bounds.MAX_SCHEMA:
         raise ValueError(f'its definition has {len(text)} characters')

@@ -1,6 +1,6 @@
 """Messages and their types as a bag has them: CDR with times; definitions, also without ROS.
 
-Definitions are those that are installed with their packages, or with barc_sim.
+Definitions come from installed packages of messages, or else from barc_sim.
 
 CDR is the encoding of DDS (OMG formal/2008-01-04, 15.3, PLAIN_CDR).
 """
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
 _NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
 PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
-#: [ns]; not the vehicle's, which a submission's process does not import.
+#: [ns]; not imported from `vehicle`, which a submission's process does not load.
 _SECOND = 1_000_000_000
 _FIELD_TYPE = re.compile(r'(?:^|\n)\s*([a-zA-Z0-9_/]+)(?:\[[^\]]*\])?\s+')
 # Definitions, with their comments, as `<package>/<name>.msg`: what a run without ROS records.
 _SHIPPED = Path(__file__).with_name('msg')
-# In a checkout the lab's own lie beside the package; in a wheel, with the others.
+# In a checkout our own definitions are beside the package; in a wheel, with the others.
 _CHECKOUT = Path(__file__).parents[2] / 'barc_interfaces' / 'msg'
 _OURS = 'barc_interfaces'
 _FIELD = re.compile(r'\s*([a-zA-Z]\w*(?:/\w+)?)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+\b(?!\s*=)')
@@ -52,20 +52,20 @@ class Topic:
 
 @cache
 def definition(type_name: str) -> str:
-    """Return the `ros2msg` schema of a type: its definition and those of all that it refers to.
+    """Return the `ros2msg` schema of a type: its definition and those of all types that it uses.
 
     The layout is rosbag2's: the type's own text first; then, depth first and by name, each
-    dependency once, under a line of 80 `=` and its name as `MSG: std_msgs/Header`. LookupError: one
-    of them is not installed.
+    dependency once, under a line of 80 `=` and its name as `MSG: std_msgs/Header`. LookupError: a
+    type is not installed.
     """
-    known, seen = installed(), {type_name}
+    paths, seen = installed(), {type_name}
 
     def expand(name: str) -> str:
         package = name.partition('/')[0]
         full = name if name.count('/') > 1 else name.replace('/', '/msg/')
-        if full not in known:
+        if full not in paths:
             raise LookupError(f'the definition of {name!r} is not installed')
-        text = known[full].read_text(encoding='utf-8')
+        text = paths[full].read_text(encoding='utf-8')
         names = set(_FIELD_TYPE.findall(text)) - PRIMITIVES
         for dependency in sorted(each if '/' in each else f'{package}/{each}' for each in names):
             if dependency not in seen:
@@ -77,7 +77,7 @@ def definition(type_name: str) -> str:
 
 
 def shipped() -> Iterator[tuple[str, Path]]:
-    """Yield the name of each message type that barc_sim brings, and the file that defines it."""
+    """Yield the name of each message type that barc_sim ships, and the file that defines it."""
     for path in (*_SHIPPED.glob('*/*.msg'), *_CHECKOUT.glob('*.msg')):
         package = path.parent.name if path.parent.parent == _SHIPPED else 'barc_interfaces'
         yield f'{package}/msg/{path.stem}', path
@@ -91,34 +91,34 @@ def installed() -> dict[str, Path]:
 @cache
 def _files(prefixes: str) -> dict[str, Path]:
     roots = [Path(prefix) / 'share' for prefix in prefixes.split(os.pathsep) if prefix]
-    # ROS from wheels does not set AMENT_PREFIX_PATH. What stands in for ROS is no file.
+    # ROS from wheels does not set AMENT_PREFIX_PATH. The messages of `ros/local` have no file.
     if spec := PathFinder.find_spec(_OURS):
         above = Path(spec.origin or '').parents
         roots += [root for each in above if (root := each / 'share') and (root / _OURS).is_dir()]
-    found = dict(shipped())
+    paths = dict(shipped())
     for root in reversed(roots):
         for kind in ('msg', 'srv'):
             for path in root.glob(f'*/{kind}/*.{kind}'):
-                found[f'{path.parents[1].name}/{kind}/{path.stem}'] = path
-    return dict(sorted(found.items()))
+                paths[f'{path.parents[1].name}/{kind}/{path.stem}'] = path
+    return dict(sorted(paths.items()))
 
 
 def find_type(name: str) -> str:
-    """Return the full name of a type: of `ECU`, `barc_interfaces/ECU` or itself."""
-    known = installed()
-    if name in known:
+    """Return the full name of a type, given as `ECU`, `barc_interfaces/ECU` or in full."""
+    types = installed()
+    if name in types:
         return name
-    found = [full for full in known if name in _short_names(full)]
-    ours = [full for full in found if full.startswith(f'{_OURS}/')]
-    if len(ours or found) == 1:
-        return (ours or found)[0]
-    if found:
-        raise UserError(f'{name!r} is the name of several types: name one of {", ".join(found)}')
-    names = {short for full in known for short in (*_short_names(full), full)}
+    matches = [full for full in types if name in _short_names(full)]
+    ours = [full for full in matches if full.startswith(f'{_OURS}/')]
+    if len(ours or matches) == 1:
+        return (ours or matches)[0]
+    if matches:
+        raise UserError(f'{name!r} is the name of several types: name one of {", ".join(matches)}')
+    names = {short for full in types for short in (*_short_names(full), full)}
     same = [each for each in names if each.lower() == name.lower()]
-    ends = f': did you mean {same[0]}?' if same else did_you_mean(name, names)
-    own = ', '.join(_short_names(full)[0] for full in known if full.startswith(f'{_OURS}/'))
-    raise UserError(f'there is no message or service {name!r}{ends or f": {_OURS} has {own}"}')
+    hint = f': did you mean {same[0]}?' if same else did_you_mean(name, names)
+    listed = ', '.join(_short_names(full)[0] for full in types if full.startswith(f'{_OURS}/'))
+    raise UserError(f'there is no message or service {name!r}{hint or f": {_OURS} has {listed}"}')
 
 
 def _short_names(full: str) -> tuple[str, str]:
@@ -129,13 +129,13 @@ def _short_names(full: str) -> tuple[str, str]:
 def definition_lines(name: str) -> Iterator[str]:
     """Yield the lines of the definition of `name`, with those of its fields' types indented.
 
-    Comments are those of the type itself.
+    Only the comments of the type itself are kept.
     """
     yield from _lines_of(installed(), name, 0)
 
 
-def _lines_of(known: dict[str, Path], name: str, depth: int) -> Iterator[str]:
-    for line in known[name].read_text(encoding='utf-8').splitlines():
+def _lines_of(paths: dict[str, Path], name: str, depth: int) -> Iterator[str]:
+    for line in paths[name].read_text(encoding='utf-8').splitlines():
         text = _COMMENT.sub('', line) if depth else line
         if text or not depth:
             yield ('\t' * depth + text).rstrip()
@@ -143,8 +143,8 @@ def _lines_of(known: dict[str, Path], name: str, depth: int) -> Iterator[str]:
         if field and field[1] not in PRIMITIVES:
             package, _, base = field[1].rpartition('/')
             nested = f'{package or name.partition("/")[0]}/msg/{base}'
-            if nested in known:
-                yield from _lines_of(known, nested, depth + 1)
+            if nested in paths:
+                yield from _lines_of(paths, nested, depth + 1)
 
 
 _STAMP = slice(4, 12)
@@ -178,7 +178,7 @@ class Message(NamedTuple):
     number: int  #: the publisher's count
 
 
-#: Those of a `Message`, which takes 0.3 us to make.
+#: The fields of a `Message`, without the 0.3 us that a `Message` takes to make.
 MessageFields = tuple[Topic, bytes, int, int, int]
 
 
@@ -191,7 +191,7 @@ def leading_time(data: bytes) -> int:
 def split_time(stamp: int) -> tuple[int, int]:
     """Return a time [ns] as seconds and nanoseconds; the inverse of `leading_time`.
 
-    Nanoseconds beyond a second stay where the seconds are at their end, as a stranger may send it.
+    A time beyond the maximum of seconds stays in the nanoseconds, as a node may have sent it.
     """
     sec, nanosec = divmod(stamp, _SECOND)
     return (sec, nanosec) if sec <= _LAST else (_LAST, stamp - _LAST * _SECOND)
@@ -208,13 +208,13 @@ def store() -> Typestore:
     """Return the types of Jazzy's common interfaces and of barc_interfaces."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 (100 ms)
 
-    made = get_typestore(Stores.ROS2_JAZZY)
+    typestore = get_typestore(Stores.ROS2_JAZZY)
     types: dict[str, Any] = {}
     for name, path in shipped():
-        if name not in made.fielddefs:
+        if name not in typestore.fielddefs:
             types |= get_types_from_msg(path.read_text(encoding='utf-8'), name)
-    made.register(types)
-    return made
+    typestore.register(types)
+    return typestore
 
 
 def topic(name: str, type_name: str) -> Topic:
