@@ -1,4 +1,4 @@
-"""Converts a bag: to tables of its topics, and to a whole one."""
+"""Converts a bag to tables, to a log, and a damaged bag to a whole one."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def convert(
     """Write each of the `selected` topics to a CSV file in the new folder `output`.
 
     A table has a row for each message: `t`, the time of reception in seconds since the start of
-    the bag, that time in nanoseconds since 1970, and each field, `header.stamp.sec`. A list is JSON
-    in its cell. A topic whose messages cannot be decoded is left out, with a warning.
+    the bag, that time in nanoseconds since 1970, and each field, such as `header.stamp.sec`. A list
+    is JSON in its cell. A topic whose messages cannot be decoded is left out, with a warning.
 
     UserError: the bag cannot be read, no topic is selected, or the output exists.
     """
@@ -69,9 +69,9 @@ def convert(
 
 
 def _file_names(topics: Sequence[str]) -> Iterator[str]:
-    """Yield the name of each topic's table; where two would be the same, the later has a `_` more.
+    """Yield the file name of each topic's table; a name that is taken gets a `_` more.
 
-    Letters of either case are the same, as on a Mac.
+    Upper and lower case count as the same, as on a Mac.
     """
     taken = set()
     for topic in topics:
@@ -107,7 +107,7 @@ def _rows(contents: Contents, names: Sequence[str]) -> Iterator[tuple[str, dict[
 
 
 def _cells(prefix: str, message: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (any type)
-    """Yield the names and values of a message's fields; those of messages in it with a dot."""
+    """Yield the names and values of a message's fields; nested fields have a dot in the name."""
     for field in fields(message):
         if field.name.startswith('__') or field.name.isupper():  # rosbags' own, or a constant
             continue
@@ -130,13 +130,13 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 (any type)
 def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
     """Return the log of any car: columns by name, each from a field such as `/odom.pose.x`.
 
-    There must be `v_x`, at whose period the log is; each other column has the value that was
-    received last. Times are those of reception.
+    The column `v_x` is required: the log has its period. Each other column has the value that was
+    received last. All times are times of reception.
 
     UserError: the bag cannot be read, or a name is no column, topic or field of a number.
     """
     if unknown := ', '.join(fields.keys() - COLUMNS.keys()):
-        raise UserError(f'{unknown}: a log has no such column, but {", ".join(COLUMNS)}')
+        raise UserError(f'{unknown}: a log has no such column; it has {", ".join(COLUMNS)}')
     contents = Contents(path)
     wanted = {column: text.partition('.')[::2] for column, text in fields.items()}
     rows: dict[str, tuple[list[float], list[Any]]] = {column: ([], []) for column in wanted}
@@ -148,18 +148,18 @@ def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
     for column, (times, values) in rows.items():
         if len(times) < 2 or not isinstance(values[0], (int, float)):  # noqa: PLR2004
             raise UserError(
-                f'{column}={fields[column]}: {str(path)!r} has no numbers there; '
+                f'{column}={fields[column]}: {str(path)!r} has no numbers in this field; '
                 f'`barc convert` shows the fields of its topics {", ".join(contents.topics)}'
             )
-    seen, speeds = (np.array(each, np.float64) for each in rows['v_x'])
-    ts = float(np.median(np.diff(seen)))
-    t = ts * np.arange(round((seen[-1] - seen[0]) / ts) + 1)
+    speed_times, speeds = (np.array(each, np.float64) for each in rows['v_x'])
+    ts = float(np.median(np.diff(speed_times)))
+    t = ts * np.arange(round((speed_times[-1] - speed_times[0]) / ts) + 1)
     columns: dict[str, Any] = {}
     for column, (received, values) in rows.items():
         # A command that follows its state at once counts for that state.
-        at = np.searchsorted(np.array(received) - seen[0], t + 0.5 * ts) - 1
+        at = np.searchsorted(np.array(received) - speed_times[0], t + 0.5 * ts) - 1
         columns[column] = np.where(at < 0, np.nan, np.array(values, np.float64)[at])
-    columns |= {'t': t, 'v_x': np.interp(t, seen - seen[0], speeds)}
+    columns |= {'t': t, 'v_x': np.interp(t, speed_times - speed_times[0], speeds)}
     return log_of_columns(Log, columns)
 
 

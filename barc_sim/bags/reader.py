@@ -47,12 +47,12 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import Topic
 
 _logger = logging.getLogger(__name__)
-#: Of each topic that a log is made of, the log's column for each field that is read.
+#: The log's column for each field that is read, by topic.
 TOPICS = {topic: columns for topic in MESSAGE_TYPES if (columns := columns_of(topic))}
 
 
 def newest(root: Path | str = 'bags') -> Path:
-    """Return the bag in the folder `root` that was written to last; UserError: there is none."""
+    """Return the bag in the folder `root` that changed last; UserError: there is none."""
     files = [file for file in Path(root).glob('*/*.mcap') if not file.is_symlink()]
     if not files:
         raise UserError(
@@ -77,12 +77,12 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
     path
         A bag's directory, or an MCAP file.
     namespace
-        The car's, as in `/car1`; needed only where there are several cars.
+        The car's namespace, such as `/car1`; needed only for a bag with several cars.
 
     Raises
     ------
     UserError
-        There is no bag at `path`, or it has no such car, or several.
+        There is no bag at `path`, or it has no such car, or it has several cars.
 
     Examples
     --------
@@ -96,12 +96,12 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
 
 @dataclass
 class Bag:
-    """What a bag holds of a run."""
+    """A run as a bag has it: metadata, attached files, and the messages that a log is made of."""
 
     path: Path
     info: dict[str, str] = field(default_factory=dict)  #: the run's metadata
     attachments: dict[str, bytes] = field(default_factory=dict)  #: by name
-    #: By namespace and topic, where a log is made of the topic.
+    #: The messages, by namespace and topic.
     samples: defaultdict[str, dict[str, Samples]] = field(default_factory=lambda: defaultdict(dict))
 
     def log(self, namespace: str | None = None) -> Log:
@@ -129,7 +129,7 @@ class Bag:
         return replace(log, track=self._track()) if isinstance(log, TrackLog) else log
 
     def _track(self) -> Track | None:
-        """Return the track that the run has attached; None where it is none that can be drawn."""
+        """Return the track that the run has attached; None if it has none or an invalid one."""
         data = self.attachments.get(TRACK_NAME, b'')
         with suppress(ValueError, TypeError, RecursionError, UserError):
             if len(data) <= bounds.MAX_TRACK:
@@ -141,7 +141,7 @@ class Bag:
 
 
 def load(path: Path | str, *, messages: bool = True) -> Bag:
-    """Read a bag; without its `messages`, its metadata and its attached files alone."""
+    """Read a bag; without `messages`, read only its metadata and its attached files."""
     contents = Contents(Path(path), timed=True)
     bag = Bag(contents.path, contents.metadata, contents.attachments)
     if not messages:
@@ -163,7 +163,7 @@ def load(path: Path | str, *, messages: bool = True) -> Bag:
             undecodable += 1
     for file in contents.files:
         if file.damage:
-            _logger.warning('%s is unfinished or damaged: read what is whole', file.path)
+            _logger.warning('%s is unfinished or damaged: read its whole records', file.path)
     if undecodable:
         _logger.warning('%s has %d messages that cannot be decoded: left out', path, undecodable)
     return bag
@@ -172,7 +172,7 @@ def load(path: Path | str, *, messages: bool = True) -> Bag:
 def _sink(
     bag: Bag, topic: Topic, decoders: dict[tuple[str, str], _Decoder | None]
 ) -> tuple[_Decoder | None, Samples | None]:
-    """Return what decodes a topic's messages, if they can be, and where they go, if anywhere."""
+    """Return the decoder of a topic's messages and the samples that take them, or None for each."""
     namespace, _, name = topic.name.rpartition('/')
     if topic.type != MESSAGE_TYPES.get(name):
         return None, None
@@ -188,7 +188,7 @@ def _sink(
 
 
 class _Decoder:
-    """Decodes the messages of a topic by their definition in the bag, if that is the topic's."""
+    """Decodes the messages of a topic by the bag's definition, which must agree with barc_sim's."""
 
     def __init__(self, name: str, topic: Topic) -> None:
         types = types_of(topic)
@@ -199,7 +199,7 @@ class _Decoder:
         self._type = topic.type
         self._store = get_typestore(Stores.EMPTY)
         self._store.register(types)
-        #: Where a message names its terms, what precedes their names in the log.
+        #: The prefix in the log of terms that a message names; None: it names none.
         self._prefix = {CONTROLLER_STATE: '', LANE_STATE: LANE}.get(name)
         self._fields = [*TOPICS[PID_STATE if name == CONTROLLER_STATE else name]]
 
@@ -210,8 +210,8 @@ class _Decoder:
         decoded: Any = self._store.deserialize_cdr(data, self._type)
         terms: dict[str, float] = {}
         if self._prefix is not None:
-            found = zip(decoded.names, decoded.values.tolist(), strict=True)
-            named = {self._prefix + name: value for name, value in found}
+            pairs = zip(decoded.names, decoded.values.tolist(), strict=True)
+            named = {self._prefix + name: value for name, value in pairs}
             terms = {name: named[name] for name in recordable(named)}
         # A bag of an earlier version may lack a field.
         values = [
@@ -222,14 +222,14 @@ class _Decoder:
 
 
 class Samples:
-    """The messages of a topic, in order of their arrival in the bag."""
+    """The messages of a topic, in the order of the bag; a message's place is its index in it."""
 
     def __init__(self, width: int) -> None:
-        """Begin without any; each has `width` fields."""
+        """Begin without messages; each will have `width` fields."""
         self._pack = Struct(f'<qQ{width}d').pack
         self._packed = bytearray()
         self._type = np.dtype([('stamp', '<i8'), ('published', '<u8'), ('values', '<f8', width)])
-        #: By name of a term that the messages name: the messages that have it, and its values.
+        #: The places of the messages that have a term, and its values there, by the term's name.
         self._terms: dict[str, tuple[array[int], array[float]]] = {}
 
     def add(
@@ -237,7 +237,7 @@ class Samples:
     ) -> None:
         """Add a message with its stamp and the time of its publication [ns].
 
-        An exception if a value is no number, or if there are too many terms.
+        An exception: a value is no number, or there are too many terms.
         """
         place, packed = len(self), self._pack(stamp, published, *values)
         if len(self._terms) + len(terms.keys() - self._terms) > bounds.MAX_TERMS:
@@ -254,51 +254,49 @@ class Samples:
 
     @property
     def rows(self) -> NDArray[np.void]:
-        """Of each message `stamp` and `published` [ns] and its `values`, shape `(n,)`."""
+        """The messages as records of `stamp` and `published` [ns] and `values`, shape `(n,)`."""
         return np.frombuffer(self._packed, self._type)
 
     def first(self) -> NDArray[np.intp]:
-        """Return the places of the messages that were published first, one of each stamp."""
+        """Return the place of the first published message of each stamp."""
         rows = self.rows
         order = np.lexsort((-np.arange(len(rows)), rows['published'], rows['stamp']))
         _, at = np.unique(rows['stamp'][order], return_index=True)
         return order[at]
 
     def at(self, stamps: NDArray[np.int64]) -> NDArray[np.intp]:
-        """Return the place of the first message of each stamp; -1 where there is none."""
+        """Return the place of the first message with each of `stamps`; -1 without a message."""
         first = self.first()
-        known = self.rows['stamp'][first]
-        at = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
-        return np.where(known[at] == stamps, first[at], -1) if len(known) else at
+        present = self.rows['stamp'][first]
+        at = np.minimum(np.searchsorted(present, stamps), len(present) - 1)
+        return np.where(present[at] == stamps, first[at], -1) if len(present) else at
 
     def values(self, places: NDArray[np.intp]) -> Floats:
         """Return the fields of the messages at `places`, shape `(fields, n)`; NaN at -1."""
         values = self.rows['values']
-        found: Floats = np.vstack([values, np.full(values.shape[1], np.nan)])[places].T
-        return found
+        columns: Floats = np.vstack([values, np.full(values.shape[1], np.nan)])[places].T
+        return columns
 
     def terms(self, places: NDArray[np.intp]) -> dict[str, Floats]:
-        """Return the terms that the messages at `places` name, NaN where one names none."""
-        found = {}
-        for name, (having, values) in self._terms.items():
+        """Return the terms of the messages at `places`; NaN where a message has no such term."""
+        columns = {}
+        for name, (with_term, values) in self._terms.items():
             column = np.full(len(self) + 1, np.nan)
-            column[np.array(having)] = values
-            if np.isin(places, having).any():
-                found[name] = column[places]
-        return found
+            column[np.array(with_term)] = values
+            if np.isin(places, with_term).any():
+                columns[name] = column[places]
+        return columns
 
 
 def join(samples: Mapping[str, Samples]) -> Log:
-    """Return the log of a car's samples, by topic; there must be one of `STATE` at least.
+    """Return the log of a car from its samples, by topic; there must be at least one state.
 
     Topics are joined on the stamp of the state that each message belongs to. A state's deadline is
-    the publication of the next state. Where several commands answer a state, the first counts.
-    Where the latest command by the deadline has no stamp, it is what held, and nothing was
-    missed.
+    the publication of the next state. If several commands answer a state, the first counts. If the
+    latest command by the deadline has no stamp, it held, and no command was missed.
     """
-    of_states = samples[STATE]
-    states = of_states.first()
-    stamps, published = (of_states.rows[each][states] for each in ('stamp', 'published'))
+    states = samples[STATE].rows[samples[STATE].first()]
+    stamps, published = states['stamp'], states['published']
     places = {topic: each.at(stamps) for topic, each in samples.items()}
     missed = np.ones(len(stamps), np.bool_)
     if commands := samples.get(COMMAND):
@@ -321,7 +319,7 @@ def join(samples: Mapping[str, Samples]) -> Log:
 
 @np.errstate(invalid='ignore')  # of infinite places
 def _check_log(path: Path, log: Log) -> None:
-    """Refuse stamps, places or grades that are none of a run."""
+    """Refuse stamps, places or grades that no run has."""
     gaps = np.diff(log.t, prepend=0.0)
     k = int(np.argmax(gaps))
     if gaps[k] > bounds.MAX_GAP or log.t[-1] > bounds.MAX_DURATION:
@@ -340,8 +338,8 @@ def _missed(
 ) -> Flags:
     """Return whether each state's command was missed, shape `(n,)`.
 
-    Where a command without a stamp held at the deadline, `answers`, the places of the commands that
-    answer the states, leads to it if none does.
+    `answers` has the place of the command that answers each state, or -1. If a command without a
+    stamp held at the deadline, its place replaces the -1.
     """
     order = np.argsort(commands['published'], kind='stable')
     by_deadline = np.searchsorted(commands['published'][order], published[1:], 'left')

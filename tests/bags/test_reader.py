@@ -171,7 +171,7 @@ def test_an_unfinished_bag_is_read_as_far_as_it_goes(
     assert bag.info(tmp_path / 'run')['command'] == 'acc'
     assert_same(bag.read(tmp_path / 'run'), log)
     assert [record.getMessage() for record in caplog.records] == [
-        f'{writer.file} is unfinished or damaged: read what is whole'
+        f'{writer.file} is unfinished or damaged: read its whole records'
     ]
     writer.close()
 

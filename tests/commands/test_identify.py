@@ -51,11 +51,11 @@ def test_fields_by_name_give_what_our_topics_give(bag: Path) -> None:
         (['--field', 'v_x=/z_vhcl.v_x'], '--field names v_x: expected v_x and motor at least'),
         (
             ['--field', 'v_x=/z_vhcl.w', '--field', 'motor=/ecu.motor'],
-            'has no numbers there; `barc convert` shows the fields of its topics',
+            'has no numbers in this field; `barc convert` shows the fields of its topics',
         ),
         (
             ['--field', 'v_x=/a.b', '--field', 'motor=/ecu.motor', '--field', 'wheel=/c.d'],
-            'wheel: a log has no such column, but t, x, y',
+            'wheel: a log has no such column; it has t, x, y',
         ),
         (['--save', 'figure.txt'], 'png'),
     ],
