@@ -85,7 +85,7 @@ class ViewNode(Node):
         parameters = [
             Parameter('mode', mode, "what the page shows: 'acc' or 'teleop'"),
             Parameter('host', host, 'the address to serve the page at'),
-            Parameter('port', port, 'its port; 0: any that is free', (0, MAX_PORT)),
+            Parameter('port', port, 'its port; 0: any free port', (0, MAX_PORT)),
         ]
         values = declare(self, [each._replace(read_only=True) for each in parameters])
         if values['mode'] not in MODES:

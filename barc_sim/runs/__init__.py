@@ -1,4 +1,4 @@
-"""A run: its nodes composed in one process, and what the terminal shows of it.
+"""The runs: nodes composed in one process, and what the terminal shows of them.
 
-It composes; laws, nodes and files live in the rooms below.
+This room only composes: laws, nodes and files are in the rooms before it.
 """

@@ -1,4 +1,4 @@
-"""What both runs share: their inputs, their nodes, what shows them, their bag and their end."""
+"""The parts that both runs share: executor, nodes, mirrors and pages, bag, and the end."""
 
 from __future__ import annotations
 
@@ -50,20 +50,20 @@ if TYPE_CHECKING:
     from barc_sim.runs.inputs import Inputs
     from barc_sim.runs.terminal import Display
 
-#: [s] A thread that runs Python code gives way to the one that steps the simulator after this
-#: long; the default, 5 ms, is a quarter of a step. In lock-step nothing is due, and the recorder
-#: is faster when it is interrupted less often.
+#: [s] after which a thread that runs Python code gives way to the thread that steps the simulator;
+#: the default, 5 ms, is a quarter of a step. Lock-step keeps the default: it has no deadlines, and
+#: the recorder is faster with fewer interruptions.
 _SWITCH_INTERVAL = 1e-4
 #: [s] for mirrors and pages to read the last states.
 _READING_TIMEOUT = 2.0
-#: Options of a run that the page's command has, too.
+#: Options of a run that the command on the page repeats.
 _COPIED = ('lab', 'model', 'controller', 'lane', 'policy', 'dynamics')
 _ENGINES = {'ros': 'ROS 2 (rclpy)', 'local': 'local, without ROS'}
 
 
 @contextmanager
 def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
-    """Initialise rclpy, or what stands in for it; give what makes a run's executor.
+    """Initialise rclpy, or `ros/local` in its place; give a function that makes an executor.
 
     UserError: the arguments after `--ros-args` cannot be used.
     """
@@ -91,12 +91,12 @@ def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
 class Run:
     """The nodes of a run, its bag and its exit code; the exit of `with` ends the nodes in order.
 
-    A UserError before the first state deletes the bag and goes on. Later, and where user code
-    raises, it is the run's `failure`, which the bag holds, too.
+    A UserError before the first state deletes the bag, and is raised again. A later one, or any
+    error of user code, ends the run as its `failure`, which is stored in the bag, too.
     """
 
     def __init__(self, options: Namespace, inputs: Inputs, stop: StopSignals) -> None:
-        """Make the recorder, unless there is to be no bag: it records what other nodes begin with.
+        """Make the recorder, unless there is no bag: it records the other nodes from their start.
 
         UserError: the bag cannot be made.
         """
@@ -125,38 +125,38 @@ class Run:
     def add(
         self,
         kind: Callable[..., Any],
-        given: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Any] | None = None,
         *,
         namespace: str = '',
         reads: VehicleSimulator | None = None,
         **options: Any,  # noqa: ANN401 (the node's)
     ) -> Any:  # noqa: ANN401 (of `kind`)
-        """Add and return a node; of the parameters `given`, None leaves the node's default.
+        """Add and return a node; a parameter that is None keeps the node's default.
 
-        What `kind.inputs` names is recorded from the node's start; other topics once they are seen.
-        At its end the run waits until a node that `reads` a simulator has `latest`, the stamp of
-        its newest state, at this simulator's last one.
+        The topics in `kind.inputs` are recorded from the node's start, other topics once they are
+        discovered. If the node `reads` a simulator, the run waits at its end until the node's
+        `latest`, the stamp of its newest state, is the stamp of the simulator's last state.
 
-        UserError: a parameter is out of range, or the topic is taken.
+        UserError: a parameter is out of range, or the topic is in use.
         """
         if self.recorder:
             # A publisher may wait for the node's subscription, send one message, and end.
             prefix = namespace and f'{namespace.rstrip("/")}/'
             inputs = getattr(kind, 'inputs', {})
             self.recorder.expect({prefix + name: each for name, each in inputs.items()})
-        overrides = [Parameter(k, value=v) for k, v in (given or {}).items() if v is not None]
+        overrides = [Parameter(k, value=v) for k, v in (parameters or {}).items() if v is not None]
         node = kind(namespace=namespace, parameter_overrides=overrides, **options)
         self.nodes.append(node)
         if reads:
             self._readers.append((node, reads))
         return node
 
-    def add_simulator(self, given: Mapping[str, Any], **options: Any) -> VehicleSimulator:  # noqa: ANN401
+    def add_simulator(self, parameters: Mapping[str, Any], **options: Any) -> VehicleSimulator:  # noqa: ANN401
         """Add and return a simulator, as `add` does, with the options that both runs have."""
         names = ('realtime_factor', 'seed', 'integrator', 'dynamics', 'clock')
-        given = {name: getattr(self.options, name) for name in names} | {**given}
+        parameters = {name: getattr(self.options, name) for name in names} | {**parameters}
         model = self.inputs.user_code.model or bikeFE
-        simulator: VehicleSimulator = self.add(VehicleSimulator, given, model=model, **options)
+        simulator: VehicleSimulator = self.add(VehicleSimulator, parameters, model=model, **options)
         self.simulators.append(simulator)
         simulator.finished.add_done_callback(lambda _: self._on_finished())
         return simulator
@@ -183,7 +183,7 @@ class Run:
     def prepare(self, display: Display | None) -> None:
         """Add mirrors and pages, describe the run in the bag, and end it at a stop signal.
 
-        Call it when all other nodes are there; `display` is closed at the end.
+        Call it after all other nodes were added; `display` is closed at the end.
         """
         options = self.options
         self._display = display
@@ -195,7 +195,7 @@ class Run:
         if page_of(options) != 'none':
             for number in range(len(self.simulators)):
                 self._serve(number)
-        if not getattr(self.inputs.user_code.relay, 'ros', ''):  # which has parameters of its own
+        if not getattr(self.inputs.user_code.relay, 'ros', ''):  # a program has its own parameters
             _warn_of_unused(options.ros_args, self.nodes)
         if self.recorder:
             self.recorder.discover()
@@ -323,7 +323,7 @@ class Run:
 
     @property
     def late(self) -> str:
-        """The sentence on what was late."""
+        """The counts of missed deadlines and clock slips, to print."""
         return f'missed deadlines {self.missed}, clock slips {self.slipped}'
 
     @property
@@ -338,7 +338,7 @@ class Run:
 
 
 def _warn_of_unused(ros_args: list[str], nodes: list[Node]) -> None:
-    """Name each parameter after `--ros-args` that no node has; ROS ignores it."""
+    """Warn of each parameter after `--ros-args` that no node has; ROS ignores it."""
     by_name = [(each.get_fully_qualified_name()[1:], each) for each in nodes]
     for source, owner, name in _parameters(ros_args):
         named = [(full, each) for full, each in by_name if owner in ('', full, each.get_name())]
@@ -366,7 +366,7 @@ def _parameters(ros_args: list[str]) -> Iterator[tuple[str, str, str]]:
 
 
 def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:
-    """Return what no topic carries about a simulator and the bag."""
+    """Return the facts about a simulator and the bag that no topic carries."""
     from barc_sim.nodes.mirror import Facts  # noqa: PLC0415 (only if wanted)
 
     stepper, in_real_time = simulator.stepper, simulator.values['realtime_factor'] == 1.0
@@ -380,30 +380,31 @@ def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:
 
 
 def _description(argv: list[str], nodes: list[Node]) -> dict[str, str]:
-    """Return what describes a run, with its parameters in the form that `ros2 param load` takes."""
+    """Return the metadata of a run, with its parameters as `ros2 param load` reads them."""
     parameters: dict[str, Any] = {}
-    own: dict[str, Any] = {}  # of the first car
+    first_car: dict[str, Any] = {}
     for node in nodes:
-        found = node.get_parameters(node.list_parameters(prefixes=[], depth=0).names)
+        declared = node.get_parameters(node.list_parameters(prefixes=[], depth=0).names)
         name = node.get_fully_qualified_name()
-        parameters[name] = {'ros__parameters': {each.name: each.value for each in found}}
+        parameters[name] = {'ros__parameters': {each.name: each.value for each in declared}}
         # By class, not by name: `-r __node:=car` gives all nodes one name.
         if isinstance(node, CruiseController):
             acting = () if node.lane and node.lane.plans_speed else GAINS
-            own = {name: node.values[name] for name in acting if name in node.values} | own
+            gains = {name: node.values[name] for name in acting if name in node.values}
+            first_car = gains | first_car
             if node.lane and node.has_parameter('lane_type'):
-                own.setdefault('lane', node.get_parameter('lane_type').value)
+                first_car.setdefault('lane', node.get_parameter('lane_type').value)
         elif isinstance(node, VehicleSimulator):
-            own.setdefault('road', node.values['road'])
+            first_car.setdefault('road', node.values['road'])
             if node.track:
-                own.setdefault('track', node.track.name)
+                first_car.setdefault('track', node.track.name)
     return {
         'command': shlex.join(['barc', *argv]),
         'barc_sim': __version__,
         'python': python_version(),
         'platform': platform(),
         'parameters': yaml.safe_dump(parameters, sort_keys=False),
-        **{name: str(value) for name, value in own.items()},
+        **{name: str(value) for name, value in first_car.items()},
     }
 
 

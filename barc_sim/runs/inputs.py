@@ -1,4 +1,4 @@
-"""What the command line of a run names: read, and checked before its nodes are made."""
+"""Reads and checks the inputs of a run that its command line names, before nodes are made."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ _OF_CONTROLLER = (*_DRIVING, *_OF_TRACK, 'policy', 'acceleration_limit', 'refere
 class Inputs(NamedTuple):
     """The inputs of a run."""
 
-    road: Road | None  #: of `--road`; None: that of the simulator's parameter
-    track: Track | None  #: of `--track`; None: that of the nodes' parameters
+    road: Road | None  #: of `--road`; None: the simulator's parameter names it
+    track: Track | None  #: of `--track`; None: the nodes' parameter names it
     user_code: UserCode
-    policy: Policy | None = None  #: drives in place of a controller
+    policy: Policy | None = None  #: drives instead of a controller
 
     def laws(self) -> tuple[Any, Any]:
-        """Return a new speed controller and steering law of the user's; None: barc_sim's own."""
+        """Return the user's speed controller and steering law, both new; None: barc_sim's own."""
         controller: Any = None
         code, policy = self.user_code, copy(self.policy)
         if code.identify:
@@ -61,7 +61,7 @@ class Inputs(NamedTuple):
 def read_inputs(options: Namespace) -> Inputs:
     """Read the files, set `options.engine`, and check that a bag can be made.
 
-    UserError: one of them cannot be used, or options contradict one another.
+    UserError: a file cannot be used, or options contradict one another.
     """
     options.engine = choose_engine(options)
     if options.engine == 'local':
@@ -96,27 +96,27 @@ def _files(options: Namespace) -> dict[str, Path]:
 
 
 def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | None) -> None:
-    """Refuse what is for a part of the run that it does not have, or that is given twice."""
-    one, given = 'give one of the two only', vars(options).get
+    """Refuse options and files that the run has no use for, or that set the same twice."""
+    one, option = 'give one of the two only', vars(options).get
     on_track, ours = 'is for a track: give one, as in --track L', "names one of barc_sim's, and"
-    another = code.controller or code.identify
+    has_law = code.controller or code.identify
     driven, both = _STEERING if track else _DRIVING, f'both drive: {one}'
     for applies, names, parts, why in (
         (not track, _OF_TRACK, (), on_track),
         (not (track or code.model or code.controller), (), ('lane', 'raceline'), on_track),
-        (another, ('controller_type',), (), f'{ours} --lab or --controller gives another: {one}'),
+        (has_law, ('controller_type',), (), f'{ours} --lab or --controller gives another: {one}'),
         (code.identify, _OF_SPEED, ('controller',), f'and identify.py {both}'),
-        (given('lane') == 'speed-mpc', _OF_SPEED, ('controller',), f'and speed-mpc {both}'),
+        (option('lane') == 'speed-mpc', _OF_SPEED, ('controller',), f'and speed-mpc {both}'),
         (code.lane, ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
         (
-            given('reference'),
+            option('reference'),
             ('speed', 'speed_profile'),
             (),
             f'and --reference both give the speed: {one}',
         ),
-        (given('policy'), driven, driven, f'and --policy {both}'),
-        (given('no_controller'), _OF_CONTROLLER, (), f'and --no-controller: {one}'),
-        (given('no_relay'), ('relay',), (), f'and --no-relay: {one}'),
+        (option('policy'), driven, driven, f'and --policy {both}'),
+        (option('no_controller'), _OF_CONTROLLER, (), f'and --no-controller: {one}'),
+        (option('no_relay'), ('relay',), (), f'and --no-relay: {one}'),
     ):
         if applies:
             _refuse(options, code, names, parts, why)
@@ -125,15 +125,15 @@ def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | No
 def _refuse(
     options: Namespace, code: UserCode, names: Iterable[str], parts: Iterable[str], why: str
 ) -> None:
-    """Refuse the options with these names, and the files of these parts, that are given."""
-    found = [
+    """Refuse the options with these names and the files of these parts, if any is given."""
+    refused = [
         f'--{name.replace("_", "-")}'
         for name in names
         if getattr(options, name, None) not in (None, [])
     ]
-    found += [code.paths[part].name for part in parts if part in code.paths]
-    if found:
-        raise UserError(f'{found[0]} {why}')
+    refused += [code.paths[part].name for part in parts if part in code.paths]
+    if refused:
+        raise UserError(f'{refused[0]} {why}')
 
 
 def _check_laws(options: Namespace, inputs: Inputs) -> None:
@@ -155,18 +155,18 @@ def gains(options: Namespace) -> dict[str, float]:
 
 
 def _policy(options: Namespace, inputs: Inputs) -> Policy:
-    """Return the policy, of the first environment whose observation it takes; set its speed."""
+    """Return the policy in the first environment whose observation it takes; set its speed."""
     from barc_sim.learning.tasks import Policy, onnx_policy  # noqa: PLC0415 (slow)
 
     file, arguments = options.policy, {'speed': options.speed}
     if options.acceleration_limit:
         arguments['acceleration_limit'] = options.acceleration_limit
     arguments |= {'track': inputs.track} if inputs.track else {'road': inputs.road}
-    takes = onnx_policy(file) if file.suffix == '.onnx' else inputs.user_code.function('policy')
+    function = onnx_policy(file) if file.suffix == '.onnx' else inputs.user_code.function('policy')
     failures = []
     for task in ('Lane', 'Race') if inputs.track else ('Hills',):
         try:
-            policy = Policy(takes, task, **arguments)
+            policy = Policy(function, task, **arguments)
         except UserError as error:
             failures.append(f'in {task}-v0, {error}')
             continue

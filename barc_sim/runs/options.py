@@ -16,7 +16,7 @@ from barc_sim.lab.files import FILES
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
 
-#: Those that `--help` shows; `--help-all` shows the others, too.
+#: The options that `--help` shows; `--help-all` shows the others, too.
 USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--no-bag', '--quiet')
 _MAX_SIZE = 2.0**60  #: [B]
 #: The options of a run that need ROS, each with the value that does not.
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     )
     for part in parts:
         if part in ('lane', 'raceline', 'identify'):
-            continue  # `--lane` takes names, too; the others come with a lab alone
+            continue  # `--lane` takes names, too; the others come only with a lab
         parser.add_argument(
             f'--{part}',
             type=Path,
@@ -187,7 +187,7 @@ def add_topic_choice(parser: argparse._ActionsContainer, verb: str, hidden: str 
 
 
 def recording(options: argparse.Namespace) -> Recording:
-    """Return the settings on the command line; an option that it does not have is the default."""
+    """Return the settings on the command line; an option that it lacks has its default."""
     names = {field.name for field in fields(Recording)}
     return Recording(**{name: value for name, value in vars(options).items() if name in names})
 
