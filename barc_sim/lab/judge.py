@@ -1,7 +1,7 @@
-"""How user code is judged: by a lab's laws, and by the drives with it.
+"""Judges user code by a lab's laws, and by test drives.
 
-This uses no ROS, no clock and only seeded random numbers: a score is the same on every machine.
-Tolerances are far above the differences between maths libraries, and far below any mistake.
+A score is the same on every machine: no ROS, no clock, and only seeded random numbers. Tolerances
+are far above the differences between maths libraries, and far below the effect of any mistake.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
 
     Index = tuple[int, ...]
 
-_SAMPLE = 100  #: inputs with which mistakes are tried
+_SAMPLE = 100  #: calls on which each mistake of a law is tried
 #: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
 _TOLERANCE = 1e-9
 
 
 class Trial(NamedTuple):
-    """What user code returned for the inputs of a law."""
+    """The results of user code in one situation of a law, beside the right ones."""
 
-    function: str  #: what was called
+    function: str  #: the user's function
     name: str  #: of the situation
     tests: Collection[str]  #: the results that it tests
     inputs: Inputs
     right: Mapping[str, Floats]  #: the law's quantities
-    got: Mapping[str, Floats]  #: by result; NaN where the code failed
-    failure: str = ''
+    got: Mapping[str, Floats]  #: what the function returned, by result; NaN where it failed
+    failure: str = ''  #: the function's error
 
     def largest_error(self, name: str) -> tuple[Index, float]:
         """Return the index of the largest error of a result, and its size."""
@@ -54,19 +54,19 @@ class Trial(NamedTuple):
 
 
 def close(got: Floats, expected: Floats) -> bool:
-    """Return whether `got` is finite, and equals `expected` to rounding."""
+    """Return whether `got` is finite, and equals `expected` up to rounding."""
     with np.errstate(invalid='ignore', over='ignore'):
         near = np.abs(got - expected) <= _TOLERANCE * np.maximum(1.0, np.abs(expected))
     return bool(np.all(near & np.isfinite(got)))
 
 
-_ROUNDING = 1e-6  #: relative error that single precision makes, and more
-_FACTOR, _SIGN = 0.4, 0.6  #: of a result's points; see `Functions.loss`
-_ABSENT = 'Absent'  #: A topic that begins so is of results that are not there: each costs all.
+_ROUNDING = 1e-6  #: relative error, above that of single precision
+_FACTOR, _SIGN = 0.4, 0.6  #: loss for a wrong factor, and for a wrong sign; see `Functions.loss`
+_ABSENT = 'Absent'  #: The topic of a missing result begins so: each costs all its points.
 
 
 def _loss(got: Floats, right: Floats, scale: float) -> float:
-    """Return how wrong numbers of this scale are, from 0 to 1."""
+    """Return the lost share of the points, from 0 to 1, for numbers of this scale."""
     size = max(float(np.vdot(right, right)), right.size * (_ROUNDING * scale) ** 2)
     factor = float(np.vdot(got, right)) / size
     if factor and np.abs(got - factor * right).max() <= _ROUNDING * np.abs(got).max():
@@ -76,7 +76,7 @@ def _loss(got: Floats, right: Floats, scale: float) -> float:
 
 
 def _joined(trials: Sequence[Trial], name: str) -> Case:
-    """Return what the code got and returned in several trials, of many calls some."""
+    """Return inputs and results of several trials in one array; at most about 100 calls."""
     step = max(sum(len(trial.got[name]) for trial in trials) // _SAMPLE, 1)
     inputs = {
         key: np.concatenate([trial.inputs[key] for trial in trials])[::step]
@@ -87,19 +87,19 @@ def _joined(trials: Sequence[Trial], name: str) -> Case:
 
 def share(value: float, full: float, zero: float) -> float:
     """Return the share of the points: 1 up to `full`, 0 from `zero` on, linear in between."""
-    return min(max(0.0, (zero - value) / (zero - full)), 1.0)  # of NaN 0
+    return min(max(0.0, (zero - value) / (zero - full)), 1.0)  # 0 for NaN
 
 
 @dataclass(frozen=True)
 class Finding:
-    """How far a criterion is met, and what to check if it is not."""
+    """The score for a criterion, and a message on what to check."""
 
     criterion: str  #: a part and a name, as in `model.x`
     score: float  #: from 0 to 1; 1 is full marks
     message: str  #: one or two sentences, in the terms of the lab
-    evidence: Any = field(default=None, compare=False, repr=False)  #: what a figure shows
-    skipped: bool = False  #: there is no such file: the score is 0
-    open: bool = False  #: it cannot be judged here: the points are open
+    evidence: Any = field(default=None, compare=False, repr=False)  #: an `Evidence`, or None
+    skipped: bool = False  #: the file is missing: the score is 0
+    open: bool = False  #: a person judges it: the points are open
 
     @property
     def passed(self) -> bool:
@@ -107,16 +107,16 @@ class Finding:
         return self.score >= 1.0
 
 
-#: For `check`: its user waits, and has written the code: it is not confined.
+#: For `check`: short, because its user waits; not confined, because its user wrote the code.
 _CHECKED = Limits(call=2.0, wait=10.0, total=45.0, confined=False)
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Errors of a drive, RMS and maximum, for half of the marks each.
+    """The RMS and the maximum error of a drive that give full marks, and none; each is half.
 
-    Full marks up to `full_…`, none from `zero_…` on, linear in between. The defaults are those of
-    the hills: speed errors [m/s] after the run-up.
+    Full marks up to `full_…`, none from `zero_…` on, linear in between. The defaults are for the
+    hills: speed errors [m/s] after the run-up.
     """
 
     full_rms: float = 0.15
@@ -126,21 +126,21 @@ class Thresholds:
 
     def score(self, rms: float, maximum: float) -> float:
         """Return the score for the errors of a drive, from 0 to 1."""
-        of_rms = share(rms, self.full_rms, self.zero_rms)
-        return 0.5 * (of_rms + share(maximum, self.full_max, self.zero_max))
+        rms_share = share(rms, self.full_rms, self.zero_rms)
+        return 0.5 * (rms_share + share(maximum, self.full_max, self.zero_max))
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How user code is judged."""
+    """The seed, the thresholds and the criteria by which user code is judged."""
 
-    seed: int = 0  #: of the states, the sequences and the hidden track
+    seed: int = 0  #: of the test states, the test sequences and the hidden track
     thresholds: Thresholds = field(default_factory=Thresholds)
     criteria: Collection[str] | None = None  #: None: all
 
 
 class Evidence(NamedTuple):
-    """A judged drive: a table that `check` prints, and the figure of `check` and `grade`."""
+    """A judged drive: the table that `check` prints, and the figure of `check` and `grade`."""
 
     title: str  #: of the table
     header: Sequence[str]
@@ -152,7 +152,7 @@ class Part(NamedTuple):
     """How a lab judges one part of user code."""
 
     labels: Mapping[str, str]  #: its criteria, with their names for readers
-    #: Yields a finding for each of them, until all that are asked for are found.
+    #: Yields a finding for each criterion; the caller stops when it has those it needs.
     judge: Callable[[JudgedCode, Settings], Iterable[Finding]]
 
 
@@ -160,26 +160,26 @@ class Part(NamedTuple):
 class Report:
     """The findings on a folder, and the text that its code printed."""
 
-    findings: list[Finding]  #: of each criterion asked for
+    findings: list[Finding]  #: one for each requested criterion
     printed: str  #: the first output of its code
-    gains: ChosenGains | None  #: that drove the roads
-    tolerated: tuple[str, ...]  #: a phrase each
+    gains: ChosenGains | None  #: of the drives
+    tolerated: tuple[str, ...]  #: faults of its files that cost nothing, a phrase each
 
     @property
     def drive(self) -> Evidence | None:
-        """The drive that the findings show, if there is one."""
+        """The first judged drive, if there is one."""
         return next((each.evidence for each in self.findings if each.evidence), None)
 
 
 @dataclass(frozen=True)
 class Lab:
-    """A lab: what is handed out, and how what comes back is judged."""
+    """A lab: the files that it hands out, and how submissions are judged."""
 
     handout: Handout
     parts: Mapping[str, Part]
-    #: What a person judges, with a sum of its own: by criterion, what to look at.
+    #: The criteria that a person judges, with what to look at. Their points have a separate sum.
     by_eye: Mapping[str, str] = field(default_factory=dict)
-    ready: Callable[[], object] = bool  #: a UserError, where what judges it is not installed
+    ready: Callable[[], object] = bool  #: raises a UserError where a needed package is missing
 
     @property
     def labels(self) -> dict[str, str]:
@@ -189,63 +189,63 @@ class Lab:
     def judge(self, code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
         """Return a finding for each criterion of `settings`, in the order of the labels.
 
-        An error of the code costs the criteria of its part that have no finding before it.
+        An error of the code costs the criteria of its part that have no finding yet.
         """
         settings = settings or Settings()
         criteria = self.labels if settings.criteria is None else settings.criteria
         findings: list[Finding] = []
         for name, part in self.parts.items():
-            asked, message = [each for each in part.labels if each in criteria], ''
+            requested, message = [each for each in part.labels if each in criteria], ''
             if not code.has(name):
                 message = f'there is no {self.handout.files[name]}'
-                findings += [Finding(each, 0.0, message, skipped=True) for each in asked]
+                findings += [Finding(each, 0.0, message, skipped=True) for each in requested]
                 continue
-            found = {
+            by_name = {
                 each: Finding(each, 0.0, f'{what}: {BY_EYE}', open=True)
                 for each, what in self.by_eye.items()
             }
             try:
-                if {*asked} - found.keys():
+                if {*requested} - by_name.keys():
                     for each in part.judge(code, settings):
-                        found[each.criterion] = each
-                        if found.keys() >= {*asked}:
+                        by_name[each.criterion] = each
+                        if by_name.keys() >= {*requested}:
                             break
             except UserError as error:
                 message = str(error)
-            findings += [found.get(each) or Finding(each, 0.0, message) for each in asked]
+            findings += [by_name.get(each) or Finding(each, 0.0, message) for each in requested]
         return findings
 
     def judge_folder(self, folder: Path, settings: Settings, limits: Limits = _CHECKED) -> Report:
         """Return the findings on the files in `folder`; a process with limits calls their code.
 
-        There may be no files.
+        The folder may have none of the files.
         """
         with JudgedCode(folder, limits) as code:
-            found = self.judge(code, settings)
+            findings = self.judge(code, settings)
             gains, tolerated = code.chosen_gains(), code.tolerated()
-        return Report(found, code.printed, gains, tolerated)
+        return Report(findings, code.printed, gains, tolerated)
 
 
 @dataclass(frozen=True)
 class Functions:
-    """The functions of a file, with the law of their results; a situation has their names.
+    """Judges the functions of a user's file by a law, which has situations for each function.
 
-    What a function takes are quantities of the law.
+    The arguments of a function are quantities of the law.
     """
 
     law: Law
-    #: By function: all numbers that it returns; one result alone is all of them, a row for a call.
+    #: By function, the names of the numbers that it returns; a single name is for the whole list.
     results: Mapping[str, tuple[str, ...]]
-    criteria: Mapping[str, str]  #: by result that is judged, in the order of a report
+    criteria: Mapping[str, str]  #: by judged result, in the order of a report
     count: int = 100  #: calls in each situation
     agree: Agree = close
-    min_loss: float = 0.1  #: of the points of a wrong result
-    #: By function, one that it calls: what is wrong there is not taken off here.
+    min_loss: float = 0.1  #: the minimum loss for a wrong result
+    #: By function, another one that it calls: a mistake in that one costs points only there.
     calls: Mapping[str, str] = field(default_factory=dict)
 
     @np.errstate(all='ignore')
     def judge(self, code: JudgedCode, seed: int | str) -> tuple[list[Finding], list[Trial]]:
-        """Return a finding for each result that is judged, and all that was returned."""
+        """Return a finding for each judged result, and the trials of all results."""
         trials = [each for name in self.results for each in self._trials(code, name, seed)]
         judged = [
             each._replace(got={n: got for n, got in each.got.items() if n in self.criteria})
@@ -263,11 +263,11 @@ class Functions:
         return self.agree(trial.got[name], trial.right[name])
 
     def loss(self, trials: Sequence[Trial], name: str) -> float:
-        """Return how wrong a result is, from 0 to 1.
+        """Return the lost share of a result's points, from 0 to 1.
 
-        It is the mean of the trials that test it, and that of all others. A factor that is off by
-        little costs little, another one more, a sign most; what is absent, or has nothing to do
-        with the right result, costs all. A state is judged by its change.
+        The mean over the trials that test it and the mean over the others both count. A slightly
+        wrong factor costs little, a very wrong one more, a wrong sign even more; a result that is
+        missing, or unrelated to the right one, costs all. A state is judged by its change.
         """
         tested, others = [0.0], [0.0]
         scale = max(float(np.abs(trial.right[name]).max()) for trial in trials)
@@ -283,10 +283,10 @@ class Functions:
     def verdicts(
         self, code: JudgedCode, trials: Sequence[Trial], names: Iterable[str]
     ) -> dict[str, tuple[float, str]]:
-        """Return how right each result is, from 0 to 1, and the sentence on the mistake in it.
+        """Return the score of each result, from 0 to 1, and the message on the mistake in it.
 
-        It loses as much as it is wrong; for one known mistake no more than for a sign. A mistake in
-        several results counts once: each of them loses its share.
+        A mistake of the law costs no more than a wrong sign. A mistake in several results counts
+        once: each of them loses its share.
         """
         own = {name: [trial for trial in trials if name in trial.got] for name in names}
         losses = {name: loss for name in own if (loss := self.loss(own[name], name))}
@@ -295,14 +295,14 @@ class Functions:
         verdicts = dict.fromkeys(own, (1.0, ''))
         placed: dict[str, str] = {}  # one mistake has one line
         for name, cause in causes.items():
-            share, most = losses[name] / times[cause.kind], _SIGN if cause.topic else 1.0
-            lost = 1.0 if cause.topic.startswith(_ABSENT) else min(share, most)
+            share, max_loss = losses[name] / times[cause.kind], _SIGN if cause.topic else 1.0
+            lost = 1.0 if cause.topic.startswith(_ABSENT) else min(share, max_loss)
             text = placed.setdefault(cause.sentence, self._placed(code, own[name], name, cause))
             verdicts[name] = 1.0 - lost, text
         return verdicts
 
     def _causes(self, trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Mistake]:
-        """Return for each wrong result the failure, the mistake, or its largest error."""
+        """Return the cause of each wrong result: a failure, a mistake of the law, or neither."""
         causes: dict[str, Mistake] = {}
         cases: dict[str, Case] = {}
         for name in {name: 0 for trial in trials for name in trial.got}:
@@ -322,12 +322,11 @@ class Functions:
         }
 
     def _placed(self, code: JudgedCode, trials: Sequence[Trial], name: str, cause: Mistake) -> str:
-        """Return the sentence of a mistake after the file and line of it, if these are known.
+        """Return the message on a mistake, with file and line before it if they are known.
 
-        It is the first line that gives a value of the wrong law to a name, and where there is none
-        the one that returns.
+        The line is the first one that assigns a value of the wrong law; else the return.
         """
-        # The last one is the most general. A failure names its line itself.
+        # The last wrong trial is the most general. A failure names its line itself.
         trial = next((each for each in reversed(trials) if not self.is_right(each, name)), None)
         if trial is None or any(each.failure for each in trials):
             return cause.sentence
@@ -337,7 +336,7 @@ class Functions:
         return f'{line}: {cause.sentence}' if line else cause.sentence
 
     def _unnamed(self, trials: Sequence[Trial], name: str) -> Mistake:
-        """Return a mistake that no law has: a result that never changes, or its largest error."""
+        """Return the cause if no mistake of the law matches: a constant, or the largest error."""
         own = [trial for trial in trials if name in trial.got]
         if not any(np.ptp(trial.got[name], axis=-1).any() for trial in own):
             values = {*np.concatenate([trial.got[name].ravel() for trial in own]).tolist()}
@@ -356,28 +355,30 @@ class Functions:
         return Mistake('', text, {}, text)
 
     def _trials(self, code: JudgedCode, name: str, seed: int | str) -> Iterator[Trial]:
-        """Call a function in each of its situations; yield what it returns."""
+        """Call a function in each of its situations; yield the trials."""
         results = self.results[name]
         for situation in self.law.situations[name]:
-            inputs = situation.inputs(seed, self.count)
-            found, failure = np.full((self.count, CALLED[name].numbers), np.nan), ''
+            inputs: Inputs = situation.inputs(seed, self.count)
+            returned, failure = np.full((self.count, CALLED[name].numbers), np.nan), ''
             try:
-                found = np.array(code.rows(name, self._rows(name, inputs)))
+                returned = np.array(code.rows(name, self._rows(name, inputs)))
             except UserError as error:
                 failure = str(error)
-            got = dict(zip(results, [found] if len(results) == 1 else found.T, strict=True))
-            given = self._given(code, name, inputs, found)
+            got = dict(zip(results, [returned] if len(results) == 1 else returned.T, strict=True))
+            inputs = self._judged_inputs(code, name, inputs, returned)
             about = name, situation.name, situation.tests
-            yield Trial(*about, given, self.law.compute(given), got, failure)
+            yield Trial(*about, inputs, self.law.compute(inputs), got, failure)
 
-    def _given(self, code: JudgedCode, name: str, inputs: Inputs, found: Floats) -> Inputs:
-        """Return the inputs by which a function is judged.
+    def _judged_inputs(
+        self, code: JudgedCode, name: str, inputs: Inputs, returned: Floats
+    ) -> Inputs:
+        """Return the inputs from which the right results are computed.
 
-        Where `found` is wrong, what the user's wrong function returns is one of them: what follows
-        from that is right.
+        If a function calls another one of the user's that is wrong, the results of that one are
+        inputs, so that its mistake costs nothing here.
         """
         right = self.law.compute(inputs)
-        if name in self.calls and not self.agree(found, right[name]):
+        if name in self.calls and not self.agree(returned, right[name]):
             called = self.calls[name]
             with suppress(UserError):
                 own = np.array(code.rows(called, self._rows(called, inputs)))
@@ -394,15 +395,15 @@ class Functions:
     def _line(
         self, code: JudgedCode, trial: Trial, name: str, index: Index, wrong: list[float]
     ) -> str:
-        """Return the line in which a call gives one of these values to a name; empty: none does."""
+        """Return file and line where a call assigns one of these values; empty if nowhere."""
         k = index[0]
         rows = self._rows(trial.function, {n: each[k : k + 1] for n, each in trial.inputs.items()})
         others = [float(trial.right[n][k]) for n in trial.got if n != name]
-        request = trial.function, rows, True  # so that the constants of its file count, too
+        request = trial.function, rows, True  # loads the file again: its constants count, too
         return code.line_of('functions', request, wrong, others)
 
     def _call(self, trial: Trial, index: Index) -> str:
-        """Return a call as text."""
+        """Return a call with its arguments as text."""
         k, *number = index
         shown = (
             f'{name}={trial.inputs[name][k]:.6g}' if name in trial.inputs else name

@@ -1,16 +1,16 @@
-"""A lab's laws, with the common mistakes in them.
+"""Reads the laws of a lab and the common mistakes in them; recognises a mistake by its numbers.
 
-A lab has its laws in text files such as `labs/bike.txt`. After a description come texts in
-capitals, then the right formulas, indented. Each section has a topic, and mistakes: a line for the
-sentence, then the wrong formulas, indented. `name in x y` after a topic repeats its section with
-each of these values for `{name}`; texts are put in in the same way. Formulas are Python over arrays
-of NumPy.
+The laws are text files such as `labs/bike.txt`. A file has a description, texts with names in
+capitals, then the right formulas, indented. Each section has a topic, and mistakes: a line with the
+message, then the wrong formulas, indented. `name in x y` after a topic repeats its section with
+each of these values in place of `{name}`; a text such as `BETA` replaces `{BETA}`. Formulas are
+Python expressions over NumPy arrays.
 
-A mistake is thus a wrong program of a few lines. It is named if it gives the same numbers as the
-user's code, for the same inputs.
+So a mistake is a wrong program of a few lines. User code has the mistake if it gives the same
+numbers for the same inputs.
 
-The section `Inputs` has a number for each input, or a range. Each entry of a section `Situations`
-has a name, the results that it tests, and the inputs that are others there.
+The section `Inputs` has a number or a range for each input. Each entry of a section `Situations`
+has a name, the results that it tests, and those inputs that differ from `Inputs`.
 """
 
 from __future__ import annotations
@@ -32,30 +32,30 @@ if TYPE_CHECKING:
 
     Formulas = Mapping[str, str]
     Inputs = Mapping[str, 'Floats']
-    Case = tuple[Inputs, 'Floats']  # what a function got, and one of its results
+    Case = tuple[Inputs, 'Floats']  # the inputs of a function, and one of its results
     Agree = Callable[['Floats', 'Floats'], bool]
 
 Floats = NDArray[np.float64]
 Range = tuple[float, float]  #: uniform between the two
 
-_FUNCTIONS = {**vars(np), 'atan': np.arctan}  #: of the formulas
+_FUNCTIONS = {**vars(np), 'atan': np.arctan}  #: that formulas can call
 
 
 class Mistake(NamedTuple):
-    """A mistake in a law: a common one, or one that has no formulas."""
+    """A mistake in user code: a common one of a law, or one without formulas."""
 
-    topic: str  #: of one common mistake
-    sentence: str  #: what to check, as the user reads it
-    formulas: Formulas  #: the wrong ones, by quantity
-    kind: str  #: the sentence as the file has it: one mistake, made in several results
+    topic: str  #: the section of the law; empty without formulas
+    sentence: str  #: the message to the user
+    formulas: Formulas  #: the wrong formulas, by quantity
+    kind: str  #: the message before names are put in: the same for one mistake in several results
 
 
 class Situation(NamedTuple):
-    """Inputs of a law, and the results that they test."""
+    """A test case of a law: its inputs, and the results that they test."""
 
     name: str
     tests: Collection[str]
-    values: Mapping[str, float | Range]  #: of each input
+    values: Mapping[str, float | Range]  #: by input
 
     def inputs(self, seed: int | str, count: int) -> dict[str, Floats]:
         """Return `count` values of each input, the same for the same seed."""
@@ -70,17 +70,17 @@ class Situation(NamedTuple):
 
 @dataclass(frozen=True)
 class Law:
-    """The right formulas of what a user's function computes, and the wrong ones."""
+    """The right formulas for a user's functions, the common mistakes, and the situations."""
 
     formulas: Formulas
     mistakes: tuple[Mistake, ...]  #: the likelier ones first
-    situations: Mapping[str, tuple[Situation, ...]] = field(default_factory=dict)
-    functions: Mapping[str, Any] = field(default_factory=dict)  #: and arrays, of the formulas
+    situations: Mapping[str, tuple[Situation, ...]] = field(default_factory=dict)  #: by function
+    functions: Mapping[str, Any] = field(default_factory=dict)  #: and arrays that formulas use
 
     def compute(self, inputs: Inputs, changes: Formulas | None = None) -> dict[str, Floats]:
-        """Return all quantities; `changes` replace formulas, and inputs before they are used.
+        """Return the values of all quantities; `changes` replace formulas and inputs.
 
-        A quantity with a formula that is among the inputs stays as it is there.
+        An input of the same name replaces a formula.
         """
         changes, values = changes or {}, dict(inputs)
         first = {name: each for name, each in changes.items() if name in inputs}
@@ -93,42 +93,42 @@ class Law:
         return values
 
     def changed(self, inputs: Inputs, mistake: Mistake, at: Sequence[int]) -> list[float]:
-        """Return the numbers, but no rows of them, that a mistake changes at an index of inputs."""
+        """Return the wrong values of the scalar quantities that a mistake changes, at an index."""
         shape = np.broadcast_shapes(
             *(np.shape(values) for name, values in inputs.items() if name not in self.formulas)
         )
         at = tuple(at[: len(shape)])
         wrong, right = self.compute(inputs, mistake.formulas), self.compute(inputs)
-        values = (
-            [float(np.broadcast_to(made[name], shape)[at]) for made in (wrong, right)]
+        pairs = (
+            [float(np.broadcast_to(values[name], shape)[at]) for values in (wrong, right)]
             for name in right
             if right[name].ndim <= len(shape)
         )
-        return [mine for mine, usual in values if mine != usual]
+        return [wrong_value for wrong_value, right_value in pairs if wrong_value != right_value]
 
     def explain(
         self, cases: Mapping[str, Case], wrong: Iterable[str], agree: Agree
     ) -> dict[str, Mistake]:
-        """Return the mistake that explains each wrong result, where one does.
+        """Return the mistake that explains each wrong result; results without one are left out.
 
-        `cases` has what the user's function got and returned, by result, right ones included. Of
-        several mistakes it is the one that explains the most of them.
+        `cases` has the inputs and outputs of the user's function, by result, right results included.
+        If several mistakes match, the one that explains most results is returned.
         """
 
         def explains(mistake: Mistake, name: str) -> bool:
             inputs, got = cases[name]
-            made = self.compute(inputs, mistake.formulas)[name]
-            return agree(got, np.broadcast_to(made, got.shape))
+            values = self.compute(inputs, mistake.formulas)[name]
+            return agree(got, np.broadcast_to(values, got.shape))
 
-        found: dict[str, Mistake] = {}
-        made = [(each, [name for name in cases if explains(each, name)]) for each in self.mistakes]
-        for mistake, names in sorted(made, key=lambda each: -len(each[1])):
-            found |= {n: mistake for n in wrong if n in names and n not in found}
-        return found
+        causes: dict[str, Mistake] = {}
+        tried = [(each, [name for name in cases if explains(each, name)]) for each in self.mistakes]
+        for mistake, names in sorted(tried, key=lambda each: -len(each[1])):
+            causes |= {n: mistake for n in wrong if n in names and n not in causes}
+        return causes
 
 
 def read_law(file: Path, **values: object) -> Law:
-    """Return the law in a file, with `values` put in."""
+    """Return the law in a file; each `{NAME}` in it is replaced by the value of that name."""
     head, *sections = file.read_text(encoding='utf-8').split('\n# ')
     right: dict[str, str] = {}
     mistakes: list[Mistake] = []
@@ -161,7 +161,7 @@ def _choices(loop: str) -> list[tuple[str, str]]:
 
 
 def _entries(text: str, values: Mapping[str, object]) -> Iterator[Mistake]:
-    """Yield the entries of a section, with `values` put in."""
+    """Yield the entries of a section as mistakes without a topic."""
     for entry in re.split(r'\n(?! )', text.strip()):
         kind, *lines = entry.splitlines()
         formulas = (line.strip().format_map(values).partition(' = ') for line in lines)
