@@ -23,9 +23,9 @@ _NODES = 4
 _SIMULATOR = '/vehicle_simulator'
 #: Topics of the drive by hand; each has one publisher.
 _TOPICS = ('/cmd_vel', '/ecu', '/z_vhcl')
-_FOUND = 'found.json'
-_DEADLINE = 60.0  #: [s] for all of it, on a busy machine
-_PERIOD = 1.0  #: [s] in which no node is added, once all are made
+_RESULT = 'nodes.json'
+_DEADLINE = 60.0  #: [s] for the whole check, on a busy machine
+_PERIOD = 1.0  #: [s] without a new node, after which all nodes are made
 
 
 class Verdict(NamedTuple):
@@ -60,13 +60,13 @@ def judge_composition(file: Path) -> Verdict:
                 check=False,
             ).returncode
         except subprocess.TimeoutExpired:
-            why = f'it was ended after {_DEADLINE:g} s: does one call last for ever?'
+            why = f'it was ended after {_DEADLINE:g} s: does a call never return?'
             return Verdict(False, why)
         finally:
             os.close(ours)
             os.close(theirs)
-        if (found := Path(folder, _FOUND)).exists():
-            return _verdict(*json.loads(found.read_text(encoding='utf-8')))
+        if (result := Path(folder, _RESULT)).exists():
+            return _verdict(*json.loads(result.read_text(encoding='utf-8')))
         output.seek(0)
         text = output.read().decode(errors='replace').strip()
     why = text.rpartition('\n')[2][:200] if code else 'is main called, and does an executor spin?'
@@ -126,8 +126,8 @@ def _verdict(nodes: list[str], publishers: dict[str, list[str]], idle: list[str]
         faults.append(f'there is no node {_SIMULATOR}')
     for topic, names in publishers.items():
         if len(names) != 1:
-            found = f' ({", ".join(names)})' if names else ''
-            faults.append(f'{topic} has {len(names)} publishers{found}; expected one')
+            nodes_of = f' ({", ".join(names)})' if names else ''
+            faults.append(f'{topic} has {len(names)} publishers{nodes_of}; expected one')
     right = f'{listed}; each of {", ".join(_TOPICS)} has one publisher'
     return Verdict(not faults, '; '.join(faults) or right)
 

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.metrics import Summary
     from barc_sim.vehicle.plant import Observation
 
-#: [m] The lab's road ends there.
-_DISTANCE = 180.0
+_DISTANCE = 180.0  #: [m] to the end of the lab's road
 
 
 def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
@@ -66,7 +65,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
 def add_car(run: Run, number: int) -> Car:
     """Add the controller and the simulator of a car to the run; one car alone has no namespace.
 
-    UserError: a parameter is out of range, or the topic is taken.
+    UserError: a parameter is out of range, or the topic is in use.
     """
     options, (road, track, user_code, *_) = run.options, run.inputs
     name = f'car{number + 1}' if options.cars > 1 else ''
@@ -135,7 +134,7 @@ class Car:
     def __init__(
         self, run: Run, name: str, controller: CruiseController | None, simulator: VehicleSimulator
     ) -> None:
-        """Watch from now on; `name` is empty for a car alone."""
+        """Watch from now on; `name` is empty for a single car."""
         options = run.options
         self.name, self.controller, self.simulator = name, controller, simulator
         self.display: Display | None = None
@@ -164,7 +163,7 @@ class Car:
         else:
             theta_deg = seen.surroundings.theta
             lap = self._laps.add(t, x, seen.true.y, speed, reference, theta_deg)
-            error = nan if self._duration < inf else reference - speed  # of commands alone: none
+            error = nan if self._duration < inf else reference - speed  # nan: no speed to hold
             line = partial(cruise_line, t, x, speed, error, theta_deg, lap)
         if self._progress.add(t, x, speed, reference, place) or t >= self._duration:
             self.simulator.stepper.end()
@@ -173,7 +172,7 @@ class Car:
 
     @property
     def failure(self) -> str:
-        """What a car does that never arrives, with its name; empty for others."""
+        """Why the car will never arrive, with its name; empty if it can."""
         failure = self._progress.failure
         return f'{self.name}: {failure}' if self.name and failure else failure
 
@@ -189,7 +188,7 @@ class Car:
 
 
 def print_result(run: Run, cars: list[Car]) -> None:
-    """Print the table of speed errors, and what a user's code drove with."""
+    """Print the table of speed errors, and the gains and limit of a user's controller."""
     user_code, controller = run.inputs.user_code, cars[0].controller
     if user_code.controller and controller:
         print(f'controller  {_driven_with(run.options, user_code, controller)}')  # noqa: T201

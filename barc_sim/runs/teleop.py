@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.
 _COMMAND_TIMEOUT = 0.5
-#: [s] for the process of a relay to end by itself.
-_LAST_WORDS = 2.0
+_EXIT_TIMEOUT = 2.0  #: [s] for the process of a relay to end by itself
 _HELP = 'arrows or WASD drive, space brakes, r goes back to the start, q ends'
 
 
@@ -59,8 +58,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
         )
         if simulator.values['realtime_factor'] == 0.0:
             raise UserError(
-                "a driver's time cannot run as fast as it goes: give teleop a --realtime-factor "
-                'above 0'
+                'nobody can drive at full speed (max): give teleop a --realtime-factor above 0'
             )
         if terminal:
             keyboard = run.add(partial(Keyboard, terminal))
@@ -85,9 +83,9 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
 
 @contextmanager
 def _relay_program(options: Namespace, inputs: Inputs) -> Iterator[subprocess.Popen[str] | None]:
-    """Run a relay that is a program of rclpy, where there is ROS, as a process that ends in time.
+    """With ROS, run a relay that is a program of rclpy in a process, which ends with the block.
 
-    It has the arguments of the run after `--ros-args`, and with them its namespace.
+    It gets the run's arguments after `--ros-args`, and so its namespace.
     """
     relay = inputs.user_code.relay
     if options.engine != 'ros' or getattr(relay, 'ros', '') != 'rclpy':
@@ -114,15 +112,15 @@ def _relay_program(options: Namespace, inputs: Inputs) -> Iterator[subprocess.Po
             is_over.set()  # most programs answer SIGINT with a traceback
             program.send_signal(signal.SIGINT)
         with suppress(subprocess.TimeoutExpired):
-            program.wait(_LAST_WORDS)
-        with suppress(OSError):  # it and what it has started may have ended
+            program.wait(_EXIT_TIMEOUT)
+        with suppress(OSError):  # it and its child processes may have ended
             os.killpg(program.pid, signal.SIGKILL)
         program.wait()
-        output.join(_LAST_WORDS)
+        output.join(_EXIT_TIMEOUT)
 
 
 def _print_output(program: subprocess.Popen[str], is_over: Event) -> None:
-    """Print what a program prints on stderr, above the live line, until the run is over."""
+    """Print a program's output on stderr, above the live line, until the run is over."""
     with program.stdout or nullcontext(()) as lines:
         for line in lines:
             if not is_over.is_set():
@@ -130,13 +128,13 @@ def _print_output(program: subprocess.Popen[str], is_over: Event) -> None:
 
 
 def _follow(program: subprocess.Popen[str], run: Run) -> None:
-    """End the run with the process of its relay."""
+    """End the run when the process of its relay ends."""
     program.wait()
     run.finish()
 
 
 def _terminal() -> Terminal | None:
-    """Return the terminal; None, with a sentence, where its keys cannot be read."""
+    """Return the terminal; if its keys cannot be read, print why and return None."""
     try:
         return Terminal()
     except UserError as error:
@@ -145,6 +143,6 @@ def _terminal() -> Terminal | None:
 
 
 def _show(line: Display, relay: Relay | None, t: float, seen: Observation) -> None:
-    """Show a state, with the driver's input where it is known."""
+    """Show a state, and the driver's input if it is known."""
     request = relay.driver.request if relay else None
     line.show(seen.true.x, partial(drive_line, t, seen.true.v_x, seen.acting.servo, request))

@@ -72,13 +72,13 @@ def _console() -> Console:
 class Display:
     """Shows the states of a run: a line drawn in place in a terminal, else one line a second.
 
-    The caller's thread draws the line, right after a step, when the next is furthest away: a thread
-    of its own would hold the interpreter's lock when a step is due. If the terminal is gone,
-    nothing is drawn: its signal ends the run. What user code prints comes above the line.
+    The caller's thread draws the line right after a step, when the next step is furthest away:
+    another thread would hold the interpreter's lock when a step is due. If the terminal is gone,
+    nothing is drawn: its signal ends the run. The output of user code appears above the line.
     """
 
     def __init__(self, distance: float | None = None) -> None:
-        """Draw a bar to `distance` [m], too; one that pulses where that is infinite."""
+        """Draw also a bar to `distance` [m], if given; the bar pulses if that is infinite."""
         self._progress = _progress(distance) if sys.stdout.isatty() else None
         self._total = None if distance == inf else distance
         self._period = _LIVE_PERIOD if self._progress else _PLAIN_PERIOD
@@ -100,7 +100,7 @@ class Display:
         if not self._progress:
             print(line(), flush=True)  # noqa: T201
             return
-        # The terminal writes ^C behind the line: a longer one would stay beside the next.
+        # Leave room for the terminal's ^C behind the line: a line that wraps is not overwritten.
         self._progress.console.width = get_terminal_size().columns - len('^C')
         with suppress(OSError):
             self._progress.start()
@@ -142,9 +142,9 @@ def print_summary(summary: Summary, late: str) -> None:
 
 
 def print_summaries(kind: str, summaries: Mapping[str, Summary], late: str) -> None:
-    """Print a line for each car or lap, the `kind`, by its name; `late` names delays of all.
+    """Print a line for each car or lap, the `kind`, by its name; `late` names all delays.
 
-    A lap that a reset has cut short has its line, too.
+    A lap that a reset has cut short has a line, too.
     """
     rows = [
         (
@@ -161,23 +161,23 @@ def print_summaries(kind: str, summaries: Mapping[str, Summary], late: str) -> N
 
 
 def print_track_laps(cars: Mapping[str, TrackLaps], late: str) -> None:
-    """Print a line for each lap of a track, by the names of the cars, and the best one.
+    """Print a line for each lap of a track, by the name of the car, and the best laps.
 
-    The last lap is shown where it is not finished; `late` names delays of all.
+    A last lap that is not finished has a line, too; `late` names all delays.
     """
-    rows, ends = [], []
+    rows, footer = [], []
     for name, laps in cars.items():
         shown = [lap.cells for lap in laps.finished]
         if not shown or laps.current.time > _SHOWN:
             shown.append(laps.current.cells)
         rows += [(f'{name} {number}'.strip(), *figures) for number, *figures in shown]
         if laps.best:
-            ends.append(f'{name} best lap {laps.best.time:.2f} s'.strip())
-    _print_table(('Laps', *LAP_HEADINGS), rows, *ends, late)
+            footer.append(f'{name} best lap {laps.best.time:.2f} s'.strip())
+    _print_table(('Laps', *LAP_HEADINGS), rows, *footer, late)
 
 
-def _print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *ends: str) -> None:
-    """Print a table, whose title is the first of the `headings`, and lines below it."""
+def _print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *footer: str) -> None:
+    """Print a table, whose title is the first of the `headings`, and the lines of its footer."""
     from rich.table import Table  # noqa: PLC0415
 
     title, first, *others = headings
@@ -188,9 +188,9 @@ def _print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *ends: 
     for row in rows:
         table.add_row(*row)
     console = _console()
-    for each in (title, table, *ends):
+    for each in (title, table, *footer):
         console.print(each)
 
 
 def _figure(form: str, value: float) -> str:
-    return '–' if isnan(value) else format(value, form)  # noqa: RUF001 (what tables have there)
+    return '–' if isnan(value) else format(value, form)  # noqa: RUF001 (a dash for no value)

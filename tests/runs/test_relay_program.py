@@ -89,7 +89,7 @@ def test_without_a_relay_the_run_waits_for_another(tmp_path: Path) -> None:
     [
         (('--no-relay', '--relay', 'mine.py'), '--relay and --no-relay: give one of the two'),
         (('--no-relay', '--engine', 'local'), '--no-relay needs ROS 2'),
-        (('--realtime-factor', 'max'), "a driver's time cannot run as fast as it goes"),
+        (('--realtime-factor', 'max'), 'nobody can drive at full speed (max)'),
     ],
 )
 def test_options_that_contradict_are_refused(
