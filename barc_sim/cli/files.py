@@ -1,8 +1,8 @@
 """Opens and writes files where somebody else may have made the folder.
 
 A bag, a submission or a folder of results can come from anyone: it can hold a named pipe that never
-ends, or a link to a file of the user's. Only regular files are opened, and what is written is a new
-file that takes its name when it is whole: a link of that name is replaced, never followed.
+ends, or a link to another file of the user. Only regular files are opened. Output goes to a new
+file, which takes its name when it is whole: a link of that name is replaced, never followed.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-#: The endings of a file with a figure, and its resolution.
-FIGURES = ('png', 'pdf', 'svg')
+FIGURES = ('png', 'pdf', 'svg')  #: suffixes of a figure's file
 FIGURE_DPI = 150
 _KINDS = {
     stat.S_IFIFO: 'a named pipe',
@@ -49,12 +48,12 @@ def _check_regular(path: Path, status: os.stat_result) -> None:
 
 
 def open_regular(path: Path, *, follow: bool = True) -> BinaryIO:
-    """Open a regular file for reading; this never waits, as for a named pipe's other end.
+    """Open a regular file for reading; it never waits, as the opening of a named pipe would.
 
-    `follow` lets it be a link: for what the user names, not for what lies in a folder that somebody
-    else has made. UserError: it is no regular file; OSError: it cannot be read.
+    `follow` allows a link: only for a file that the user names, not for a file in a folder that
+    somebody else has made. UserError: it is no regular file; OSError: it cannot be read.
     """
-    # Checked before, as opening a device can do something; and after, as it may have changed.
+    # Checked before, because opening a device can do something, and after, for a change meanwhile.
     _check_regular(path, path.stat(follow_symlinks=follow))
     flags = _flags('O_NONBLOCK', 'O_NOCTTY', *(() if follow else ('O_NOFOLLOW',)))
     descriptor = os.open(path, os.O_RDONLY | flags)
@@ -80,11 +79,11 @@ def read_regular(path: Path, limit: int, *, follow: bool = True) -> bytes:
 
 @contextmanager
 def replacing(path: Path, *, sync: bool = False) -> Iterator[Path]:
-    """Give a new, empty file beside `path`, which takes its place when the block succeeds.
+    """Give a new, empty file beside `path`, which replaces it when the block succeeds.
 
-    What was at `path` is replaced; it stays as it was if the block fails, and no part of the new
-    file is left. With `sync`, the data is on the disk before. OSError: at once if nothing can be
-    written there, or when writing fails later.
+    If the block fails, `path` is unchanged, and the new file is removed. With `sync`, the data is
+    on the disk before the replacement. OSError: nothing can be written there, raised at once; or
+    writing fails later.
     """
     part = path.with_name(f'.{token_hex(8)}{path.suffix}')
     os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | _flags('O_NOFOLLOW'), 0o666))
@@ -101,7 +100,7 @@ def replacing(path: Path, *, sync: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def saving(path: Path, option: str = '--save') -> Iterator[Path]:
-    """Do as `replacing` does, for a file that the user named with `option`; errors: UserError."""
+    """Do as `replacing` does for a file that the user named with `option`, but raise UserErrors."""
     try:
         with replacing(path) as part:
             yield part
@@ -137,7 +136,7 @@ def save_figure(path: Path, figure: Figure) -> None:
 
 
 def make_folder(path: Path, within: Path) -> Path:
-    """Make and return the folder `path` in the folder `within`, without following links in that."""
+    """Make and return the folder `path` in the folder `within`, in which no link is followed."""
     within.mkdir(parents=True, exist_ok=True)
     folder = within
     for name in path.relative_to(within).parts:
@@ -150,9 +149,9 @@ def make_folder(path: Path, within: Path) -> Path:
 
 
 def check_plain(folder: Path) -> None:
-    """Raise UserError unless all that is in `folder` are plain files; call it before writing there.
+    """Raise UserError if `folder` has anything but plain files; call it before writing there.
 
-    Then nothing that is written in it can reach anything else.
+    Then a write cannot reach a file elsewhere.
     """
     with os.scandir(folder) as entries:
         for entry in entries:

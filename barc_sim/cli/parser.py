@@ -32,8 +32,9 @@ _ROS_ARGS_HELP = (
 MAX_PORT = 65_535
 USAGE_ERROR = 2
 INTERRUPTED = 130
-#: By package, the name to install it by, where that is another.
+#: The names under which packages are installed, where these differ.
 _DISTRIBUTIONS = {'PIL': 'pillow', 'yaml': 'pyyaml'}
+#: Errors of writing to the standard output.
 _OF_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
@@ -52,7 +53,7 @@ class Parser(argparse.ArgumentParser):
         self.add_argument('--help-all', action=_HelpAll, nargs=0, help='show every option')
 
     def format_help(self) -> str:
-        """Return the help, after `shorten_help` only that of the usual options."""
+        """Return the help; after `shorten_help`, only of the usual options."""
         if not self._usual:
             return super().format_help()
         rare = {
@@ -153,11 +154,11 @@ def did_you_mean(name: str, names: Iterable[str], prefix: str = '') -> str:
 
 
 def barc_path() -> str:
-    """Return `barc` as it can be typed in this shell and directory, quoted."""
-    program, found = Path(sys.executable).with_name('barc'), shutil.which('barc')
-    if not program.exists():  # under colcon, for one
+    """Return the command `barc` as a user can type it in this shell and directory."""
+    program, on_path = Path(sys.executable).with_name('barc'), shutil.which('barc')
+    if not program.exists():  # for example under colcon
         return f'{_quoted(Path(sys.executable))} -m barc_sim'
-    return 'barc' if found and program.samefile(found) else _quoted(program)
+    return 'barc' if on_path and program.samefile(on_path) else _quoted(program)
 
 
 def _quoted(path: Path) -> str:
@@ -221,7 +222,7 @@ def _open_streams() -> None:
 
 @contextmanager
 def _flushed() -> Iterator[None]:
-    """Let any text be printed, and flush stdout at the end, where a failure can be caught."""
+    """Allow any character in stdout, and flush it at the end, where a failure can be caught."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors='replace')
     try:

@@ -1,4 +1,4 @@
-"""What every process of barc_sim shares: limits of the system, ROS or not, and signals."""
+"""What every process of barc_sim shares: limits of the system, the check for ROS, and signals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ except ImportError:  # on Windows
     resource = None  # type: ignore[assignment]
 
 
-NO_BROWSER = 'BARC_SIM_NO_BROWSER'  #: in the environment: open no page, and offer none
+NO_BROWSER = 'BARC_SIM_NO_BROWSER'  #: if set in the environment, open no page, and offer none
 #: The packages without which nothing of ROS works here.
 ROS_PACKAGES = ('rclpy', 'barc_interfaces')
 _HOW = {
@@ -41,7 +41,7 @@ _MIN_MEMORY = 1 << 30  #: [B] of addresses; with less, Fast DDS can hang
 
 
 def check_limits() -> None:
-    """Let ROS open as many files as the system allows; UserError: the shell allows it no memory."""
+    """Let ROS open as many files as the system allows; UserError: the memory limit is too low."""
     if not resource:
         return
     _, maximum = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -77,7 +77,7 @@ def _is_installed(package: str) -> bool:
         spec = find_spec(package)
     except ImportError:
         return False
-    # Without an origin it is no more than a folder of that name, as a checkout has.
+    # Without an origin it is only a folder with that name, as in a checkout.
     return spec is not None and spec.origin is not None
 
 
@@ -90,13 +90,13 @@ _SIGNALS = tuple(filter(None, (signal.SIGINT, signal.SIGTERM, _SIGHUP)))
 
 
 class StopSignals:
-    """While entered, a signal that would end the process calls back instead.
+    """Within its block, a signal that would end the process calls the callbacks instead.
 
-    A second signal ends the process, in case it hangs. After the exit the signals are ignored,
+    A second signal ends the process, in case it hangs. After the block the signals are ignored,
     because they would disturb the interpreter's own end.
 
-    A handler in Python runs only between two bytecodes of the main thread, which can be waiting
-    in DDS for long: the signals are read from a wake-up file descriptor by a thread of their own.
+    A handler in Python runs only between two bytecodes of the main thread, which can wait in DDS
+    for long. So a separate thread reads the signals from a wake-up file descriptor.
     """
 
     def __init__(self) -> None:
@@ -114,27 +114,27 @@ class StopSignals:
 
     def __enter__(self) -> Self:
         """Handle the signals, except SIGHUP if it is ignored already (`nohup`)."""
-        # Sockets: Windows wakes nothing else.
+        # Sockets: on Windows nothing else can be a wake-up file descriptor.
         self._reader, self._writer = socket.socketpair()
         self._writer.setblocking(False)
         # Before the handlers, so that no signal is lost.
         signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
-        self._taken = [
+        self._handled = [
             number
             for number in _SIGNALS
             if number != _SIGHUP or signal.getsignal(number) != signal.SIG_IGN
         ]
-        for number in self._taken:
+        for number in self._handled:
             signal.signal(number, lambda *_: None)
         threading.Thread(target=self._read_signals, name='stop signals', daemon=True).start()
         # The parent may have blocked them until now, as scripts/run does.
         if hasattr(signal, 'pthread_sigmask'):
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, self._taken)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, self._handled)
         return self
 
     def __exit__(self, *_: object) -> None:
         """Ignore the signals from now on."""
-        for number in self._taken:
+        for number in self._handled:
             signal.signal(number, signal.SIG_IGN)
         signal.set_wakeup_fd(-1)
         self._writer.close()
