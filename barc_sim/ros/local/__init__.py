@@ -1,6 +1,7 @@
-"""rclpy's documented names over queues in one thread: for machines without ROS, and to judge code.
+"""A stand-in for rclpy: its documented API over queues in one thread.
 
-`install()` lets `import rclpy` and the imports of messages find what is here.
+It is for machines without ROS, and to judge students' code. After `install()`, `import rclpy` and
+the imports of messages find it.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ _NAMES = {
 
 
 class _StandIn(ModuleType):
-    """A module of ROS; what it lacks is named in a sentence."""
+    """A stand-in for a module of ROS; a name that it lacks raises a sentence."""
 
     def __getattr__(self, name: str) -> Any:
         package, _, kind = self.__name__.partition('.')
@@ -66,19 +67,19 @@ def _modules() -> dict[str, ModuleType]:
     for source in ('executor', 'node', 'parameters'):
         names |= vars(import_module(f'{__name__}.{source}'))
     kinds = packages()
-    made: dict[str, ModuleType] = {}
+    modules: dict[str, ModuleType] = {}
     for name in (*_NAMES, *(kind.partition('.')[0] for kind in kinds), *kinds):
-        module = made.setdefault(name, _StandIn(name))
+        module = modules.setdefault(name, _StandIn(name))
         module.__path__, module.__spec__ = [], ModuleSpec(name, None, is_package=True)
         vars(module).update({word: names[word] for word in _NAMES.get(name, '').split()})
         parent, _, child = name.rpartition('.')
         if parent:
-            setattr(made[parent], child, module)
-    return made
+            setattr(modules[parent], child, module)
+    return modules
 
 
 def find_module(name: str) -> ModuleType | None:
-    """Return the stand-in for a module of ROS, or None where `name` is none.
+    """Return the stand-in for the module `name` of ROS; None: it is no module of ROS.
 
     ImportError: it is a module of rclpy that has no stand-in.
     """
@@ -88,7 +89,7 @@ def find_module(name: str) -> ModuleType | None:
 
 
 def _find_spec(name: str, *_: object) -> None:
-    """Name what rclpy has and its stand-in lacks."""
+    """Raise an ImportError for a module of rclpy that has no stand-in."""
     find_module(name)
 
 
@@ -97,15 +98,15 @@ _FINDER: Any = SimpleNamespace(find_spec=_find_spec)
 
 
 def install() -> World:
-    """Let `import rclpy` find the stand-ins; return the world of their nodes.
+    """Make `import rclpy` find the stand-ins; return the world of their nodes.
 
     UserError: this process has imported ROS's own rclpy.
     """
-    there = sys.modules.get('rclpy')
-    if there is not None and not isinstance(there, _StandIn):
+    imported = sys.modules.get('rclpy')
+    if imported is not None and not isinstance(imported, _StandIn):
         raise UserError(
-            f'rclpy is imported already, from {there.__file__!r}: messages without ROS need a '
-            'process of their own'
+            f'rclpy is imported already, from {imported.__file__!r}: use another process for '
+            'messages without ROS'
         )
     sys.modules.update(_modules())
     if _FINDER not in sys.meta_path:

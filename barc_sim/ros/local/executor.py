@@ -1,8 +1,8 @@
-"""The log, time, timers, futures and executors, in one thread.
+"""Logging, time, timers, futures and executors, in one thread.
 
-An arrival puts its receiver into the queue of the executor that has the receiver's node; the
-executor calls back in the order of arrival. In simulated time, where nothing is left to call, time
-jumps to the next timer: a minute takes milliseconds, and always takes the same way.
+An arrival puts its receiver into the queue of the executor that has the receiver's node. The
+executor calls callbacks in the order of arrival. When it has none left in simulated time, time
+jumps to the next timer: a minute takes milliseconds, and every run has the same order.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _LONGEST_SLEEP = 0.1  #: [s] until an executor notices that another thread has s
 
 
 class EndOfTimeError(BaseException):
-    """Simulated time is over; `except Exception` does not catch it."""
+    """Simulated time is over; not an Exception, so that user code does not catch it."""
 
 
 class ExternalShutdownException(Exception):
@@ -37,16 +37,16 @@ class ExternalShutdownException(Exception):
 
 
 class World:
-    """What the nodes of a program share: the time, the graph, and what rclpy has as a context.
+    """What the nodes of a program share: the time, the graph, and rclpy's context.
 
-    `now` returns the time [ns] that paces timers, `date` the one since the epoch, or since the
-    start of simulated time.
+    `now` returns the time [ns] that paces timers. `date` returns the time [ns] since the epoch, or
+    since the start of simulated time.
     """
 
     end = inf  #: of simulated time [ns]
-    flat_names: Collection[str] = ()  #: topics that have no namespaces
-    is_silent = False  #: whether there is no log
-    is_ok = False  #: whether rclpy has begun, and has not ended
+    flat_names: Collection[str] = ()  #: topics that ignore namespaces
+    is_silent = False  #: whether nothing is logged
+    is_ok = False  #: whether rclpy is initialised, and not shut down
     arguments: Any  #: of `--ros-args`
 
     def __init__(self, *, simulated: bool = False) -> None:
@@ -55,19 +55,19 @@ class World:
         self.date: Callable[[], int] = self.now if simulated else time.time_ns
         self.nodes: list[Any] = []
         self.log_levels: dict[str, int] = {}
-        #: Runs while others wait: the world around a program.
+        #: Runs while a program waits: the nodes around the program, such as the simulator.
         self.around: Executor | None = None
 
     def ok(self) -> bool:
         return self.is_ok
 
     def all(self, kind: str, name: str) -> list[Any]:
-        """Return what nodes have of a kind, as `publishers`, under this full name."""
-        every = (each for node in self.nodes for each in getattr(node, kind))
-        return [each for each in every if each.topic_name == name]
+        """Return all nodes' entities of a kind, such as `publishers`, with this full name."""
+        entities = (each for node in self.nodes for each in getattr(node, kind))
+        return [each for each in entities if each.topic_name == name]
 
     def sleep(self, nanoseconds: int) -> None:
-        """Let time pass."""
+        """Wait for this time [ns]."""
         if not self.simulated:
             time.sleep(nanoseconds / SECOND)
             return
@@ -76,17 +76,17 @@ class World:
             self.pass_time(until)
 
     def pass_time(self, until: float) -> None:
-        """In simulated time, run the next callback around, or jump to `until` [ns]."""
+        """In simulated time, run the next callback of `around`, or jump to `until` [ns]."""
         due = self.around.next_due() if self.around else inf
         if due > until or not self.around:
             self._jump(until)
         elif due <= self.now_ns or self._jump(due):
-            self.around.turn(due)
+            self.around.run_once(due)
 
     def _jump(self, to: float) -> bool:
-        """Move time to `to` [ns], or to its end: False."""
+        """Set the time to `to` [ns]; return False if simulated time ends before."""
         if min(to, self.end) == inf:
-            raise RuntimeError('nothing will ever end this wait: simulated time has no more events')
+            raise RuntimeError('this wait has no end: simulated time has no more events')
         self.now_ns = int(min(max(to, self.now_ns), self.end))
         if to < self.end:
             return True
@@ -94,18 +94,18 @@ class World:
         return False
 
     def at_end(self) -> None:
-        """End the program, unless there is more time."""
+        """End the program; a subclass can give it more time instead."""
         raise EndOfTimeError
 
 
 _current: ContextVar[World] = ContextVar('world', default=World())  # noqa: B039 (of all)
-#: Returns the world of the program that runs.
+#: Returns the world of the running program.
 current = _current.get
 
 
 @contextmanager
 def world(other: World) -> Iterator[World]:
-    """Run what comes in another world, in this thread."""
+    """Run the block in another world, in this thread."""
     token = _current.set(other)
     try:
         yield other
@@ -123,7 +123,7 @@ class Logger:
 
     def __init__(self, name: str, world: World, rosout: Any = None) -> None:
         self.name, self._world, self.rosout = name, world, rosout
-        self._last: dict[tuple[Any, int], float] = {}  # [s] of each place that logs
+        self._last: dict[tuple[Any, int], float] = {}  # [s] of the last log, by line of code
 
     def set_level(self, level: int) -> None:
         self._world.log_levels[self.name] = level
@@ -144,7 +144,7 @@ class Logger:
     ) -> bool:
         if self._world.is_silent or severity < self.get_effective_level():
             return False
-        frame = sys._getframe(1)  # noqa: SLF001 (who logs)
+        frame = sys._getframe(1)  # noqa: SLF001 (the caller)
         place, now = (frame.f_code, frame.f_lineno), self._world.now() / SECOND
         last = self._last.get(place)
         if last is not None and (once or now < last + throttle_duration_sec):
@@ -179,7 +179,7 @@ ClockType = IntEnum('ClockType', 'ROS_TIME SYSTEM_TIME STEADY_TIME')
 
 @total_ordering
 class Duration:
-    """A time [ns] from one to another; `Time` is one from the start of its clock."""
+    """A span of time [ns]; the subclass `Time` is the span from the start of its clock."""
 
     clock_type: Any = None
 
@@ -240,16 +240,16 @@ class Clock:
 
 
 def not_async(callback: Any) -> Any:
-    """Return a callback, which must be a plain function."""
+    """Return a callback; TypeError: it is a coroutine function."""
     if inspect.iscoroutinefunction(callback):
         raise TypeError(f'an async callback {LACKS}')
     return callback
 
 
 class Timer:
-    """Calls back by the wall, or by simulated time; a late one leaves out what has passed."""
+    """A timer of wall-clock or simulated time; when late, it skips the periods that have passed."""
 
-    queue = None  #: nothing arrives
+    queue = None  #: a timer receives no messages
 
     def __init__(self, node: Any, period: int, callback: Any) -> None:
         self.node, self.callback, self.timer_period_ns = node, not_async(callback), period
@@ -259,10 +259,10 @@ class Timer:
     def _set(self, due: float) -> None:
         self.due = due
         if self.node.executor is not None:
-            self.node.executor.expect(due)
+            self.node.executor.check_timers(due)
 
     def run(self) -> None:
-        """Call back, if it is still time."""
+        """Call the callback, unless the timer was reset or cancelled meanwhile."""
         now, period = self._now(), self.timer_period_ns
         if now >= self.due:
             self._set(self.due + period * (1 + (now - self.due) // period) if period else now)
@@ -306,14 +306,14 @@ class Future:
 
 
 class Executor:
-    """Calls back in one thread, in the order of arrival."""
+    """Calls callbacks in one thread, in the order of arrival."""
 
     def __init__(self, num_threads: int | None = None) -> None:
         del num_threads
         self.world = current()
         self._nodes: list[Any] = []
         self.ready: deque[Any] = deque()
-        self._soonest: float = 0  #: [ns] of the timers, or before
+        self._soonest: float = 0  #: [ns] No timer is due before this time.
         self._is_shutdown = self.waits = False
         self.awake = threading.Event()
 
@@ -331,7 +331,7 @@ class Executor:
         self._nodes.append(node)
         node.executor = self
         self.ready.extend(node.waiting())
-        self.expect(0)
+        self.check_timers(0)
         return True
 
     def remove_node(self, node: Any) -> None:
@@ -340,14 +340,14 @@ class Executor:
             self.ready = deque(each for each in self.ready if each.node is not node)
             node.executor = None
 
-    def expect(self, due: float) -> None:
-        """Look at the timers again at `due` [ns]; from any thread."""
+    def check_timers(self, due: float) -> None:
+        """Check the timers again at `due` [ns]; any thread may call this."""
         self._soonest = min(self._soonest, due)
         if self.waits:
             self.awake.set()
 
     def next_due(self) -> float:
-        """Return when there is something to call [ns]; infinity: never."""
+        """Return when the next callback is due [ns]; infinity: none is."""
         if self.ready:
             return self.world.now()
         self._soonest = min((each.due for each in self._timers()), default=inf)
@@ -356,8 +356,8 @@ class Executor:
     def _timers(self) -> list[Timer]:
         return [timer for node in self._nodes for timer in node.timers]
 
-    def turn(self, until: float) -> bool:
-        """Call back once; where nothing is ready, wait for it, but not beyond `until` [ns]."""
+    def run_once(self, until: float) -> bool:
+        """Call one callback that is ready; otherwise wait for one, at most until `until` [ns]."""
         now = self.world.now()
         if now >= self._soonest:
             timers = sorted(self._timers(), key=lambda timer: timer.due)
@@ -401,7 +401,7 @@ class Executor:
         forever = timeout is None or timeout < 0
         until = inf if forever else self.world.now() + int((timeout or 0) * SECOND)
         while self.world.is_ok and not self._is_shutdown and not future.is_done:
-            if (self.turn(until) and once) or (until != inf and self.world.now() >= until):
+            if (self.run_once(until) and once) or (until != inf and self.world.now() >= until):
                 return
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
@@ -413,12 +413,12 @@ class Executor:
         return True
 
 
-#: One thread calls back, so that nothing runs at the same time.
+#: One thread calls all callbacks, so that none run at the same time.
 SingleThreadedExecutor = MultiThreadedExecutor = Executor
 
 
 class CallbackGroup:
-    """The name: all callbacks exclude one another."""
+    """A group without effect: all callbacks exclude one another."""
 
 
 MutuallyExclusiveCallbackGroup = ReentrantCallbackGroup = CallbackGroup

@@ -1,7 +1,7 @@
 """Messages without ROS: a class for each .msg and .srv definition, as rclpy has them.
 
-What is published is a copy, so a publisher can use its message again. The copy checks the fields,
-with the words of rclpy's own assertions.
+A publisher publishes a copy, so that its message can be used again. To copy a message checks its
+fields; the errors have the text of rclpy's own assertions.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from barc_sim.bags.messages import store
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-LACKS = 'is not part of what stands in for ROS 2 here (barc_sim/ros/local): install ROS 2 for it'
+LACKS = 'is not part of the stand-in for ROS 2 (barc_sim/ros/local): install ROS 2 to use it'
 _EMPTY = 'structure_needs_at_least_one_member'  # of a message without fields
 #: Fields whose default is not zero; rosbags keeps none.
 _DEFAULTS: dict[tuple[str, str], Any] = {('geometry_msgs/msg/Quaternion', 'w'): 1.0}
 _NUMBERS = 'char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64'
-#: The code of each, as NumPy and `array` have it; of all else rclpy has lists.
+#: The type code of each in NumPy and `array`; rclpy has lists of all other types.
 _CODES = dict(zip(_NUMBERS.split(), 'BfdbBhHiIqQ', strict=True))
 _ZERO = {'bool': False, 'string': '', 'byte': b'\0', 'float32': 0.0, 'float64': 0.0}
 _PARTS = ('Request', 'Response')
@@ -73,21 +73,21 @@ def message_type(name: str) -> type[Any]:
 
 
 class _Byte(bytes):
-    """A `byte`, which rosbags takes for a signed number."""
+    """A `byte`, which rosbags serializes as a signed number."""
 
     def __index__(self) -> int:
         return int.from_bytes(self, 'big', signed=True)
 
 
 class _List(list):  # type: ignore[type-arg]
-    """A list; rosbags serializes what numbers `view` returns, here of `bool` or `byte`."""
+    """A list; rosbags serializes the bytes that `view` returns for a list of `bool` or `byte`."""
 
     def view(self, _: object) -> bytes:
         return bytes(each.__index__() & 255 for each in self)
 
 
 class _Array(array.array):  # type: ignore[type-arg]
-    """Numbers as rclpy keeps them, and as rosbags serializes them."""
+    """An array of numbers as in rclpy, which rosbags can serialize."""
 
     def view(self, _: object) -> bytes:
         return self.tobytes()
@@ -125,7 +125,7 @@ def _plain(value: Any) -> Any:
 
 
 class _Field:
-    """How the values of one field are made, checked and copied."""
+    """Makes, checks and copies the values of one field."""
 
     def __init__(self, owner: str, name: str, kind: Nodetype, of: Any) -> None:
         self.name, self._is_fixed = name, kind == Nodetype.ARRAY
@@ -139,13 +139,13 @@ class _Field:
         self._make_one = (lambda: default) if self._base else self.type
 
     def make(self) -> Any:
-        """Return the default."""
+        """Return the default value."""
         if not self._is_many:
             return self._make_one()
         return self._of([self._make_one() for _ in range(self._bound * self._is_fixed)])
 
     def _of(self, items: Any) -> Any:
-        """Return items as rclpy keeps them: numbers in arrays."""
+        """Return items in the container that rclpy uses: an array for numbers, else a list."""
         if not self._code:
             return _List(items)
         return np.array(items, self._code) if self._is_fixed else _Array(self._code, items)
@@ -178,7 +178,7 @@ class _Field:
 
     @property
     def quick_copy(self) -> str:
-        """The expression for a copy of `v`, which costs little where it has the very type."""
+        """The expression for a copy of `v`; it is quick if `v` has exactly the field's type."""
         if self._is_many or self._base in ('byte', 'float32'):
             return f'copy_{self.name}(v)'
         copied = 'v' if self._base else 'v.__copy__()'
@@ -193,8 +193,8 @@ class {short}(Message):
         pass{init}
 
     def __copy__(self):
-        made = new({short}){copy}
-        return made
+        message = new({short}){copy}
+        return message
 """
 
 
@@ -220,14 +220,14 @@ def _message(name: str) -> type[Any]:
         slots=''.join(f'"{each}", ' for each in fields),
         arguments=', *, ' + ', '.join(f'{each}=None' for each in fields) if fields else '',
         init=lines('self.{n} = make_{n}() if {n} is None else {n}'),
-        copy=lines('v = self.{n}; made.{n} = {f.quick_copy}'),
+        copy=lines('v = self.{n}; message.{n} = {f.quick_copy}'),
     )
     exec(source, scope)  # noqa: S102 (from the definitions)
-    made: type[Any] = scope[short]
-    made.__module__ = f'{package}.{"srv" if short.endswith(_PARTS) else "msg"}._{short.lower()}'
-    made.__msgtype__ = name
+    cls: type[Any] = scope[short]
+    cls.__module__ = f'{package}.{"srv" if short.endswith(_PARTS) else "msg"}._{short.lower()}'
+    cls.__msgtype__ = name
     if not fields:
-        setattr(made, _EMPTY, 0)  # rosbags serializes it
+        setattr(cls, _EMPTY, 0)  # rosbags serializes it
     for constant, kind, value in constants:
-        setattr(made, constant, bytes([int(value)]) if kind == 'byte' else value)
-    return made
+        setattr(cls, constant, bytes([int(value)]) if kind == 'byte' else value)
+    return cls
