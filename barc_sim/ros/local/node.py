@@ -49,7 +49,7 @@ DurabilityPolicy = IntEnum(
 
 @dataclass(kw_only=True)
 class QoSProfile:
-    """How many messages wait, and whether a publisher keeps them; nothing is lost on the way."""
+    """The length of a queue, and whether a publisher keeps messages; delivery is reliable."""
 
     depth: int = 0
     history: Any = HistoryPolicy.KEEP_LAST
@@ -67,7 +67,7 @@ qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST
 
 
 _DOCUMENTED = '(create|destroy|get|set|add|remove|count|declare|undeclare|describe|wait)_'
-#: What a node has, by kind.
+#: The names of a node's lists of entities.
 _KINDS = ('publishers', 'subscriptions', 'services', 'clients', 'timers', 'guards')
 _LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -81,7 +81,7 @@ class InvalidTopicNameException(Exception):
 
 
 def _checked(name: str) -> str:
-    """Return a name of words between slashes; `~` may be the first."""
+    """Return `name` if it has words between slashes, perhaps after a `~`; otherwise raise."""
     if not re.fullmatch(r'(/|~/?)?([A-Za-z_]\w*/)*[A-Za-z_]\w*|~', name, re.ASCII):
         raise InvalidTopicNameException(
             f"Invalid name {name!r}: expected letters, digits and '_' between single slashes"
@@ -90,12 +90,12 @@ def _checked(name: str) -> str:
 
 
 def _as_profile(qos: QoSProfile | int) -> QoSProfile:
-    """Return a profile, which may be given as a depth."""
+    """Return the profile `qos`, or the profile with this depth."""
     return QoSProfile(depth=qos) if isinstance(qos, int) else qos
 
 
 class _Entity:
-    """What a node has, as the graph describes it, and a queue of what has arrived."""
+    """An entity of a node as the graph describes it, with a queue of its arrivals."""
 
     def __init__(
         self, node: Node, name: str, kind: Any, qos: QoSProfile, callback: Any = None
@@ -109,11 +109,11 @@ class _Entity:
         self.endpoint_gid = [*id(self).to_bytes(16, 'little')]
         self.queue: deque[Any] = deque(maxlen=qos.length)
 
-    def offer(self, arrived: Any, _: int = 0) -> None:
-        """Take what has arrived, from any thread; a full queue drops its oldest."""
+    def offer(self, arrival: Any, _: int = 0) -> None:
+        """Queue an arrival, in any thread; a full queue drops its oldest one."""
         queue, executor = self.queue, self.node.executor
         full = len(queue) == queue.maxlen
-        queue.append(arrived)
+        queue.append(arrival)
         if executor is not None and not full:
             executor.ready.append(self)
             if executor.waits:
@@ -144,8 +144,8 @@ class Publisher(_Entity):
 
     def match(self) -> None:
         """Find the subscriptions that get this publisher's messages."""
-        found = self.node.context.all('subscriptions', self.topic_name)
-        self.subscriptions = tuple(each for each in found if each.kind is self.kind)
+        on_topic = self.node.context.all('subscriptions', self.topic_name)
+        self.subscriptions = tuple(each for each in on_topic if each.kind is self.kind)
 
     def destroy(self) -> None:
         super().destroy()
@@ -176,8 +176,8 @@ class Client(_Entity):
         return self.service_is_ready()
 
 
-def _answer(arrived: tuple[Future, Any]) -> None:
-    future, response = arrived
+def _complete(arrival: tuple[Future, Any]) -> None:
+    future, response = arrival
     future.set_result(response)
 
 
@@ -222,9 +222,9 @@ class Node(Parameters):
             self._logger.rosout = self.create_publisher(log, '/rosout', _LATCHED)
         event = message_type('rcl_interfaces/msg/ParameterEvent')
         events = self.create_publisher(event, '/parameter_events', 1000)
-        given = self.context.arguments.of(name)
-        given |= {each.name: each.value for each in parameter_overrides or ()}
-        super().__init__(events, given)
+        overrides = self.context.arguments.of(name)
+        overrides |= {each.name: each.value for each in parameter_overrides or ()}
+        super().__init__(events, overrides)
         if self.declare_parameter('use_sim_time', False).value:
             raise UserError('use_sim_time needs ROS 2: without it there is no /clock; leave it out')
         self.declare_parameter('start_type_description_service', True)
@@ -251,7 +251,7 @@ class Node(Parameters):
         return self._logger
 
     def waiting(self) -> Iterator[_Entity]:
-        """Yield a receiver for each message, request or response that has arrived."""
+        """Yield each entity once for each message, request or response in its queue."""
         for entity in (*self.subscriptions, *self.services, *self.clients, *self.guards):
             yield from [entity] * len(entity.queue)
 
@@ -291,26 +291,26 @@ class Node(Parameters):
     ) -> Subscription:
         del callback_group
         name, qos = self.resolve_topic_name(topic), _as_profile(qos_profile)
-        made = Subscription(self, name, msg_type, qos, callback)
-        made.raw = raw
-        return self.connect(made)
+        new = Subscription(self, name, msg_type, qos, callback)
+        new.raw = raw
+        return self.connect(new)
 
-    def connect(self, made: Subscription) -> Subscription:
-        """Add a subscription, which gets what publishers have kept for it."""
-        self.subscriptions.append(made)
-        for publisher in self.context.all('publishers', made.topic_name):
+    def connect(self, new: Subscription) -> Subscription:
+        """Add a subscription; if it is latched, it gets the messages that publishers have kept."""
+        self.subscriptions.append(new)
+        for publisher in self.context.all('publishers', new.topic_name):
             publisher.match()
-            if made in publisher.subscriptions and made.qos_profile.is_latched:
+            if new in publisher.subscriptions and new.qos_profile.is_latched:
                 for msg, number in [*publisher.queue]:
-                    made.offer(msg.__serialize__() if made.raw else msg.__copy__(), number)
-        return made
+                    new.offer(msg.__serialize__() if new.raw else msg.__copy__(), number)
+        return new
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **_: Any) -> _Entity:
         name, qos = self.resolve_service_name(srv_name), qos_profile_system_default
         answer = not_async(callback)
 
-        def on_request(arrived: tuple[Any, Client, Future]) -> None:
-            request, client, future = arrived
+        def on_request(arrival: tuple[Any, Client, Future]) -> None:
+            request, client, future = arrival
             client.offer((future, answer(request, srv_type.Response()).__copy__()))
 
         self.services.append(_Entity(self, name, srv_type, qos, on_request))
@@ -318,7 +318,7 @@ class Node(Parameters):
 
     def create_client(self, srv_type: Any, srv_name: str, **_: Any) -> Client:
         name, qos = self.resolve_service_name(srv_name), qos_profile_system_default
-        self.clients.append(Client(self, name, srv_type, qos, _answer))
+        self.clients.append(Client(self, name, srv_type, qos, _complete))
         return self.clients[-1]
 
     def create_timer(
@@ -329,7 +329,7 @@ class Node(Parameters):
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        del callback_group, clock  # the world has one clock: the wall's, or simulated
+        del callback_group, clock  # the world has one clock, real or simulated
         timer = Timer(self, int(float(timer_period_sec) * SECOND), callback)
         self.timers.append(timer)
         if autostart:
@@ -377,13 +377,13 @@ class Node(Parameters):
         return [name for name, _ in self.get_node_names_and_namespaces()]
 
     def _types(self, kinds: tuple[str, ...], *of: str) -> list[tuple[str, list[str]]]:
-        """Return names and types of all nodes' entities, or of the node of a name and namespace."""
-        found: dict[str, set[str]] = {}
+        """Return the topics with their types, of all nodes or `of` one name and namespace."""
+        topics: dict[str, set[str]] = {}
         for node in self.context.nodes:
             if not of or (node.get_name(), node.get_namespace()) == of:
                 for each in (each for kind in kinds for each in getattr(node, kind)):
-                    found.setdefault(each.topic_name, set()).add(each.topic_type)
-        return [(name, sorted(types)) for name, types in sorted(found.items())]
+                    topics.setdefault(each.topic_name, set()).add(each.topic_type)
+        return [(name, sorted(types)) for name, types in sorted(topics.items())]
 
     get_topic_names_and_types = partialmethod(_types, ('publishers', 'subscriptions'))
     get_publisher_names_and_types_by_node = partialmethod(_types, ('publishers',))
@@ -407,7 +407,7 @@ SignalHandlerOptions = IntEnum('SignalHandlerOptions', 'NO SIGINT SIGTERM ALL', 
 
 
 def init(*, args: list[str] | None = None, signal_handler_options: Any = None) -> None:
-    """Begin; Ctrl-C is a KeyboardInterrupt with any options."""
+    """Initialise rclpy; Ctrl-C is a KeyboardInterrupt with any options."""
     del signal_handler_options
     world = current()
     if world.is_ok:
@@ -430,19 +430,19 @@ def try_shutdown() -> None:
 def ok() -> bool:
     world = current()
     if world.simulated:
-        world.sleep(SECOND // 1000)  # a loop that asks comes to its end
+        world.sleep(SECOND // 1000)  # so that a loop `while rclpy.ok()` ends
     return world.is_ok
 
 
 create_node = Node
 
 
-def _spin(how: str, node: Node, *given: Any, executor: Any = None, **options: Any) -> None:
+def _spin(method: str, node: Node, *args: Any, executor: Any = None, **options: Any) -> None:
     executor = executor or Executor()
     before = node.executor
     executor.add_node(node)
     try:
-        getattr(executor, how)(*given, **options)
+        getattr(executor, method)(*args, **options)
     finally:
         if before is not executor:
             executor.remove_node(node)
@@ -456,14 +456,14 @@ spin_until_future_complete = partial(_spin, 'spin_until_future_complete')
 class LocalSubscriptions:
     """Subscribes to the wanted topics; `take` returns their messages, serialized.
 
-    A message is serialized and kept where it is published, without an executor.
+    The publisher's thread serializes and keeps a message, without an executor.
 
     Attributes
     ----------
     unknown
-        No topic: all can be recorded.
+        Topics that cannot be recorded: none.
     on_full
-        Called where many messages wait; a recorder replaces it to write them.
+        Called when many messages wait; a recorder replaces it to write them.
     """
 
     def __init__(self, node: Node, recording: Recording) -> None:
@@ -474,17 +474,17 @@ class LocalSubscriptions:
         self.on_full: Callable[[], object] = lambda: None
 
     def expect(self, *_: object) -> None:
-        """Do nothing: a publisher is found as soon as it is there."""
+        """Do nothing: a new publisher is discovered at once."""
 
     def discover(self) -> None:
-        """Subscribe to each wanted topic that has got a publisher since the last call."""
+        """Subscribe to each wanted topic with a new publisher since the last call."""
         for name, (kind, *_) in self._node.get_topic_names_and_types():
             wanted = name not in self._subscriptions and self._wants(name)
             if wanted and self._node.get_publishers_info_by_topic(name):
-                made = Subscription(self._node, name, message_type(kind), _LATCHED)
-                made.raw, keep = True, partial(self._keep, topic(name, kind))
-                made.offer = keep  # type: ignore[method-assign]
-                self._subscriptions[name] = self._node.connect(made)
+                new = Subscription(self._node, name, message_type(kind), _LATCHED)
+                new.raw, keep = True, partial(self._keep, topic(name, kind))
+                new.offer = keep  # type: ignore[method-assign]
+                self._subscriptions[name] = self._node.connect(new)
 
     def _keep(self, described: Topic, data: bytes, number: int) -> None:
         """Keep a message of a topic."""
@@ -494,7 +494,7 @@ class LocalSubscriptions:
             self.on_full()
 
     def take(self) -> list[MessageFields]:
-        """Return the messages since the last call, for one thread at a time."""
+        """Return the messages since the last call; for one thread at a time."""
         return [self._messages.popleft() for _ in range(len(self._messages))]
 
     def lost(self) -> dict[str, dict[str, int] | None]:

@@ -1,4 +1,4 @@
-"""Parameters: of the arguments after --ros-args; declared, set after checks, served to others."""
+"""Parameters of nodes: read after --ros-args, declared, checked, set, and served to other nodes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _OPEN_FILES = Path('/dev/fd')  #: of this process
 
 
 class _Rule(NamedTuple):
-    """A remapping, or a parameter, of the nodes that `node` matches; of all where it is empty."""
+    """A remapping or a parameter, for the nodes that `node` matches; '': for all nodes."""
 
     node: str
     name: str
@@ -64,12 +64,12 @@ class Arguments:
             self._remappings.append(_Rule(node, name, value))
 
     def remap(self, node: str, *names: str) -> str | None:
-        """Return the new name by the node's first rule for one of `names`, if there is one."""
+        """Return the new name in the node's first rule for one of `names`; None without a rule."""
         rules = (rule for rule in self._remappings if rule.node in ('', node))
         return next((rule.value for rule in rules if rule.name in names), None)
 
     def of(self, node: str) -> dict[str, Any]:
-        """Return the parameters for the node of this full name; the last one given counts."""
+        """Return the parameters for the node with this full name; the last value counts."""
         return {
             rule.name: rule.value
             for rule in self._parameters
@@ -78,12 +78,12 @@ class Arguments:
 
 
 def _pattern(nodes: str) -> str:
-    """Return the expression for the full names of nodes: `*` is one word, `**` any number."""
+    """Return the regular expression for full names: `*` is one word, `**` any number of words."""
     escaped = re.escape(f'/{nodes.lstrip("/")}')
     return escaped.replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
 
 
-# A submission's process has no PyYAML, and no arguments either.
+# Imported late: a submission's process has no PyYAML, and no arguments.
 def _value(text: str) -> Any:
     from barc_sim.bags.bounds import from_yaml
 
@@ -102,20 +102,20 @@ def of_file(file: Path) -> Iterator[_Rule]:
     """Yield the parameters in a file; ValueError, OSError: it cannot be read."""
     from barc_sim.bags.bounds import MAX_TEXT, from_yaml
 
-    if file.parent == _OPEN_FILES:  # such as a pipe of the shell's, `<(…)`
+    if file.parent == _OPEN_FILES:  # for example a pipe of the shell, `<(…)`
         text = file.read_text(encoding='utf-8')
     else:
         text = read_regular(file, MAX_TEXT).decode()
     for path, value in _flat(from_yaml(text) or {}, ''):
         node, below, name = path.partition('/ros__parameters/')
         if not below:
-            raise ValueError(f'{path!r} does not stand below ros__parameters')
+            raise ValueError(f'{path!r} is not below ros__parameters')
         yield _Rule(node, name.replace('/', '.'), _allowed(value))
 
 
 def _flat(tree: Any, prefix: str) -> Iterator[tuple[str, Any]]:
     if not isinstance(tree, dict):
-        raise ValueError('no names with values')  # noqa: TRY004 (a file's, as YAML's own errors)
+        raise ValueError('no names with values')  # noqa: TRY004 (an error of the file)
     for name, value in tree.items():
         path = f'{prefix}/{name}' if prefix else f'{name}'
         if isinstance(value, dict):
@@ -129,7 +129,7 @@ def _interface(name: str, kind: str = 'msg') -> Any:
 
 
 class ParameterException(Exception):
-    """A parameter cannot be declared, or got, or set to its first value."""
+    """A parameter cannot be declared, read, or set to its first value."""
 
 
 class ParameterNotDeclaredException(ParameterException): ...
@@ -145,7 +145,7 @@ class InvalidParameterValueException(ParameterException): ...
 
 
 class Type(Enum):
-    """The types of parameters; the value of each is ParameterType's."""
+    """The types of parameters, with the numbers of rcl_interfaces/msg/ParameterType."""
 
     NOT_SET, BOOL, INTEGER, DOUBLE, STRING = range(5)
     BYTE_ARRAY, BOOL_ARRAY, INTEGER_ARRAY, DOUBLE_ARRAY, STRING_ARRAY = range(5, 10)
@@ -177,10 +177,10 @@ class Parameter:
         return cls(param_msg.name, value=parameter_value_to_python(param_msg.value))
 
     def get_parameter_value(self) -> Any:
-        made = _interface('ParameterValue')(type=self.type_.value)
+        message = _interface('ParameterValue')(type=self.type_.value)
         if self.value is not None:
-            setattr(made, f'{self.type_.name.lower()}_value', self.value)
-        return made
+            setattr(message, f'{self.type_.name.lower()}_value', self.value)
+        return message
 
     def to_parameter_msg(self) -> Any:
         return _interface('Parameter')(name=self.name, value=self.get_parameter_value())
@@ -196,7 +196,7 @@ def _result(reason: str = '') -> Any:
 
 
 class Parameters:
-    """The parameters of a node, which derives from this."""
+    """The parameters of a node: a base class of `Node`."""
 
     get_fully_qualified_name: Any
     get_clock: Any
@@ -220,9 +220,9 @@ class Parameters:
         parameter = Parameter(name, value=value)
         result = self._set(parameter, descriptor)
         if result.reason.startswith('Wrong parameter type'):
-            given = f"Trying to set parameter '{name}' to '{value}' of type "
+            what = f"Trying to set parameter '{name}' to '{value}' of type "
             kinds = f"'{parameter.type_.name}', expecting type '{Type(descriptor.type).name}'"
-            raise InvalidParameterTypeException(f'{given}{kinds}: {name}')
+            raise InvalidParameterTypeException(f'{what}{kinds}: {name}')
         if not result.successful:
             why = f'Invalid parameter value ({value}) for parameter. Reason: {result.reason}'
             raise InvalidParameterValueException(f'{why}: {name}')
@@ -254,7 +254,7 @@ class Parameters:
         return [self._set(each) for each in parameter_list]
 
     def _set(self, parameter: Parameter, declared: Any = None) -> Any:
-        """Check and set a parameter, with its descriptor where it is `declared` now."""
+        """Check and set a parameter; `declared` is its descriptor if it is declared now."""
         name = parameter.name
         descriptor = declared or self._descriptors[name]
         if descriptor.read_only and not declared:
@@ -282,7 +282,7 @@ class Parameters:
         self._after.insert(0, callback)
 
     def serve(self) -> None:
-        """Serve the setting of parameters under rclpy's name."""
+        """Create the service `~/set_parameters`, as in rclpy."""
         kind = _interface('SetParameters', 'srv')
         self.create_service(kind, '~/set_parameters', self._on_set_request)
 
