@@ -149,7 +149,7 @@ class McapFile:
     def _raw(self, stream: BinaryIO, size: int, *, messages: bool) -> Iterator[tuple[int, bytes]]:
         """Yield opcode and body of each record up to the footer, with or without `messages`."""
         at = self._whole
-        checksum = zlib.crc32(MAGIC)  # of the data, where all are read
+        checksum = zlib.crc32(MAGIC)  # of all data before the summary
         opcode = 0
         while opcode != Opcode.FOOTER:
             header = stream.read(_HEADER.size)
@@ -290,7 +290,7 @@ _LOSSES = ('lost ', 'lost_messages', 'not recorded ')
 
 
 class Contents:
-    """What is in a bag: topics and metadata at once, and the messages when `messages` reads them.
+    """The contents of a bag: topics and metadata are read at once, and messages by `messages`.
 
     Attributes
     ----------

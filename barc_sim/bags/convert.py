@@ -73,12 +73,12 @@ def _file_names(topics: Sequence[str]) -> Iterator[str]:
 
     Upper and lower case count as the same, as on a Mac.
     """
-    taken = set()
+    used = set()
     for topic in topics:
         name = re.sub(r'[^\w.]', '_', topic.strip('/').replace('/', '.')).lstrip('.')[:_MAX_NAME]
-        while name.casefold() in taken:
+        while name.casefold() in used:
             name += '_'
-        taken.add(name.casefold())
+        used.add(name.casefold())
         yield f'{name}.csv'
 
 

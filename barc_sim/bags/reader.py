@@ -181,7 +181,7 @@ def _sink(
         decoders[key] = None
         with suppress(Exception):  # damage may raise anything
             decoders[key] = _Decoder(name, topic)
-    # A PID's state and another controller's fill the same columns.
+    # The states of a PID and of other controllers fill the same columns.
     name = PID_STATE if name == CONTROLLER_STATE else name
     samples = bag.samples[namespace or '/']
     return decoders.get(key), samples.setdefault(name, Samples(len(TOPICS[name])))

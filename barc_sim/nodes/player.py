@@ -37,12 +37,12 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import Message
 
 _SHOW_PERIOD = 0.1  #: [s]
-#: [s] without a new subscription after which matching counts as complete, and its longest time.
+#: [s] without a new subscription after which matching counts as complete; its maximum time.
 _MATCHING, _MAX_MATCHING = 1.0, 5.0
 _ACK_TIMEOUT = 3.0  #: [s] to wait until the last messages are acknowledged
 _SPIN = 2e-4  #: [s] of busy waiting before a message: a sleep ends late
 _BATCH, _BATCHES = 20, 16  #: messages read at a time, and how many batches ahead
-_SWITCH = 1e-4  #: [s] after which another thread gives the interpreter's lock to the player's
+_SWITCH = 1e-4  #: [s] after which another thread gives up the interpreter's lock to the player
 
 
 class Playback(NamedTuple):

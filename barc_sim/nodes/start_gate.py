@@ -65,7 +65,7 @@ class StartGate:
     def _resets(self) -> list[Client]:
         """Return a client for each reset service that has a server.
 
-        ROS would list a service that has a client alone.
+        A client without a server would make ROS list the service.
         """
         served = [name for name in _RESETS if self._node.count_services(name)]
         for name in served:

@@ -70,7 +70,7 @@ def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
     arguments = ['--ros-args', '--log-level', 'warn'] if options.quiet else []
     arguments += options.ros_args
     if options.engine == 'ros':
-        from barc_sim.ros.executor import QuickExecutor  # noqa: PLC0415 (of rclpy alone)
+        from barc_sim.ros.executor import QuickExecutor  # noqa: PLC0415 (needs ROS's rclpy)
         from barc_sim.ros.process import NUM_THREADS, ros  # noqa: PLC0415
 
         with ros(arguments, network=options.network):
@@ -82,7 +82,7 @@ def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
         raise UserError(f'ROS cannot start with its arguments: {error}') from None
     try:
         yield MultiThreadedExecutor
-    except InvalidTopicNameException as error:  # as ROS does before the first node
+    except InvalidTopicNameException as error:  # ROS refuses it before the first node
         raise UserError(str(error)) from None
     finally:
         rclpy.try_shutdown()
@@ -264,7 +264,7 @@ class Run:
             print(text, flush=True)  # noqa: T201
 
     def fail(self, failure: str) -> None:
-        """Keep the error that ended the run, also in the bag."""
+        """Store the error that ended the run, also in the bag."""
         self.failure = failure
         if self.recorder:
             self.recorder.add_metadata({'failure': failure})

@@ -81,7 +81,7 @@ ALIASES = 'a0: &a0 {x: 1}\n' + ''.join(
         ('[' * 20_000, 'maximum recursion depth'),
         (ALIASES, 'an alias'),
         ('[1]', 'no names with values'),
-        ('5: 3', "'5' does not stand below ros__parameters"),
+        ('5: 3', "'5' is not below ros__parameters"),
     ],
 )
 def test_a_file_that_holds_no_parameters_is_refused(text: str, reason: str, tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ class Events:
         self.ended = not self._context.handle.ok()
         if self.ended or now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD
-            self._count_in_descriptors()  # which of them are busy may change
+            self._count_in_descriptors()  # from now on, other entities may be busy
             self.woken = True
         return now
 

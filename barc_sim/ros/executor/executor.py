@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from barc_sim.ros.executor.entities import Call, Entry
 
-#: [s] A spin checks so often whether all threads are in callbacks; the second: a nested spin.
+#: [s] between two checks of a spin whether all threads are in callbacks; of a spin in a callback.
 _CHECK_PERIOD, _CHECK_PERIOD_INSIDE = 0.5, 0.01
 #: Whether rclpy (7.1.9 and later) resumes a task itself, when the future that it awaits is done.
 _RESUMES = hasattr(MultiThreadedExecutor, '_call_task_in_next_spin')
@@ -97,7 +97,7 @@ class QuickExecutor(MultiThreadedExecutor):
         self._events.wake()
 
     def _on_change(self) -> None:
-        """Refresh the nodes' entities, here unless a polling thread does it."""
+        """Refresh the nodes' entities, unless a polling thread does it."""
         self._change = object()
         self._events.stale = True
         self._events.wake()

@@ -40,9 +40,12 @@ _ppoll = ctypes.CDLL(None).ppoll  # releases the lock; `select`'s functions roun
 
 
 def shorten_slices() -> None:
-    """Make the kernel run this thread sooner after it wakes up; its share of a core stays."""
-    if os.sched_getscheduler(0) == os.SCHED_OTHER:  # 0.1 ms, from Linux 6.12 on; usual: 1.4 ms
-        # The 1: child processes do not inherit it. A sandbox may refuse the call: no change then.
+    """Make the kernel run this thread sooner after it wakes up; its share of a core stays.
+
+    From Linux 6.12 on its slices are 0.1 ms, not 1.4 ms. A sandbox may refuse this.
+    """
+    if os.sched_getscheduler(0) == os.SCHED_OTHER:
+        # The 1: child processes do not inherit it.
         attributes = pack('IIQiIQQQ', 48, 0, 1, os.getpriority(0, 0), 0, 100_000, 0, 0)
         _LIBC.syscall(_SCHED_SETATTR, 0, attributes, 0)
 
@@ -111,7 +114,7 @@ class Leadership:
     """The right to poll, to take arrivals and to begin callbacks; one thread has it.
 
     The leader lends it while it calls a callback, and takes it back afterwards. When the call
-    lasts, the thread that stands by takes it before that. A timer wakes this thread, and is put off
+    lasts, the thread that stands by takes it meanwhile. A timer wakes this thread, and is put off
     while calls are short. The atomic `pop` and `remove` of a list decide which thread gets it,
     without a lock or a system call.
     """
