@@ -243,7 +243,7 @@ class Losses:
 
 
 def losses_as_metadata(
-    lost: Mapping[str, Mapping[str, int] | None], unrecorded: Mapping[str, str]
+    lost: Mapping[str, Mapping[str, int] | None], left_out: Mapping[str, str]
 ) -> dict[str, str]:
     """Return the metadata entries of a bag about messages that it lacks.
 
@@ -252,7 +252,7 @@ def losses_as_metadata(
     lost
         Number of lost messages, by topic and by the publisher's node; None where the middleware
         does not number messages.
-    unrecorded
+    left_out
         Why a topic cannot be recorded, by its name.
     """
     total = sum(sum(by_node.values()) for by_node in lost.values() if by_node)
@@ -263,16 +263,16 @@ def losses_as_metadata(
         elif by_node:
             parts = ', '.join(f'{count} of {node}' for node, count in sorted(by_node.items()))
             entries[f'lost {topic}'] = f'{sum(by_node.values())} ({parts})'
-    return entries | {f'not recorded {topic}': why for topic, why in sorted(unrecorded.items())}
+    return entries | {f'not recorded {topic}': why for topic, why in sorted(left_out.items())}
 
 
 def summary(
     counts: Mapping[str, int],
     lost: Mapping[str, Mapping[str, int] | None],
-    unrecorded: Mapping[str, str],
+    left_out: Mapping[str, str],
 ) -> str:
     """Return lines with the numbers of recorded and lost messages, and the topics left out."""
-    entries = losses_as_metadata(lost, unrecorded)
+    entries = losses_as_metadata(lost, left_out)
     total = entries.pop('lost_messages')
     first = f'recorded {sum(counts.values())} messages, lost {total}'
     return '\n'.join([first, *(f'{topic}: {what}' for topic, what in entries.items())])

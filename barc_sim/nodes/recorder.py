@@ -177,7 +177,7 @@ class BagRecorder(Node):
     @property
     def left_out(self) -> dict[str, str]:
         """Topics that cannot be recorded, and why."""
-        return dict(self._topics.unknown)
+        return dict(self._topics.left_out)
 
     def stamp_with_clock(self) -> None:
         """Stamp messages with `/clock`, once there is one."""
@@ -216,7 +216,7 @@ class BagRecorder(Node):
         return response
 
 
-def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of either carrier)
+def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of either engine)
     """Return the subscriptions of a recorder, over DDS or in this process alone."""
     if has_dds():
         from barc_sim.ros.topics import TopicSubscriptions  # noqa: PLC0415

@@ -182,7 +182,7 @@ class TopicSubscriptions:
         self._taker = Taker()
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`
-        self.unknown: dict[str, str] = {}  #: why a topic cannot be recorded, by its name
+        self.left_out: dict[str, str] = {}  #: why a topic cannot be recorded, by its name
         self._unexpected: set[str] = set()  # topics that cannot be recorded yet: no publisher
 
     def expect(self, name: str, message_type: type[Any]) -> None:
@@ -199,7 +199,7 @@ class TopicSubscriptions:
         for name, _ in self._node.get_topic_names_and_types():
             recorded = self._topics.get(name)
             count = self._node.count_publishers(name)
-            if name in self.unknown or (recorded and recorded.publishers == count):
+            if name in self.left_out or (recorded and recorded.publishers == count):
                 continue
             if self._wants(name):
                 if publishers := self._node.get_publishers_info_by_topic(name):
@@ -256,8 +256,8 @@ class TopicSubscriptions:
 
     def _leave_out(self, what: str, why: str) -> None:
         """Warn once that something is not recorded, and keep the reason."""
-        if what not in self.unknown:
-            self.unknown[what] = why
+        if what not in self.left_out:
+            self.left_out[what] = why
             self._node.get_logger().warning(f'{what} is not recorded: {why}')
 
     def _add_subscriptions(

@@ -62,7 +62,7 @@ _ENGINES = {'ros': 'ROS 2 (rclpy)', 'local': 'local, without ROS'}
 
 
 @contextmanager
-def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
+def engine(options: Namespace) -> Iterator[Callable[[], Any]]:
     """Initialise rclpy, or `ros/local` in its place; give a function that makes an executor.
 
     UserError: the arguments after `--ros-args` cannot be used.

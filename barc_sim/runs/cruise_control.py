@@ -14,7 +14,7 @@ from barc_sim.control.lane import LANE
 from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.runs.composition import Run, carrier
+from barc_sim.runs.composition import Run, engine
 from barc_sim.runs.inputs import gains
 from barc_sim.runs.terminal import (
     Display,
@@ -45,7 +45,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
 
     UserError: a parameter or a ROS argument cannot be used; no bag is left then.
     """
-    with carrier(options) as new_executor, Run(options, inputs, stop) as run:
+    with engine(options) as new_executor, Run(options, inputs, stop) as run:
         cars = [add_car(run, number) for number in range(options.cars)]
         if not options.quiet:
             cars[0].display = Display(cars[0].simulator.stepper.distance)

@@ -110,7 +110,7 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
 
 
 def choose_engine(options: argparse.Namespace) -> str:
-    """Return what carries the messages of a run, `ros` or `local`.
+    """Return the engine of a run, `ros` or `local`.
 
     UserError: an option needs ROS, and ROS is not installed or not chosen.
     """

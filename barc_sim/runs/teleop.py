@@ -16,7 +16,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.relay import Relay
-from barc_sim.runs.composition import Run, carrier
+from barc_sim.runs.composition import Run, engine
 from barc_sim.runs.terminal import Display, drive_line
 from barc_sim.vehicle.road import Road
 
@@ -43,7 +43,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
     terminal = _terminal()
     with (
         terminal or nullcontext(),
-        carrier(options) as new_executor,
+        engine(options) as new_executor,
         _relay_program(options, inputs) as program,
         Run(options, inputs, stop) as run,
     ):

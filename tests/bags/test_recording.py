@@ -95,8 +95,8 @@ def test_metadata_have_the_losses_by_topic_and_node() -> None:
 
 
 def test_summary_has_a_line_for_each_topic_with_losses_or_left_out() -> None:
-    unrecorded = {'/b as Text': 'its type is Number'}
-    assert summary({'/a': 3}, {'/a': {'talker': 1}}, unrecorded).splitlines() == [
+    left_out = {'/b as Text': 'its type is Number'}
+    assert summary({'/a': 3}, {'/a': {'talker': 1}}, left_out).splitlines() == [
         'recorded 3 messages, lost 1',
         'lost /a: 1 (1 of talker)',
         'not recorded /b as Text: its type is Number',

@@ -60,7 +60,7 @@ class Entry:
     kept: Any = None  #: a timer's jump handle; the stand-in for an entity in the wait set
     take_message: Any = None  #: a subscription's faster take
 
-    def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
+    def warns_of(self, error: BaseException, *, while_taking: bool = False) -> bool:
         """Warn of an error of rclpy's own code; return False for other errors.
 
         Such an error is raised by a take or by rclpy's own callback, without other code in between.
@@ -68,7 +68,8 @@ class Entry:
         module = str(getattr(getattr(self.entity, 'callback', None), '__module__', None))
         scopes = [frame.f_globals for frame, _ in walk_tb(error.__traceback__)]
         ours = all(str(scope.get('__name__')).startswith(_OURS) for scope in scopes)
-        if not (ours and (taking or module.startswith(_OURS)) and isinstance(error, Exception)):
+        ours = ours and (while_taking or module.startswith(_OURS))
+        if not (ours and isinstance(error, Exception)):
             return False
         name = getattr(self.entity, 'topic', type(self.entity).__name__)
         self.node.get_logger().warning(

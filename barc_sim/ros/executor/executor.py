@@ -341,7 +341,7 @@ class QuickExecutor(MultiThreadedExecutor):
         except InvalidHandle:
             entry.pending = 0  # destroyed without its node
         except Exception as error:
-            if not entry.warns_of(error, taking=True):
+            if not entry.warns_of(error, while_taking=True):
                 raise
         finally:
             if call is None:

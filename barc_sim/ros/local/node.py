@@ -460,7 +460,7 @@ class LocalSubscriptions:
 
     Attributes
     ----------
-    unknown
+    left_out
         Topics that cannot be recorded: none.
     on_full
         Called when many messages wait; a recorder replaces it to write them.
@@ -470,7 +470,7 @@ class LocalSubscriptions:
         self._node, self._wants, self._depth = node, recording.wants, recording.depth
         self._subscriptions: dict[str, Subscription] = {}
         self._messages: deque[MessageFields] = deque()
-        self.unknown: Mapping[str, str] = {}
+        self.left_out: Mapping[str, str] = {}
         self.on_full: Callable[[], object] = lambda: None
 
     def expect(self, *_: object) -> None:
