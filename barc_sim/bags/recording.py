@@ -96,7 +96,7 @@ class Span:
 
     @property
     def duration(self) -> int:
-        """From the first message to the last [ns]."""
+        """Time from the first message to the last [ns]."""
         return self.end - (self.start or 0)
 
     def as_metadata(self) -> dict[str, Any]:
@@ -245,7 +245,7 @@ class Losses:
 def losses_as_metadata(
     lost: Mapping[str, Mapping[str, int] | None], left_out: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return the metadata entries of a bag about messages that it lacks.
+    """Return the metadata entries of a bag about lost messages and topics left out.
 
     Parameters
     ----------

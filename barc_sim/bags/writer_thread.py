@@ -46,7 +46,7 @@ class WriterThread:
     reserve
         Space to leave free [B].
     on_failure
-        Called in the thread with a sentence when writing fails; once until writing works again.
+        Called in the thread with a sentence when writing fails; again only after it has worked.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class WriterThread:
         self._reserve = reserve
         self._on_failure = on_failure
         self._arrived = 0  # number of messages in the last poll
-        self._stuck = False  # whether the disk has refused a block, which waits
+        self._stuck = False  # whether writing has failed and has not worked since
         self._broken = False  # whether the source has failed, for good
         self._chunk_due = time.monotonic()
         self._closing = threading.Event()

@@ -48,12 +48,12 @@ def _check_regular(path: Path, status: os.stat_result) -> None:
 
 
 def open_regular(path: Path, *, follow: bool = True) -> BinaryIO:
-    """Open a regular file for reading; it never waits, as the opening of a named pipe would.
+    """Open a regular file for reading; this never waits, unlike the opening of a named pipe.
 
     `follow` allows a link: only for a file that the user names, not for a file in a folder that
     somebody else has made. UserError: it is no regular file; OSError: it cannot be read.
     """
-    # Checked before, because opening a device can do something, and after, for a change meanwhile.
+    # Checked before the opening, which can act on a device, and after it, for a change meanwhile.
     _check_regular(path, path.stat(follow_symlinks=follow))
     flags = _flags('O_NONBLOCK', 'O_NOCTTY', *(() if follow else ('O_NOFOLLOW',)))
     descriptor = os.open(path, os.O_RDONLY | flags)
@@ -82,8 +82,7 @@ def replacing(path: Path, *, sync: bool = False) -> Iterator[Path]:
     """Give a new, empty file beside `path`, which replaces it when the block succeeds.
 
     If the block fails, `path` is unchanged, and the new file is removed. With `sync`, the data is
-    on the disk before the replacement. OSError: nothing can be written there, raised at once; or
-    writing fails later.
+    on the disk before the replacement. OSError: the new file cannot be made, or writing fails.
     """
     part = path.with_name(f'.{token_hex(8)}{path.suffix}')
     os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | _flags('O_NOFOLLOW'), 0o666))

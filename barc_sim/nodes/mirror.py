@@ -62,7 +62,7 @@ _SURFACE, _PAINT = (0.49, 0.467, 0.416), (0.9, 0.9, 0.9)
 _LENGTH = 4.4  #: [m] of the car
 _ROAD_WIDTH = 6.0  #: [m]
 _LINE_WIDTH = 0.12  #: [m]
-_MARGIN = 200.0  #: [m] of road before the end of its first stretch, and after the start of its last
+_MARGIN = 200.0  #: [m] of road before the first stretch's end and after the last stretch's start
 #: [s] by which stamps may be behind the wall clock: a usual tolerance of nodes that use tf2.
 _MAX_STAMP_LAG = 0.1
 

@@ -336,7 +336,7 @@ class PolledCallbackGroup(CallbackGroup):
     polled = True  #: QuickExecutor ignores them, too
 
     def can_execute(self, entity: object) -> bool:  # noqa: ARG002 (rclpy's)
-        """Never."""
+        """Return False: no executor calls back for its subscriptions."""
         return False
 
 

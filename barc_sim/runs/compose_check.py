@@ -36,7 +36,7 @@ class Verdict(NamedTuple):
 
 
 def judge_composition(file: Path) -> Verdict:
-    """Run the script in a process and folder of its own; it ends within a minute."""
+    """Judge a script's nodes; it runs in its own process and folder, for a minute at most."""
     try:
         if _is_unwritten(file):
             return Verdict(True, NOT_WRITTEN)

@@ -308,7 +308,7 @@ class Run:
     def end(self, print_result: Callable[[], None]) -> int:
         """Print the results, and return the exit code.
 
-        That is 1 if user code or the recorder failed, or an error ended the run.
+        The code is 1 if user code or the recorder failed, or an error ended the run.
         """
         recorder = self.recorder
         if not self.options.quiet:
