@@ -193,7 +193,7 @@ class BagRecorder(Node):
         self._thread.do(lambda writer: writer.attach(files))
 
     def discover(self) -> None:
-        """Subscribe to each wanted topic that has got a publisher since the last call."""
+        """Subscribe to each wanted topic with a new publisher since the last call."""
         self._topics.discover()
 
     def close(self) -> None:

@@ -64,7 +64,7 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
     try:
-        # rcl raises its errors about arguments as well as logging them.
+        # rcl logs and raises its errors about arguments: show them once.
         set_logger_level('rcl', LoggingSeverity.FATAL)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 (rclpy raises several private kinds)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     Call = tuple[Callable[..., Any], tuple[Any, ...]]
     Take = Callable[['Entry', MultiThreadedExecutor], 'Call | None']
 
-#: The names of a node's lists of entities, in the order in which rclpy executes what is ready.
+#: The names of a node's lists of entities, in the order in which rclpy executes ready entities.
 KINDS = ('waitables', 'timers', 'subscriptions', 'guards', 'clients', 'services')
 _OURS = ('rclpy.', 'barc_sim.ros.executor.')  # modules
 _MESSAGE_ONLY = Subscription.CallbackType.MessageOnly
@@ -73,7 +73,7 @@ class Entry:
             return False
         name = getattr(self.entity, 'topic', type(self.entity).__name__)
         self.node.get_logger().warning(
-            f'dropped what arrived for {name!r}: {type(error).__name__}: {error}',
+            f'dropped data for {name!r} that rclpy cannot handle: {type(error).__name__}: {error}',
             throttle_duration_sec=1.0,
         )
         return True
