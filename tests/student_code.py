@@ -143,15 +143,15 @@ NumPy scalars | 100 | D has no dt
     self.int_error = 0 -> self.int_error = np.zeros(1)
 whole numbers | 85.88 | the outputs are whole numbers
     return acc -> return int(acc)
-an unused import | 100 | imports matplotlib.pyplot: it is not here
+an unused import | 100 | imports matplotlib.pyplot: it is not installed here
     import time -> import matplotlib.pyplot as plt
-a ROS clock | 50 | rospy.get_time(), but ROS 1 is not here
+a ROS clock | 50 | rospy.get_time(), but ROS 1 is not installed
     + error -> + error * (rospy.get_time() - self.previous)
 an error at a low speed | 50 | on the road: controller.py, line
     # integral -> if speed_current > 7.9: acc = missing
 print of Python 2 | 50 | this is the print of Python 2: write print('acc', acc)
     return acc -> print 'acc', acc⏎return acc
-a shadowed sin | 50 | has a variable the name of a function?
+a shadowed sin | 50 | does a variable have the name of a function?
     g = 9.8 -> g = 9.8; sin = 1
 """)
 WORKS['names of files'] = WORKS['no limit of the sum']._replace(

@@ -145,7 +145,7 @@ def test_the_program_has_the_cost_of_the_states() -> None:
 
 
 def test_a_line_beyond_the_edges_is_refused() -> None:
-    with pytest.raises(UserError, match='an offset of line is 3 m: the edges of L are 3 m from'):
+    with pytest.raises(UserError, match='is 3 m, but the edges of L are 3 m from'):
         line_along(Track.named('L'), [3.0] * POINTS)
 
 

@@ -1,4 +1,4 @@
-"""User code in the places of barc_sim's own controller and driver."""
+"""Adapts user code to the interfaces of barc_sim's controllers, lane laws and driver."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     from barc_sim.lab.user_code.code import UserObject
     from barc_sim.vehicle.track import Track
 
-COMMANDS = 60.0  #: [s] of `identify.py`
+COMMANDS = 60.0  #: [s] duration of the commands of `identify.py`
 _HALF_STEP = 0.01  # [s]
 
 
 class UserController(Adapter):
-    """A user's class `PID` as a `Controller`.
+    """Uses a user's class `PID` as a `Controller`.
 
     Its constructor gets the gains, and the limits if it takes them; a reset makes a new object.
-    Gains that change later are set if the object has `kp`, `ki` and `kd`.
+    Gains that change later are set as attributes `kp`, `ki` and `kd` if the object has them.
     """
 
     kp: float
@@ -40,15 +40,15 @@ class UserController(Adapter):
     _controller: UserObject
 
     def __init__(self, code: UserCode) -> None:
-        """Make a controller with the gains that its file chooses, else those of a run."""
+        """Make a controller with the gains that its file chooses, else with the run's gains."""
         chosen = code.gains
         values = dict(zip(PID.gains, chosen[:3], strict=True)) if chosen else None
         super().__init__(code.new_pid, values=values)
 
     def _make(self, values: Mapping[str, float]) -> UserObject:
         limits = {'output_min': self.output_min, 'output_max': self.output_max}
-        made: UserObject = self._new(*values.values(), **limits)
-        return made
+        pid: UserObject = self._new(*values.values(), **limits)
+        return pid
 
     def _set(self, values: Mapping[str, float]) -> None:
         self._controller.set_gains(values)
@@ -58,12 +58,12 @@ class UserController(Adapter):
 
 
 def controller_of(file: Path) -> UserController:
-    """Return a new controller of a `controller.py`, which is loaded now; its prints are dropped."""
+    """Load a `controller.py`, and return a new controller of it; its printed text is dropped."""
     return UserController(UserCode({'controller': file}, output=lambda _: None).load())
 
 
 class UserCommands(Steps):
-    """A user's function `command` of the time as a `Controller` without gains and terms."""
+    """Uses a user's function `command` of the time as a `Controller` without gains and terms."""
 
     gains: Mapping[str, Gain] = {}
     terms: Mapping[str, str] = {}
@@ -81,15 +81,15 @@ class UserCommands(Steps):
 
 
 class UserLane:
-    """A user's class `Lane` as a lane controller; a reset makes a new object.
+    """Uses a user's class `Lane` as a lane controller; a reset makes a new object.
 
-    Gains that change later are set if the object has them.
+    Gains that change later are set as attributes if the object has them.
     """
 
     terms = LaneLaw.terms
 
     def __init__(self, code: UserCode) -> None:
-        """Begin with the gains that are the defaults of its constructor."""
+        """Begin with the defaults of its constructor as gains."""
         self._code, defaults = code, gains_of(code.lane)
         self.gains = {
             name: Gain(value, '-', f'{name} of lane.py', 2.0 * abs(value) or 1.0, (-1e6, 1e6))
@@ -106,7 +106,7 @@ class UserLane:
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
-        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
+        """Return the steering angle [rad] for errors [m, rad] and a speed [m/s]."""
         values = {name: self.__dict__[name] for name in self.gains}
         if values != self._held:
             self._held = values
@@ -117,7 +117,7 @@ class UserLane:
 
 
 def line_arguments(track: Track) -> list[Any]:
-    """Return the arguments of a user's `line`: it leaves a fifth of the width beside each edge."""
+    """Return the arguments of a user's `line`; `half` leaves a fifth of the width at each edge."""
     points = track.place(track.length / POINTS * np.arange(POINTS))
     return [*(np.asarray(each).tolist() for each in points), 0.3 * track.width]
 
@@ -127,7 +127,7 @@ def line_along(track: Track, offsets: Sequence[float]) -> Track:
     maximum, edge = max(map(abs, offsets)), 0.5 * track.width
     if maximum >= edge:
         raise UserError(
-            f'an offset of line is {maximum:.3g} m: the edges of {track.name} are {edge:g} m '
+            f'an offset of line is {maximum:.3g} m, but the edges of {track.name} are {edge:g} m '
             'from its centre line'
         )
     try:
@@ -139,9 +139,9 @@ def line_along(track: Track, offsets: Sequence[float]) -> Track:
 
 
 class UserDriver(Driver):
-    """A user's relay as a `Driver`: it handles all input but the brake.
+    """Uses a user's relay as a `Driver`: it handles all input except the brake.
 
-    Its commands are cut to the car's limits.
+    Its commands are clamped to the car's limits.
     """
 
     def __init__(self, code: UserCode) -> None:

@@ -1,6 +1,6 @@
-"""A user's files of any lab, see `FILES`, and a policy: loaded without a build, and called.
+"""Loads a user's files of any lab (see `FILES`) or a policy without a build, and calls them.
 
-This module runs in the process of a submission: it imports no law of barc_sim.
+This module runs in the process of a submission, so it must not import barc_sim's own laws.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.user_code.relay_program import RelayProgram
 
-    Relay = Callable[..., Sequence[float]]  #: of linear_x, angular_z and dt=; motor and servo
+    Relay = Callable[..., Sequence[float]]  #: (linear_x, angular_z, dt=…) gives motor and servo
 
-#: The start of the names of the user's files, as attachments of a bag.
+#: Prefix of the names of user files among the attachments of a bag.
 _ATTACHED = 'student/'
-_MAX_VALUES = 5000  # of the names in a function
+_MAX_VALUES = 5000  # assigned values that `UserCode.lines` collects
 #: [s] Time budget to load a file: it might import SciPy.
 _LOADING = 20.0
 _PERIOD = SECOND // 50  #: [ns] between two calls of an object that is judged
@@ -66,7 +66,7 @@ _PERIOD = SECOND // 50  #: [ns] between two calls of an object that is judged
 
 _ERRORS = 'two finite numbers, [e_y, e_psi]'
 POINTS = 120  #: of a track, in `raceline.py`
-#: What is called of a user's files.
+#: The functions, classes and methods of user files that barc_sim calls.
 CALLED = {
     'bikeFE': Called(
         'model',
@@ -101,7 +101,7 @@ CALLED = {
     'command': Called('identify', 't', 1, 'a finite number, the acceleration [m/s²]'),
     'estimate': Called('identify', 't v a', 6, 'six finite numbers, [drag, …, delay_interval]'),
 }
-#: What a part is loaded for: the first of these that its file defines.
+#: The names to look for in the file of each part; the first one that it defines is used.
 _MAIN = {
     'model': ['bikeFE'],
     'controller': ['PID'],
@@ -116,8 +116,8 @@ _MAIN = {
 class UserCode:
     """A user's files by part, such as model and controller, each loaded when it is first used.
 
-    What a file lacks, what fails and what takes too long is a UserCodeError; the same one each time
-    where a file cannot be loaded.
+    A missing function, a failing call and a call that takes too long raise a UserCodeError. A file
+    that cannot be loaded raises the same one each time.
     """
 
     def __init__(
@@ -129,11 +129,11 @@ class UserCode:
     ) -> None:
         """Use `files` by part (see `FILES`), of any folders.
 
-        The `budget` is that of each call [s]; None in the process of a submission, as in `check`
-        and `grade`: no thread, and the code can import no package but NumPy. What user code prints
-        goes to `output`, or to stdout without it.
+        `budget` is the time limit of each call [s]. It is None in the process of a submission, as
+        in `check` and `grade`: then no thread watches the calls, and the code can import only NumPy.
+        Text that user code prints goes to `output`; without it, to stdout.
         """
-        # Without `..`, for the names of folders.
+        # Absolute and without `..`, so that each folder has one name.
         self.paths = {part: Path(os.path.abspath(file)) for part, file in (files or {}).items()}  # noqa: PTH100
         self._folders = {
             path.parent: Folder(path.parent, output, budget=budget) for path in self.paths.values()
@@ -142,7 +142,7 @@ class UserCode:
             if path.name != (usual := FILES.get(part, path.name)):
                 phrase = f'{path.name} is taken as {usual}: did you mean that name?'
                 self._folders[path.parent].tolerate(phrase)
-        self._made: dict[int, Callable[..., float]] = {}  # by the requests' numbers
+        self._objects: dict[int, Callable[..., float]] = {}  # their steps, by the number of `make`
         self._now = 1000 * SECOND  # [ns] on the clock of an object that is judged
         self._loaded: dict[str, Any] = {}  # by part: a UserFunction or a RelayProgram
 
@@ -153,21 +153,21 @@ class UserCode:
         return self
 
     def drop_writes(self) -> None:
-        """Let all that this process writes to files go nowhere."""
+        """Discard all that this process writes to files."""
         for folder in self._folders.values():
             builtins.open = io.open = folder.builtins['open'] = folder.open
 
-    #: Their `bikeFE`; it also gets `l_f`, `l_r` and `g` if it takes them.
+    #: The user's `bikeFE`; it also gets `l_f`, `l_r` and `g` if it takes them.
     model = property(lambda self: self._part('model'))
-    #: Their class `PID`; it also gets `output_min` and `output_max` if it takes them.
+    #: The user's class `PID`; it also gets `output_min` and `output_max` if it takes them.
     controller = property(lambda self: self._part('controller'))
-    #: Their class `Lane`; the arguments of its constructor are its gains.
+    #: The user's class `Lane`; the arguments of its constructor are its gains.
     lane = property(lambda self: self._part('lane'))
-    #: Their function `command` of the time.
+    #: The user's function `command` of the time.
     identify = property(lambda self: self._part('identify'))
-    #: Their function `line`, of the points of a track.
+    #: The user's function `line` of the points of a track.
     raceline = property(lambda self: self._part('raceline'))
-    #: Their function `relay`, their class `Relay`, or a whole program of ROS.
+    #: The user's function `relay`, class `Relay`, or whole ROS program.
     relay = property(lambda self: self._part('relay'))
 
     def _part(self, part: str) -> Any:  # noqa: ANN401 (see `_loaded`)
@@ -177,7 +177,7 @@ class UserCode:
         return self._loaded.get(part)
 
     def _program(self) -> RelayProgram | None:
-        """Return the relay, if its file is a whole program of ROS."""
+        """Return the relay as a program, if its file is a whole ROS program."""
         path = self.paths['relay']
         folder = self._folders[path.parent]
         ros = ros_of_program(folder.parse(path))
@@ -185,25 +185,25 @@ class UserCode:
             return None
         if module := key_reader(folder.parse(path)):
             raise UserCodeError(
-                f'{path.name} reads keys itself, with {module}; expected a relay of the Twists on '
-                f'cmd_vel: {BY_EYE}'
+                f'{path.name} reads keys itself, with {module}; expected a relay that gets Twists '
+                f'on cmd_vel: {BY_EYE}'
             )
         from barc_sim.lab.user_code.relay_program import RelayProgram  # noqa: PLC0415 (200 ms)
 
         if ros == 'rospy':
-            folder.tolerate(f'{path.name}: a program of ROS 1, which runs here without it')
+            folder.tolerate(f'{path.name} is a ROS 1 program: it runs here without ROS')
         return RelayProgram(folder, path, ros)
 
     def function(self, *names: str, fresh: bool = False) -> UserFunction:
         """Return the first of these functions or classes that its file defines.
 
-        With `fresh`, the file is loaded again, so that no global variable has an old value.
+        With `fresh`, the file is loaded again, so that global variables have their first values.
         """
         part = CALLED[names[0]].part
         path = self.paths[part]
         folder = self._folders[path.parent]
         if fresh:
-            self._part(part)  # raises what its first loading has raised
+            self._part(part)  # raises the error of its first loading again
             folder = folder.again()
             own = {'time': clock(lambda: self._now, self._sleep)}
             folder.stand_in = own.get
@@ -214,21 +214,18 @@ class UserCode:
             raise UserCodeError(
                 f'{path.name}: {name} is {short_repr(value)}; expected a {expected}'
             )
-        found = UserFunction(folder, value, called)
+        function = UserFunction(folder, value, called)
         if called.method and not callable(guarded(getattr, value, called.method, default=None)):
             arguments = ', '.join(('self', *(CALLED[called.method].takes or '').split()))
             raise UserCodeError(
-                f'{found.place()}: the class {name} has no method {called.method}({arguments})'
+                f'{function.place()}: the class {name} has no method {called.method}({arguments})'
             )
         if called.takes is None:
-            gains_of(found)
-        return found
+            gains_of(function)
+        return function
 
     def new(self, part: str, *args: float, fresh: bool = False, **options: float) -> UserObject:
-        """Return a new object of the class of a part.
-
-        With `fresh`, its file is loaded again, so that no global variable has an old value.
-        """
+        """Return a new object of the class of a part; for `fresh` see `function`."""
         new = self.function(*_MAIN[part], fresh=True) if fresh else self._part(part)
         name = new.called.method
         instance = new(*args, **options)
@@ -236,14 +233,14 @@ class UserCode:
         return UserObject(instance, UserFunction(new.folder, method, CALLED[name]))
 
     def new_pid(self, *gains: float, fresh: bool = False, **limits: float) -> UserObject:
-        """Return a new object of their class `PID`: kp, ki and kd by name, else by position."""
+        """Return a new object of the class `PID`; pass the gains by name if it has the names."""
         if {*GAINS} <= {*self._part('controller').parameters}:
             by_name = dict(zip(GAINS, gains, strict=True))
             return self.new('controller', fresh=fresh, **by_name, **limits)
         return self.new('controller', *gains, fresh=fresh, **limits)
 
     def new_relay(self) -> Relay:
-        """Return a new relay, to be called for a Twist `dt` seconds after the last call."""
+        """Return a new relay; it is called with a Twist, and `dt`, the time since the last call."""
         relay: Any = self.relay
         if not isinstance(relay, UserFunction):
             live: Relay = relay.start()
@@ -256,7 +253,7 @@ class UserCode:
         duration: float,
         calls: Sequence[Sequence[float]],
     ) -> Sequence[Command]:
-        """Return what a relay commands: for `twists` a program, in these `calls` a function."""
+        """Return the commands of a relay: a program gets `twists`, a function these `calls`."""
         if not isinstance(self.relay, UserFunction):
             commands: Sequence[Command] = self.relay.commands(twists, duration)
             return commands
@@ -265,7 +262,7 @@ class UserCode:
 
     @property
     def gains(self) -> ChosenGains | None:
-        """The gains that `controller.py`, which is loaded, chooses."""
+        """The gains that `controller.py` chooses; None if it is not loaded, or chooses none."""
         if (new := self._loaded.get('controller')) is None:
             return None
         path = str(self.paths['controller'])
@@ -282,16 +279,16 @@ class UserCode:
 
     @property
     def tolerated(self) -> tuple[str, ...]:
-        """What was tolerated in the loaded files, a phrase each."""
+        """The faults of the loaded files that cost nothing, a phrase each."""
         return tuple(phrase for folder in self._folders.values() for phrase in folder.tolerated)
 
     @property
     def sources(self) -> list[Source]:
-        """The loaded files, and those that they import from their folders."""
+        """The loaded files, and the files of their folders that they import."""
         return [each for folder in self._folders.values() for each in folder.sources.values()]
 
     def describe(self) -> dict[str, str]:
-        """Return the entry of a bag's metadata: files by part, and hashes."""
+        """Return an entry of a bag's metadata: files by part, and their hashes."""
         loaded = {source.path: source.name for source in self.sources}
         files = {part: loaded[path] for part, path in self.paths.items() if path in loaded}
         hashes = {each.name: sha256(each.text.encode()).hexdigest() for each in self.sources}
@@ -301,7 +298,7 @@ class UserCode:
         """Return the user's files, by their names as attachments of a bag."""
         return {_ATTACHED + source.name: source.text.encode() for source in self.sources}
 
-    # What the grader requests of the process of a submission, beside `relay_commands` and `name`.
+    # Requests of the grader to the process of a submission, beside `relay_commands` and `name`.
 
     def functions(
         self,
@@ -309,18 +306,19 @@ class UserCode:
         rows: Sequence[Sequence[float]],
         fresh: bool = False,
     ) -> list[list[float]]:
-        """Return the result of a function for each row; with `fresh`, of its file loaded again."""
+        """Return the result of a function for each row of arguments; for `fresh` see `function`."""
         function = self.function(name, fresh=fresh)
         return [function(*row) for row in rows]
 
     def make(self, name: str, number: int, *arguments: Any) -> None:  # noqa: ANN401 (JSON)
-        """Make the `PID` or `Lane` of this number; its file is loaded again.
+        """Make a `PID` or `Lane` with this number; its file is loaded again.
 
-        A PID gets its gains, and no limits; a Lane its track: the segments' ends and curvatures.
+        The arguments are the gains of a PID, which gets no limits, or the track of a Lane: the
+        segments' ends and curvatures.
         """
         if name == 'PID':
             limits = {'output_min': -inf, 'output_max': inf}
-            self._made[number] = self.new_pid(*arguments, fresh=True, **limits).acc_calculate
+            self._objects[number] = self.new_pid(*arguments, fresh=True, **limits).acc_calculate
             return
         lane, (ends, curvatures) = self.new('lane', fresh=True), arguments
 
@@ -328,47 +326,47 @@ class UserCode:
             def curvature(d: float) -> float:
                 return float(curvatures[bisect_right(ends, (place + d) % ends[-1]) % len(ends)])
 
-            curvature.__qualname__ = 'curvature'  # as an error shows it
+            curvature.__qualname__ = 'curvature'  # errors show this name
             return float(lane(e_y, e_psi, speed, curvature))
 
-        self._made[number] = steer
+        self._objects[number] = steer
 
     def steps(self, name: str, number: int, rows: Sequence[Sequence[float]]) -> list[float]:
-        """Return the outputs of what was made, for one row of inputs after the other."""
-        if number not in self._made:
+        """Return the outputs of the object with this number, for the rows of inputs in turn."""
+        if number not in self._objects:
             raise UserError(f'{name}: the process of this object has ended')
         outputs = []
         for row in rows:
             self._sleep(_PERIOD)
-            outputs.append(self._made[number](*row))
+            outputs.append(self._objects[number](*row))
         return outputs
 
     def _sleep(self, duration: int) -> None:
         self._now += duration  # [ns]
 
     def lines(self, do: str, *arguments: Any) -> list[tuple[str, float]]:  # noqa: ANN401 (JSON)
-        """Return the lines that give numbers to names in a request, with these; last, its return.
+        """Return each line that assigns a number in a request, with the number; returns with NaN.
 
-        Names are local ones, and those of `self`.
+        It traces local variables and attributes of `self`.
         """
         names = {str(source.path): source.name for source in self.sources}
         before: dict[FrameType, tuple[int, dict[str, Any]]] = {}
-        found: list[tuple[str, float]] = []
+        assigned: list[tuple[str, float]] = []
 
         def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any] | None:
             file = names.get(frame.f_code.co_filename)
-            if file is None or len(found) > _MAX_VALUES:
+            if file is None or len(assigned) > _MAX_VALUES:
                 return None
             own = getattr(frame.f_locals.get('self'), '__dict__', {})
             values = {**frame.f_locals, **{f'self.{name}': value for name, value in own.items()}}
             line, old = before.get(frame, (0, values))
-            found.extend(
+            assigned.extend(
                 (f'{file}, line {line}', float(value))
                 for name, value in values.items()
                 if isinstance(value, (int, float)) and old.get(name) is not value
             )
             if event == 'return':
-                found.append((f'{file}, line {frame.f_lineno}', nan))
+                assigned.append((f'{file}, line {frame.f_lineno}', nan))
             before[frame] = frame.f_lineno, values
             return trace
 
@@ -378,10 +376,10 @@ class UserCode:
             getattr(self, do)(*arguments)
         finally:
             sys.settrace(usual)
-        return found
+        return assigned
 
     def notes(self) -> dict[str, Any]:
-        """Return the chosen gains and what was tolerated."""
+        """Return the chosen gains and the tolerated faults."""
         return {'gains': self.gains, 'tolerated': self.tolerated}
 
 
@@ -398,8 +396,8 @@ class UserObject:
 
     def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
-        found: float = self._step(speed_reference, speed_current, dt=dt)
-        return found
+        acceleration: float = self._step(speed_reference, speed_current, dt=dt)
+        return acceleration
 
     def read(self, name: str) -> float:
         """Return the object's attribute `name`; NaN if it is not a number."""
@@ -436,7 +434,7 @@ def _defined(folder: Folder, path: Path, names: Sequence[str]) -> tuple[str, Any
 
 
 def _load(folder: Folder, path: Path) -> ModuleType:
-    """Return the module of a file; a UserCodeError names why it cannot be loaded, once tried."""
+    """Return the module of a file; a UserCodeError, the same each time, if it cannot be loaded."""
     if path in folder.failed:
         raise folder.failed[path]
     loading = Budget(_LOADING) if folder.budget else None
@@ -457,12 +455,15 @@ def _load(folder: Folder, path: Path) -> ModuleType:
                 f'loading the file took longer than {_LOADING if loading else error.seconds:g} '
                 's: is there an endless loop outside its functions?'
             )
-        found = UserCodeError(f'{raised_at(folder, error) or path.name}: {fault}')
-        folder.failed[path] = found
-        raise found from error
+        failure = UserCodeError(f'{raised_at(folder, error) or path.name}: {fault}')
+        folder.failed[path] = failure
+        raise failure from error
 
 
-def attached(found: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the user's files among the attachments of a bag, by their own names."""
-    names = {name: name.removeprefix(_ATTACHED) for name in found if name.startswith(_ATTACHED)}
-    return {own: found[name] for name, own in names.items()}
+def attached(attachments: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return the user's files among the attachments of a bag, by file name."""
+    return {
+        name.removeprefix(_ATTACHED): data
+        for name, data in attachments.items()
+        if name.startswith(_ATTACHED)
+    }

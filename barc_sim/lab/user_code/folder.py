@@ -1,7 +1,7 @@
 """Runs the files of one folder: imports them, calls them within a time budget, names their errors.
 
-Their modules are separate from all other modules of the process. A stand-in takes the place of a
-module that is not here, so that a file that imports it loads.
+Their modules are separate from all other modules of the process. A module that is not installed is
+replaced by a stand-in, so that files that import it can still be loaded.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ _T = TypeVar('_T')
 #: [s] Default time budget of a call: a hundred steps of the car.
 BUDGET = 2.0
 SECOND = 10**9  #: [ns]
-#: In the error of a function that still is the template's.
+#: Part of the error of a function that is still the template's.
 NOT_WRITTEN = 'is not written yet (TODO)'
-#: In the error of a relay that cannot be judged here.
+#: Part of the error of a relay that only a person can judge.
 BY_EYE = 'judge it by eye'
-MAX_COMMANDS = 8000  #: of a relay's run; it has 20 a second
+MAX_COMMANDS = 8000  #: of a relay's run; 20 a second are usual
 _SHOWN = 120
 _REPR = Repr()
 _REPR.maxlist = _REPR.maxtuple = 6
@@ -63,21 +63,21 @@ _REPR.maxstring = _REPR.maxother = _SHOWN
 _FLOAT = {float}
 _open = open
 _POLL = 0.05
-#: By a name that a file uses and does not have: what it forgot.
+#: The import that a file lacks, by a name that it uses without one.
 _IMPORTS = {
     **{name: f'from math import {name}' for name in vars(math) if not name.startswith('_')},
     'math': 'import math',
     'np': 'import numpy as np',
     'sign': 'from numpy import sign',
 }
-#: By a part of Python's message on a frequent mistake: what to look at.
+#: Hints on frequent mistakes, by a part of Python's message.
 _HINTS = {
     ' for ^: ': 'a power is ** in Python',
     "'function'": 'is a call missing, as in f(0.0)?',
     "'NoneType'": 'is a value None at the first call, or is a return missing?',
     '() takes no arguments': 'is __init__ written with two underscores on each side?',
-    'object is not callable': 'is a * missing before a bracket, or has a variable the name of a '
-    'function?',
+    'object is not callable': 'is a * missing before a bracket, or does a variable have the name '
+    'of a function?',
 }
 _raise_in_thread = ctypes.pythonapi.PyThreadState_SetAsyncExc
 _ROS = {
@@ -94,27 +94,27 @@ _OPERATORS = (
 
 
 def _is_ros(module: str) -> bool:
-    """Return whether `module` is one of ROS, or of the lab's packages for it."""
+    """Return whether `module` belongs to ROS, or to one of the lab's ROS packages."""
     top = module.partition('.')[0]
     return top in _ROS or bool(_MESSAGES.fullmatch(module))
 
 
 class AbsentModuleError(Exception):
-    """User code needs a value of a module that is not here."""
+    """User code needs a value of a module that is not installed."""
 
 
 class Absent:
-    """Stands for a module that is not here, and for all that is taken from it.
+    """A stand-in for a module that is not installed, and for its attributes and results.
 
-    It can be called and have attributes; its use as a number is an `AbsentModuleError`.
+    It can be called and has any attribute; its use as a number raises an `AbsentModuleError`.
     """
 
     def __init__(self, name: str, reason: str) -> None:
-        """Stand for `name`, which is missing for `reason`."""
+        """Stand in for `name`, which is missing for `reason`."""
         self._name, self._reason = name, reason
 
     def __getattr__(self, name: str) -> object:
-        """Return what stands for the attribute."""
+        """Return a stand-in for the attribute."""
         if name.startswith('__'):
             raise AttributeError(name)
         if name.endswith(('Exception', 'Error', 'Interrupt')):
@@ -122,19 +122,19 @@ class Absent:
         return Absent(f'{self._name}.{name}', self._reason)
 
     def __call__(self, *_: object, **__: object) -> Absent:
-        """Return what stands for the result."""
+        """Return a stand-in for the result."""
         return Absent(f'{self._name.removesuffix("()")}()', self._reason)
 
     def __bool__(self) -> bool:
-        """Return True, so that a loop until ROS shuts down ends."""
+        """Return True, so that `while not rospy.is_shutdown()` ends."""
         return True
 
     def __repr__(self) -> str:
-        """Return the expression that it stands for."""
+        """Return the expression that it replaces."""
         return self._name
 
     def __mro_entries__(self, _: object) -> tuple[type, ...]:
-        """Return the base of a class that is derived from it."""
+        """Return the base class of a class derived from it."""
         return (object,)
 
 
@@ -149,10 +149,10 @@ for _operator in _OPERATORS:
 class Folder:
     """Imports modules of the folder `path`, visible only to each other.
 
-    They are in `sys.modules` only while they run, and where no other has their name, so that two
-    folders can each have a `helpers.py`. No bytecode is written or read. A file never hides a
-    module of the standard library. A module that is not here, such as those of ROS 1, is an
-    `Absent`. A file that cannot be read or compiled is a UserCodeError.
+    They are in `sys.modules` only while they are loaded, and only if no other module has their
+    name, so that two folders can each have a `helpers.py`. No bytecode is written or read. A file
+    never hides a module of the standard library. A module that is not installed, such as `rospy`,
+    becomes an `Absent`. A file that cannot be read or compiled raises a UserCodeError.
     """
 
     def __init__(
@@ -162,35 +162,38 @@ class Folder:
         *,
         budget: float | None = None,
     ) -> None:
-        """Pass the modules' printed text to `output`, or to stdout without it.
+        """Pass the modules' printed text to `output`; without it, to stdout.
 
-        `budget` [s] is that of each call; None in the process of a submission: of packages only
-        NumPy is here.
+        `budget` [s] is the time limit of each call. It is None in the process of a submission,
+        where NumPy is the only package.
         """
         self.path, self._output, self.budget = path, output, budget
-        self.trees: dict[str, ast.Module] = {}  #: of the loaded files, by path
-        self.tolerated: list[str] = []  #: in them, a phrase each
-        #: Gives the modules that take the place of others.
+        self.trees: dict[str, ast.Module] = {}  #: syntax trees of the loaded files, by path
+        self.tolerated: list[str] = []  #: faults of the files that cost nothing, a phrase each
+        #: Returns the module to use in place of the one with a name, or None.
         self.stand_in: Callable[[str], Any] = lambda _: None
         self.sources: dict[str, Source] = {}  #: the loaded files, by path
-        self.failed: dict[Path, UserCodeError] = {}  #: why files cannot be loaded
+        self.failed: dict[Path, UserCodeError] = {}  #: the errors of files that cannot be loaded
         own = {file.stem for file in path.glob('*.py')}
         own |= {file.parent.name for file in path.glob('*/*.py')}
         self._names = own - sys.stdlib_module_names
         self._modules: dict[str, ModuleType] = {}
-        #: The names that all of its files find.
+        #: The built-in names in all of its files.
         self.builtins = {**vars(builtins), '__import__': self._import, 'input': _no_input}
         if output:
             self.builtins['print'] = _print_to(output)
 
     def again(self) -> Folder:
         """Return the same folder with nothing loaded."""
-        found = Folder(self.path, self._output, budget=self.budget)
-        found.tolerated = self.tolerated
-        return found
+        folder = Folder(self.path, self._output, budget=self.budget)
+        folder.tolerated = self.tolerated
+        return folder
 
     def load(self, file: Path, name: str = '') -> ModuleType:
-        """Import `file`, once, with a `name` other than its own; its exceptions are passed on."""
+        """Return the module of `file`, imported once, by default under its own name.
+
+        Exceptions of the file are passed on.
+        """
         name = name or (file.stem if file.stem in self._names else f'user_code_{file.stem}')
         return self._modules.get(name) or self._run(name, file)
 
@@ -223,12 +226,12 @@ class Folder:
         return result.code
 
     def parse(self, file: Path) -> ast.Module:
-        """Return the syntax tree of `file`, which is not run."""
+        """Return the syntax tree of `file` without running it."""
         self._compiled(file)
         return self.trees[str(file)]
 
     def place(self, filename: str, line: int) -> str | None:
-        """Return file and line for a sentence, if the file is one of the loaded."""
+        """Return file and line for a message; None if the file is not one of the loaded ones."""
         source = self.sources.get(filename)
         return f'{source.name}, line {line}' if source else None
 
@@ -252,9 +255,9 @@ class Folder:
             name = f'{package}.{name}'.strip('.')
             top = name.partition('.')[0]
         if not name:
-            # A file of the lab's package is loaded by itself: its neighbours are in its folder.
-            found = {each: self._import(each, globals, locals, (each,)) for each in fromlist}
-            return SimpleNamespace(**found)  # type: ignore[return-value]
+            # `from . import x` in a file that is loaded by itself: x is in the same folder.
+            modules = {each: self._import(each, globals, locals, (each,)) for each in fromlist}
+            return SimpleNamespace(**modules)  # type: ignore[return-value]
         if top in self._names and (module := self._own(name)):
             for each in fromlist or ():
                 if not hasattr(module, each):
@@ -263,7 +266,7 @@ class Folder:
         return self._import_installed(name, globals, locals, fromlist)
 
     def _own(self, name: str) -> ModuleType | None:
-        """Return the module or package `name` of this folder, if it is there."""
+        """Return the module or package `name` of this folder; None if there is none."""
         outer, _, last = name.rpartition('.')
         package = self._own(outer) if outer else None
         path = self.path.joinpath(*name.split('.'))
@@ -292,31 +295,31 @@ class Folder:
             with suppress(ModuleNotFoundError):
                 return __import__(name, globals, locals, fromlist, 0)
         path = (globals or {}).get('__file__', '')
-        if path not in self.trees:  # of a call of __import__ or exec
+        if path not in self.trees:  # the import comes from exec or a call of __import__
             raise ModuleNotFoundError(f'there is no module {name!r} here', name=name)
         if not is_ros and (top in guarded_imports(self.trees[path]) or '*' in (fromlist or ())):
             raise ModuleNotFoundError(name, name=name)
         reason = (
-            'ROS 1 is not here and not needed: barc_sim provides the nodes, and calls PID every '
-            '0.02 s'
+            'ROS 1 is not installed and not needed: barc_sim provides the nodes, and calls PID '
+            'every 0.02 s'
             if is_ros
-            else f"there is no module {name!r} here: NumPy and Python's own modules are; install "
+            else f"there is no module {name!r} here, only NumPy and Python's own modules: install "
             'it for your own runs, put it into the folder, or do without it'
         )
-        why = 'ROS is not needed' if is_ros else 'it is not here'
+        why = 'ROS is not needed' if is_ros else 'it is not installed here'
         self.tolerate(f'{self.sources[path].name} imports {name}: {why}')
         absent: Any = Absent(name if fromlist else top, reason)
         return absent  # type: ignore[no-any-return]
 
     def open(self, file: Any, mode: str = 'r', *args: Any, **options: Any) -> Any:  # noqa: ANN401
-        """Open a file to read it; what is written goes nowhere."""
+        """Open a file for reading; text that is written to it is discarded."""
         if not isinstance(file, int) and {*mode} & {*'wax+'}:
             self.tolerate(f'{short_repr(os.path.basename(file))} is not written here')  # noqa: PTH119
             file, mode = os.devnull, mode.replace('x', 'w')
         return _open(file, mode, *args, **options)
 
     def tolerate(self, phrase: str) -> None:
-        """Add a phrase on what is wrong, and is taken all the same."""
+        """Add a phrase on a fault that costs nothing."""
         if phrase not in self.tolerated:
             self.tolerated.append(phrase)
 
@@ -366,18 +369,18 @@ class Command(NamedTuple):
 
 
 class OutOfTime(BaseException):
-    """Raised in a call that has used up its budget; `except Exception` does not catch it."""
+    """Raised in a call that has used up its time budget; `except Exception` does not catch it."""
 
-    seconds: ClassVar[float] = 0.0  #: of a call, in a process that an alarm interrupts
+    seconds: ClassVar[float] = 0.0  #: the budget, in a process where an alarm ends the call
 
 
 class Budget:
-    """Ends calls that take longer than `seconds`, in whichever thread they are made.
+    """Ends calls that take longer than `seconds`, in any thread.
 
     A thread checks twenty times a second whether the same call still runs. So a call costs a
     fraction of a microsecond, and time in which the whole process is stopped does not count. A
-    call ends between two bytecodes; a call in C, such as `time.sleep`, ends when it returns. Not
-    for nested calls, nor for several threads at once.
+    call ends between two bytecodes; a call in C, such as `time.sleep`, ends when it returns. Calls
+    must not be nested, and only one thread may call at a time.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -412,14 +415,14 @@ def _watch(reference: weakref.ref[Budget]) -> None:
 
 
 def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
-    """Return `value` as a float; None if it is not a number. An array of one number is one."""
+    """Return a number, or an array of one number, as a float; None for other values."""
     if isinstance(value, (str, bytes)):
         return None
     return guarded(lambda: float(value.item() if hasattr(value, 'item') else value), default=None)
 
 
 def guarded(function: Callable[..., _T], *args: object, default: _T) -> _T:
-    """Return what `function` returns of a user's value; `default` where it fails."""
+    """Return the result of `function` for a user's value; `default` if it fails."""
     try:
         return function(*args)
     except (Exception, SystemExit, OutOfTime):  # noqa: BLE001 (a user's value can raise anything)
@@ -428,7 +431,7 @@ def guarded(function: Callable[..., _T], *args: object, default: _T) -> _T:
 
 def short_repr(value: object) -> str:
     """Return `value` as text for a sentence, without addresses in memory."""
-    if type(value) is float:  # `isinstance` would ask the value
+    if type(value) is float:  # `isinstance` could run code of the user's value
         return f'{value:.9g}' if value % 1.0 else repr(value)
     text = guarded(_REPR.repr, value, default=f'<{type(value).__name__} instance>')
     return one_line(without_addresses(text), _SHOWN)
@@ -446,30 +449,30 @@ def raised_at(folder: Folder, error: BaseException) -> str | None:
 
 
 def _innermost(folder: Folder, error: BaseException) -> tuple[str, FrameType] | tuple[None, None]:
-    """Return place and frame of the folder's innermost frame in an exception's traceback."""
-    found = [
+    """Return the folder's innermost frame in an exception's traceback, after its file and line."""
+    frames = [
         (place, frame)
         for frame, line in traceback.walk_tb(error.__traceback__)
         if (place := folder.place(frame.f_code.co_filename, line))
     ]
-    return found[-1] if found else (None, None)
+    return frames[-1] if frames else (None, None)
 
 
 class Called(NamedTuple):
-    """A function, class or method of a user's that barc_sim calls."""
+    """The signature of a user's function, class or method that barc_sim calls."""
 
     part: str  #: its file, see `FILES`
     takes: str | None  #: the names of its arguments; None: any
-    numbers: int = 0  #: that it returns; 0: any object
-    returns: str = 'an object'  #: the same in words
-    method: str = ''  #: of a class: what is called of its objects
-    timed: bool = False  #: it may require the time step `dt`, too
+    numbers: int = 0  #: how many numbers it returns; 0: any object
+    returns: str = 'an object'  #: what it returns, in words
+    method: str = ''  #: of a class: the method that is called
+    timed: bool = False  #: whether it may also take the time step `dt`
 
 
 class UserFunction:
-    """A user's function, method or class, called with the arguments and options that it takes.
+    """A user's function, method or class, called with those options that it takes.
 
-    What fails, takes too long or returns something else than expected is a UserCodeError: one
+    A call that fails, takes too long or returns an unexpected value raises a UserCodeError: one
     sentence with the file, the line and the values.
     """
 
@@ -494,7 +497,7 @@ class UserFunction:
             )
 
     def __call__(self, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (a user's)
-        """Return what the function returns: a float, a list of floats, or an object."""
+        """Call the function; return a float, a list of floats, or an object."""
         if not self._takes_all:
             positions, first = self._positions, len(args)
             options = {n: v for n, v in options.items() if positions.get(n, -1) >= first}
@@ -515,9 +518,9 @@ class UserFunction:
         return found
 
     def place(self) -> str:
-        """Return the file and line that define the function, or the method that makes a class.
+        """Return the file and line of the function, or of the `__init__` of a class.
 
-        Without such a method it is the file alone.
+        Without an `__init__` it is the file alone.
         """
         code = self._code()
         found = self.folder.place(code.co_filename, code.co_firstlineno) if code else None
@@ -528,7 +531,7 @@ class UserFunction:
         return getattr(made or self.function, '__code__', None)
 
     def _has_self(self) -> bool:
-        """Return whether a method has `self` as its first argument; of a function True."""
+        """Return whether a method has `self` as its first argument; True for a function."""
         is_method = isinstance(self.function, type) or hasattr(self.function, '__self__')
         code = self._code() if is_method else None
         return code is None or code.co_varnames[:1] == ('self',)
@@ -555,7 +558,7 @@ class UserFunction:
             return UserCodeError(f'{place}: {call} uses {error}')
         # The lab's own templates have the name TODO where code is missing.
         if isinstance(error, NotImplementedError) or getattr(error, 'name', '') == 'TODO':
-            # It can be a function that this one calls; `__init__` and `<listcomp>` are none.
+            # The unwritten function can be one that this one calls, but not `<listcomp>` or so.
             _, frame = _innermost(self.folder, error)
             name = frame.f_code.co_name if frame else '<none>'
             name = self._name() if name.startswith(('_', '<')) else name
@@ -588,7 +591,7 @@ def _binds(found: Signature, count: int, **options: float) -> bool:
 
 
 def _is_plain(result: Any, count: int) -> bool:  # noqa: ANN401 (a user's)
-    """Return whether a result is finite floats already, which each step checks."""
+    """Return whether a result needs no conversion, a fast check for each step."""
     if count == 1:
         return type(result) is float and math.isfinite(result)
     is_floats = type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT
@@ -596,7 +599,7 @@ def _is_plain(result: Any, count: int) -> bool:  # noqa: ANN401 (a user's)
 
 
 def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: ANN401 (a user's)
-    """Return a number, or a list of `count` numbers, as finite floats; None for something else."""
+    """Return a number, or a list of `count` numbers, as finite floats; None for anything else."""
     if count == 1:
         value = number(result)
         return value if value is not None and math.isfinite(value) else None
@@ -609,7 +612,7 @@ def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: 
 
 
 def hint_on(folder: Folder, error: BaseException) -> str:
-    """Return what to look at after a frequent mistake in user code; empty if none is known."""
+    """Return a hint on a frequent mistake in user code; empty if it is not a known one."""
     text = describe_error(error)
     _, frame = _innermost(folder, error)
     names = frame.f_locals if frame else {}
@@ -623,7 +626,7 @@ def hint_on(folder: Folder, error: BaseException) -> str:
 
 
 def _hint_on_name(name: str, names: Sequence[str], own: Sequence[str]) -> str:
-    """Return what to look at where `name` has no value, of local names and those of `self`."""
+    """Return a hint where `name` has no value, from local names and `own` attributes of self."""
     if name in own:
         return f'did you mean self.{name}?'
     if name in _IMPORTS:

@@ -1,11 +1,11 @@
-"""A relay that is a whole program of ROS, run without ROS in simulated time.
+"""Runs a relay that is a whole ROS program, without ROS and in simulated time.
 
-Around it are a driver and a car. The driver sends Twists on each topic of Twists that the program
-listens to. A UserCodeError names what is wrong with the program: it fails, has ended, listens to no
-driver, publishes nothing on `ecu`, takes too long, or publishes a number that is not finite.
+A driver and a car run beside it. The driver publishes Twists on each topic of Twists that the
+program subscribes to. A UserCodeError names the program's fault: it fails, has ended, subscribes to
+no Twists, publishes nothing on `ecu`, takes too long, or publishes a number that is not finite.
 
-`rospy` is upon `ros/local`: in ROS 1 callbacks run beside the program, also while it sleeps; a
-message takes its fields by position, and whole numbers for floats.
+`rospy` is built on `ros/local`. As in ROS 1, callbacks run beside the program, also while it
+sleeps; a message takes its fields by position, and integers for floats.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.user_code.folder import Folder
 
 _BUDGET = 10.0  #: [s] of a run; it takes some milliseconds
-_PATIENCE = 5.0  #: [s] for a program to wait again, while it drives
+_PATIENCE = 5.0  #: [s] until a program that drives by hand must spin or sleep again
 _STATE_PERIOD = 0.02  #: [s]
 _CMD_VEL, _STATE, _ECU = 'cmd_vel', 'z_vhcl', 'ecu'
 _ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
@@ -68,7 +68,7 @@ _LOGS = [f'log{level}' for level in ('debug', 'info', 'warn', 'err', 'fatal')]
 
 
 def _lenient(type_name: str) -> type[Any]:
-    """Return the class of a message as ROS 1 has it; its header comes last."""
+    """Return the class of a message as in ROS 1; the header is the last argument."""
     kind: Any = message_type(type_name)
     order = sorted(kind.__slots__, key=lambda name: name == 'header')
 
@@ -121,7 +121,7 @@ class _Rate:
 
 
 def rospy_modules(world: World) -> dict[str, Any]:
-    """Return `rospy` and the lab's messages as modules, by name; one node in `world` does all."""
+    """Return `rospy` and the lab's messages as modules, by name; they use one node in `world`."""
     init(args=[])
     node = Node('rospy_program', enable_rosout=False, start_parameter_services=False)
     if world.around:
@@ -135,19 +135,20 @@ def rospy_modules(world: World) -> dict[str, Any]:
 
     def publisher(name: str, data_class: Any, *_: object, **__: object) -> SimpleNamespace:
         kind = message_type(data_class.__msgtype__)
-        made = node.create_publisher(kind, name, 1000)
+        node_publisher = node.create_publisher(kind, name, 1000)
 
         def publish(*values: Any, **named: Any) -> None:
             whole = len(values) == 1 and isinstance(values[0], kind) and not named
             message = values[0] if whole else data_class(*values, **named)
-            made.publish(message.__copy__())
+            node_publisher.publish(message.__copy__())
 
-        return SimpleNamespace(publish=publish, get_num_connections=made.get_subscription_count)
+        connections = node_publisher.get_subscription_count
+        return SimpleNamespace(publish=publish, get_num_connections=connections)
 
     def timer(period: float, callback: Any, **_: object) -> object:
         return node.create_timer(period, partial(callback, SimpleNamespace()))
 
-    rospy = Absent('rospy', 'it is not part of what a relay needs')
+    rospy = Absent('rospy', 'a relay does not need it')
     vars(rospy).update(
         Subscriber=subscribe,
         Publisher=publisher,
@@ -167,26 +168,26 @@ def rospy_modules(world: World) -> dict[str, Any]:
     car = SimpleNamespace(**{name.rpartition('/')[2]: _lenient(name) for name in _LABS})
     car.Z_DynBkMdl = car.ZDynBkMdl
     packages = dict.fromkeys(('barc', 'labs', 'barc_interfaces', 'std_msgs', 'geometry_msgs'), car)
-    found = {f'{name}.msg': module for name, module in packages.items()}
-    found |= {name: SimpleNamespace(msg=module) for name, module in packages.items()}
-    return {'rospy': rospy, **found}
+    modules = {f'{name}.msg': module for name, module in packages.items()}
+    modules |= {name: SimpleNamespace(msg=module) for name, module in packages.items()}
+    return {'rospy': rospy, **modules}
 
 
 def prepare() -> None:
-    """Make all that a program may import, before its process is confined."""
+    """Load the modules that a program may import, before its process is confined."""
     find_module('rclpy')
 
 
 class RelayProgram:
-    """A file with a node that turns `cmd_vel` into `ecu`: of ROS 2, or the lab's for ROS 1."""
+    """A ROS 2 or ROS 1 program whose node turns `cmd_vel` into `ecu`."""
 
     def __init__(self, folder: Folder, path: Path, ros: str) -> None:
-        """Have the file at `path`, of `rclpy` or `rospy`."""
+        """Use the file at `path`; `ros` is `rclpy` or `rospy`."""
         self.folder, self.path, self.ros = folder, path, ros
         self._live: LiveRelay | None = None
 
     def commands(self, twists: Sequence[Sequence[float]], duration: float) -> list[Command]:
-        """Return what it publishes on `ecu` from 0 to `duration` [s], while it gets `twists`."""
+        """Return its commands on `ecu` from 0 to `duration` [s], while it gets `twists`."""
         run = RelayRun(self, twists, duration)
         if self.folder.budget:
             Budget(_BUDGET).call(run.run)
@@ -196,7 +197,7 @@ class RelayProgram:
         return [run.checked(*command) for command in run.commands]
 
     def start(self) -> LiveRelay:
-        """Start it, to be driven by hand; one that was started before ends."""
+        """Start the program for a drive by hand; end an earlier run of it."""
         if self._live:
             self._live.stop()
         self._live = LiveRelay(self, (), 0.0)
@@ -204,9 +205,9 @@ class RelayProgram:
 
 
 class RelayRun(World):
-    """A program with the driver and the car around it, from time 0 to `end` [s].
+    """A run of a program beside a driver and a car, from time 0 to `end` [s].
 
-    Its topics have no namespaces: the lab's keyboard has `turtle1/cmd_vel`.
+    Namespaces are removed from topics: the lab's keyboard has `turtle1/cmd_vel`.
     """
 
     def __init__(
@@ -233,10 +234,10 @@ class RelayRun(World):
             self.node.create_timer(_STATE_PERIOD, self._publish_state)
             self.around = Executor()
             self.around.add_node(self.node)
-            shutdown()  # the program begins by itself
+            shutdown()  # so that the program can call init
 
     def _at(self, t: float, call: Callable[[], object]) -> None:
-        """Call at the time `t` [s]."""
+        """Call `call` once, at the time `t` [s]."""
 
         def once() -> None:
             timer.cancel()
@@ -245,17 +246,17 @@ class RelayRun(World):
         timer = self.node.create_timer(t, once)
 
     def drive(self, linear_x: float, angular_z: float) -> None:
-        """Publish a Twist on each topic of Twists that the program listens to."""
+        """Publish a Twist on each topic of Twists that the program subscribes to."""
         message = message_type(_TWIST)()
         message.linear.x, message.angular.z = float(linear_x), float(angular_z)
         for topic in self._twist_topics():
             if topic not in self._publishers:
-                made = self.node.create_publisher(type(message), f'/{topic}', _ALL)
-                self._publishers[topic] = made
+                publisher = self.node.create_publisher(type(message), f'/{topic}', _ALL)
+                self._publishers[topic] = publisher
             self._publishers[topic].publish(message)
 
     def _twist_topics(self) -> set[str]:
-        """Return the topics of Twists that the program listens to."""
+        """Return the topics of Twists that the program subscribes to."""
         self._note_topics()
         return {topic for topic, kind in self._subscribed.items() if kind == _TWIST}
 
@@ -289,15 +290,15 @@ class RelayRun(World):
         return self.now_ns / SECOND
 
     def _stand_ins(self) -> Callable[[str], Any]:
-        """Return what gives the modules that take the places of the program's, by name."""
+        """Return a function from the name of a module to its stand-in for the program."""
         threads = SimpleNamespace(**{**vars(threading), 'Thread': _NoThread})
-        found = {'time': clock(lambda: self.now_ns, self.sleep), 'threading': threads}
+        modules = {'time': clock(lambda: self.now_ns, self.sleep), 'threading': threads}
         if self._program.ros == 'rospy':
-            found |= rospy_modules(self)
-        return lambda name: found.get(name) or find_module(name)
+            modules |= rospy_modules(self)
+        return lambda name: modules.get(name) or find_module(name)
 
     def run(self) -> None:
-        """Run the program to its end, or to that of its time."""
+        """Run the program until it ends, or until the time is `end`."""
         folder, path = self._program.folder.again(), self._program.path
         try:
             with in_world(self):
@@ -326,7 +327,7 @@ class RelayRun(World):
             self._on_command(self._ecu_sub.queue.popleft())
 
     def check(self) -> None:
-        """Raise a UserCodeError where it is no relay, once it has run."""
+        """Raise a UserCodeError if the program has not acted as a relay."""
         fault = ''
         if len(self.commands) > MAX_COMMANDS:
             fault = (
@@ -351,7 +352,7 @@ class RelayRun(World):
             raise UserCodeError(f'{self._program.path.name}: {fault}')
 
     def checked(self, t: float, motor: float, servo: float) -> Command:
-        """Return a command, which must be finite."""
+        """Return a command; a UserCodeError if it is not finite."""
         if not (isfinite(motor) and isfinite(servo)):
             raise UserCodeError(
                 f'{self._program.path.name}: after {t:.2f} s it published motor {motor!r} and '
@@ -361,7 +362,7 @@ class RelayRun(World):
 
 
 class LiveRelay(RelayRun):
-    """A program in a thread of its own, which runs only while a call waits for it."""
+    """A run in a separate thread, for a drive by hand: time passes only during a call."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -384,14 +385,14 @@ class LiveRelay(RelayRun):
         return motor, servo
 
     def at_end(self) -> None:
-        """Wait for the next call."""
+        """Wait for the next call, at the end of the current one."""
         self._waits.release()
         self._continues.acquire()
         if self._is_over:
             raise EndOfTimeError
 
     def stop(self) -> None:
-        """End the program; a program in the middle of its file holds the imports of others."""
+        """End the program: while it runs, it blocks the imports of other files."""
         self._is_over = True
         self._continues.release()
         self._thread.join(_PATIENCE)

@@ -65,7 +65,7 @@ WORKS = {
         replaced(ROS_1, 'turtle1/cmd_vel', 'keyboard/keyup'), 20, ''
     ),
     'keyboard and relay in one node': Work(
-        COMBINED, 0, 'relay.py reads keys itself, with termios; expected a relay of the Twists',
+        COMBINED, 0, 'relay.py reads keys itself, with termios; expected a relay that gets Twists',
         20,
     ),
     'node that reads lines': Work(
