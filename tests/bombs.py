@@ -33,9 +33,9 @@ def zeros(method: int) -> bytes:
 BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     'many entries': (lambda: entries(100_000), 'it holds too many files'),
     'a million entries': (lambda: entries(1_000_000), 'it holds too many files'),
-    'zeros': (lambda: zeros(zipfile.ZIP_DEFLATED), 'bike_model.py has more than 1 MiB'),
+    'zeros': (lambda: zeros(zipfile.ZIP_DEFLATED), 'bike_model.py is larger than 1 MiB'),
     'zeros by LZMA': (
         lambda: zeros(zipfile.ZIP_LZMA),
-        'bike_model.py is packed in an uncommon way',
+        'bike_model.py is compressed in an uncommon way',
     ),
 }

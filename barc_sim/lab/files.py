@@ -1,7 +1,7 @@
-"""The files of the labs: handed out, found by name in a folder, and read.
+"""Lists the files of each lab, finds them in a folder, and reads them without running them.
 
-How the parts are judged stands in `labs/`, and the points in `grade/rubrics/`. A user's file is
-read here without running it: its errors, its gains, and whether it is a program of ROS.
+Reading a user's file gives its syntax errors, its gains, and whether it is a ROS program. How the
+parts are judged is in `labs/`; the points are in `grade/rubrics/`.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from inspect import Signature
     from types import CodeType
 
-#: The script of Task 3 of the hills lab, which is run as it is.
+#: The script of Task 3 of the hills lab: a student runs it; it is not judged.
 COMPOSE = 'compose.py'
-#: The file of a person's points and comments, beside a report.
+#: The file beside a report for the points and comments that a person enters.
 BY_HAND = 'by_hand.yaml'
 _MAX_SOURCE = 1_000_000  #: bytes
-_SHOWN = 120  #: characters of a wrong line
+_SHOWN = 120  #: maximum length of a wrong line in a message
 _INDENTATION = re.compile(r'^[ \t]+', re.MULTILINE)
 _PRINT = re.compile(r'print\s+(?![=(])(?:>>\s*\w[\w.]*\s*,\s*)?(.*?),?$')
-#: The defaults of PID's gains in the lab's template, which nobody has chosen.
+#: The default gains of PID in the lab's template: they do not count as chosen.
 _TEMPLATE = (1.0, 1.0, 1.0)
 _MAX_GAIN = 1e12
 GAINS = ('kp', 'ki', 'kd')  #: of a PID
@@ -44,17 +44,17 @@ _INPUTS = {'sys.stdin', 'input()', 'raw_input()'}
 
 
 class Handout(NamedTuple):
-    """What a lab hands out, and what it wants back."""
+    """The templates of a lab, and the files that a student hands in."""
 
     folder: str  #: of its templates
-    files: Mapping[str, str]  #: that are loaded and judged, by part
-    rubric: str  #: its name
-    drive: str  #: the command that drives with a folder, less that folder
+    files: Mapping[str, str]  #: the files that are loaded and judged, by part
+    rubric: str  #: the name of its rubric
+    drive: str  #: the command that drives with a folder, without the folder's name
     others: tuple[str, ...] = ()  #: more files to write
 
     @property
     def written(self) -> str:
-        """The names of the files to write."""
+        """The names of the files that a student writes."""
         return ', '.join((*self.files.values(), *self.others))
 
     def templates(self) -> dict[str, bytes]:
@@ -89,16 +89,15 @@ IDENTIFY = Handout(
     rubric='identify',
     drive='acc --road flat --distance 0 --lab',
 )
-#: By the word of `barc new --lab`.
+#: By the value of `barc new --lab`.
 HANDOUTS = {'hills': HILLS, '3': LANE, '4': RACELINE, '5': IDENTIFY}
 #: The file of each part of any lab.
 FILES = {part: name for each in HANDOUTS.values() for part, name in each.files.items()}
-#: The names of the rubrics.
 RUBRICS = tuple(each.rubric for each in HANDOUTS.values())
 
 
 def handout_of(parts: Collection[str]) -> Handout:
-    """Return the lab of a folder with these parts: that of which the most is there."""
+    """Return the lab of a folder with these parts: the one of which most parts are there."""
     return max(
         HANDOUTS.values(),
         key=lambda each: len(each.files.keys() & set(parts)) / len(each.files),
@@ -106,18 +105,18 @@ def handout_of(parts: Collection[str]) -> Handout:
 
 
 def names_of(names: Collection[str], parts: Collection[str] = tuple(FILES)) -> dict[str, str]:
-    """Return the names of the files of `parts` among `names`, by part, see `find_name`."""
+    """Return those `names` that are files of `parts`, by part; see `find_name`."""
     return {part: name for part in parts if (name := find_name(names, part))}
 
 
 def files_in(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
-    """Return the files of `parts` in `folder`, by part, see `find_name`."""
+    """Return the files of `parts` in `folder`, by part; see `find_name`."""
     names = [file.name for file in folder.glob('*.py') if file.exists()]
     return {part: folder / name for part, name in names_of(names, parts).items()}
 
 
 def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
-    """Return the files of `parts` in `folder`, which has one at least; else a UserError."""
+    """Return the files of `parts` in `folder`, at least one; else a UserError."""
     if folder.is_file():
         raise UserError(f'{str(folder)!r} is a file: name the folder that it is in')
     if not folder.is_dir():
@@ -125,16 +124,16 @@ def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str,
             f'there is no folder {str(folder)!r}: name the one with your files; '
             f'barc new {shlex.quote(str(folder))} writes one'
         )
-    if found := files_in(folder, parts):
-        return found
+    if files := files_in(folder, parts):
+        return files
     names = ', '.join(FILES[part] for part in parts)
-    raise UserError(f'the folder {str(folder)!r} has no {names}: expected one at least')
+    raise UserError(f'the folder {str(folder)!r} has no {names}: expected at least one of them')
 
 
 def find_name(names: Collection[str], part: str) -> str | None:
-    """Return the name of a part's file among `names`: its own, or the only one of a similar name.
+    """Return the name of a part's file among `names`, or the only similar name.
 
-    Similar are `Bike_Model.py`, `bike_model_final(1).py` and `my_bike_model.py`.
+    Similar names are `Bike_Model.py`, `bike_model_final(1).py` and `my_bike_model.py`.
     """
     if FILES[part] in names:
         return FILES[part]
@@ -152,20 +151,20 @@ def _letters(name: str) -> str:
 class UserCodeError(UserError):
     """An error in user code, as one sentence: file, line, values, what was expected.
 
-    If user code raised an exception, that is the `__cause__`.
+    An exception of the user code is its `__cause__`.
     """
 
 
 class Source(NamedTuple):
     """A user's file, as it was loaded."""
 
-    name: str  #: in the user's folder
+    name: str  #: path in the user's folder
     path: Path
     text: str
 
 
 def read(path: Path, name: str) -> Source:
-    """Read the file at `path`; an error if it can't be read, or is no text in UTF-8."""
+    """Read the file at `path`; a UserCodeError if it cannot be read, or is not UTF-8 text."""
     try:
         data = read_regular(path, _MAX_SOURCE)
     except OSError as error:
@@ -182,15 +181,15 @@ def read(path: Path, name: str) -> Source:
 
 
 class Compiled(NamedTuple):
-    """A file ready to run, and what was tolerated in it."""
+    """A compiled file."""
 
     code: CodeType
     tree: ast.Module
-    tolerated: tuple[str, ...] = ()
+    tolerated: tuple[str, ...] = ()  #: faults that cost nothing, a phrase each
 
 
 def compiled(source: Source) -> Compiled:
-    """Compile the source, which must be Python 3; a tab goes to the next multiple of 8."""
+    """Compile a source of Python 3; mixed tabs are expanded to multiples of 8 spaces."""
     tolerated: tuple[str, ...] = ()
     try:
         with warnings.catch_warnings():
@@ -198,14 +197,14 @@ def compiled(source: Source) -> Compiled:
             try:
                 tree = ast.parse(source.text.encode(), source.name)
             except TabError:
-                tolerated = ('tabs and blanks are mixed, a tab counts as 8',)
+                tolerated = ('tabs and spaces are mixed: a tab counts as 8 spaces',)
                 text = _INDENTATION.sub(lambda match: match[0].expandtabs(8), source.text)
                 tree = ast.parse(text, source.name)
             code = compile(tree, str(source.path), 'exec', dont_inherit=True)
     except SyntaxError as error:
         raise _syntax_error(source, error) from error
     except (ValueError, RecursionError, MemoryError) as error:
-        raise UserCodeError(f'{source.name} is no Python 3: {error}') from error
+        raise UserCodeError(f'{source.name} is not Python 3: {error}') from error
     return Compiled(code, tree, tolerated)
 
 
@@ -220,7 +219,7 @@ def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
 
 
 def guarded_imports(tree: ast.Module) -> set[str]:
-    """Return the modules that a file imports in a `try`, so that it can do without them."""
+    """Return the modules that a file imports in a `try`: it can run without them."""
     return {
         name.partition('.')[0]
         for node in ast.walk(tree)
@@ -231,10 +230,10 @@ def guarded_imports(tree: ast.Module) -> set[str]:
 
 
 def ros_of_program(tree: ast.Module) -> str:
-    """Return `rclpy` or `rospy` where a file is a program of it, and empty where it is not.
+    """Return `rclpy` or `rospy` if a file is a program that uses it, else an empty string.
 
-    A file that defines a function `relay` of two arguments, or a class with such a method, is
-    called by the node of barc_sim, also where it imports ROS.
+    A file that defines a function or method `relay` of two arguments is no program, even if it
+    imports ROS: barc_sim's node calls its `relay`.
     """
     for node in tree.body:
         parts = node.body if isinstance(node, ast.ClassDef) and node.name == 'Relay' else [node]
@@ -248,7 +247,7 @@ def ros_of_program(tree: ast.Module) -> str:
 
 
 def key_reader(tree: ast.Module) -> str:
-    """Return with what a file reads keys, such as a module; empty where it reads none."""
+    """Return the module or function with which a file reads keys; empty if it reads none."""
     nodes = [*ast.walk(tree)]
     names = [name.partition('.')[0] for node in nodes for name in _imports(node)]
     names = [name for name in names if name in _KEY_READERS]
@@ -264,54 +263,54 @@ def _imports(node: ast.AST) -> list[str]:
 
 
 class ChosenGains(NamedTuple):
-    """Gains, and where they come from."""
+    """The gains that a user's file chooses, and the line that does so."""
 
     kp: float
     ki: float
     kd: float
-    origin: str  #: as in 'controller.py, line 65'
+    origin: str  #: such as 'controller.py, line 65'
 
     def __str__(self) -> str:
-        """Return them as text."""
+        """Return the gains and their origin as text."""
         return f'kp {self.kp:g}, ki {self.ki:g}, kd {self.kd:g} ({self.origin})'
 
 
 def find_gains(tree: ast.Module, file: str, new: Signature, place: str) -> ChosenGains | None:
-    """Return the gains that a user has chosen in `file`, whose syntax tree is given.
+    """Return the gains that a user has chosen in `file`, from its syntax tree.
 
-    They are those of the last call `PID(…)` of numbers and constants, else the defaults of its
-    constructor `new`, defined at `place`, if they are not the template's.
+    They come from the last call `PID(…)` with numbers and constants. Without such a call they are
+    the defaults of the constructor `new`, defined at `place`, unless these are the template's.
     """
     nodes = sorted(ast.walk(tree), key=lambda node: getattr(node, 'lineno', 0))
     names = GAINS if {*GAINS} <= {*new.parameters} else [*new.parameters][: len(GAINS)]
-    known: dict[str, Any] = {'self': SimpleNamespace()}
-    numbers_alone: dict[str, Any] = {'__builtins__': {'dict': dict, 'float': float}}
+    constants: dict[str, Any] = {'self': SimpleNamespace()}
+    few_names: dict[str, Any] = {'__builtins__': {'dict': dict, 'float': float}}
     for node in nodes:
         if isinstance(node, ast.Assign):
-            with suppress(Exception):  # it is no constant
-                exec(compile(ast.Module([node], []), '', 'exec'), numbers_alone, known)  # noqa: S102
+            with suppress(Exception):  # the value is not a constant
+                exec(compile(ast.Module([node], []), '', 'exec'), few_names, constants)  # noqa: S102
     for call in reversed(nodes):
         if isinstance(call, ast.Call) and 'PID' in (
             getattr(call.func, 'id', ''),
             getattr(call.func, 'attr', ''),
         ):
             own = ast.Expression(ast.Call(ast.Name('PID', ast.Load()), call.args, call.keywords))
-            with suppress(Exception):  # its arguments are no constants
+            with suppress(Exception):  # the arguments are not constants
                 code = compile(ast.fix_missing_locations(own), '', 'eval')
-                passed = eval(code, numbers_alone, {**known, 'PID': new.bind})  # noqa: S307
+                passed = eval(code, few_names, {**constants, 'PID': new.bind})  # noqa: S307
                 is_chosen = not passed.arguments.keys().isdisjoint(names)
                 passed.apply_defaults()
-                found = _gains(map(passed.arguments.get, names), f'{file}, line {call.lineno}')
+                gains = _gains(map(passed.arguments.get, names), f'{file}, line {call.lineno}')
                 if is_chosen:
-                    return found
+                    return gains
     with suppress(TypeError, ValueError):  # there are no defaults
-        found = _gains((new.parameters[name].default for name in names), f'defaults, {place}')
-        return None if found[:3] == _TEMPLATE else found
+        gains = _gains((new.parameters[name].default for name in names), f'defaults, {place}')
+        return None if gains[:3] == _TEMPLATE else gains
     return None
 
 
 def _gains(values: Iterable[Any], origin: str) -> ChosenGains:
     kp, ki, kd = map(float, values)
-    if not max(map(abs, (kp, ki, kd))) <= _MAX_GAIN:  # nor NaN
-        raise ValueError('beyond what a gain can be')
+    if not max(map(abs, (kp, ki, kd))) <= _MAX_GAIN:  # true for NaN, too
+        raise ValueError('too large for a gain')
     return ChosenGains(kp, ki, kd, origin)

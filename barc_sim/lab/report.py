@@ -1,4 +1,4 @@
-"""A run as one HTML page: its facts, read from a bag, and its figures."""
+"""Writes a run as one HTML page: its facts, read from a bag, and its figures."""
 
 from __future__ import annotations
 
@@ -59,10 +59,9 @@ _SETTINGS = {
 }
 _MAX_STRETCHES = 40  #: in the table
 _MAX_SHOWN = 100_000  #: characters of code
-_VISIBLE = 0.01  #: [m] beside the road's axis
+_VISIBLE = 0.01  #: [m] A car that leaves the road's axis by more has steered.
 _FORMATTER = HtmlFormatter(nowrap=True)
-#: Larger values are from a damaged bag.
-_ABSURD = 1e9
+_MAX_VALUE = 1e9  #: Larger values come from a damaged bag.
 
 
 @dataclass(frozen=True)
@@ -78,19 +77,19 @@ class Facts:
 
     @property
     def holds_speed(self) -> bool:
-        """Whether its subject is a speed to hold."""
+        """Whether the run has a reference speed to hold, and no track."""
         return not (isinstance(self.log, TrackLog) or np.isnan(self.log.reference).all())
 
     @property
     def shown_lap(self) -> Lap:
-        """The lap whose figures are shown: the best, or the only one."""
+        """The lap whose figures are shown: the best one, or the only one."""
         return self.laps.best or self.laps.current
 
 
 def read(path: Path, namespace: str | None = None) -> Facts:
-    """Read the bag at `path`; UserError: there is none, or it has no car, or several."""
+    """Read the bag at `path`; a UserError if there is no bag, or it has no car, or several."""
     bag = reader.load(path)
-    log, info = _sensible(bag.log(namespace)), bag.info
+    log, info = _drawable(bag.log(namespace)), bag.info
     sources = attached(bag.attachments)
     directory = path if path.is_dir() else path.parent
     return Facts(
@@ -103,15 +102,15 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     )
 
 
-def _sensible(log: Log) -> Log:
-    """Return the log without values that cannot be drawn."""
+def _drawable(log: Log) -> Log:
+    """Return the log with NaN for values that cannot be drawn."""
 
-    def known(column: NDArray[Any]) -> NDArray[Any]:
+    def drawable(column: NDArray[Any]) -> NDArray[Any]:
         if column.dtype == np.bool_:
             return column
-        return np.where(np.abs(column) < _ABSURD, column, np.nan)
+        return np.where(np.abs(column) < _MAX_VALUE, column, np.nan)
 
-    return use_measurement(log.map(known))
+    return use_measurement(log.map(drawable))
 
 
 def _read_graph(text: str | None) -> NodeGraph | None:
@@ -126,13 +125,13 @@ def _read_graph(text: str | None) -> NodeGraph | None:
 class _Figure(NamedTuple):
     """A figure on the page."""
 
-    url: str  #: the image itself
+    url: str  #: contains the image
     caption: str
     alt: str
 
 
 def page(facts: Facts) -> str:
-    """Return the report."""
+    """Return the report as HTML."""
     with _reproducible():
         figures, graph = [*_figures(facts)], _graph(facts)
     return render(
@@ -153,10 +152,10 @@ def page(facts: Facts) -> str:
 
 
 def _shown(sources: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield names and HTML of files, of long ones the beginning."""
+    """Yield the name and the HTML of each file; long files are cut."""
     left = _MAX_SHOWN
     for name, text in sources.items():
-        more = f'# ... {len(text)} characters in all\n' if len(text) > left else ''
+        more = f'# ... cut: {len(text)} characters in all\n' if len(text) > left else ''
         yield name, _highlighted(text[:left] + '\n' * bool(more) + more)
         left = max(left - len(text), 0)
 
@@ -175,7 +174,7 @@ def _figures(facts: Facts) -> Iterator[_Figure]:
             track_figure(log),
             'Laps of the track',
             'The path on the track from above, and a table of laps; beside it the errors e_y and '
-            'e_psi, speed and steering over the place in the lap.',
+            'e_psi, speed and steering over the position in the lap.',
         )
         return
     steered = np.isnan(log.reference).all() and np.any(np.abs(log.across) > _VISIBLE)

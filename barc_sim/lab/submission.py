@@ -1,7 +1,7 @@
-"""What is handed in: the files of a folder or a .zip, found and read with care.
+"""Finds and reads submissions: the files of a folder or a .zip, whose contents are not trusted.
 
-No name, link or size in it is trusted. Archives are read in this process, by Python's own zipfile,
-within bounds on what it reads at once.
+Names, links and sizes are checked. Archives are read in this process by Python's zipfile, with
+limits on how much it reads at once.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
 _LISTS = ('.csv', '.yml')  # of a class: a roster, the metadata of Gradescope
-#: What is handed in beside code, and not read to grade it: plots, films, pages, bags, archives.
+#: Files beside the code, which are not read for grading: plots, films, pages, bags, archives.
 _EVIDENCE = (
     *('.png', '.jpg', '.jpeg', '.gif', '.svg', '.pdf', '.html', '.mp4', '.mkv', '.mov', '.webm'),
     *('.mcap', '.db3', '.bag', '.zip', '.tar.gz', '/metadata.yaml'),
@@ -34,7 +34,7 @@ MAX_FILE = 1 << 20  #: bytes
 MAX_FILES = 200
 MAX_TOTAL = 8 << 20  #: bytes
 MAX_ARCHIVE = 256 << 20  #: bytes of a .zip
-MAX_ENTRIES = 2000  #: files that are looked at
+MAX_ENTRIES = 2000  #: files of a submission that are considered
 _MAX_READ = 4 << 20  # bytes of an archive at once, such as the list of its files
 _MAX_PATH = 200  # bytes of a file's path: any file system holds it
 _MAX_NOTES = 10
@@ -43,9 +43,9 @@ _SHOWN = 60  # characters of a file's path
 
 @dataclass(frozen=True)
 class Submission:
-    """A submission's files, in memory, so that nothing else of its folder can be reached."""
+    """The files of a submission, in memory, so that nothing else of its folder can be reached."""
 
-    name: str  #: its folder's or archive's
+    name: str  #: of its folder or archive
     files: dict[str, bytes] = field(default_factory=dict)  #: by path in the folder
     notes: tuple[str, ...] = ()  #: on files that were left out
 
@@ -58,33 +58,33 @@ class Submission:
 
 
 def find(path: Path, *, is_class: bool = False) -> list[Path]:
-    """Return the submissions at `path`: itself, or each entry of the folder, by name.
+    """Return the submissions at `path`: `path` itself, or the entries of the folder, by name.
 
-    A folder with a single folder or archive in it is one, unless it `is_class`. In a class what is
-    no folder and no archive is one, too, so that nothing handed in is overlooked; hidden files and
-    lists of the class are not. Only `path` itself may be a link: the grader has typed it.
+    A folder with a single folder or archive in it is one submission, unless it `is_class`. In a
+    class any other file is a submission, too, so that none is overlooked, except for hidden files
+    and lists of the class. Only `path` itself may be a link, because the instructor has typed it.
     """
     if not path.is_dir():
         if path.exists() and _is_archive(path):
             return [path.resolve()]
         fault = f'{str(path)!r} is a file' if path.exists() else f'there is no folder {str(path)!r}'
         raise UserError(f'{fault}: name one submission (a folder or a .zip), or a folder of them')
-    found = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
-    packed = [entry for entry in found if entry.is_dir() or _is_archive(entry)]
-    names = [entry.name for entry in found]
+    entries = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
+    packed = [entry for entry in entries if entry.is_dir() or _is_archive(entry)]
+    names = [entry.name for entry in entries]
     is_one = any(name in names for name in FILES.values()) if packed else names_of(names)
     if is_one or (len(packed) == 1 and not is_class):
         return [path.resolve()]
     if not packed:
         raise UserError(
-            f'{str(path)!r} is no submission and holds none: expected '
+            f'{str(path)!r} is no submission and contains none: expected '
             f'{" or ".join(FILES.values())} in it, or a folder for each submission'
         )
-    return [entry for entry in found if entry in packed or entry.suffix not in _LISTS]
+    return [entry for entry in entries if entry in packed or entry.suffix not in _LISTS]
 
 
 def read(path: Path) -> Submission:
-    """Read the submission at `path`; its notes name all that cannot be read."""
+    """Read the submission at `path`; its notes name the files that cannot be read."""
     files: dict[str, bytes] = {}
     notes: list[str] = []
     try:
@@ -100,17 +100,17 @@ def read(path: Path) -> Submission:
             if len(packed) == 1:
                 return replace(read(packed[0]), name=escaped(path.name))
             notes += left_out
-    except Exception as error:  # noqa: BLE001 (a submission decides what opening it raises)
+    except Exception as error:  # noqa: BLE001 (a damaged submission can raise any exception)
         notes.append(f'it cannot be read: {_reason_of(error)}')
     if not files and not notes:
-        notes.append('it holds nothing to grade')
+        notes.append('it contains no file to grade')
     if len(notes) > _MAX_NOTES:
         notes[_MAX_NOTES:] = [f'and {len(notes) - _MAX_NOTES} more']
     return Submission(escaped(path.name), files, tuple(notes))
 
 
 def _unreadable(path: Path) -> str:
-    """Return why a submission is not opened; empty for a folder or an archive."""
+    """Return why a submission cannot be opened; empty for a folder or an archive."""
     status = path.lstat()
     if stat.S_ISDIR(status.st_mode):
         return ''
@@ -118,12 +118,12 @@ def _unreadable(path: Path) -> str:
         return f'it {fault}: hand in a .zip or a folder'
     if not _is_archive(path):
         return f'a single {path.suffix} file cannot be graded: hand in a .zip or a folder'
-    too_big = f'it has more than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
+    too_big = f'it is larger than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
     return too_big if status.st_size > MAX_ARCHIVE else ''
 
 
 def _is_archive(path: Path) -> bool:
-    """Return whether the name of `path` is one of an archive that can be opened."""
+    """Return whether the name of `path` is that of a .zip."""
     return path.name.lower().endswith('.zip')
 
 
@@ -131,7 +131,7 @@ class Member(NamedTuple):
     """A file of a submission."""
 
     path: str  #: in its folder or archive, with slashes
-    read: Callable[[int], bytes]  #: returns so many bytes at most
+    read: Callable[[int], bytes]  #: returns at most so many bytes
     fault: str = ''  #: why it is not read, as the rest of a sentence
 
 
@@ -139,7 +139,7 @@ class Member(NamedTuple):
 def _members(path: Path) -> Iterator[Iterable[Member]]:
     """Give the files of a folder or an archive, those nearest to its top first.
 
-    With a damaged archive, any exception can be raised.
+    A damaged archive can raise any exception.
     """
     if path.is_dir():
         yield listed(path)
@@ -177,7 +177,7 @@ def _data(path: Path, size: int) -> bytes:
 
 
 class _Bounded(io.FileIO):
-    """A file of which no reader gets much at once, such as a list of a million files."""
+    """A file that refuses to read much at once, such as an archive's list of a million files."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         """Return at most `size` bytes."""
@@ -189,7 +189,7 @@ class _Bounded(io.FileIO):
 
 
 def _zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
-    """Return a member of an archive; those of uncommon methods could take any memory."""
+    """Return a member of an archive; uncommon compression could need any memory."""
 
     def content(size: int) -> bytes:
         with archive.open(info) as file:
@@ -197,8 +197,8 @@ def _zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
 
     fault = _fault_of(stat.S_IFMT(info.external_attr >> 16) or stat.S_IFREG)
     if not fault and info.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
-        fault = 'is packed in an uncommon way: hand in an ordinary .zip'
-    # Some of Windows write backslashes.
+        fault = 'is compressed in an uncommon way: hand in an ordinary .zip'
+    # Some programs on Windows write backslashes.
     return Member(info.filename.replace('\\', '/'), content, fault)
 
 
@@ -215,7 +215,7 @@ def _beside_the_code(members: list[Member], notes: list[str]) -> Iterator[Member
     }
     top = min(graded, key=lambda folder: len(folder.parts), default=PurePosixPath())
     notes += [
-        f'{_shown(copy)} is not graded: {_shown(graded[top])} comes first'
+        f'{_shown(copy)} is not graded, because {_shown(graded[top])} is'
         for folder, copy in graded.items()
         if folder != top
     ]
@@ -228,9 +228,9 @@ def _beside_the_code(members: list[Member], notes: list[str]) -> Iterator[Member
 
 
 def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
-    """Return the members that a folder can hold, by path, and notes on the others.
+    """Return the members within the limits, by path, and notes on the others.
 
-    Those nearest to its top come first. Plots, films and bags are left out, of any size.
+    Plots, films and bags are left out, without a note.
     """
     files: dict[str, bytes] = {}
     notes: list[str] = []
@@ -238,7 +238,8 @@ def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
         if _is_evidence(member):
             continue
         if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
-            notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
+            limits = f'{MAX_FILES} files or {MAX_TOTAL >> 20} MiB'
+            notes.append(f'there are more than {limits}: the rest is left out')
             break
         path = PurePosixPath(member.path)
         data, fault = b'', _fault(member, path, files)
@@ -247,7 +248,7 @@ def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
         except Exception as error:  # noqa: BLE001 (a damaged file can raise any)
             fault = f'cannot be read: {_reason_of(error)}'
         if len(data) > MAX_FILE:
-            fault = f'has more than {MAX_FILE >> 20} MiB'
+            fault = f'is larger than {MAX_FILE >> 20} MiB'
         if fault:
             notes.append(f'{_shown(path)} {fault}')
         else:
@@ -256,7 +257,7 @@ def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
 
 
 def _is_left_out(member: Member) -> bool:
-    """Return whether a file is none of the code that is handed in."""
+    """Return whether a file is no code of the submission."""
     return _is_evidence(member) or any(map(_is_of_tools, PurePosixPath(member.path).parts))
 
 
@@ -271,7 +272,7 @@ def _fault(member: Member, path: PurePosixPath, files: dict[str, bytes]) -> str:
     if '\0' in member.path or not 0 < len(os.fsencode(path)) <= _MAX_PATH:
         return f'has a name that no file can have: at most {_MAX_PATH} bytes'
     if any(str(each) in files for each in (path, *path.parents)):
-        return 'is there twice: the first is taken'
+        return 'is there twice: the first one is used'
     return member.fault
 
 
@@ -280,7 +281,7 @@ def _leads_out(path: PurePosixPath) -> bool:
 
 
 def _is_of_tools(name: str) -> bool:
-    """Return whether a file or folder of this name is made by a tool, and not handed in."""
+    """Return whether a tool, not the student, makes files or folders of this name."""
     return name != '..' and name.startswith(('.', '__pycache__', '__MACOSX'))
 
 
@@ -288,7 +289,7 @@ def _fault_of(mode: int) -> str:
     """Return why a file of this mode is not read, as the rest of a sentence; empty if it is."""
     if stat.S_ISLNK(mode):
         return 'is a link, which is not followed'
-    return '' if stat.S_ISREG(mode) else 'is no regular file'
+    return '' if stat.S_ISREG(mode) else 'is not a regular file'
 
 
 def _reason_of(error: Exception) -> str:

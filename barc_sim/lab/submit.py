@@ -1,4 +1,4 @@
-"""What a student hands in: code, bags, reports, video and description, in one zip."""
+"""Packs what a student hands in: code, bags, reports, video and description, in one zip."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _DESCRIPTIONS = ('description.md', 'description.txt', 'description.pdf', 'report
 
 
 class Part(NamedTuple):
-    """One line of what is handed in."""
+    """A part of the zip, with the line that is printed for it."""
 
     name: str
-    text: str  #: what there is, or what is missing and how to make it
-    files: Mapping[str, bytes | Path] = {}  #: by their names in the zip
+    text: str  #: what it contains, or what is missing and how to make it
+    files: Mapping[str, bytes | Path] = {}  #: by name in the zip
     missing: bool = False
 
     def __str__(self) -> str:
@@ -43,7 +43,7 @@ class Part(NamedTuple):
 def collect(folder: Path, course: Path | None, why: str, teleop: Path | None) -> Iterator[Part]:
     """Yield the parts of a student's `folder`, with the bags of the drives.
 
-    `why` is the sentence of a course that has no bag, or did not end well.
+    `why` is the reason if the drive over the course has no bag, or failed.
     """
     yield from _code(folder)
     if why:
@@ -53,14 +53,14 @@ def collect(folder: Path, course: Path | None, why: str, teleop: Path | None) ->
     if 'relay' in handout_of(files_in(folder)).files:
         yield _teleop(teleop)
         yield _video(folder)
-    found = [name for name in _DESCRIPTIONS if (folder / name).is_file()]
+    names = [name for name in _DESCRIPTIONS if (folder / name).is_file()]
     text = 'write what you did, and why, in description.md'
-    files = {name: folder / name for name in found}
-    yield Part('description', ', '.join(found) or text, files, missing=not found)
+    files = {name: folder / name for name in names}
+    yield Part('description', ', '.join(names) or text, files, missing=not names)
 
 
 def write(path: Path, parts: Iterable[Part]) -> None:
-    """Write the files of `parts`, and their lines, as a zip; a link is refused with a UserError."""
+    """Write the files of `parts`, and their lines, as a zip; a link raises a UserError."""
     parts = [*parts]
     files = {name: data for part in parts for name, data in part.files.items()}
     with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
@@ -84,7 +84,7 @@ def newest_drive(folders: Sequence[Path]) -> Path | None:
 
 
 def _is_by_hand(bag: Path) -> bool:
-    """Return whether a bag is of a run of `barc teleop`."""
+    """Return whether a bag was recorded by `barc teleop`."""
     try:
         return reader.info(bag).get('command', '').split()[1:2] == ['teleop']
     except UserError:
@@ -92,7 +92,7 @@ def _is_by_hand(bag: Path) -> bool:
 
 
 def _code(folder: Path) -> Iterator[Part]:
-    """Yield what `grade` reads of the folder, and a line for each file that is not written."""
+    """Yield the code that `grade` reads, and a line for each file that is still to be written."""
     files, notes = take(listed(folder))
     names = [name for name in files if name.endswith('.py')]
     others = len(files) - len(names)
@@ -100,19 +100,19 @@ def _code(folder: Path) -> Iterator[Part]:
     yield Part('code', text or 'no file', dict(files), missing=not files)
     for note in notes:
         yield Part('code', f'{note}: it is left out')
-    there = names_of(files)
-    handout = handout_of(there)
-    wanted = {name: there.get(part, name) for part, name in handout.files.items()}
-    for name, found in (wanted | {name: name for name in handout.others}).items():
-        if found not in files:
+    by_part = names_of(files)
+    handout = handout_of(by_part)
+    expected = {name: by_part.get(part, name) for part, name in handout.files.items()}
+    for name, actual in (expected | {name: name for name in handout.others}).items():
+        if actual not in files:
             yield Part('code', name, missing=True)
-        elif files[found] == handout.templates()[name]:
-            yield Part('code', f'{found} is the template: nothing is written in it', missing=True)
+        elif files[actual] == handout.templates()[name]:
+            yield Part('code', f'{actual} is still the template', missing=True)
 
 
 def _course(bag: Path) -> Part:
     facts = read(bag)
-    # The command is that of `submit`: nobody has typed it.
+    # `submit` has made the command: nobody has typed it.
     facts = replace(facts, info={key: text for key, text in facts.info.items() if key != 'command'})
     result, log = facts.shown_lap.summary, facts.log
     text = f'{log.distance[-1]:.1f} m in {log.t[-1]:.1f} s'
@@ -122,7 +122,7 @@ def _course(bag: Path) -> Part:
             f'm/s, the maximum {result.max_error_after_run_up:.3f} m/s'
         )
     if isinstance(log, TrackLog):
-        text = f'{len(log.lap_times)} laps; e_y at most {np.abs(log.e_y).max():.2f} m'
+        text = f'{len(log.lap_times)} laps; maximum e_y {np.abs(log.e_y).max():.2f} m'
     return Part('course', text, _bag(bag, 'course') | {'report.html': page(facts).encode()})
 
 
@@ -143,7 +143,7 @@ def _teleop(bag: Path | None) -> Part:
         return Part('teleop', str(error), missing=True)
     command = facts.info.get('command', 'no command known')
     if facts.holds_speed:
-        text = f'{str(bag)!r} is a drive of a controller ({command}): name one by hand'
+        text = f'a controller drove {str(bag)!r} ({command}): name a drive by hand'
         return Part('teleop', text, missing=True)
     text = f'{facts.log.t[-1]:.1f} s by hand ({command})'
     return Part('teleop', text, _bag(bag, 'teleop') | {'teleop.html': page(facts).encode()})

@@ -79,7 +79,7 @@ def test_the_labs_published_law_drives_as_published(tmp_path: Path) -> None:
     work = WORKS['the published law']
     lab(tmp_path / 'lab', bike_model=work.model, controller=work.controller)
     out = printed('acc', *MAX, '--lab', 'lab')
-    assert 'tolerated   bike_model.py: tabs and blanks are mixed' in out
+    assert 'tolerated   bike_model.py: tabs and spaces are mixed' in out
     assert 'kp 10, ki 0.5, kd 0.4 (controller.py, line ' in out
     assert ', without a limit' in out
     log = bag.read(bag.newest(tmp_path / 'bags'))

@@ -50,7 +50,7 @@ def test_tabs_are_as_wide_as_in_python_2(tmp_path: Path) -> None:
     exec(result.code, module)  # noqa: S102
     assert 'x' not in module
     assert module['y'] == '\t'
-    assert result.tolerated == ('tabs and blanks are mixed, a tab counts as 8',)
+    assert result.tolerated == ('tabs and spaces are mixed: a tab counts as 8 spaces',)
 
 
 @pytest.mark.parametrize('data', [b'\xff\xfex\0', 'x = 1\n# °'.encode('latin-1')])

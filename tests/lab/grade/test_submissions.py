@@ -48,7 +48,7 @@ def test_code_in_a_folder_within_is_found(tmp_path: Path, *, is_archive: bool) -
         (path / name).write_bytes(files[name])
     submission = read(path)
     assert submission.files == {'relay.py': b'1', 'data/a.csv': b'2', 'old/relay.py': b'3'}
-    assert submission.notes == ('lab/old/relay.py is not graded: lab/relay.py comes first',)
+    assert submission.notes == ('lab/old/relay.py is not graded, because lab/relay.py is',)
 
 
 def test_the_pictures_of_a_film_do_not_hide_the_code(
@@ -117,7 +117,7 @@ def test_a_folder_of_one_folder_is_one_submission(
 
 
 def test_where_there_is_none_is_said(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match='is no submission and holds none'):
+    with pytest.raises(UserError, match='is no submission and contains none'):
         find(tmp_path)
     with pytest.raises(UserError, match=r"there is no folder '.*nowhere': name one submission"):
         find(tmp_path / 'nowhere')
@@ -147,7 +147,7 @@ def test_a_folder_gives_its_own_files_and_a_note_on_what_is_none(
     assert found.notes == (
         'bike_model.py is a link, which is not followed',
         'others is a link, which is not followed',
-        'relay.py is no regular file',
+        'relay.py is not a regular file',
     )
     assert (link.name, link.files) == ('link', {})
     assert link.notes == ('it is a link, which is not followed: hand in a .zip or a folder',)
@@ -167,7 +167,7 @@ def test_of_too_many_files_those_at_the_top_are_taken(tmp_path: Path, *, is_arch
 
     assert len(submission.files) == MAX_FILES
     assert 'controller.py' in submission.files
-    assert submission.notes == ('more than 200 files or 8 MiB: the rest is out',)
+    assert submission.notes == ('there are more than 200 files or 8 MiB: the rest is left out',)
 
 
 def zipped(path: Path, **files: bytes) -> Path:
@@ -193,7 +193,7 @@ def test_an_archive_is_read_from_where_its_files_are_and_nothing_leads_out(tmp_p
     assert submission.notes == (
         '../b.py leads out of the archive',
         '/tmp/a.py leads out of the archive',  # noqa: S108
-        'zeros has more than 1 MiB',
+        'zeros is larger than 1 MiB',
         'link.py is a link, which is not followed',
     )
 
@@ -215,7 +215,7 @@ def test_what_cannot_be_graded_has_a_remark(
 
 @pytest.mark.parametrize('files', [{}, {'plot.png': b'a picture'}, {'.': b'no name'}])
 def test_an_empty_submission_has_a_remark(tmp_path: Path, files: dict[str, bytes]) -> None:
-    assert read(zipped(tmp_path / 'eve.zip', **files)).notes == ('it holds nothing to grade',)
+    assert read(zipped(tmp_path / 'eve.zip', **files)).notes == ('it contains no file to grade',)
 
 
 def test_the_files_of_another_lab_have_a_remark(tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_the_files_of_another_lab_have_a_remark(tmp_path: Path) -> None:
 
 
 def test_an_empty_folder_has_a_remark(folder: Callable[..., Path]) -> None:
-    assert read(folder()).notes == ('it holds nothing to grade',)
+    assert read(folder()).notes == ('it contains no file to grade',)
 
 
 @pytest.mark.parametrize('name', BOMBS)
@@ -248,15 +248,15 @@ def test_an_archive_that_is_too_much_has_one_sentence(tmp_path: Path, name: str)
 def test_a_pipe_with_the_name_of_an_archive_does_not_hang(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / 'pipe.zip')
     (path,) = find(tmp_path / 'pipe.zip')
-    assert read(path).notes == ('it is no regular file: hand in a .zip or a folder',)
+    assert read(path).notes == ('it is not a regular file: hand in a .zip or a folder',)
 
 
 @pytest.mark.parametrize(('names', 'note'), [
-    (('a', 'a/b'), 'a/b is there twice: the first is taken'),
-    (('a/b', 'a'), 'a/b is there twice: the first is taken'),
+    (('a', 'a/b'), 'a/b is there twice: the first one is used'),
+    (('a/b', 'a'), 'a/b is there twice: the first one is used'),
     (('x/' * 100 + 'y',), 'has a name that no file can have: at most 200 bytes'),
-    (('a', 'a'), 'a is there twice: the first is taken'),
-    (('old/controller.py',), 'old/controller.py is not graded: controller.py comes first'),
+    (('a', 'a'), 'a is there twice: the first one is used'),
+    (('old/controller.py',), 'old/controller.py is not graded, because controller.py is'),
 ])  # fmt: skip
 @pytest.mark.filterwarnings('ignore:Duplicate name')
 def test_files_that_cannot_be_written_are_left_out(
