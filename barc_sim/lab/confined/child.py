@@ -1,17 +1,18 @@
-"""The process for a submission: it confines itself, then calls functions as requests ask.
+"""The process of a submission: it confines itself, then calls functions for requests.
 
-A script that `process.py` starts without site-packages and with an empty environment. Landlock, the
+`process.py` starts this script without site-packages and with an empty environment. Landlock, the
 kernel's own sandbox, refuses files, TCP, signals and abstract sockets. A seccomp filter refuses all
-system calls but those below, with EPERM: new processes and threads, signals, sockets, ptrace,
-io_uring, mounts, keys, and the calls of later kernels. What the kernel lacks or refuses is an
-OSError. Both are written by hand. The library landlock on PyPI has had only development releases
-since 2022, and refuses neither networks nor signals; those for seccomp (pyseccomp, for one) need
-libseccomp from the system, which is not on every machine.
+system calls except those listed below, with EPERM: so also new processes and threads, signals,
+sockets, ptrace, io_uring, mounts, keys, and the calls of later kernels. A feature that the kernel
+lacks or refuses raises an OSError. Landlock and seccomp are used without a library: landlock on
+PyPI has had only development releases since 2022, and refuses neither networks nor signals; those
+for seccomp, such as pyseccomp, need the system's libseccomp, which not every machine has.
 
 Requests and replies are lines of JSON: `{"serial": 1, "do": NAME, "arguments": […]}` gets
-`{"serial": 1, "result": …}` or `{"serial": 1, "error": TEXT}`. The first reply, with the serial 0,
-comes unasked: the process is confined. It has no score, no rubric and no law of the vehicle or of
-control: what a submission finds or changes here can only change its own results.
+`{"serial": 1, "result": …}` or `{"serial": 1, "error": TEXT}`. The first reply has the serial 0 and
+no request: it reports that the process is confined. The process has no score, no rubric and no law
+of the vehicle or of control, so a submission that reads or changes it can only change its own
+results.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
 
-MAX_TEXT = 4000  #: characters of an error; what is longer is cut
+MAX_TEXT = 4000  #: characters of an error; a longer one is cut
 NO_PIPES = 97  #: exit code of a process whose pipes have been closed
 _SET_PDEATHSIG, _SET_DUMPABLE, _SET_SECCOMP, _SET_NO_NEW_PRIVS = 1, 4, 22, 38
 _MODE_FILTER, _RESTRICT_SELF = 2, 446
@@ -44,10 +45,10 @@ _INSTRUCTION = 8  # bytes of a seccomp program
 
 
 def _handler(seconds: float) -> Callable[..., Any]:
-    """Return what answers the requests on the files of the current folder.
+    """Return the function that answers requests, for the files of the current folder.
 
-    Each may use so many `seconds` of processor time: then it raises OutOfTime, which names the
-    line. Code that catches this, or does not return to Python, is ended by the grader.
+    A request that uses more than `seconds` of processor time raises OutOfTime, which names the
+    line. The grader kills code that catches it, or that does not return to Python.
     """
     from barc_sim.lab.files import files_in  # noqa: PLC0415
     from barc_sim.lab.user_code.code import UserCode  # noqa: PLC0415
@@ -72,8 +73,8 @@ def _handler(seconds: float) -> Callable[..., Any]:
     def handle(do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
         set_alarm(seconds)
         try:
-            found = getattr(code, do)
-            return found(*arguments) if callable(found) else found
+            attribute = getattr(code, do)
+            return attribute(*arguments) if callable(attribute) else attribute
         finally:
             set_alarm(0.0)
             sys.settrace(None)
@@ -85,11 +86,11 @@ def _handler(seconds: float) -> Callable[..., Any]:
 
 
 def _forget_packages(path: list[str]) -> None:
-    """Make it impossible to import more of barc_sim, or of what is installed beside it."""
+    """Prevent further imports of barc_sim's modules, and of packages installed beside it."""
     sys.path[:] = path
     for name, module in [*sys.modules.items()]:
         package = name.partition('.')[0]
-        if package == 'system_calls':  # used up: the filter is made
+        if package == 'system_calls':  # no longer needed: the filter is made
             del sys.modules[name]
         elif package == 'barc_sim' and hasattr(module, '__path__'):
             module.__path__ = []
@@ -102,7 +103,7 @@ def _limit(memory: int, parent: int) -> None:
 
     _called('prctl', _SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:
-        os._exit(1)  # it has already ended
+        os._exit(1)  # the parent ended before prctl
     _called('prctl', _SET_DUMPABLE, 0, 0, 0, 0)
     for kind, amount in (
         (resource.RLIMIT_AS, memory),
@@ -111,7 +112,7 @@ def _limit(memory: int, parent: int) -> None:
         (resource.RLIMIT_NOFILE, 64),
         (resource.RLIMIT_NPROC, 0),
     ):
-        # A lower hard limit stays.
+        # An existing hard limit that is lower stays.
         hard = resource.getrlimit(kind)[1]
         lower = amount if hard == resource.RLIM_INFINITY else min(amount, hard)
         resource.setrlimit(kind, (lower, lower))
@@ -132,7 +133,7 @@ class _FilterProgram(ctypes.Structure):
 
 
 def _landlock(number: int, *arguments: bytes | int | None) -> int:
-    """Make a call of Landlock."""
+    """Make a system call of Landlock; an OSError if the kernel has none."""
     try:
         return _called('syscall', number, *arguments)
     except OSError as error:
@@ -140,7 +141,7 @@ def _landlock(number: int, *arguments: bytes | int | None) -> int:
 
 
 def _called(function: str, number: int, *arguments: bytes | int | None) -> int:
-    """Call a function of the C library; its integers are pointers, sizes and flags."""
+    """Call a function of the C library; integers are passed as unsigned long."""
     wide = [ctypes.c_ulong(each) if isinstance(each, int) else each for each in arguments]
     result: int = getattr(ctypes.CDLL(None, use_errno=True), function)(number, *wide)
     if result < 0:
@@ -154,7 +155,7 @@ _CREATE_RULESET, _ADD_RULE = 444, 445
 _VERSION = 1
 _PATH_BENEATH = 1
 _WRITE_FILE, _READ_FILE, _READ_DIR = 1 << 1, 1 << 2, 1 << 3
-# What each version can refuse: of files, of TCP, of signals and abstract sockets.
+# The rights that each version can refuse: on files, on TCP, and (scopes) on signals and sockets.
 _FILES = {1: 0x1FFF, 2: 0x3FFF, 3: 0x7FFF, 4: 0x7FFF, 5: 0xFFFF}
 _TCP = 0b11
 _TCP_SINCE = 4
@@ -164,10 +165,10 @@ _OTHER_PACKAGES = {'site-packages', 'dist-packages'}
 
 
 def _ruleset(folder: Path, numpy: Path, version: int) -> int:
-    """Return the descriptor of a ruleset that allows to read `folder`, Python and NumPy.
+    """Return the descriptor of a ruleset that allows reading `folder`, Python and NumPy.
 
-    Nothing may be written but to /dev/null, and nothing connected to. Of Landlock it uses what the
-    `version` has.
+    It allows writing only to /dev/null, and no connections. It uses all that this `version` of
+    Landlock has.
     """
     attributes = pack(
         '=QQQ',
@@ -207,9 +208,9 @@ def _allow(ruleset: int, path: Path, access: int) -> None:
 
 
 def _python(library: Path) -> list[Path]:
-    """Return what Python reads: nothing of other packages, such as barc_sim itself.
+    """Return the paths that Python reads, without other packages, such as barc_sim itself.
 
-    The folder of the standard library can contain other packages: its parts are named one by one.
+    The folder of the standard library can contain other packages, so its parts are listed.
     """
     parts = [path for path in library.iterdir() if path.name not in _OTHER_PACKAGES]
     extensions = Path(str(sysconfig.get_config_var('DESTSHARED') or library / 'lib-dynload'))
@@ -217,15 +218,15 @@ def _python(library: Path) -> list[Path]:
 
 
 def _shared_libraries() -> list[Path]:
-    """Return the shared libraries, file by file: on some systems their folders hold packages."""
+    """Return the shared libraries, file by file: some systems have packages in their folders."""
     folders = {Path(sys.base_prefix, 'lib')}
     with Path('/proc/self/maps').open(encoding='utf-8', errors='replace') as maps:
         for line in maps:
             path = Path(line.split(maxsplit=5)[-1].rstrip())
             if path.name.startswith(('libc.', 'libc-', 'libm.', 'libstdc++.')):
                 folders.add(path.parent)
-    found = [path for folder in sorted(folders) for path in folder.glob('*.so*')]
-    return [Path('/etc/ld.so.cache'), *found]
+    libraries = [path for folder in sorted(folders) for path in folder.glob('*.so*')]
+    return [Path('/etc/ld.so.cache'), *libraries]
 
 
 # Seccomp.
@@ -234,11 +235,11 @@ _ERRNO = 0x00050000
 _ALLOW = 0x7FFF0000
 _LOAD, _JUMP_IF_EQUAL, _RETURN, _AND = 0x20, 0x15, 0x06, 0x54
 _NUMBER, _ARCHITECTURE, _ARGUMENTS = 0, 4, 16  # offsets in struct seccomp_data
-# Before Linux 6.2 Landlock lets a file that may be read be emptied, unless the call asks to write.
-_NO_MODE = O_WRONLY | O_RDWR  # neither to read nor to write; also the mask of the access modes
+# Before Linux 6.2, Landlock lets O_TRUNC empty a readable file that is not opened for writing.
+_NO_MODE = O_WRONLY | O_RDWR  # neither reading nor writing; also the mask of the access modes
 _EMPTYING = (O_RDONLY | O_TRUNC, _NO_MODE | O_TRUNC)
-_FLAGS = {'open': 1, 'openat': 2}  # the argument with them
-#: A younger architecture lacks some of them.
+_FLAGS = {'open': 1, 'openat': 2}  # the position of the flags among the arguments
+#: The allowed system calls; a newer architecture lacks some of them.
 _ALLOWED = """
     read write close readv writev pread64 lseek access faccessat faccessat2 close_range
     stat fstat lstat newfstatat statx readlink readlinkat getcwd getdents64 dup dup2 dup3
@@ -257,7 +258,7 @@ MACHINES = {'x86_64': ('x86_64', 0xC000003E), 'aarch64': ('arm64', 0xC00000B7)}
 
 
 def call_numbers(machine: str, calls: Iterable[str]) -> dict[str, int]:
-    """Return the numbers of those system calls that a machine has."""
+    """Return the numbers of these system calls on a machine, without those that it lacks."""
     from system_calls import NotSupportedSystemCall, syscalls  # noqa: PLC0415 (no site-packages yet)
 
     tables, found = syscalls(), {}
@@ -281,7 +282,7 @@ def call_filter(machine: str = '') -> bytes:
             _instruction(_JUMP_IF_EQUAL, MACHINES[machine][1], if_equal=1),
             _instruction(_RETURN, _KILL_PROCESS),
             _instruction(_LOAD, _NUMBER),
-            # As for a file that is no terminal.
+            # ioctl fails as for a file that is not a terminal.
             _instruction(_JUMP_IF_EQUAL, call_numbers(machine, ['ioctl'])['ioctl'], otherwise=1),
             _instruction(_RETURN, _ERRNO | ENOTTY),
             *_opening(machine),
@@ -325,17 +326,17 @@ def _answer(handler: Callable[..., Any], serial: int, do: str, arguments: list[A
     reply: dict[str, Any] = {'serial': serial}
     try:
         data = json.dumps(reply | {'result': handler(do, *arguments)})
-    except BaseException as error:  # noqa: BLE001 (SystemExit, too: it is the submission's)
+    except BaseException as error:  # noqa: BLE001 (SystemExit, too: a submission can raise it)
         data = json.dumps(reply | {'error': _text(error)})
     return data.encode() + b'\n'
 
 
 def _text(error: BaseException) -> str:
     try:
-        # The sentences of barc_sim are whole; other exceptions have their names before them.
+        # Errors of barc_sim are whole sentences; for other exceptions the type is added.
         own = type(error).__module__.startswith('barc_sim.')
         return (str(error) if own else f'{type(error).__name__}: {error}')[:MAX_TEXT]
-    except BaseException:  # noqa: BLE001 (its text is the submission's, too)
+    except BaseException:  # noqa: BLE001 (str() can run the submission's code)
         return 'an exception that cannot be printed'
 
 
@@ -352,7 +353,7 @@ def _serve(handler: Callable[..., Any], requests: int, replies: int) -> None:
 def _main() -> None:
     start = json.loads(sys.argv.pop())
     sys.path.pop(0)  # the script's own folder
-    # What a submission reads and prints is not what the grader reads and prints.
+    # So that a submission cannot read requests or print replies by stdin and stdout.
     requests, replies = os.dup(0), os.dup(1)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
@@ -361,7 +362,7 @@ def _main() -> None:
     try:
         path = [*sys.path]
         sys.path += start['packages']
-        import numpy  # noqa: ICN001, PLC0415 (a submission may import it, and no other)
+        import numpy  # noqa: ICN001, PLC0415 (the only package that a submission may import)
 
         handler = _handler(start['call'])
         ruleset, program = 0, b''

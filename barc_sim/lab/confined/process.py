@@ -1,4 +1,4 @@
-"""Starts a submission's process, and calls its functions by lines of JSON, with deadlines."""
+"""Starts a submission's process, and calls its functions with JSON lines and deadlines."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _SCRIPT = Path(__file__).with_name('child.py')
 _PACKAGES = Path(__file__).parents[3]
 # The hash seed is fixed, so that sets have the same order each time; `python -I` would ignore it.
-# BLAS would start threads, which are refused.
+# One thread, because BLAS may not start others.
 _ENVIRONMENT = {
     'PYTHONHASHSEED': '0',
     'PYTHONUTF8': '1',
@@ -41,7 +41,7 @@ _ENVIRONMENT = {
     'OMP_NUM_THREADS': '1',
 }
 _MAX_LINE = 16 << 20  # bytes of a reply
-_POLL = 0.05  # [s] between two looks at the deadline
+_POLL = 0.05  # [s] between two checks of the deadline
 _LAST_WORDS = 5.0  # [s] for a process that has closed its pipes to end by itself
 
 
@@ -49,12 +49,12 @@ class Limits(NamedTuple):
     """Limits of a submission's process, far above the needs of slow code."""
 
     memory: int = 1 << 30  #: bytes of address space; NumPy takes a fifth of it
-    start: float = 60.0  #: [s] until it is confined; the submission does not run before
+    start: float = 60.0  #: [s] until it is confined; only then does the submission run
     call: float = 3.0  #: [s] of processor time for one request, which can have thousands of calls
     wait: float = 20.0  #: [s] for one request, on a busy machine or with a sleep
     total: float = 120.0  #: [s] for all requests of a submission, waits included
     output: int = 16_384  #: bytes kept of its output
-    confined: bool = True  #: else files, network and other processes are open to it
+    confined: bool = True  #: if not, it can use files, network and other processes
 
 
 class Unconfined(OSError):  # noqa: N818
@@ -62,7 +62,7 @@ class Unconfined(OSError):  # noqa: N818
 
 
 class Failed(Exception):  # noqa: N818 (a reply, no error of the grader)
-    """The submission's code has failed; the text is its error. The process continues."""
+    """The submission's code raised an error, whose text this has. The process continues."""
 
 
 class Ended(Exception):  # noqa: N818
@@ -70,20 +70,20 @@ class Ended(Exception):  # noqa: N818
 
 
 class Process:
-    """Runs the code in `folder`.
+    """A process that runs the code in `folder`.
 
-    It may read that folder, Python and NumPy, and nothing else, if it is `confined`.
+    If it is `confined`, it may read only that folder, Python and NumPy.
     """
 
     def __init__(self, folder: Path, limits: Limits) -> None:
-        """Start it, and wait until it is confined; where that fails it is `Unconfined`."""
+        """Start it, and wait until it is confined; raise `Unconfined` if that fails."""
         self._limits = limits
         self._serial = 0
         self._deadline, self._is_late = inf, False
-        #: The first bytes of the output, one more than the limit where there are more.
+        #: The first bytes of the output, with one byte more than the limit if there are more.
         self.printed = b''
         self._process = _start(folder, limits)
-        pipes: Any = self._process  # they are there
+        pipes: Any = self._process  # mypy: its pipes are not None
         self._requests, self._replies, self._output = pipes.stdin, pipes.stdout, pipes.stderr
         self._printing = threading.Thread(target=self._keep_output, daemon=True)
         self._printing.start()
@@ -103,19 +103,19 @@ class Process:
         return self._reply(json.dumps(request).encode() + b'\n', wait)
 
     def close(self) -> None:
-        """End the process and all that it has started, and read its output."""
+        """End the process and its child processes, and read its output."""
         self._kill()
         self._process.wait()
         self._printing.join(1.0)
-        # A process that it has started can hold the other end of the output.
-        held = self._printing.is_alive()
-        for stream in (self._requests, self._replies, *(() if held else (self._output,))):
+        # A child process can hold the other end of the output: closing would block.
+        is_open = self._printing.is_alive()
+        for stream in (self._requests, self._replies, *(() if is_open else (self._output,))):
             with suppress(OSError):
                 stream.close()
 
     def _kill(self) -> None:
         if self._process.poll() is None:
-            # Its group has all that it has started; the number is valid while it lives.
+            # Its group contains its child processes; the id is valid while it runs.
             with suppress(ProcessLookupError):
                 if hasattr(os, 'killpg'):
                     os.killpg(self._process.pid, signal.SIGKILL)
@@ -137,7 +137,7 @@ class Process:
                 self.printed += data[: keep - len(self.printed)]
 
     def _reply(self, request: bytes, wait: float) -> Any:  # noqa: ANN401 (JSON)
-        """Send a request; its process is killed where no reply comes within `wait` [s]."""
+        """Send a request, and return the reply; kill the process if none comes in `wait` [s]."""
         self._deadline = time.monotonic() + wait
         line = b''
         try:
@@ -164,19 +164,19 @@ class Process:
     def _end(self, line: bytes) -> str:
         """End the process; return the reason, which continues the sentence "the process …"."""
         if not line:
-            # It has closed its pipes, usually because it is ending.
+            # It has closed its pipes, usually because it is about to end.
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(_LAST_WORDS)
         code = self._process.poll()
         self.close()
         if self._is_late:
-            waited = f'{self._limits.wait:g} s; does it sleep, or loop without end?'
-            return f'was ended: it did not answer within {waited}'
+            waited = f'{self._limits.wait:g} s: does the code sleep, or loop without end?'
+            return f'was ended, because it did not answer within {waited}'
         if line or code in {None, NO_PIPES}:
-            return 'was ended: it has written to, or closed, files that are not its own'
+            return "was ended, because the code wrote to, or closed, the grader's files"
         if code >= 0:
-            return f'has ended itself with exit code {code}; a function returns, it does not exit'
-        return f'has crashed with {signal.Signals(-code).name}; is a recursion too deep?'
+            return f'ended itself with exit code {code}: use return in a function, not exit'
+        return f'crashed with {signal.Signals(-code).name}: is a recursion too deep?'
 
 
 def _start(folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
@@ -210,16 +210,16 @@ def _start(folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
 
 _USUAL = Limits()
 _MAX_PHRASES = 20
-_REQUESTS = 10  # for the rows of a function
-_MAX_ENDS = 3  # a function that has ended its process, or looped, so often is not called again
+_REQUESTS = 10  # for all rows of a function; each has its own time limit
+_MAX_ENDS = 3  # A function that ended its process, or looped, so often is not called again.
 _numbers = count()  # of the objects that are made
 
 
 class JudgedCode:
-    """A user's files in `folder`, called in a process confined to it.
+    """Calls a user's files in `folder`, in a process that is confined to it.
 
-    Each failure is a UserCodeError. If a call ends the process, the next one uses a new process.
-    All calls together have `Limits.total` seconds; after that each one fails.
+    Each failure is a UserCodeError. If a call ends the process, the next call uses a new one. All
+    calls together may take `Limits.total` seconds; after that each call fails.
     """
 
     def __init__(self, folder: Path, limits: Limits = _USUAL) -> None:
@@ -232,7 +232,7 @@ class JudgedCode:
         self._gains: ChosenGains | None = None
 
     def __enter__(self) -> Self:
-        """Return the code; its process ends with the block."""
+        """Return this object; its process ends with the block."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -240,53 +240,53 @@ class JudgedCode:
         self.close()
 
     def has(self, part: str) -> bool:
-        """Return whether there is the file of this part."""
+        """Return whether the folder has the file of this part."""
         return part in files_in(self._folder)
 
     def rows(self, name: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
         """Return the numbers that a user's function returns for each row of arguments."""
-        found: list[Any] = []
-        while left := rows[len(found) :]:
-            some = left[: max(len(rows) // _REQUESTS, 1)]  # each request has its own time
+        results: list[Any] = []
+        while left := rows[len(results) :]:
+            some = left[: max(len(rows) // _REQUESTS, 1)]
             reply = self.call('functions', name, some)
-            found += rows_of(name, reply, len(some), CALLED[name].numbers)
-        return found
+            results += rows_of(name, reply, len(some), CALLED[name].numbers)
+        return results
 
     def make(self, name: str, *arguments: Any) -> int:  # noqa: ANN401 (JSON)
-        """Return the number of a new object of a user's class.
+        """Make a new object of a user's class; return its number.
 
-        Its file is loaded again, so that no global variable has a value of an earlier run.
+        Its file is loaded again, so that global variables have their first values.
         """
         number = next(_numbers)
         self.call('make', name, number, *arguments)
         return number
 
     def steps(self, name: str, number: int, rows: Sequence[Sequence[float]]) -> list[float]:
-        """Return the outputs of an object for one row of inputs after the other."""
+        """Return the outputs of an object for the rows of inputs in turn."""
         return numbers_of(name, self.call('steps', name, number, rows), len(rows))
 
     def chosen_gains(self) -> ChosenGains | None:
-        """Return the gains that `controller.py`, once loaded, chooses; None if it has none."""
+        """Return the gains that `controller.py` chooses; None if it is not loaded or has none."""
         with suppress(KeyError, TypeError, ValueError, OverflowError):
             kp, ki, kd, origin = self._notes()['gains']
             gains = ChosenGains(float(kp), float(ki), float(kd), one_line(str(origin), 100))
             if all(map(isfinite, gains[:3])):
-                self._gains = gains  # they stay known when the process has ended
+                self._gains = gains  # kept for when the process has ended
         return self._gains
 
     def tolerated(self) -> tuple[str, ...]:
-        """Return what was tolerated in the files that are loaded, a phrase each."""
+        """Return the faults of the loaded files that cost nothing, a phrase each."""
         phrases = self._notes().get('tolerated')
-        known = phrases[:_MAX_PHRASES] if isinstance(phrases, (list, tuple)) else ()
-        return tuple(one_line(str(phrase)) for phrase in known)
+        first = phrases[:_MAX_PHRASES] if isinstance(phrases, (list, tuple)) else ()
+        return tuple(one_line(str(phrase)) for phrase in first)
 
     def line_of(
         self, do: str, arguments: Sequence[Any], values: Iterable[float], others: Iterable[float]
     ) -> str:
-        """Return the file and line that first gives one of the `values` to a name in a request.
+        """Return the file and line that first assigns one of the `values` in a request.
 
-        Values that are among the `others` do not count. Where no line does, it is the one that
-        returns; empty if that is not known.
+        Values that are also in `others` do not count. If no line assigns one, it is the line that
+        returns; empty if that is unknown.
         """
         try:
             lines = [(str(at), float(value)) for at, value in self.call('lines', do, *arguments)]
@@ -325,7 +325,7 @@ class JudgedCode:
         try:
             return self._process.request(do, *arguments, wait=min(self._limits.wait, self._left))
         except Failed as error:
-            if 'is there an endless loop' in str(error):  # each such call takes all of its time
+            if 'is there an endless loop' in str(error):  # such a call uses up its time limit
                 ends.append(str(error))
             raise UserCodeError(str(error)) from None
         except Ended as error:
@@ -338,15 +338,15 @@ class JudgedCode:
             self._left -= time.monotonic() - began
 
     def _called(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
-        """Return the user's name for what a request calls."""
+        """Return the name of the user's function that a request calls."""
         if do == 'lines':
             return self._called(*arguments)
         return 'relay' if do == 'relay_commands' else str(arguments[0]) if arguments else do
 
     def _out_of_time(self) -> str:
         return (
-            f'the code has used up the {self._limits.total:g} s that it has in all; does it '
-            'sleep, or wait for something?'
+            f'the code has used up its total of {self._limits.total:g} s: does it sleep, or wait '
+            'for something?'
         )
 
     def close(self) -> None:
@@ -357,30 +357,30 @@ class JudgedCode:
             self._process = None
 
 
-def rows_of(function: str, found: Any, rows: int, columns: int) -> list[Any]:  # noqa: ANN401
-    """Return rows of numbers: the process can send anything."""
-    if not isinstance(found, list) or len(found) != rows:
-        raise UserCodeError(f'{function} returned something else than {rows} rows of numbers')
-    return [tuple(numbers_of(function, row, columns)) for row in found]
+def rows_of(function: str, reply: Any, rows: int, columns: int) -> list[Any]:  # noqa: ANN401
+    """Return a reply that must be rows of finite numbers; the process can send anything."""
+    if not isinstance(reply, list) or len(reply) != rows:
+        raise UserCodeError(f'{function} returned something other than {rows} rows of numbers')
+    return [tuple(numbers_of(function, row, columns)) for row in reply]
 
 
-def numbers_of(function: str, found: Any, size: int) -> list[float]:  # noqa: ANN401
-    """Return `size` finite numbers that a function returned."""
-    if not isinstance(found, (list, tuple)) or len(found) != size:
-        raise UserCodeError(f'{function} returned something else than {size} numbers')
-    if not all(type(value) is float and isfinite(value) for value in found):
+def numbers_of(function: str, reply: Any, size: int) -> list[float]:  # noqa: ANN401
+    """Return a reply that must be `size` finite numbers."""
+    if not isinstance(reply, (list, tuple)) or len(reply) != size:
+        raise UserCodeError(f'{function} returned something other than {size} numbers')
+    if not all(type(value) is float and isfinite(value) for value in reply):
         raise UserCodeError(f'{function} returned numbers that are not finite')
-    return [*found]
+    return [*reply]
 
 
 def check(limits: Limits) -> None:
-    """Start a process that runs nothing; a UserError if it cannot be confined here."""
-    if sys.platform != 'linux':  # whose kernel alone can confine a process
+    """Check that a process can be confined on this machine, else raise a UserError."""
+    if sys.platform != 'linux':  # only the kernel of Linux can confine a process
         if limits.confined:
             raise UserError(
-                f'submissions can be confined on Linux alone, and this is {sys.platform}: grade '
-                'there, as in WSL 2 or a container, or give --unconfined, which lets their code '
-                'do all that you can'
+                f'submissions can be confined only on Linux, and this is {sys.platform}: grade on '
+                'Linux, for example in WSL 2 or a container, or give --unconfined, with which '
+                'their code can do all that you can'
             )
         return
     try:
@@ -389,5 +389,5 @@ def check(limits: Limits) -> None:
     except Unconfined as error:
         raise UserError(
             f'submissions cannot be confined on this machine ({error}): grade on Linux 5.13 or '
-            'later, or give --unconfined in a container that holds one submission and nothing else'
+            'later, or give --unconfined in a container that contains only one submission'
         ) from None

@@ -1,7 +1,7 @@
-"""A class: its roster, and its grades as a list, a gradebook and an HTML page.
+"""Grades of a class: reads the roster; writes a CSV file, a gradebook and an HTML page.
 
-Task 3 is on top: its points have a sum and a mean of their own, so that no mean is of 100 for some
-and of 120 for others.
+The extra points of Task 3 have a separate sum and mean: otherwise some scores in a mean would be
+out of 100 and others out of 120.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.grade.grade import Grade, Item, Rubric
 
 _MAX_ROSTER = 4 << 20  # bytes
-#: The headers of a column, in lower case: those of Canvas and of Gradescope among them.
+#: The possible headers of each column, in lower case; they include those of Canvas and Gradescope.
 _HEADERS = {
     'name': ('name', 'student', 'full name'),
     'first': ('first name', 'given name'),
@@ -37,13 +37,13 @@ _HEADERS = {
     'login': ('sis login id', 'login', 'email', 'e-mail'),
     'section': ('section', 'sections'),
 }
-_BINS = 10  # of the distribution
+_BINS = 10  # of the histogram
 _MISTAKES, _SHOWN = 8, 90  # rows, and characters of a message
-# Where a message begins with a call and a line of code, and what was passed to a function.
+# The call and the line of code at the beginning of a message, and the arguments of a function.
 _PLACE = re.compile(
     r'^(call \d+, after [\d.]+ s on the road: )?([\w .()-]+\.py, line \d+: )?|\(\w+=[-\[\d][^()]*\)'
 )
-# What a spreadsheet takes for a formula, after any separator that it splits at.
+# The start of a cell that a spreadsheet takes for a formula, also after a separator.
 _FORMULA = re.compile(r'(^|[;,\t|])([\s"\'\\]*)(?=[=+\-@])')
 _CANVAS = ('Student', 'ID', 'SIS User ID', 'SIS Login ID', 'Section')
 
@@ -55,15 +55,15 @@ class Student:
     name: str
     id: str
     section: str
-    login: str  #: or address
-    ids: frozenset[str]  #: all that can stand in the name of a folder, as words
-    columns: dict[str, str]  #: of the file, by header
+    login: str  #: or e-mail address
+    ids: frozenset[str]  #: words that can be in the name of the student's folder
+    columns: dict[str, str]  #: cells of the roster, by header
 
 
 def read_roster(path: Path) -> list[Student]:
-    """Return the students of a CSV file with the columns name, id and section, or a UserError.
+    """Return the students in a CSV file with the columns name, id and section.
 
-    An export of the gradebook of Canvas, and a roster of Gradescope, are such files.
+    It also reads an export of Canvas's gradebook, and a roster of Gradescope.
     """
     try:
         text = read_regular(path, _MAX_ROSTER).decode('utf-8-sig')
@@ -81,21 +81,21 @@ def read_roster(path: Path) -> list[Student]:
 
 
 def _student(row: dict[str, str], headers: dict[str, str]) -> Student | None:
-    found = {
-        field: next((row[headers[h]] or '' for h in known if h in headers), '').strip()
-        for field, known in _HEADERS.items()
+    cells = {
+        field: next((row[headers[h]] or '' for h in possible if h in headers), '').strip()
+        for field, possible in _HEADERS.items()
     }
-    name = found['name'] or f'{found["first"]} {found["last"]}'.strip()
-    if not name or name == 'Points Possible':  # the second line of Canvas
+    name = cells['name'] or f'{cells["first"]} {cells["last"]}'.strip()
+    if not name or name == 'Points Possible':  # the second line of Canvas's export
         return None
     texts = [row[headers[h]] or '' for h in (*_HEADERS['id'], *_HEADERS['login']) if h in headers]
     ids = frozenset(''.join(_words(text.partition('@')[0])) for text in texts) - {''}
     columns = {header: value or '' for header, value in row.items() if header}
-    return Student(name, found['id'], found['section'], found['login'], ids, columns)
+    return Student(name, cells['id'], cells['section'], cells['login'], ids, columns)
 
 
 def owner(folder: str, students: Sequence[Student]) -> Student | None:
-    """Return whose folder or archive this is, by its name; None where that is not clear.
+    """Return the student to whom a folder or archive belongs, by its name; None if unclear.
 
     Canvas names a file `chenli_123457_998878_my_lab-2.zip`. An id counts more than a name.
     """
@@ -105,19 +105,22 @@ def owner(folder: str, students: Sequence[Student]) -> Student | None:
         return by_id[0]
     named = [(size, each) for each in by_id or students if (size := _name_in(words, each.name))]
     longest = max((size for size, _ in named), default=0)
-    found = [student for size, student in named if size == longest]
-    return found[0] if len(found) == 1 else None
+    best = [student for size, student in named if size == longest]
+    return best[0] if len(best) == 1 else None
 
 
 def _name_in(words: list[str], name: str) -> int:
-    """Return how many words of a name are in those of a folder, if all are; in one word, too."""
+    """Return the number of words of a name if a folder has all of them, else 0.
+
+    The folder can also have them as one word, such as `chenli`.
+    """
     parts = _words(name)
     turned = {''.join(parts[k:] + parts[:k]) for k in range(len(parts))}
     return len(parts) if turned.intersection(words) or set(parts) <= set(words) else 0
 
 
 def _words(text: str) -> list[str]:
-    """Return the words of a text: no accents, no capitals."""
+    """Return the words of a text in lower case, without accents."""
     plain = unicodedata.normalize('NFKD', text.casefold())
     bare = ''.join(each for each in plain if not unicodedata.combining(each))
     return re.findall(r'[^\W_]+', bare)
@@ -129,7 +132,7 @@ class Entry(NamedTuple):
     folder: str = ''
     grade: Grade | None = None
     student: Student | None = None
-    looks: tuple[str, ...] = ()  #: why a person looks at it, beside no points
+    looks: tuple[str, ...] = ()  #: reasons for a person to look at it
 
     @property
     def name(self) -> str:
@@ -143,12 +146,12 @@ class Entry(NamedTuple):
 
     @property
     def remark(self) -> str:
-        """What its grade has to remark, in one line."""
+        """The remark on its grade, in one line."""
         return self.grade.remark if self.grade else '' if self.folder else 'nothing handed in'
 
     @property
     def flags(self) -> list[str]:
-        """The words by which the page shows some of the class."""
+        """The values of the page's filter that show this entry."""
         grade = self.grade
         flags = {
             'look': self.looks or (grade and not (grade.score or grade.open)),
@@ -164,24 +167,24 @@ def entries(
     """Return the class, by section and name; `grades` and `failures` are by folder."""
     owners = {name: owner(name, students) for name in {**grades, **failures}}
     counts = Counter(owners.values())
-    found = [Entry(student=student) for student in students if not counts[student]]
+    rows = [Entry(student=student) for student in students if not counts[student]]
     for name, student in owners.items():
         grade = grades.get(name)
         looks = [f'not graded: {failures[name]}'] if name in failures else []
         if grade:
-            eye = ', '.join(LABELS[criterion] for criterion in grade.open)
-            looks += [*grade.notes, *([f'judge by eye: {eye}'] if eye else [])]
+            by_eye = ', '.join(LABELS[criterion] for criterion in grade.open)
+            looks += [*grade.notes, *([f'judge by eye: {by_eye}'] if by_eye else [])]
         looks += ['not in the roster'] if students and not student else []
         looks += ['handed in more than once'] if student and counts[student] > 1 else []
-        found.append(Entry(name, grade, student, tuple(looks)))
-    return sorted(found, key=lambda each: (each.section, each.name.casefold(), each.folder))
+        rows.append(Entry(name, grade, student, tuple(looks)))
+    return sorted(rows, key=lambda each: (each.section, each.name.casefold(), each.folder))
 
 
-def as_csv(found: Sequence[Entry], rubric: Rubric) -> str:
-    """Return a line for each entry; open points, and those of what was not graded, are empty."""
-    student = ['student', 'id', 'section'] if any(each.student for each in found) else []
+def as_csv(all_entries: Sequence[Entry], rubric: Rubric) -> str:
+    """Return a CSV line for each entry; points that are open or not graded are empty."""
+    student = ['student', 'id', 'section'] if any(each.student for each in all_entries) else []
     rows = []
-    for each in found:
+    for each in all_entries:
         row: dict[str, object] = {'name': each.folder}
         if each.student:
             row |= {'student': each.name, 'id': each.student.id, 'section': each.section}
@@ -207,14 +210,14 @@ def _cell(text: str) -> str:
 
 
 class _Task(NamedTuple):
-    """Criteria whose points count together: the required ones, those of Task 3, or a single one."""
+    """Criteria with a common sum: the required ones, those of Task 3, or a single one."""
 
     title: str
     criteria: tuple[str, ...]
     worth: float
 
     def score(self, grade: Grade | None) -> float | None:
-        """Return the points for these criteria; None: open, or not handed in."""
+        """Return the points for these criteria; None if some are open, or nothing was handed in."""
         own = (
             [grade.points[name] for name in self.criteria if name in grade.points] if grade else []
         )
@@ -226,33 +229,33 @@ def _tasks(rubric: Rubric, title: str) -> list[_Task]:
     def named(task: str) -> str:
         return f'{title}: {task}' if title != 'Score' else task
 
-    eye = rubric.lab.by_eye.keys() - rubric.optional
+    by_eye = rubric.lab.by_eye.keys() - rubric.optional
     kinds = {
-        title: rubric.points.keys() - rubric.optional - eye,
+        title: rubric.points.keys() - rubric.optional - by_eye,
         named('Task 3'): rubric.optional,
-        named('By eye'): eye,
+        named('By eye'): by_eye,
     }
-    found = []
+    tasks = []
     for name, criteria in kinds.items():
         own = tuple(each for each in rubric.points if each in criteria)
-        found.append(_Task(name, own, round(sum(rubric.points[each] for each in own), 2)))
-    return [task for task in found if task.worth]
+        tasks.append(_Task(name, own, round(sum(rubric.points[each] for each in own), 2)))
+    return [task for task in tasks if task.worth]
 
 
-def canvas(found: Sequence[Entry], rubric: Rubric) -> str:
-    """Return the file for the gradebook of Canvas.
+def canvas(all_entries: Sequence[Entry], rubric: Rubric) -> str:
+    """Return the CSV file for Canvas's gradebook.
 
-    A score with open points is empty, because a person gives these first; so is that of a student
-    with several submissions, because a person chooses one.
+    A score is empty if it has open points, or if the student has several submissions: a person
+    must first give the points, or choose a submission.
     """
     tasks = _tasks(rubric, one_line(rubric.title, 70) or 'Lab')
     worth = {task.title: task.worth for task in tasks}
     rows: list[dict[str, object]] = [{'Student': 'Points Possible', **worth}]
-    of_students: dict[Student, list[Entry]] = {}
-    for each in found:
+    by_student: dict[Student, list[Entry]] = {}
+    for each in all_entries:
         if each.student:
-            of_students.setdefault(each.student, []).append(each)
-    for student, (first, *others) in of_students.items():
+            by_student.setdefault(each.student, []).append(each)
+    for student, (first, *others) in by_student.items():
         own = {
             'Student': student.name,
             'SIS User ID': student.id,
@@ -266,7 +269,7 @@ def canvas(found: Sequence[Entry], rubric: Rubric) -> str:
 
 
 def _rows(tasks: Iterable[_Task], grades: Sequence[Grade]) -> list[dict[str, Any]]:
-    """Return the points for each task that somebody has points for."""
+    """Return statistics of each task for which at least one grade has points."""
     rows = []
     for task in tasks:
         scores = [score for grade in grades if (score := task.score(grade)) is not None]
@@ -294,9 +297,9 @@ def summary(grades: Sequence[Grade], rubric: Rubric) -> list[str]:
     ]
 
 
-def page(found: Sequence[Entry], rubric: Rubric) -> str:
+def page(all_entries: Sequence[Entry], rubric: Rubric) -> str:
     """Return the class as one HTML page, with links to the reports beside it."""
-    grades = [each.grade for each in found if each.grade]
+    grades = [each.grade for each in all_entries if each.grade]
     tasks = _rows(_tasks(rubric, 'Score'), grades)
     criteria = [_Task(LABELS[name], (name,), worth) for name, worth in rubric.points.items()]
     bins = Counter(
@@ -311,27 +314,27 @@ def page(found: Sequence[Entry], rubric: Rubric) -> str:
         numbers={
             'submissions': len(grades),
             'to judge by eye': sum(bool(grade.open) for grade in grades),
-            'nothing handed in': sum(not each.folder for each in found),
+            'nothing handed in': sum(not each.folder for each in all_entries),
         },
         tasks=tasks,
         bins=[(k * 100 // _BINS, (k + 1) * 100 // _BINS, bins[k]) for k in range(_BINS)],
         tallest=max(bins.values(), default=1),
         criteria=_rows(criteria, grades),
         mistakes=_mistakes(grades),
-        sections=sorted({each.section for each in found} - {''}),
-        entries=found,
+        sections=sorted({each.section for each in all_entries} - {''}),
+        entries=all_entries,
     )
 
 
 def _mistakes(grades: Iterable[Grade]) -> list[tuple[str, str, int]]:
-    """Return the commonest mistakes: criterion, the first message, and how many made it."""
+    """Return the commonest mistakes: criterion, first message, and number of submissions."""
     counts: Counter[str] = Counter()
     first: dict[str, Item] = {}
     for grade in grades:
-        # A message of several criteria counts for the one that lost most.
-        found = {_in_general(item.message): item for item in reversed(grade.mistakes)}
-        counts.update([*found])
-        first = found | first
+        # A message on several criteria counts once, for the one that lost most.
+        own = {_in_general(item.message): item for item in reversed(grade.mistakes)}
+        counts.update([*own])
+        first = own | first
     common = [(first[text], n) for text, n in counts.most_common(_MISTAKES)]
     return [
         (LABELS[item.criterion], one_line(_PLACE.sub('', item.message), _SHOWN), n)
@@ -340,6 +343,6 @@ def _mistakes(grades: Iterable[Grade]) -> list[tuple[str, str, int]]:
 
 
 def _in_general(message: str) -> str:
-    """Return the beginning of a message, without what differs between submissions: its numbers."""
+    """Return the beginning of a message without its numbers, which differ between submissions."""
     general = re.sub(r'(?<![\w*])\d[\d.,]*\b', '\N{HORIZONTAL ELLIPSIS}', _PLACE.sub('', message))
     return one_line(general, _SHOWN)

@@ -1,7 +1,7 @@
-"""The points of a submission: its rubric, what a person enters, and its report.
+"""Grades a submission: reads the rubric and a person's points, and writes the report.
 
-Rubrics and a person's points are YAML. The file of these stands beside a report: `grade` writes it
-once, with nothing entered, and then only reads it.
+Rubrics and a person's points are YAML files. The file for a person's points is beside the report:
+`grade` writes it once, without points, and then only reads it.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     _Expected = tuple[Callable[[Any], bool], str]
 
 _HEAD = """\
-# Yours: barc grade reads this file each time, and keeps what you enter.
-# Points that you write replace the computed ones: 4.5, or 4.5 and a comment.
+# Your file: barc grade reads it each time, and does not change it.
+# Points that you enter replace the computed ones: 4.5, or 4.5 and a comment.
 """
 _T = TypeVar('_T')
 _LABS = (HILLS, LANE, RACELINE, IDENTIFY)
@@ -55,23 +55,23 @@ class Rubric:
     """The criteria of a grade, with their points."""
 
     points: Mapping[str, float]  #: by criterion, positive, in the order of `LABELS`
-    settings: Settings = field(default_factory=Settings)  #: how it has user code judged
+    settings: Settings = field(default_factory=Settings)  #: for judging user code
     title: str = ''
     visibility: str = VISIBILITIES[0]  #: who can read the messages on Gradescope
-    optional: frozenset[str] = frozenset()  #: criteria left out where their file is not handed in
+    optional: frozenset[str] = frozenset()  #: criteria that are left out if their file is missing
 
     @property
     def lab(self) -> Lab:
-        """The lab of its criteria."""
+        """The lab that has its criteria."""
         return next(lab for lab in _LABS if not lab.labels.keys().isdisjoint(self.points))
 
     @property
     def max_score(self) -> float:
-        """Return the sum of the points without those of optional criteria."""
+        """The sum of the points, without optional criteria."""
         return round(sum(v for name, v in self.points.items() if name not in self.optional), 2)
 
     def worth(self, findings: Iterable[Finding]) -> dict[str, float]:
-        """Return the maximum points by criterion, without the optional ones that are skipped."""
+        """Return the maximum points by criterion, without optional criteria that are skipped."""
         out = {each.criterion for each in findings if each.skipped} & self.optional
         return {name: points for name, points in self.points.items() if name not in out}
 
@@ -81,14 +81,14 @@ class Rubric:
 
 
 def load(rubric: str | Path = RUBRICS[0]) -> Rubric:
-    """Return the rubric of that name in `RUBRICS`, or in the file at that path, or a UserError."""
+    """Return the rubric with a name in `RUBRICS`, or from the file at a path."""
     name = str(rubric)
     shipped = Path(__file__).parent / 'rubrics' / f'{name}.yaml'
     return _read(f'the rubric {name!r}', shipped if name in RUBRICS else Path(name), _rubric)
 
 
 def _read(what: str, path: Path, parse: Callable[[object], _T]) -> _T:
-    """Return what `parse` makes of a YAML file; a UserError names `what` it is."""
+    """Read a YAML file, and return the result of `parse`; a UserError names the file as `what`."""
     try:
         return parse(yaml.safe_load(read_regular(path, _MAX_BYTES)))
     except OSError as error:
@@ -100,33 +100,33 @@ def _read(what: str, path: Path, parse: Callable[[object], _T]) -> _T:
 
 
 class ByHand(NamedTuple):
-    """What a person has entered for a submission."""
+    """The points and comments that a person has entered for a submission."""
 
-    points: Mapping[str, tuple[float, str]] = {}  #: and a comment on them, by criterion
-    comment: str = ''  #: on all of it
+    points: Mapping[str, tuple[float, str]] = {}  #: points and a comment, by criterion
+    comment: str = ''  #: on the whole submission
 
 
 def entered(folder: Path, rubric: Rubric) -> ByHand:
-    """Return what is entered in the file in `folder`; nothing without one; or a UserError."""
+    """Return the points and comments that are entered in the file in `folder`, if it exists."""
     path = folder / BY_HAND
     return _read(repr(str(path)), path, partial(_by_hand, rubric)) if path.exists() else ByHand()
 
 
 def nothing_entered(rubric: Rubric) -> str:
-    """Return the text of a file in which nothing is entered."""
+    """Return the text of a file for a person's points, with none entered."""
     lines = [f'  {name}:  # of {worth:g}\n' for name, worth in rubric.points.items()]
     return f'{_HEAD}comment:\npoints:\n{"".join(lines)}'
 
 
 def _by_hand(rubric: Rubric, values: object) -> ByHand:
-    found = _mapping('it', values or {}, dict.fromkeys(('comment', 'points'), _ANY))
-    points = _mapping('points', found.get('points') or {}, dict.fromkeys(rubric.points, _ANY))
-    given = {
+    top = _mapping('it', values or {}, dict.fromkeys(('comment', 'points'), _ANY))
+    points = _mapping('points', top.get('points') or {}, dict.fromkeys(rubric.points, _ANY))
+    filled = {
         name: _entry(name, value, rubric.points[name])
         for name, value in points.items()
         if value is not None
     }
-    return ByHand(given, one_line(str(found.get('comment') or ''), _MAX_COMMENT))
+    return ByHand(filled, one_line(str(top.get('comment') or ''), _MAX_COMMENT))
 
 
 def _entry(name: str, value: object, worth: float) -> tuple[float, str]:
@@ -137,33 +137,33 @@ def _entry(name: str, value: object, worth: float) -> tuple[float, str]:
         points = -1.0
     if not 0.0 <= points <= worth:
         raise ValueError(
-            f'{name} is {value!r}: expected points from 0 to {worth:g}, and after a space a '
-            'comment if you like'
+            f'{name} is {value!r}: expected points from 0 to {worth:g}, and optionally a space '
+            'and a comment'
         )
     return points, one_line(comment, _MAX_COMMENT)
 
 
 def _rubric(values: object) -> Rubric:
-    found = {**_mapping('it', values, _KEYS)}
-    if 'criteria' not in found:
+    keys = {**_mapping('it', values, _KEYS)}
+    if 'criteria' not in keys:
         raise ValueError('there is no key criteria: expected the points of each criterion')
     required, optional = (
-        _mapping(key, found.pop(key, {}), dict.fromkeys(LABELS, _POINTS))
+        _mapping(key, keys.pop(key, {}), dict.fromkeys(LABELS, _POINTS))
         for key in ('criteria', 'task_3')
     )
     for name in required.keys() & optional.keys():
-        raise ValueError(f'{name!r} stands in criteria and in task_3: delete one of the two')
-    given = required | optional
-    points = {name: float(given[name]) for name in LABELS if given.get(name)}
+        raise ValueError(f'{name!r} is in criteria and in task_3: delete one of the two')
+    entries = required | optional
+    points = {name: float(entries[name]) for name in LABELS if entries.get(name)}
     if not points:
         raise ValueError('no criterion has points: expected at least one')
-    of_labs = {lab.handout.folder: name for lab in _LABS for name in points if name in lab.labels}
-    if len(of_labs) > 1:
-        first, second, *_ = of_labs.values()
-        raise ValueError(f'{first!r} and {second!r} are of two labs: keep the criteria of one')
-    thresholds = _thresholds(found.pop('thresholds', {}))
-    settings = Settings(found.pop('seed', Settings.seed), thresholds, tuple(points))
-    return Rubric(points, settings, optional=frozenset(optional.keys() & points.keys()), **found)
+    by_lab = {lab.handout.folder: name for lab in _LABS for name in points if name in lab.labels}
+    if len(by_lab) > 1:
+        first, second, *_ = by_lab.values()
+        raise ValueError(f'{first!r} and {second!r} belong to two labs: keep the criteria of one')
+    thresholds = _thresholds(keys.pop('thresholds', {}))
+    settings = Settings(keys.pop('seed', Settings.seed), thresholds, tuple(points))
+    return Rubric(points, settings, optional=frozenset(optional.keys() & points.keys()), **keys)
 
 
 def _thresholds(values: object) -> Thresholds:
@@ -177,14 +177,14 @@ def _thresholds(values: object) -> Thresholds:
 
 
 def _mapping(what: str, values: object, keys: Mapping[str, _Expected]) -> dict[str, Any]:
-    """Return a mapping that has no other keys, and values that fit them; else a ValueError."""
+    """Return `values` if it is a mapping with only these keys and valid values."""
     if not isinstance(values, dict):
         raise ValueError(f'{what} is {values!r}: expected lines "key: value"')  # noqa: TRY004
     for key, value in values.items():
         if key not in keys:
             raise ValueError(f'{key!r} is unknown: expected one of {", ".join(keys)}')
-        fits, expected = keys[key]
-        if not fits(value):
+        is_valid, expected = keys[key]
+        if not is_valid(value):
             raise ValueError(f'{key} is {value!r}: expected {expected}')
     return values
 
@@ -193,7 +193,7 @@ def _is_number(value: object) -> bool:
     return type(value) in {int, float}
 
 
-# Whether a value fits, and what is expected.
+# A check of a value, and the valid values in words.
 _ANY: _Expected = (lambda _: True), ''
 _POSITIVE: _Expected = (lambda value: _is_number(value) and 0.0 < value < inf), 'a number above 0'
 _POINTS: _Expected = (
@@ -218,17 +218,17 @@ class Item(NamedTuple):
     points: float  #: rounded to hundredths
     max_points: float
     message: str
-    open: bool = False  #: it is judged by eye: its points are 0 until they are given by hand
-    evidence: Evidence | None = None  #: what the report's figure shows
+    open: bool = False  #: a person judges it: the points are 0 until they are entered by hand
+    evidence: Evidence | None = None  #: of the report's figure
 
     @property
     def status(self) -> str:
-        """The word of Gradescope for its points."""
+        """Gradescope's word for the points."""
         return 'passed' if self.points >= self.max_points else 'failed'
 
 
 class Grade(NamedTuple):
-    """The points of a submission, with its notes and output, and the files of its report."""
+    """The points of a submission, with notes and printed output, and the files of its report."""
 
     name: str
     rubric: Rubric
@@ -236,40 +236,40 @@ class Grade(NamedTuple):
     notes: tuple[str, ...] = ()
     printed: str = ''  #: the first output of its code
     hashes: Mapping[str, str] = {}  #: SHA-256, by file
-    gains: str = ''  #: that drove the roads, and where they come from
-    tolerated: tuple[str, ...] = ()  #: a phrase each
+    gains: str = ''  #: of the drives, and the line that chooses them
+    tolerated: tuple[str, ...] = ()  #: faults that cost nothing, a phrase each
     comment: str = ''  #: of a person
     files: Mapping[str, bytes] = {}  #: by name
 
     @property
     def score(self) -> float:
-        """Return the sum of the items' points."""
+        """The sum of the items' points."""
         return round(sum(item.points for item in self.items), 2)
 
     @property
     def max_score(self) -> float:
-        """Return the sum of the items' maximum points."""
+        """The sum of the items' maximum points."""
         return round(sum(item.max_points for item in self.items), 2)
 
     @property
     def points(self) -> dict[str, float]:
-        """Return the points by criterion, without the open ones."""
+        """The points by criterion, without open criteria."""
         return {item.criterion: item.points for item in self.items if not item.open}
 
     @property
     def open(self) -> dict[str, float]:
-        """Return the points of the criteria that are judged by eye."""
+        """The maximum points of the open criteria, which a person judges."""
         return {item.criterion: item.max_points for item in self.items if item.open}
 
     @property
     def mistakes(self) -> list[Item]:
-        """Return the items that lost points, the most first."""
+        """The items that lost points, the largest loss first."""
         lost = [item for item in self.items if item.points < item.max_points and not item.open]
         return sorted(lost, key=lambda item: item.points - item.max_points)
 
     @property
     def remark(self) -> str:
-        """Return the message of the criterion that lost most points."""
+        """The message of the criterion that lost most points."""
         return ''.join(f'{LABELS[item.criterion]}: {item.message}' for item in self.mistakes[:1])
 
 
@@ -279,16 +279,16 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits) -> Grade:
     A criterion's points are its maximum points times the finding's score, rounded to hundredths.
     """
     notes = submission.notes
-    wanted = rubric.lab.handout.files
-    files = names_of(submission.files, wanted).values()
+    expected = rubric.lab.handout.files
+    files = names_of(submission.files, expected).values()
     if not (files or notes):
-        notes = (f'it has no {", ".join(wanted.values())}',)
+        notes = (f'it has no {", ".join(expected.values())}',)
     if not limits.confined:
-        notes = (*notes, 'its code was not confined, as --unconfined asks for')
+        notes = (*notes, 'its code ran unconfined, because of --unconfined')
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
         submission.write(Path(folder))
-        found = rubric.lab.judge_folder(Path(folder), rubric.settings, limits)
-    findings = {finding.criterion: finding for finding in found.findings}
+        judged = rubric.lab.judge_folder(Path(folder), rubric.settings, limits)
+    findings = {finding.criterion: finding for finding in judged.findings}
     return Grade(
         name=submission.name,
         rubric=rubric,
@@ -304,24 +304,23 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits) -> Grade:
             for name, worth in rubric.worth(findings.values()).items()
         ),
         notes=notes,
-        printed=escaped(found.printed),
+        printed=escaped(judged.printed),
         hashes={name: hashlib.sha256(submission.files[name]).hexdigest() for name in files},
-        gains=escaped(str(found.gains or '')),
-        tolerated=tuple(map(escaped, found.tolerated)),
+        gains=escaped(str(judged.gains or '')),
+        tolerated=tuple(map(escaped, judged.tolerated)),
     )
 
 
 def report(submission: Submission, hand: ByHand, rubric: Rubric, limits: Limits) -> Grade:
-    """Grade a submission, with the files of its report; what is entered by hand counts."""
-    computed = grade(submission, rubric, limits)
-    found = _merged(computed, hand)
-    files = {'results.json': gradescope(found).encode(), 'report.html': page(found).encode()}
-    items = tuple(item._replace(evidence=None) for item in found.items)
-    return found._replace(items=items, files=files)
+    """Grade a submission, with points entered by hand, and make the files of its report."""
+    merged = _merged(grade(submission, rubric, limits), hand)
+    files = {'results.json': gradescope(merged).encode(), 'report.html': page(merged).encode()}
+    items = tuple(item._replace(evidence=None) for item in merged.items)
+    return merged._replace(items=items, files=files)
 
 
 def _merged(grade: Grade, hand: ByHand) -> Grade:
-    """Return the grade with what is entered in place of what was computed."""
+    """Return the grade with entered points in place of computed ones."""
     items = {item.criterion: item for item in grade.items}
     for name, (points, comment) in hand.points.items():
         computed = items.get(name) or Item(name, 0.0, grade.rubric.points[name], '', open=True)
@@ -334,10 +333,10 @@ def _merged(grade: Grade, hand: ByHand) -> Grade:
 
 
 def page(grade: Grade) -> str:
-    """Return the HTML report, with the runs that were judged as a figure."""
+    """Return the HTML report, with a figure of the judged drive."""
     png = io.BytesIO()
-    for runs in filter(None, (item.evidence for item in grade.items)):
-        runs.figure('').savefig(png, format='png', dpi=_DPI, metadata={'Software': ''})
+    for evidence in filter(None, (item.evidence for item in grade.items)):
+        evidence.figure('').savefig(png, format='png', dpi=_DPI, metadata={'Software': ''})
     return render(
         'grade',
         grade=grade,
@@ -362,7 +361,7 @@ def gradescope(grade: Grade) -> str:
             'output_format': 'text',
             'visibility': grade.rubric.visibility,
         }
-        # Open ones have none.
+        # An open criterion has no score yet.
         | ({} if item.open else {'score': item.points, 'status': item.status})
         for item in grade.items
     ]

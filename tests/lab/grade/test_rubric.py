@@ -53,7 +53,7 @@ def test_criteria_that_are_left_out_or_worth_nothing_do_not_count(tmp_path: Path
         ('criteria: 3', 'criteria is 3: expected lines'),
         (
             'criteria: {model.x: 1}\ntask_3: {model.x: 1}',
-            'stands in criteria and in task_3',
+            'is in criteria and in task_3',
         ),
         (
             'criteria: {model.x: 1}\nthresholds: {full_rms: 2}',
