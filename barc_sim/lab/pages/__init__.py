@@ -1,4 +1,4 @@
-"""The HTML pages of reports, of grades and of a class: whole without a network."""
+"""Renders the HTML pages of reports, grades and a class; each file needs no network."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from barc_sim import __version__
 
 
 def render(page: str, **values: object) -> str:
-    """Return the page of that name, which is here, as HTML without links; values are escaped."""
+    """Return the HTML of a page in this folder, with the values put in and escaped."""
     return _environment().get_template(f'{page}.html').render(version=__version__, **values)
 
 

@@ -3,7 +3,7 @@
 import rclpy
 from rclpy.executors import MultiThreadedExecutor
 
-# Classes of nodes. A node of your own is a class, too: from my_relay import MyRelay
+# Classes of nodes. Import your own class in the same way: from my_relay import MyRelay
 from barc_sim.control.keyboard import Terminal
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.recorder import BagRecorder

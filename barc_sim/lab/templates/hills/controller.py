@@ -4,7 +4,7 @@
 class PID:
     """A PID controller that holds a speed.
 
-    The car has no limit of acceleration, unless a run is given --acceleration-limit.
+    The car has no limit of acceleration, except in a run with --acceleration-limit.
     """
 
     def __init__(self, kp, ki, kd):
@@ -14,7 +14,7 @@ class PID:
         ki  [1/s^2]  integral gain
         kd  [-]      derivative gain
 
-        With the names self.kp, self.ki and self.kd they can be changed while the car drives.
+        Gains with the names self.kp, self.ki and self.kd can be changed while the car drives.
         """
         self.kp = kp
         self.ki = ki
@@ -22,7 +22,7 @@ class PID:
         # TODO: what the integral and the derivative need
 
     def acc_calculate(self, speed_reference, speed_current):
-        """Return the acceleration to command [m/s^2]; called once each 0.02 s.
+        """Return the acceleration to command [m/s^2]; called every 0.02 s.
 
         speed_reference  [m/s]  the speed to hold
         speed_current    [m/s]  the measured speed
@@ -37,5 +37,5 @@ class PID:
         raise NotImplementedError
 
 
-# Your tuned gains drive a run, check and grade: write the call below with them, without the #.
+# A run, check and grade use your tuned gains: write them into the call below, and remove the #.
 # pid = PID(kp=1.0, ki=0.0, kd=0.0)

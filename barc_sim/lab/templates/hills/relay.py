@@ -1,6 +1,6 @@
 """The relay of the drive by hand: write relay."""
 
-dt = 0.05  # [s] relay is called once each dt
+dt = 0.05  # [s] the time between two calls of relay
 
 
 def relay(linear_x, angular_z):

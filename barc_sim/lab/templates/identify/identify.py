@@ -2,7 +2,7 @@
 
 # NumPy is there: import numpy as np
 
-NAME = 'your name'  # your own car is made of it
+NAME = 'your name'  # it determines your own car
 
 
 def command(t):
@@ -19,15 +19,15 @@ def command(t):
 def estimate(t, v, a):
     """Return [drag, drag_interval, friction, friction_interval, delay, delay_interval].
 
-    t  lists of 3000 numbers: the times [s],
-    v  the measured speeds [m/s], each with a noise of 0.03 m/s,
-    a  and the commands [m/s²] that each of these rows got
+    t  [s]     3000 times, as a list; v and a are lists of the same length
+    v  [m/s]   the measured speed at each time, with noise of 0.03 m/s
+    a  [m/s²]  the command at each time
 
     drag      [1/m]   a_0 / m of    dv/dt = a(t - delay) - drag * v**2 - friction
     friction  [m/s²]  F_f / m
     delay     [s]     from a command to its effect
 
-    An interval is half of that which holds the true value in 95 of 100 drives.
+    In 95 of 100 drives, value ± interval must contain the true value.
     """
     # TODO
 
@@ -35,7 +35,7 @@ def estimate(t, v, a):
     raise NotImplementedError
 
 
-if __name__ == '__main__':  # after a drive: python identify.py BAG...; the last counts
+if __name__ == '__main__':  # after a drive: python identify.py BAG...; the last one is used
     import sys
 
     from barc_sim import read_bag

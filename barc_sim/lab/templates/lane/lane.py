@@ -2,7 +2,7 @@
 
 # Import what you need, for example: from math import asin, atan, atan2, cos, hypot, pi, sin, sqrt
 
-L = 3.0  # [m] distance of the axles
+L = 3.0  # [m] distance between the axles
 l_r = 1.5  # [m] from the centre of mass to the rear axle
 
 
@@ -15,7 +15,7 @@ def straight_errors(x, y, psi, x_0, y_0, psi_0):
     psi_0     [rad]  heading of the line
 
     e_y       [m]    distance of the car to the line; positive to the left of it
-    e_psi     [rad]  heading of the car less that of the line; from -pi to pi
+    e_psi     [rad]  heading of the car minus heading of the line; from -pi to pi
     """
     # TODO
 
@@ -29,7 +29,7 @@ def arc_errors(x, y, psi, x_c, y_c, radius):
     x_c, y_c  [m]    centre of the arc
     radius    [m]    positive where the track turns left, negative where it turns right
 
-    The heading of the line is that of the point of it that is nearest to the car.
+    The heading of the line is its heading at the point that is nearest to the car.
     """
     # TODO
 
@@ -43,7 +43,7 @@ def steady(curvature):
     curvature  [1/m]  1/radius of the circle; positive to the left
 
     delta      [rad]  steering angle of the front wheels; positive to the left
-    e_psi      [rad]  heading of the car less that of the circle
+    e_psi      [rad]  heading of the car minus heading of the circle
     """
     # TODO
 
@@ -57,19 +57,19 @@ class Lane:
     def __init__(self, k_e_y=0.0, k_e_psi=0.0):
         """Store the gains, and the first values of what is stored between calls.
 
-        The defaults drive: write your tuned gains there, by any names.
+        A run uses the defaults: write your tuned gains there. Choose any names.
         """
         self.k_e_y = k_e_y
         self.k_e_psi = k_e_psi
 
     def steer_calculate(self, e_y, e_psi, speed, curvature):
-        """Return the steering angle of the front wheels [rad]; called once each 0.02 s.
+        """Return the steering angle of the front wheels [rad]; called every 0.02 s.
 
         e_y        [m]    distance to the left of the centre line
-        e_psi      [rad]  heading of the car less that of the centre line
+        e_psi      [rad]  heading of the car minus heading of the centre line
         speed      [m/s]
-        curvature         a function: curvature(d) is that of the centre line d metres ahead [1/m];
-                          curvature(0.0) that beside the car
+        curvature         a function: curvature(d) is the centre line's curvature [1/m] d metres ahead,
+                          curvature(0.0) the one beside the car
 
         The car steers by at most 0.5 rad to either side.
         """

@@ -3,7 +3,7 @@
 # NumPy is there: import numpy as np
 # Import what you need, for example: from math import sqrt
 
-L = 3.0  # [m] distance of the axles
+L = 3.0  # [m] distance between the axles
 l_r = 1.5  # [m] from the centre of mass to the rear axle
 
 
@@ -14,8 +14,8 @@ def profile(curvatures, step):
                        (positive to the left; 0 on a straight)
     step        [m]    from each point to the next; from the last one to the first, too
 
-    12 m/s at most, and 3.5 m/s² across in a turn. Between two points the car accelerates or brakes
-    by 2 m/s² at most, and v**2 grows evenly.
+    The speed is at most 12 m/s, the lateral acceleration v**2 * |curvature| at most 3.5 m/s². Between
+    two points the car accelerates or brakes by at most 2 m/s², and v**2 changes linearly.
     """
     # TODO
 
@@ -45,8 +45,8 @@ def predict(speed):
     e_psi after  =  a21 * e_y + a22 * e_psi + b2 * u
 
     e_y    [m]    distance to the left of the line
-    e_psi  [rad]  heading, less that of the steady turn
-    u      [rad]  steering, less that of the steady turn; held for the step
+    e_psi  [rad]  heading minus heading in the steady turn
+    u      [rad]  steering minus steering in the steady turn; constant during the step
     """
     # TODO
 
@@ -55,7 +55,7 @@ def predict(speed):
 
 
 def program(e_y, e_psi, speed):
-    """Return np.append(H, g) of J = 1/2 u^T H u + g^T u, the cost of ten commands u but a constant.
+    """Return np.append(H, g) of the cost of ten commands, J = 1/2 u^T H u + g^T u + constant.
 
     With the state x_0 = (e_y, e_psi) now, and the states x_1 to x_10 of predict, the cost is
 
