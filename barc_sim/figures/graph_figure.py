@@ -1,7 +1,7 @@
-"""A graph of nodes and topics as a figure: a column for each node, and a row for each topic.
+"""Draws the graph of nodes and topics: a column for each node, and a row for each topic.
 
-In a topic's row, arrows lead from the nodes that publish it to those that subscribe to it. So no
-arrow crosses another, and a closed loop is an arrow to the right and one, in blue, to the left.
+In a topic's row, arrows point from the nodes that publish it to the nodes that subscribe to it. So
+no arrow crosses another; a closed loop has one arrow to the right and a blue one to the left.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _DPI, _MAX_PIXELS = 110.0, 16_000.0
 
 @style.context(STYLE)
 def graph_figure(graph: NodeGraph, title: str = '', figure: Figure | None = None) -> Figure:
-    """Draw the graph with a table of its nodes below, on `figure`, whose size it sets."""
+    """Draw the graph, and a table of its nodes below; set the size of `figure`."""
     topics = [topic for topic in graph.topics if topic not in EVERYONES]
     sources = {topic: [node for node, to in graph.publications if to == topic] for topic in topics}
     targets = {topic: [node for of, node in graph.subscriptions if of == topic] for topic in topics}
@@ -46,7 +46,8 @@ def graph_figure(graph: NodeGraph, title: str = '', figure: Figure | None = None
     left = MARGIN + 0.24 + CHARACTER * max(map(len, topics), default=0)
     right = left + np.cumsum(GAP + 2.0 * half)
     x = dict(zip(nodes, (right - half).tolist(), strict=True))
-    table = [*lines(graph), '', f'not drawn, as every node publishes them: {", ".join(EVERYONES)}']
+    omitted = f'not drawn, because every node publishes them: {", ".join(EVERYONES)}'
+    table = [*lines(graph), '', omitted]
     bottom = -ROW * (len(topics) + 1.0)
     low, high = bottom - LINE * (len(table) + 0.5), 0.9
     width = max(right.max(initial=left), MARGIN + CHARACTER * max(map(len, table)))
@@ -75,7 +76,7 @@ def graph_figure(graph: NodeGraph, title: str = '', figure: Figure | None = None
 def _draw_topic(
     axes: Axes, topic: str, at: tuple[float, float], sources: list[float], targets: list[float]
 ) -> None:
-    """Draw a topic's box, which ends at a place, and an arrow to each target."""
+    """Draw a topic's box, with its right end at `at`, and an arrow to each target."""
     (right, y), width = at, CHARACTER * len(topic) + 0.24
     box = FancyBboxPatch(
         (right - width + 0.04, y - 0.1), width - 0.08, 0.2, boxstyle='round,pad=0.04',
@@ -98,7 +99,7 @@ def _draw_topic(
 
 
 def lines(graph: NodeGraph) -> list[str]:
-    """Return the table of nodes in lines of text, the heading first."""
+    """Return the table of nodes as lines of text, with a heading."""
     rows = {'node': 'what it does'}
     rows |= {
         name: NODES.get(name.rpartition('/')[2], '(not of this package)') for name in graph.nodes
@@ -108,6 +109,6 @@ def lines(graph: NodeGraph) -> list[str]:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Save to a file, whose extension sets the format; text stays text."""
+    """Save to a file in the format of its extension; text remains searchable text."""
     with rc_context({'svg.fonttype': 'none', 'pdf.fonttype': 42}):
         figure.savefig(path, dpi=min(_DPI, _MAX_PIXELS / max(figure.get_size_inches())))

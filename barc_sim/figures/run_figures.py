@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _POSITION = 'Position along the road [m]'
-JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.
-_SHOWN = 120  # characters of a setting
+JUMP = 5.0  #: [m] A car that moves more between two states was reset to the start.
+_SHOWN = 120  # maximum length of a setting
 
 
 class NotebookFigure(Figure):
@@ -65,7 +65,8 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     """Return the figure of speed, grade and command over the position; `savefig` saves it.
 
     Several runs have a line each, with their `labels`. With `ax`, Matplotlib's axes, only the
-    speed is drawn, there. A run on a track has its way, errors, speed and steering over a lap.
+    speed is drawn, in these axes. For a run on a track the figure has the path, and errors, speed
+    and steering over a lap.
 
     Examples
     --------
@@ -76,11 +77,11 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     for log in logs:
         if not isinstance(log, Log):
             raise UserError(
-                f'plot: {one_line(repr(log))} is no log, as simulate() or read_bag() returns: give '
-                'each as an argument of its own'
+                f'plot: {one_line(repr(log))} is not a log: pass each log that simulate() or '
+                'read_bag() returns as a separate argument'
             )
     if not logs or any(not len(log) for log in logs):
-        raise UserError('plot needs at least one log with a state: give the log of a run')
+        raise UserError('plot needs at least one log with a state: pass the log of a run')
     names = [*labels, *(f'run {k}' for k in range(len(labels) + 1, len(logs) + 1))][: len(logs)]
     if ax is not None:
         for log, name, color in zip(logs, names, cycle(RUN_COLOURS), strict=False):
@@ -103,11 +104,11 @@ def speed_figure(
     settings: str = '',
     figure: Figure | None = None,
 ) -> Figure:
-    """Draw speed, its error, grade and command of runs with a state against the position.
+    """Draw speed, speed error, grade and command of runs over the position.
 
-    The error is that after the run-up; without a controller's reference (NaN), and in a shorter
-    run, there is none. Several runs have a line each, with their `labels`. `title` and `settings`
-    are the two lines of the heading. `figure` is empty, and gets its size here.
+    The error is drawn after the run-up, unless the run is shorter or has no reference (NaN).
+    Several runs have a line each, with their `labels`. `title` and `settings` are the two lines of
+    the heading. `figure` must be empty; its size is set here.
     """
     runs = [_broken(use_measurement(log)) for log in logs]
     figure = figure or Figure()
@@ -145,14 +146,14 @@ def speed_figure(
 
 
 def _name_position(axes: Axes, *logs: Log) -> None:
-    """Name and scale the axis of the position."""
+    """Label and scale the axis of the position."""
     distance = np.concatenate([log.distance for log in logs])
     axes.set(xlabel=_POSITION, xlim=limits(distance, share=0.01, minimum=0.5))
     axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
 
 
 def run_figure(log: Log, info: Mapping[str, str], title: str, figure: Figure | None) -> Figure:
-    """Draw a run with this metadata as fits it: over the road, on its track, or from above."""
+    """Draw a run with its metadata: over the road, on its track, or from above if by hand."""
     if isinstance(log, TrackLog):
         return track_figure(log, title=title, settings=settings(info), figure=figure)
     if is_by_hand(log):
@@ -171,7 +172,7 @@ def settings(info: Mapping[str, str]) -> str:
 
 @style.context(STYLE)
 def terms_figure(log: Log) -> Figure | None:
-    """Draw the controller's terms against the position along the road; None if all are unknown."""
+    """Draw the controller's terms over the position along the road; None if all are unknown."""
     if all(np.isnan(values).all() for values in log.terms.values()):
         return None
     log = _broken(log)
@@ -188,7 +189,7 @@ def terms_figure(log: Log) -> Figure | None:
             ls=dashes,
             label=name,
         )
-    # Limits by the command: the terms at the start would hide the rest.
+    # The limits fit the command: with those of the terms at the start, the rest would look flat.
     low, high = limits(log.motor, share=0.5, minimum=1.0)
     axes.set(ylim=(low, high), ylabel='Acceleration [m/s²]')
     axes.axhline(0.0, color=GREY, lw=0.8)
@@ -207,16 +208,16 @@ def _caption(log: Log) -> str:
         ),
         'whole run': (whole.rms_error, whole.max_error),
     }
-    held = [
-        f'{part}: RMS {rms:.3f} m/s, at most {maximum:.3f} m/s'
+    texts = [
+        f'{part}: RMS {rms:.3f} m/s, maximum {maximum:.3f} m/s'
         for part, (rms, maximum) in parts.items()
         if not np.isnan(rms)
     ]
-    return f'Speed error {"; ".join(held)}' if held else ''
+    return f'Speed error {"; ".join(texts)}' if texts else ''
 
 
 def _broken(log: Log) -> Log:
-    """Return the log with an unknown row between two laps, so that no line joins them."""
+    """Return the log with a row of NaN between two laps, so that no line joins them."""
     first = np.flatnonzero(np.diff(laps_of(log)[1])) + 1
     if not first.size:
         return log
@@ -226,7 +227,7 @@ def _broken(log: Log) -> Log:
 
 
 def _draw_speed(axes: Axes, log: Log, name: str, color: str) -> None:
-    """Draw the true speed and its reference, which only a run without a name names."""
+    """Draw the true speed and the reference; the reference has a label only in a single run."""
     marker = _marker(log)
     axes.plot(
         log.distance, log.speed, color=color, lw=1.4 if name else 2.0, marker=marker,
@@ -248,7 +249,7 @@ def has_error(log: Log) -> bool:
 
 
 def draw_error(axes: Axes, log: Log, **line: Any) -> None:  # noqa: ANN401 (Matplotlib's own)
-    """Draw the speed error after the run-up, whose own would hide the rest."""
+    """Draw the speed error after the run-up; during the run-up it is too large for the chart."""
     axes.plot(
         log.distance, np.where(log.distance >= metrics.RUN_UP, log.speed_error, np.nan), **line
     )
@@ -257,8 +258,8 @@ def draw_error(axes: Axes, log: Log, **line: Any) -> None:  # noqa: ANN401 (Matp
 
 
 def _add_details(log: Log, speed: Axes, grade: Axes, command: Axes) -> None:
-    """Draw what only the figure of one run has room for."""
-    if np.nan_to_num(log.e_v_x).any():  # between two laps it is unknown
+    """Add the details of a single run: measured speed, ground and missed deadlines."""
+    if np.nan_to_num(log.e_v_x).any():  # NaN between two laps
         speed.plot(
             log.distance, log.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured', zorder=1.9
         )
@@ -290,8 +291,8 @@ def _marker(log: Log) -> str:
 def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> Figure:
     """Draw the path from above, and heading, speed and steering over time.
 
-    Of a drive straight on, that is speed and command. Where the car was put back to the start, the
-    lines are broken.
+    For a drive straight ahead, draw speed and command only. The lines are broken where the car was
+    reset to the start.
     """
     log = use_measurement(log)
     figure = figure or Figure()
@@ -309,8 +310,8 @@ def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> 
         drawn = [speed, (log.motor, GREEN, 'Command [m/s²]')]
         top, _ = charts = [*figure.subplots(2, 1)]
     for axes, (values, color, label) in zip(charts, drawn, strict=True):
-        look = 'steps-post' if color == GREEN else 'default'  # a command holds
-        axes.plot(log.t, values, color=color, lw=1.8, drawstyle=look)
+        line_style = 'steps-post' if color == GREEN else 'default'  # commands are held
+        axes.plot(log.t, values, color=color, lw=1.8, drawstyle=line_style)
         axes.set_ylim(*limits(values, share=0.1, minimum=1.0))
         axes.set_xlim(*limits(log.t, share=0.01, minimum=1.0))
         axes.set_ylabel(label)
@@ -322,7 +323,7 @@ def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> 
 
 
 def is_by_hand(log: Log) -> bool:
-    """Return whether a run was driven by hand, on the flat: it is best seen from above."""
+    """Return whether a run was driven by hand on the flat, so that a view from above fits."""
     return bool(np.isnan(log.reference).all() and not np.nan_to_num(log.elevation).any())
 
 
@@ -345,7 +346,10 @@ def draw_path(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> Non
 def identification_figure(
     signals: Mapping[str, tuple[NDArray[np.float64], ...]], *, title: str = ''
 ) -> Figure:
-    """Draw signals by name as `Identified` has them, and the error below; logs follow in turn."""
+    """Draw each signal as measured and predicted, and the error below; one log after the other.
+
+    `signals` has the arrays of `Identified`: time, measured and predicted values, by name.
+    """
     n = len(signals)
     figure = Figure(figsize=(9.0, 1.2 + 3.2 * n), layout='constrained')
     figure.suptitle(title, x=0.02, ha='left', fontsize=14, fontweight='bold')
@@ -353,7 +357,7 @@ def identification_figure(
     for (name, (t, measured, predicted)), (above, below) in zip(
         signals.items(), panels[:, 0].reshape(n, 2), strict=True
     ):
-        # One log follows the other, without a line from the end of the first to the next.
+        # No line joins the end of a log to the start of the next one.
         steps = np.diff(t, prepend=t[0])
         begins = steps < 0.0
         time = np.cumsum(np.where(begins, np.median(steps), steps))
@@ -364,7 +368,7 @@ def identification_figure(
         above.set_ylabel(f'{meaning.capitalize()} [{unit}]')
         below.plot(time, predicted - measured, lw=0.6, color=VERMILLION)
         below.axhline(0.0, lw=0.8, color=INK)
-        below.set_ylabel(f'Error [{unit}]')
+        below.set_ylabel(f'Residual [{unit}]')
     panels[0, 0].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     panels[-1, 0].set_xlabel('Time [s]')
     return figure

@@ -1,6 +1,6 @@
-"""What figures and page share: palette, style, limits, readings, road; windows.
+"""Palette, style, limits of axes and readings, for figures and page; opens windows.
 
-Matplotlib is imported only where a window opens: the live page starts without it.
+Matplotlib is imported only to open a window: the live page starts without it.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 class Colour(NamedTuple):
-    """A colour on light ground, as in every figure, and on dark ground, as the page may have."""
+    """A colour on a light background, as in figures, and on the page's dark background."""
 
     light: str
     dark: str
 
 
-# Any two differ for readers of each kind of colour blindness, and contrast with the ground by 3:1
-# (tests/figures/test_style.py). A colour has one meaning, on figures and page.
+# Any two colours differ for readers with any colour blindness; each has a contrast of 3:1 with the
+# background (tests/figures/test_style.py). A colour has one meaning in figures and page.
 COLOURS = {
     'blue': Colour('#003F74', '#1B85F5'),
     'sky': Colour('#1F96F7', '#7DCDFB'),
@@ -39,10 +39,10 @@ COLOURS = {
     'brown': Colour('#4C2A00', '#EAE657'),
     'ink': Colour('#222222', '#E8ECF1'),
 }
-#: Of a controller's terms, in the order in which it declares them; and their dashes.
+#: Colours and dashes of a controller's terms, in the order in which it declares them.
 TERMS = ('vermillion', 'purple', 'orange', 'brown')
 TERM_DASHES = ((0.0, (8.0, 2.0)), (0.0, (2.0, 2.0)), (0.0, (8.0, 2.0, 2.0, 2.0)), (0.0, (4.0, 2.0)))
-#: Of several runs in one figure.
+#: Colours of several runs in one figure.
 RUN_COLOURS = tuple(
     COLOURS[name].light for name in ('blue', 'vermillion', 'green', 'purple', 'orange', 'sky')
 )
@@ -98,18 +98,18 @@ def style_sheet() -> str:
 
 
 def use_measurement(log: _Log) -> _Log:
-    """Return the log with zero for each unknown measurement error: the measurement is used as true.
+    """Return the log with zero for unknown measurement errors: the measurement counts as true.
 
-    Errors are unknown at the end of a killed run, and with a simulator that publishes none.
+    Errors are unknown at the end of a killed run, and if the simulator publishes none.
     """
     errors = ('e_s', 'e_ey', 'e_epsi', 'e_v_x', 'e_v_y', 'e_psi_dot')
     return replace(log, **{name: np.nan_to_num(getattr(log, name)) for name in errors})
 
 
 def driven_road(log: Log) -> Road | None:
-    """Return the road as far as a run has seen it; None where it recorded none.
+    """Return the road that a run has driven; None if it recorded no grade.
 
-    A change of grade lies somewhere between two states: in the middle, then.
+    Each change of grade is placed halfway between two states.
     """
     recorded = np.flatnonzero(np.isfinite(log.theta_deg) & np.isfinite(log.distance))
     if not recorded.size:
@@ -124,15 +124,18 @@ def driven_road(log: Log) -> Road | None:
 
 
 def limits(values: NDArray[np.float64], *, share: float, minimum: float) -> tuple[float, float]:
-    """Return limits around `values` and zero, wider by `share`, at least `minimum` from zero."""
-    known = values[np.isfinite(values)]
-    low, high = min(known.min(initial=0.0), 0.0), max(known.max(initial=0.0), 0.0)
+    """Return limits around `values` and zero, wider by `share`; one is at least ±`minimum`."""
+    finite = values[np.isfinite(values)]
+    low, high = min(finite.min(initial=0.0), 0.0), max(finite.max(initial=0.0), 0.0)
     pad = max(share * (high - low), minimum - max(high, -low))
     return low - pad, high + pad
 
 
 def after_run_up(log: Log, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values after the run-up, which would hide the rest; all in a shorter run."""
+    """Return the values after the run-up, so that its large values do not set the limits.
+
+    Return all values of a shorter run.
+    """
     after = log.distance >= RUN_UP
     return values[..., after] if after.any() else values
 
@@ -146,7 +149,7 @@ def speed_limits(log: Log) -> tuple[float, float]:
 
 
 def reading(value: float, digits: int, unit: str) -> str:
-    """Return `value` with its unit, as an instrument shows it; a dash for NaN."""
+    """Return `value` as text with its unit; a dash for NaN."""
     if np.isnan(value):
         return '\N{EN DASH}'
     # Adding zero turns a negative zero into zero.
@@ -154,15 +157,12 @@ def reading(value: float, digits: int, unit: str) -> str:
 
 
 def window(title: str) -> Figure | None:
-    """Return an empty figure in a window; None if no window can be opened.
-
-    `show` shows it.
-    """
+    """Return an empty figure in a window, which `show` opens; None if that is impossible."""
     from matplotlib import pyplot as plt  # noqa: PLC0415 (chooses a backend: not for saving)
 
     try:
         figure = plt.figure(title)
-    except ImportError:  # the backend that the user has chosen cannot run here
+    except ImportError:  # the user's backend is not available here
         return None
     if figure.canvas.required_interactive_framework is None:
         plt.close(figure)
@@ -171,7 +171,7 @@ def window(title: str) -> Figure | None:
 
 
 def show(*, block: bool = True) -> None:
-    """Show the windows, until the user has closed them."""
+    """Show the windows; with `block`, wait until the user has closed them."""
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
     plt.show(block=block)

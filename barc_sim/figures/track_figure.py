@@ -1,4 +1,4 @@
-"""The figure of a run on a track: the way from above, and over a lap errors, speed and steering."""
+"""Draws a run on a track: the path from above, and errors, speed and steering over a lap."""
 
 from __future__ import annotations
 
@@ -47,22 +47,22 @@ if TYPE_CHECKING:
 
 TRACK_SIZE = (12.0, 7.6)  #: [inch]
 TRACK_GROUND = '#F1F1EE'
-_BENT = 0.9  #: share of a lap in arcs from which they are not shaded, as on a racing line
-_OTHER = '#A9B4BD'  #: of the laps beside the best
+_BENT = 0.9  #: If arcs fill at least this share of a lap, as on a racing line, none is shaded.
+_OTHER = '#A9B4BD'  #: colour of the laps beside the best one
 _SHOWN_LINE: dict[str, Any] = {'color': BLUE, 'lw': 1.8}
 _ARC: dict[str, Any] = {'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
 
 
 class _Curve(NamedTuple):
-    """A lap that is drawn, or several as one broken line."""
+    """A drawn lap, or several laps as one broken line."""
 
     name: str
     line: dict[str, Any]
     log: TrackLog  #: of these laps
-    s: Floats  #: [m] from the finish line on
+    s: Floats  #: [m] position from the finish line
 
 
-#: Over the place in the lap: names, values of a log, what is shown around zero, limits either way.
+#: Charts over the lap: label, values of a log, minimum half height of the axis, drawn limits (±).
 _CHARTS: tuple[tuple[str, Callable[[TrackLog], Floats], float, float], ...] = (
     ('e_y [m]', lambda log: log.e_y, 0.05, 0.0),
     ('e_psi [°]', lambda log: np.degrees(log.e_psi), 1.0, 0.0),
@@ -72,10 +72,10 @@ _CHARTS: tuple[tuple[str, Callable[[TrackLog], Floats], float, float], ...] = (
 
 
 def _laps_of(log: TrackLog) -> tuple[list[_Curve], TrackLaps]:
-    """Return the curves of a run, that of its best lap in front, and the figures of its laps."""
+    """Return the curves of a run, its best lap last, and the times and errors of its laps."""
     laps, numbers = track_laps_of(log)
     _, first = np.unique(numbers, return_index=True)
-    start = np.fmin.reduceat(log.s, first)[numbers]  # where the finish line is not known
+    start = np.fmin.reduceat(log.s, first)[numbers]  # of each lap, if the track is unknown
     if log.track:
         start = log.lap * (log.track.length if log.track.is_closed else 0.0)
     place: Floats = log.s - start
@@ -97,22 +97,23 @@ def track_figure(
     settings: str = '',
     figure: Figure | None = None,
 ) -> Figure:
-    """Draw a run's way from above, and errors, speed and steering of its laps over their place.
+    """Draw the path of a run from above, and errors, speed and steering over the lap.
 
-    The best lap is in front; a table has the laps. Of several runs, with their `labels`, the best
-    laps are drawn. `title` and `settings` are the two lines of the heading, and `figure` is empty.
+    The best lap is in front; a table lists all laps. For several runs, with their `labels`, only
+    the best laps are drawn. `title` and `settings` are the two lines of the heading. `figure` must
+    be empty.
     """
     runs = [*map(use_measurement, logs)]
-    found = [_laps_of(each) for each in runs]
-    bests = [laps.best or laps.current for _, laps in found]
-    alone = len(runs) == 1
-    if alone:
-        [(curves, laps)] = found
+    results = [_laps_of(each) for each in runs]
+    bests = [laps.best or laps.current for _, laps in results]
+    is_single = len(runs) == 1
+    if is_single:
+        [(curves, laps)] = results
         table = [LAP_HEADINGS, *(lap.cells for lap in laps.rows)]
     else:
         curves = [
             own[-1]._replace(name=name, line={'color': color, 'lw': 1.6})
-            for (own, _), name, color in zip(found, labels, cycle(RUN_COLOURS), strict=False)
+            for (own, _), name, color in zip(results, labels, cycle(RUN_COLOURS), strict=False)
         ]
         table = [('best lap of', *LAP_HEADINGS[1:])]
         for name, lap in zip(labels, bests, strict=True):
@@ -127,7 +128,7 @@ def track_figure(
     charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
     track = next((log.track for log in runs if log.track), None)
     _draw_map(seen, track, curves)
-    _draw_table(below, table, bests[0].cells if alone else ())
+    _draw_table(below, table, bests[0].cells if is_single else ())
     _draw_charts(charts, curves, track)
     ends = [end for each in runs for end in speed_limits(each)]
     charts[2].set_ylim(min(ends), max(ends))
@@ -142,7 +143,7 @@ def track_figure(
 
 
 def _draw_map(axes: Axes, track: Track | None, curves: list[_Curve]) -> None:
-    """Draw the track, with its metres beside it, and the path of each lap."""
+    """Draw the track, with distances in metres beside it, and the path of each lap."""
     if track:
         draw_course(axes, track)
         first, second, *_ = MaxNLocator(12, steps=[1, 2, 2.5, 5, 10]).tick_values(0, track.length)
@@ -152,7 +153,7 @@ def _draw_map(axes: Axes, track: Track | None, curves: list[_Curve]) -> None:
         places = np.column_stack(beside[:2])
         for (u, v), s in zip(places, marks, strict=True):
             axes.text(u, v, f'{s:g} m', color=MUTED, fontsize=8, ha='center', va='center')
-        axes.update_datalim(places)  # the words stand within the axes, too
+        axes.update_datalim(places)  # so that the axes contain the text, too
     for curve in curves:
         x, y, _ = curve.log.true_pose
         axes.plot(x, y, **curve.line)
@@ -176,7 +177,7 @@ def draw_course(axes: Axes, track: Track, transform: Transform | None = None) ->
 
 
 def _draw_charts(charts: list[Axes], curves: list[_Curve], track: Track | None) -> None:
-    """Draw the curves of each chart, the limit of the steering, the reference and the arcs."""
+    """Draw the curves of each chart, the steering limit, the reference speed and the arcs."""
     log, s = curves[-1].log, curves[-1].s
     bent = log.curvature != 0.0
     has_straights = float(bent.mean()) < _BENT
@@ -199,15 +200,15 @@ def _draw_charts(charts: list[Axes], curves: list[_Curve], track: Track | None) 
         'limit', (1.0, limit), (-2.0, -3.0), ('axes fraction', 'data'), 'offset points',
         ha='right', va='top', color=MUTED, fontsize=8,
     )  # fmt: skip
-    steering.set_xlabel('Place in the lap [m]' + ('; arcs are shaded' if has_straights else ''))
+    steering.set_xlabel('Position in the lap [m]' + ('; arcs are shaded' if has_straights else ''))
     steering.set_xlim(0.0, track.length if track else None)
 
 
 @style.context(STYLE)
 def line_figure(track: Track, line: Track, limits: Limits, title: str = '') -> Figure:
-    """Draw a racing line in colours of its speed; and speed and curvature, with the centre line's.
+    """Draw a racing line, coloured by speed, and its speed and curvature beside the centre line's.
 
-    Speeds are the fastest within `limits`, those of `speed_profile`.
+    The speeds are the fastest within `limits`, from `speed_profile`.
     """
     figure = Figure(figsize=TRACK_SIZE, layout='constrained')
     figure.suptitle(title, x=0.02, ha='left', fontsize=14, fontweight='bold')
@@ -218,7 +219,7 @@ def line_figure(track: Track, line: Track, limits: Limits, title: str = '') -> F
     for each, name, color in ((track, 'centre line', _OTHER), (line, 'racing line', BLUE)):
         places, profile = each.samples(), speed_profile(each, *limits)
         speeds, pose = [profile(0.0, s) for s in places.tolist()], each.place(places)
-        # Over the place on the centre line beside each point.
+        # The horizontal axis is the position on the centre line beside each point.
         beside = np.asarray(track.frenet(*pose).s) % track.length
         order = np.argsort(beside)
         label = f'{name}, {lap_time(each, limits):.2f} s'
@@ -232,13 +233,13 @@ def line_figure(track: Track, line: Track, limits: Limits, title: str = '') -> F
     seen.set(xlabel='x [m]', ylabel='y [m]')
     above.set(ylabel='Speed [m/s]', xlim=(0.0, track.length))
     above.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
-    below.set(ylabel='Curvature [1/m]', xlabel='Place along the centre line [m]')
+    below.set(ylabel='Curvature [1/m]', xlabel='Position along the centre line [m]')
     below.set_xlim(0.0, track.length)
     return figure
 
 
 def _draw_table(axes: Axes, rows: Sequence[Sequence[str]], best: Sequence[str]) -> None:
-    """Draw rows of texts, headings first; `best` is bold."""
+    """Draw a table of the laps, whose first row has the headings; `best` is bold."""
     axes.set_axis_off()
     table = axes.table(
         [*rows],

@@ -1,4 +1,4 @@
-"""The picture of a run at any time, the car on its hills or from above; and videos of it."""
+"""Draws a run at any of its times, from the side or from above, and saves videos of it."""
 
 from __future__ import annotations
 
@@ -59,32 +59,35 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Images = Iterable[NDArray[np.uint8]]
-    Stretch = tuple[Road, float, float]  # of a road, and where it begins and ends [m]
+    Stretch = tuple[Road, float, float]  # a road, and where the drawn part begins and ends [m]
     Box = tuple[float, float, float, float]  # left, bottom, width and height, as shares
 
 SIZE = (12.8, 7.2)  #: [inch]
-AHEAD = '#C4D3DD'  #: of the part of the run after the shown time
+AHEAD = '#C4D3DD'  #: colour of the part of the run after the shown time
 #: [m] from the centre of mass to the rear axle and to the front axle.
 AXLES = (-1.5, 1.5)
-BEYOND = 60.0  #: [m] of the road that are drawn before and after a run
-POST = 10.0  #: [m] between two labels of the position; the side of a square, from above
-LABELS = 12  #: more than are visible
-_READING, _READINGS = 0.135, 0.81  #: the widths of a reading, and of all, at most, as shares
+BEYOND = 60.0  #: [m] of road drawn before and after a run
+POST = 10.0  #: [m] between two labels of the position; from above, the side of a square
+LABELS = 12  #: labels, more than are visible at once
+_READING, _READINGS = 0.135, 0.81  #: maximum widths of one reading, and of all, as shares
 GLASS, LAMP, RIM, WELL = '#DCEBF4', '#F0E442', '#D5D5D5', '#3A3A3A'
 
 
 class RunView(ABC):
-    """A view of a run at any of its times; `update` moves its `artists`, drawn in order."""
+    """A view of a run at one time, with a scene, the whole course and a chart.
 
-    #: Where scene, course and chart are.
+    `update` moves its `artists`, which are drawn in order.
+    """
+
+    #: The boxes of scene, course and chart.
     PLACES: ClassVar[tuple[Box, Box, Box]]
-    VIEW_WIDTH: ClassVar[float]  #: [m] visible at once
+    VIEW_WIDTH: ClassVar[float]  #: [m] visible at once in the scene
     artists: Sequence[Artist]
-    #: Of each state: its place in the chart, with the axis's name, and on the course, x and y.
+    #: By state: horizontal values of the chart, with their label, and x and y on the course.
     along: Floats
     along_name: str
     course: tuple[Floats, Floats]
-    #: What the chart shows, its name and its limits.
+    #: The values of the chart, with their label and limits.
     charted: Floats
     charted_name = 'Speed [m/s]'
     chart_limits: tuple[float, float]
@@ -92,9 +95,9 @@ class RunView(ABC):
     def __init__(
         self, log: Log, figure: Figure, *, title: str = '', stretch: Stretch | None = None
     ) -> None:
-        """Draw the fixed parts on `figure`, which is empty, and show the first state.
+        """Draw the fixed parts on the empty `figure`, and show the first state.
 
-        Without a `stretch` of the road, as much of it as was driven is drawn.
+        Without a `stretch` of road, the driven part is drawn.
         """
         self.figure = figure
         self._given = stretch
@@ -113,7 +116,7 @@ class RunView(ABC):
             moving += [self._here, *self._draw_chart(chart)]
             self._readings = self._draw_readings(figure.add_axes((0.06, 0.9, 0.925, 0.1)), title)
         self.artists = [*moving, *self._readings.values()]
-        # Above the fixed parts, and in this order: Matplotlib would draw every line over a patch.
+        # Above the fixed parts and in this order; by default Matplotlib draws lines over patches.
         for order, artist in enumerate(self.artists, start=10):
             artist.set(animated=True, zorder=order)
         self.update(0.0)
@@ -130,15 +133,15 @@ class RunView(ABC):
 
     @abstractmethod
     def _place(self, k: int, t: float, x: float, y: float) -> Mapping[str, str]:
-        """Put the car where it is at `t` [s], after state `k`; return the view's own readings."""
+        """Move the car to its place at `t` [s], after state `k`; return the view's own readings."""
 
     def update(self, t: float) -> None:
-        """Show the run at `t` [s]: positions between states, commands of the state before."""
+        """Show the run at `t` [s]: interpolated positions, and commands of the last state."""
         for name, text in self._show(t).items():
             self._readings[name].set_text(text)
 
     def _show(self, t: float) -> dict[str, str]:
-        """Move the artists to where they are at `t` [s]; return the readings."""
+        """Move the artists to their places at `t` [s]; return the readings."""
         log = self._log
         k = int(np.searchsorted(log.t, t + 1e-9, side='right')) - 1
         along, speed, charted, x, y = (
@@ -146,7 +149,7 @@ class RunView(ABC):
             for values in (self.along, log.speed, self.charted, *self.course)
         )
         if k + 1 < len(log) and abs(log.distance[k + 1] - log.distance[k]) > JUMP:
-            x, y = (float(values[k]) for values in self.course)  # put back to the start
+            x, y = (float(values[k]) for values in self.course)  # reset to the start
         self._here.set_data([x], [y])
         self._trace.set_data(
             np.append(self.along[: k + 1], along), np.append(self.charted[: k + 1], charted)
@@ -162,10 +165,10 @@ class RunView(ABC):
 
     @abstractmethod
     def _draw_course(self, axes: Axes) -> None:
-        """Draw the whole way."""
+        """Draw the whole course."""
 
     def _draw_chart(self, axes: Axes) -> list[Line2D]:
-        """Return the lines of the chart so far, of its reference and of the time shown."""
+        """Draw the chart; return its moving lines: values so far, reference, and cursor."""
         log = self._log
         axes.plot(self.along, self.charted, color=AHEAD, lw=1.5)
         (self._trace,) = axes.plot([], [], color=BLUE, lw=2.2, label='speed')
@@ -241,17 +244,17 @@ class SideView(RunView):
         ]
 
     def _kinks(self, beyond: float) -> Floats:
-        """Return the places [m] between which the road of the run is straight, and its ends."""
+        """Return the positions [m] where the grade changes, with the ends of the drawn road."""
         road, first, last = self._stretch
         inside = [s for s in road.starts if first - beyond < s < last + beyond]
         return np.array([first - beyond, *inside, last + beyond])
 
     def _on_map(self, s: Floats) -> tuple[Floats, Floats]:
-        """Return horizontal distance and elevation [m] at places along the road [m]."""
+        """Return horizontal distance and elevation [m] at positions along the road [m]."""
         return np.asarray(self._road.horizontal(s)), np.asarray(self._road.elevation(s))
 
     def _draw_course(self, axes: Axes) -> None:
-        """Draw the whole road, its heights enlarged."""
+        """Draw the whole road, with exaggerated heights."""
         x = self._kinks(0.0)
         y = np.asarray(self._road.elevation(x))
         axes.plot(x, y, color=SURFACE, lw=1.2)
@@ -272,7 +275,7 @@ class SideView(RunView):
         for i, label in enumerate(self._labels):
             post = first + i * POST
             at, height = (float(place) for place in self._on_map(post))
-            # A text costs more than all other artists of a frame.
+            # Hidden if outside: a text takes longer to draw than all other artists of a frame.
             label.set_visible(abs(at - camera[0]) < self.VIEW_WIDTH / 2.0)
             label.set_position((at, height))
             label.set_text(f'|\n{reading(post, 0, " m")}')
@@ -302,7 +305,7 @@ def _car_from_the_side(body: Transform, wheel: Affine2D) -> list[Artist]:
     for colour, polygons in shapes.items():
         artists += [Polygon(points, facecolor=colour, transform=body) for points in polygons]
     angles = 2.0 * np.pi * np.arange(5) / 5.0
-    # From the hub out and back, so that it is one line.
+    # Each spoke goes out from the hub and back, so that all are one line.
     spokes = [
         np.outer(f(angles), [0.0, 0.62 * WHEEL_RADIUS, 0.0]).ravel() for f in (np.cos, np.sin)
     ]
@@ -318,9 +321,9 @@ def _car_from_the_side(body: Transform, wheel: Affine2D) -> list[Artist]:
 
 
 class TopView(RunView):
-    """The car from above, on a grid, with its path; on a track, with its edges.
+    """The car from above, on a grid, with its path, and with the edges of its track.
 
-    There a pale car is the best lap's, at the same time of the lap.
+    On a track, a pale car shows the best lap at the same lap time.
     """
 
     PLACES: ClassVar = ((0.0, 0.28, 1.0, 0.62), (0.77, 0.02, 0.22, 0.24), (0.06, 0.09, 0.68, 0.165))
@@ -394,7 +397,7 @@ class TopView(RunView):
         return {**readings, 'Steering': reading(float(np.degrees(servo)), 1, '°')}
 
     def _place_ghost(self, log: TrackLog, k: int, t: float, x: float, y: float) -> dict[str, str]:
-        """Put the pale car to the best lap's place; return the readings of the lap."""
+        """Move the pale car to its place in the best lap; return the readings of the lap."""
         best, lap_time = self._laps.best, float(log.lap_time[k] + t - log.t[k])
         is_beside = best is not None and best.number != self._numbers[k] and lap_time <= best.time
         for artist in self._pale:
@@ -414,7 +417,7 @@ class TopView(RunView):
 
 
 def _grid(spacing: float, color: str, transform: Transform) -> Line2D:
-    """Return a grid with lines at the multiples of `spacing`, as one broken line."""
+    """Return a grid with lines at multiples of `spacing` [m], as one broken line."""
     reach = 80.0
     ticks = np.arange(-reach, reach + spacing / 2.0, spacing)
     ends = np.tile([-reach, reach, np.nan], len(ticks))
@@ -462,16 +465,16 @@ def _car_from_above(body: Transform, steering: Affine2D) -> list[Artist]:
 
 
 def view_of(log: Log, figure: Figure, title: str = '', stretch: Stretch | None = None) -> RunView:
-    """Return the view for this run: from above on a track, and if a driver steered."""
+    """Return the view of a run: from above on a track or by hand on the flat, else the side."""
     is_above = isinstance(log, TrackLog) or is_by_hand(log)
     return (TopView if is_above else SideView)(log, figure, title=title, stretch=stretch)
 
 
 MP4_DPI, MP4_FPS = 100, 50  # 1280 x 720, every state
 GIF_DPI, GIF_FPS = 75, 25  # 960 x 540: a GIF is large, and its unit of time is 10 ms
-# The index comes first, so that a browser plays the file while it loads. The colours are HDTV's,
-# as the file states: players would guess. The encoder takes half as long as with the preset
-# `veryfast`, and less than the drawing, which goes on beside it; the file is 1.7 times as large.
+# The index comes first, so that a browser plays the file while it loads. The colour space is
+# stated, so that players do not guess it. `superfast` takes half as long as `veryfast`, and less
+# than the drawing, which runs in parallel; the file is 1.7 times as large.
 ENCODING = {
     '-codec:v': 'libx264',
     '-pix_fmt': 'yuv420p',
@@ -485,7 +488,7 @@ ENCODING = {
 
 
 def save_video(log: Log, path: pathlib.Path, *, title: str = '') -> None:
-    """Write the run at real speed to `path`, which ends in .mp4 or .gif.
+    """Write a video of the run in real time to `path`, which ends in .mp4 or .gif.
 
     A progress bar appears if stderr is a terminal.
     """
@@ -511,15 +514,15 @@ def save_video(log: Log, path: pathlib.Path, *, title: str = '') -> None:
 
 
 def frame_times(duration: float, fps: float) -> NDArray[np.float64]:
-    """Return the times [s] of the frames of a film of `duration` [s], with both ends."""
+    """Return the times [s] of the frames of a video of `duration` [s], with both ends."""
     count = int(np.ceil(duration * fps - 1e-6)) + 1
     return np.minimum(np.arange(count) / fps, duration)
 
 
 def frames(view: RunView, times: Iterable[float]) -> Iterator[NDArray[np.uint8]]:
-    """Yield the view at each of `times`, its fixed parts drawn once.
+    """Yield an RGBA image of shape `(height, width, 4)` for each of `times`.
 
-    It is RGBA of shape `(height, width, 4)`; the next one overwrites it.
+    The fixed parts are drawn once. The next image overwrites the array.
     """
     canvas: Any = FigureCanvasAgg(view.figure)  # matplotlib has no types for it
     canvas.draw()
@@ -541,14 +544,14 @@ def write_mp4(path: pathlib.Path, images: Images, *, size: tuple[int, int], fps:
     program = ffmpeg()
     if program is None:
         raise UserError(
-            'a .mp4 is written by ffmpeg, and none is on the PATH: install it, or run '
+            'a .mp4 needs ffmpeg, and none is on the PATH: install it, or run '
             'python -m pip install imageio-ffmpeg, or save as .gif'
         )
     pixels = {'-f': 'rawvideo', '-pix_fmt': 'rgba', '-s': '{}x{}'.format(*size), '-r': str(fps)}
     options = [*chain(*pixels.items()), '-i', '-', *chain(*ENCODING.items())]
     command = [program, '-loglevel', 'error', '-y', *options, '-f', 'mp4', str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:  # noqa: S603
-        with suppress(BrokenPipeError):  # it has ended early, and stderr has the reason
+        with suppress(BrokenPipeError):  # ffmpeg has ended early; stderr has the reason
             for image in images:
                 cast('IO[bytes]', encoder.stdin).write(image.tobytes())
         _, errors = encoder.communicate()
@@ -558,7 +561,7 @@ def write_mp4(path: pathlib.Path, images: Images, *, size: tuple[int, int], fps:
 
 
 def ffmpeg() -> str | None:
-    """Return the path of ffmpeg: of the PATH, else of imageio-ffmpeg; None without either."""
+    """Return the path of ffmpeg, from the PATH or imageio-ffmpeg; None if there is none."""
     program = which('ffmpeg')
     if program is None:
         with suppress(ImportError, RuntimeError):
@@ -580,7 +583,7 @@ def write_gif(path: pathlib.Path, images: Images, *, fps: int) -> None:
 
 
 def _one_palette(images: Images) -> Iterator[Image.Image]:
-    """Give every image the first one's colours: no flicker, and a small file."""
+    """Yield the images with the palette of the first one: no flicker, and a small file."""
     from PIL import Image  # noqa: PLC0415
 
     palette = None

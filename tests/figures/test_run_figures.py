@@ -225,5 +225,5 @@ def test_a_plot_of_nothing_is_refused(log: Log) -> None:
     for logs in ((), (log, log.map(lambda column: column[:0]))):
         with pytest.raises(UserError, match='at least one log with a state'):
             plot(*logs)
-    with pytest.raises(UserError, match=r'^plot: \[<Log: .* is no log'):
+    with pytest.raises(UserError, match=r'^plot: \[<Log: .* is not a log'):
         plot([log])  # type: ignore[arg-type]

@@ -54,7 +54,7 @@ SECOND = 10**9  #: [ns]
 #: Part of the error of a function that is still the template's.
 NOT_WRITTEN = 'is not written yet (TODO)'
 #: Part of the error of a relay that only a person can judge.
-BY_EYE = 'judge it by eye'
+BY_EYE = 'a person judges it'
 MAX_COMMANDS = 8000  #: of a relay's run; 20 a second are usual
 _SHOWN = 120
 _REPR = Repr()

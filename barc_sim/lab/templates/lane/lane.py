@@ -68,8 +68,8 @@ class Lane:
         e_y        [m]    distance to the left of the centre line
         e_psi      [rad]  heading of the car minus heading of the centre line
         speed      [m/s]
-        curvature         a function: curvature(d) is the centre line's curvature [1/m] d metres ahead,
-                          curvature(0.0) the one beside the car
+        curvature         a function: curvature(d) is the curvature of the centre line [1/m],
+                          d metres ahead; curvature(0.0) is the one beside the car
 
         The car steers by at most 0.5 rad to either side.
         """

@@ -14,8 +14,8 @@ def profile(curvatures, step):
                        (positive to the left; 0 on a straight)
     step        [m]    from each point to the next; from the last one to the first, too
 
-    The speed is at most 12 m/s, the lateral acceleration v**2 * |curvature| at most 3.5 m/s². Between
-    two points the car accelerates or brakes by at most 2 m/s², and v**2 changes linearly.
+    The speed is at most 12 m/s, the lateral acceleration v**2 * |curvature| at most 3.5 m/s².
+    Between two points the car accelerates or brakes by at most 2 m/s², and v**2 changes linearly.
     """
     # TODO
 
