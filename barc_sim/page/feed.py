@@ -1,4 +1,4 @@
-"""The states of a run for the page: samples of its topics become rows, live or from a log."""
+"""Joins the topics of a run into rows for the page, one for each state, live or from a log."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
     #: [ns] stamp, and values in the order of `FIELDS`.
     Sample = tuple[int, tuple[float, ...]]
 
-#: The fields of each topic that belong to a state, and their values before its first message.
+#: The fields of each topic that a row contains, and their values before the first message.
 FIELDS: dict[str, dict[str, float]] = {
     STATE_ERROR: dict.fromkeys(('s', 'ey', 'epsi', 'v_x', 'v_y'), 0.0),
     **{topic: dict.fromkeys(columns_of(topic), nan) for topic in TOPICS},
 }
-# What `controller_state` holds beyond the fields of `pid_state`.
+# Terms that only `controller_state` has.
 FIELDS[PID_STATE] |= dict.fromkeys(OTHER_TERMS, nan)
 _STATE = attrgetter('x', 'y', 'psi', 'v_x', 'v_y')
 _ALL = {topic: attrgetter(*fields) for topic, fields in FIELDS.items() if topic != PID_STATE}
@@ -52,28 +52,28 @@ _SERVO = [*FIELDS[COMMAND]].index('servo')
 _ON_TRACK = [[*FIELDS[TRACK_STATE]].index(name) for name in ('lap', 'lap_time', 'e_y')]
 _ROW = struct.Struct(f'<{len(COLUMNS)}d')
 _HISTORY = 3000  #: rows that are sent to a page when it opens: a minute
-#: Messages of a topic that wait for the server's thread, which a busy machine can hold up, or for
-#: their state: those of a third of a second at a real-time factor of 6.
+#: Queued messages of a topic, which wait for the server's thread on a busy machine, or for their
+#: state: a third of a second at a real-time factor of 6.
 DEPTH = 100
 _PERIOD = 0.02  #: [s] between two polls
-#: [s] after a state at which to poll: its command has come by then, and the next step is far.
+#: [s] from a state to the next poll: its command has arrived, and the next step is still far.
 _AFTER = 0.006
-_MAX_VALUE = 1e12  #: in any unit: beyond, a value is invalid, and a sum may not be finite
+_MAX_VALUE = 1e12  #: in any unit: a larger value is invalid, and could make a sum infinite
 _WINDOW = 4  #: calls over which the real-time factor is measured
 
 
 class Feed:
-    """The states of a run with their other messages, as rows; it keeps those of the last minute.
+    """Joins each state of a run with its other messages into a row; keeps the last minute.
 
-    Messages are anything with the fields of the topic's type.
+    Messages are any objects with the fields of the topic's type.
     """
 
     def __init__(self) -> None:
         """Begin without states."""
-        self.laps = Laps()  #: those of the run so far
-        self.track_laps: TrackLaps | None = None  #: once a place on a track has come
-        self.plan: list[tuple[float, float]] = []  #: [m] of the way that the steering plans
-        self._first: int | None = None  # stamp [ns] at which the time of the rows begins
+        self.laps = Laps()  #: of the run so far
+        self.track_laps: TrackLaps | None = None  #: None until a track state arrives
+        self.plan: list[tuple[float, float]] = []  #: [m] points of the path that the MPC plans
+        self._first: int | None = None  # stamp [ns] of the first row
         self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
         self._arrived: dict[str, deque[Any]] = {
             topic: deque(maxlen=DEPTH) for topic in (STATE, *FIELDS, CONTROLLER_STATE)
@@ -84,13 +84,13 @@ class Feed:
         self._window: deque[tuple[int, int]] = deque(maxlen=_WINDOW)
 
     def take(self, topic: str, message: Any) -> None:  # noqa: ANN401 (of the topic's type)
-        """Keep a message, which has arrived now; from any thread."""
+        """Store a message that has just arrived; any thread can call this."""
         self._arrived[topic].append((time.time_ns(), message))
 
     def poll(self) -> bytes:
-        """Return the rows of the new states, each with the latest samples that are not newer.
+        """Return the rows of the new states, each with the latest messages up to its stamp.
 
-        A command without a stamp holds from its arrival.
+        A command without a stamp counts from its arrival.
         """
         for topic in (*FIELDS, CONTROLLER_STATE):
             waiting = self._waiting[PID_STATE if topic == CONTROLLER_STATE else topic]
@@ -108,7 +108,7 @@ class Feed:
         return b''.join(rows)
 
     def _drained(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """Yield what has arrived and when [ns], while another thread may append to it."""
+        """Yield arrival time [ns] and message; meanwhile, another thread may append messages."""
         arrived = self._arrived[topic]
         for _ in range(len(arrived)):
             yield arrived.popleft()
@@ -149,14 +149,14 @@ class Feed:
         return b''.join(self._history)
 
     def until_next(self) -> float:
-        """Return the time until the next poll [s], a little after the next state is expected."""
+        """Return the time until the next poll [s], shortly after the expected next state."""
         if self._newest is None:
             return _PERIOD
         age = (time.time_ns() - self._newest[0]) / NANOSECONDS
         return min(max(_PERIOD + _AFTER - age, 0.5 * _PERIOD), 1.5 * _PERIOD)
 
     def realtime_factor(self) -> float | None:
-        """Return the simulated seconds per second over the last calls; None before those."""
+        """Return the simulated seconds per second over the last calls; None at the first calls."""
         if self._newest is None:
             return None
         factor = None
@@ -170,14 +170,14 @@ class Feed:
 
 
 def _is_valid(values: tuple[float, ...]) -> bool:
-    """Return whether all values are finite, and none is absurdly large."""
+    """Return whether all values are finite and below the limit."""
     return all(abs(value) <= _MAX_VALUE for value in values)  # False for NaN
 
 
 def _values_of(topic: str, message: Any) -> tuple[float, ...]:  # noqa: ANN401 (of the topic's type)
-    """Return the values of a topic's `FIELDS`; none where one is invalid.
+    """Return the values of a topic's `FIELDS`; an empty tuple if one is invalid.
 
-    Of a controller and a lane's law, NaN stands for each that is unknown or invalid.
+    For controllers and lane laws, unknown and invalid values become NaN.
     """
     if topic in (PID_STATE, CONTROLLER_STATE):
         terms = {}
@@ -192,7 +192,7 @@ def _values_of(topic: str, message: Any) -> tuple[float, ...]:  # noqa: ANN401 (
 
 
 def rows_of(log: Log) -> bytes:
-    """Return a whole run's rows."""
+    """Return the rows of a whole run."""
     completed = use_measurement(log)
     x, y, heading = completed.true_pose
     columns = completed.columns() | {

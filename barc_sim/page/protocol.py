@@ -1,7 +1,7 @@
-"""The messages between the live page and its server.
+"""Defines the messages between the live page and its server.
 
 States go to the page in binary messages: rows of little-endian float64, one value per name in
-`COLUMNS`, NaN where a value is unknown. All else is JSON with a `type`.
+`COLUMNS`, NaN where a value is unknown. All other messages are JSON with a `type`.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.road import Road
     from barc_sim.vehicle.track import Track
 
-#: The topics whose columns a row has as they are.
+#: The topics whose columns are copied into a row.
 TOPICS = (ENVIRONMENT, COMMAND, TRACK_STATE, LANE_STATE, PID_STATE)
 #: The terms of controllers other than the PID.
 OTHER_TERMS = tuple(name for name in TERMS if name not in PID.terms)
-#: A row's values: the true state, where the measurement's error is known, then columns of the log.
+#: A row's values: the state, true if the measurement error is known, then columns of the log.
 COLUMNS = (
     't',  # [s] since the first state
     'x',  # [m] along the road's surface; on a track, on the map
@@ -52,7 +52,7 @@ COLUMNS = (
     *(name if name != 'lap' else 'track_lap' for t in TOPICS for name in columns_of(t).values()),
     *OTHER_TERMS,
 )
-#: The sliders that every controller has beside its gains.
+#: Sliders of every controller, in addition to its gains.
 OTHERS = {
     'speed_reference': Gain(SPEED_REFERENCE, 'm/s', 'speed to hold', 20.0),
     'acceleration_limit': Gain(ACCELERATION_LIMIT, 'm/s²', 'acceleration limit', 20.0),
@@ -65,7 +65,7 @@ CAR = {
 }
 CONTROLLER, SIMULATOR = 'controller', 'vehicle_simulator'
 _OF_RUN = ('road', 'distance', 'laps')
-#: Short names of the sliders, where they differ from the parameter's.
+#: Short names of the sliders, if they differ from the parameter's.
 _SHORT = {
     'speed_reference': 'speed',
     'acceleration_limit': 'limit',
@@ -73,9 +73,9 @@ _SHORT = {
     'motor_delay': 'delay',
     'motor_limit': 'motor limit',
 }
-_LONGEST_SYMBOL = 8  #: characters: a longer name breaks at its spaces
+_LONGEST_SYMBOL = 8  #: characters; in a longer name, underscores become spaces
 _PI = {'kp': 4.0, 'ki': 8.0, 'kd': 0.0}
-#: Presets beside the controller's own, for a PID: they change the car, too.
+#: Presets for a PID that also change the car, in addition to the controller's own presets.
 _OF_CAR = {
     'Noise': {'kp': 4.0, 'ki': 8.0, 'kd': 2.0, 'noise_v_x': 0.1},
     'Delay': {**_PI, 'kp': 10.0, 'motor_delay': 0.2},
@@ -85,11 +85,11 @@ BUTTONS = ('reset', 'reset_controller', 'finish')
 
 
 class RequestError(ValueError):
-    """A message that our page does not send."""
+    """A message that the page never sends."""
 
 
 class Tune(NamedTuple):
-    """Set a parameter of the controller or the car; the node refuses what it does not have."""
+    """Set a parameter of the controller or the car; its node checks the value."""
 
     name: str
     value: float
@@ -111,19 +111,19 @@ Request = DriverInput | Tune | Press | Pause
 
 
 class Status(NamedTuple):
-    """What no topic of a run carries; None where it is unknown."""
+    """Status of a run that no topic carries; None if unknown."""
 
     missed: int | None = None  #: commands that missed their deadline
     paused: bool | None = None
 
 
-def encode(kind: str, **fields: Any) -> str:  # noqa: ANN401 (what JSON can hold)
-    """Return the message of a type to the page."""
+def encode(kind: str, **fields: Any) -> str:  # noqa: ANN401 (any JSON value)
+    """Return a JSON message to the page, of the type `kind`."""
     return json.dumps({'type': kind, **fields}, separators=(',', ':'), allow_nan=False)
 
 
 def parse(message: str | bytes) -> Request:
-    """Return the request in a message of a page."""
+    """Return the request in a page's message; raise a RequestError if it is malformed."""
     if not isinstance(message, str):
         raise RequestError('a page sends text, not binary data')
     try:
@@ -161,19 +161,19 @@ def _number(value: object, limit: float) -> float:
 
 
 class RunFacts(NamedTuple):
-    """What the page shows of a run beside its topics: the present values of its nodes."""
+    """Facts of a run that the page shows and no topic has: the present settings of its nodes."""
 
     simulator: Mapping[str, Any] = {}  #: parameters of `vehicle_simulator`
-    control: CruiseControl | None = None  #: what the node `controller` computes with
+    control: CruiseControl | None = None  #: of the node `controller`
     road: Road | None = None
     track: Track | None = None
     status: Callable[[], Status] = Status
     finish: Callable[[], None] | None = None  #: ends the run
-    options: Mapping[str, str] = {}  #: more that were given, for the command to copy
+    options: Mapping[str, str] = {}  #: more options of the run, for the command to copy
 
     @property
     def gains(self) -> dict[str, Gain]:
-        """The gains by parameter: of the steering on a track, else of the controller."""
+        """The gains by parameter: of the lane controller on a track, else of the controller."""
         if self.track:
             lane = self.control.lane if self.control else None
             return {LANE + name: gain for name, gain in lane.gains.items()} if lane else {}
@@ -181,7 +181,7 @@ class RunFacts(NamedTuple):
 
     @property
     def sliders(self) -> dict[str, Gain]:
-        """What can be set while the car drives, by parameter: nothing of a drive to identify it."""
+        """The sliders by parameter; none for an identification drive, which holds no speed."""
         if self.control and not getattr(self.control.controller, 'holds_speed', True):
             return {}
         others = {'speed_reference': OTHERS['speed_reference']} if self.track else {**OTHERS, **CAR}
@@ -189,13 +189,13 @@ class RunFacts(NamedTuple):
 
     @property
     def values(self) -> dict[str, Any]:
-        """The present values of the sliders that are known."""
-        known = {**self.simulator, **(self.control.values if self.control else {})}
-        return {name: known[name] for name in self.sliders if name in known}
+        """The present values of the sliders, if known."""
+        values = {**self.simulator, **(self.control.values if self.control else {})}
+        return {name: values[name] for name in self.sliders if name in values}
 
 
 def facts(mode: str, run: RunFacts) -> dict[str, Any]:
-    """Return the fields of the greeting; unknown parameters are left out."""
+    """Return the fields of the message `hello`; unknown parameters are left out."""
     law, simulator = run.control.controller if run.control else PID, run.simulator
     lane = run.control.lane.lane if run.control and run.control.lane else None
     shown = {name: simulator[name] for name in _OF_RUN if name in simulator}
@@ -231,13 +231,13 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
 
 
 def node_of(parameter: str) -> str:
-    """Return the node that has a slider's parameter."""
+    """Return the name of the node that has a slider's parameter."""
     return SIMULATOR if parameter in CAR else CONTROLLER
 
 
 @cache
 def track_facts(track: Track) -> dict[str, Any]:
-    """Return the fields that turn the page into that of a track, with its centre line."""
+    """Return the fields that a page of a track has, with the centre line."""
     s = track.samples()
     columns: dict[str, Any] = {'s': s, **track.place(s)._asdict(), 'curvature': track.curvature(s)}
     points = {name: column.round(6).tolist() for name, column in columns.items()}
@@ -250,38 +250,38 @@ def track_facts(track: Track) -> dict[str, Any]:
 
 
 def _presets(law: object) -> dict[str, dict[str, float]]:
-    """Return the values of each preset, for all sliders but the reference's."""
+    """Return the values of each preset, for all sliders except the speed reference."""
     own = getattr(law, 'presets', {})
     usual = {'acceleration_limit': ACCELERATION_LIMIT, **dict.fromkeys(CAR, 0.0)}
     return {name: usual | gains for name, gains in {**own, **(_OF_CAR if own else {})}.items()}
 
 
 def _short(name: str) -> str:
-    """Return a slider's short name; a short one of a lane's gain is a symbol, as is `q_e_y`."""
+    """Return a slider's short name; a short lane gain, such as `q_e_y`, keeps its name."""
     gain = name.removeprefix(LANE)
     is_symbol = gain != name and len(gain) <= _LONGEST_SYMBOL
     return _SHORT.get(name, gain if is_symbol else gain.replace('_', ' '))
 
 
 def _label(name: str, gain: Gain) -> str:
-    """Return a slider's label, as in `Proportional gain, kp [1/s]`."""
+    """Return a slider's label, such as `Proportional gain, kp [1/s]`."""
     unit = '' if gain.unit == '-' else f' [{gain.unit}]'
     symbol = '' if name in OTHERS or name in CAR else f', {name.removeprefix(LANE)}'
     return f'{gain.meaning.capitalize()}{symbol}{unit}'
 
 
 def road_facts(road: Road) -> dict[str, list[float]]:
-    """Return where stretches begin [m] and their grades [deg]."""
+    """Return the starts [m] and the grades [deg] of the road's stretches."""
     return {'starts': list(road.starts), 'grades_deg': list(road.grades_deg)}
 
 
 def lap_facts(
     laps: Laps | TrackLaps, gains: Mapping[int, Sequence[str]] | None = None
 ) -> dict[str, Any]:
-    """Return the present lap, the one before, the best and the number of laps.
+    """Return the present lap, the last one, the best one, and the number of laps.
 
-    On a track these are the finished ones, and there are the laps of a table. `gains` has, by the
-    number of a lap, the gains that it was driven with, one after another.
+    On a track, only finished laps are counted, and a table of laps is added. `gains` has the gains
+    of each lap, by its number, in the order in which they were set.
     """
 
     def fields(lap: Lap | TrackLap | None) -> dict[str, Any] | None:
@@ -297,7 +297,7 @@ def lap_facts(
 
 
 def stretch_facts(lap: Lap) -> list[dict[str, Any]]:
-    """Return the table of a lap's stretches."""
+    """Return the results of each stretch of a lap, for a table."""
     return [_finite(asdict(stretch)) for stretch in lap.summary.stretches]
 
 
@@ -319,5 +319,5 @@ def _lap(lap: Lap | TrackLap) -> dict[str, Any]:
 
 
 def _finite(fields: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields with None for each number that is unknown."""
+    """Return the fields with None in place of NaN and infinity."""
     return {name: value if isfinite(value) else None for name, value in fields.items()}

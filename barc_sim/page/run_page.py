@@ -1,4 +1,4 @@
-"""The page of a run: live, with its buttons and keys, or recorded."""
+"""Serves the page of a run: live, with buttons and keys, or recorded."""
 
 from __future__ import annotations
 
@@ -43,24 +43,27 @@ if TYPE_CHECKING:
 
 _SLOW_PERIOD = 0.1  #: [s] between two polls while no page is open
 _STATUS_PERIOD = 0.25  #: [s]
-_MAX_WAIT = 2.0  #: [s] for the message of the end
+_MAX_WAIT = 2.0  #: [s] for the message `end` to be sent
 
 
 class DriverArbiter:
-    """Decides which page drives, of several: the one whose keys were pressed last.
+    """Decides which of several pages drives: the one with the most recent key press.
 
-    A page repeats its input while a key is held. If it closes, or falls silent with a key held, the
-    car must brake. Times are of a monotonic clock.
+    A page repeats its input while a key is held. The car must brake if the page closes, or sends
+    nothing more, with a key held. Times are of a monotonic clock.
     """
 
     def __init__(self) -> None:
-        self._page: object | None = None  # that drives
+        self._page: object | None = None  # the page that drives
         self._requests: dict[object, DriverInput] = {}  # the latest of each page
-        self._request = COAST  # that counts
+        self._request = COAST  # the accepted one
         self._received = float('-inf')  # [s]
 
     def accepts(self, page: object, request: DriverInput, now: float) -> bool:
-        """Return whether the input of `page` at `now` [s] counts; without a new key, no other's."""
+        """Return whether to use the input of `page` at `now` [s].
+
+        A page takes over from another one only with a new key.
+        """
         is_new = request != self._requests.get(page)
         self._requests[page] = request
         is_free = self._request == COAST or self._is_stale(now)
@@ -75,7 +78,7 @@ class DriverArbiter:
         return page == self._page and self._release()
 
     def falls_silent(self, now: float) -> bool:
-        """Return whether the car must brake, as no input came for a while."""
+        """Return whether the car must brake, because no input has come for a while."""
         return self._is_stale(now) and self._release()
 
     def _is_stale(self, now: float) -> bool:
@@ -89,7 +92,7 @@ class DriverArbiter:
 
 
 class RunPage(ViewServer):
-    """Serves the page at `url`; the server's thread does the work, between two steps."""
+    """Serves the live page of a run at `url`; the server's thread does all the work."""
 
     def __init__(
         self,
@@ -103,26 +106,27 @@ class RunPage(ViewServer):
     ) -> None:
         """Serve the page.
 
-        `feed` has the states; `drive` publishes a driver's input; `request` passes any other
-        request to the simulator or the controller, and answers in the server's thread. None waits.
+        `feed` has the states. `drive` publishes a driver's input. `request` passes any other
+        request to the simulator or the controller, and calls its `OnDone` in the server's thread.
+        None of them blocks.
         """
         super().__init__(host, port)
         self._mode, self._run = mode, run
         self.feed = feed  #: with the laps so far
         self._drive, self._request = drive, request
         self._drivers = DriverArbiter()
-        self._values = run.values  # of the sliders, as the pages have them
-        self._gains: dict[int, list[str]] = {}  # by lap, one after another
+        self._values = run.values  # of the sliders, as last sent to the pages
+        self._gains: dict[int, list[str]] = {}  # by lap, in the order in which they were set
         self._paused = False
         self._has_ended = False
         self._next_status = 0.0
         self.start()
 
     def end(self, reason: str, bag: str = '') -> None:
-        """Show the pages the end of the run, its reason and `bag`, the bag's path.
+        """Show the end of the run on all pages, with the reason and the path of the bag.
 
-        Returns when the feed and the clients are not used any more. May be called from any thread
-        but the server's.
+        Returns when feed and clients are no longer used. Any thread may call it except the
+        server's own.
         """
         done = Event()
 
@@ -133,7 +137,7 @@ class RunPage(ViewServer):
         self.call(end)
         done.wait(_MAX_WAIT)
 
-    # The server's thread calls the methods below.
+    # Only the server's thread calls the methods below.
 
     def greet(self) -> Iterator[str | bytes]:
         """Yield the messages for a new page."""
@@ -155,12 +159,12 @@ class RunPage(ViewServer):
                 self._request(request, partial(self._on_done, page, request))
 
     def leave(self, page: ServerConnection) -> None:
-        """Release the keys of a page that has closed."""
+        """Release the keys of a page that has closed; brake if one was held."""
         if self._drivers.leave(page) and not self._has_ended:
             self._drive(FULL_BRAKE)
 
     def pulse(self) -> float:
-        """Send new rows and, in turn, the status; return the time to the next call [s]."""
+        """Send new rows, and from time to time the status; return the time to the next call [s]."""
         if self._has_ended:
             return _SLOW_PERIOD
         now = time.monotonic()
@@ -178,14 +182,14 @@ class RunPage(ViewServer):
         return self.feed.until_next() if self.pages else _SLOW_PERIOD
 
     def _lap_facts(self) -> dict[str, Any]:
-        """Return the laps, with the gains that each was driven with."""
+        """Return the laps, each with its gains."""
         values = self._run.values
         shown = {name: values[name] for name in self._run.gains if name in values}
         now = ', '.join(f'{name.removeprefix(LANE)} {value:g}' for name, value in shown.items())
         laps = self.feed.track_laps or self.feed.laps
-        seen = self._gains.setdefault(laps.current.number, [])
-        if now and seen[-1:] != [now]:
-            seen.append(now)
+        of_lap = self._gains.setdefault(laps.current.number, [])
+        if now and of_lap[-1:] != [now]:
+            of_lap.append(now)
         return lap_facts(laps, self._gains)
 
     def _send_status(self) -> None:
@@ -219,9 +223,9 @@ class RunPage(ViewServer):
 
 
 def replay(log: Log, title: str, other: tuple[Log, str] | None = None) -> list[str | bytes]:
-    """Return the messages with a whole run, of at least one state, which the page plays.
+    """Return the messages from which the page replays a run of at least one state.
 
-    `other`, a run and its title, is a ghost beside it.
+    `other` is a second run with its title, shown as a ghost.
     """
     road = driven_road(log)
     track = log.track if isinstance(log, TrackLog) else None
@@ -246,7 +250,7 @@ def replay(log: Log, title: str, other: tuple[Log, str] | None = None) -> list[s
 
 
 def serve(log: Log, title: str, host: str, port: int, other: tuple[Log, str] | None = None) -> None:
-    """Serve the page until Ctrl-C; print its address, and open it where there is a desktop."""
+    """Serve the page of a recorded run until Ctrl-C; print its address, and open it on desktops."""
     server = ViewServer(host, port, replay(log, title, other))
     server.start()
     try:

@@ -1,4 +1,4 @@
-"""The live page's server: a thread that serves the files and the websocket; its secret token."""
+"""Serves the live page's files and its websocket from a thread, behind a secret token."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ _HEADERS = {
     'Referrer-Policy': 'no-referrer',
     'X-Content-Type-Options': 'nosniff',
 }
-_HANDSHAKE = 2.0  #: [s] for a connection to show its token
+_HANDSHAKE = 2.0  #: [s] for a connection to send its token
 _MAX_MESSAGE = 256  #: [byte] from a page
-_MAX_UNSENT = 1 << 20  #: [byte] unsent to a slow page, before it misses states
+_MAX_UNSENT = 1 << 20  #: [byte] queued for a slow page; with more, it misses states
 _PING = 5.0  #: [s]
 HOUR = 3600.0  #: [s]
 _POLICY_VIOLATION = 1008
@@ -59,7 +59,7 @@ _QUIET.propagate = False
 class ViewServer:
     """Serves the page at `url`, which contains a secret token, until it is closed.
 
-    Its thread calls `greet`, `receive`, `leave` and `pulse`; a page is its connection.
+    Its thread calls `greet`, `receive`, `leave` and `pulse`. A page is its connection.
     """
 
     def __init__(
@@ -68,19 +68,19 @@ class ViewServer:
         port: int = 0,
         greeting: Iterable[str | bytes] = (),
     ) -> None:
-        """Listen on `port` of `address`, 0 for any that is free; `greeting` is for each page."""
+        """Listen on `port` of `address`, 0 for any free port; send `greeting` to each new page."""
         self._greeting = greeting
         self._socket = _listen(address, port)
         self._token = token_urlsafe(16)
         if not ip_address(self._socket.getsockname()[0]).is_loopback:
             warn(
-                'the link to the live page, with its token, travels through the network as plain '
-                'text: in a network that you do not trust, use --view-host 127.0.0.1 and ssh -L'
+                'the link to the live page, with its token, is sent as plain text: in a network '
+                'that you do not trust, use --view-host 127.0.0.1 and ssh -L'
             )
         name = _reachable(address)
         name = f'[{name}]' if ':' in name else name
         self.url = f'http://{name}:{self._socket.getsockname()[1]}/{self._token}/'
-        self.pages: set[ServerConnection] = set()  #: the open ones
+        self.pages: set[ServerConnection] = set()  #: the open pages
         self._files = {
             path.name: path.read_bytes() for path in _FILES.iterdir() if path.suffix in _TYPES
         }
@@ -103,7 +103,7 @@ class ViewServer:
         """Handle a request of a page."""
 
     def leave(self, page: ServerConnection) -> None:
-        """Handle that a page has closed."""
+        """Handle the end of a page's connection."""
 
     def pulse(self) -> float:
         """Do the periodic work; return the time to the next call [s]."""
@@ -115,12 +115,12 @@ class ViewServer:
         broadcast(keep_up, message)
 
     def call(self, callback: Callable[[], object]) -> None:
-        """Call `callback` in the server's thread, unless that has ended."""
+        """Call `callback` in the server's thread, unless the thread has ended."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(callback)
 
     def close(self) -> None:
-        """Send all pending messages, close all pages and the port, and end the thread."""
+        """Send the pending messages, close pages and port, and end the thread."""
         self.call(self._closing.set)
         self._thread.join()
 
@@ -135,7 +135,7 @@ class ViewServer:
             self._on_page,
             sock=self._socket,
             process_request=self._answer,
-            compression=None,  # the states hardly shrink, and it costs time
+            compression=None,  # it costs time, and hardly shrinks the states
             max_size=_MAX_MESSAGE,
             ping_interval=_PING,
             ping_timeout=_PING,
@@ -146,8 +146,8 @@ class ViewServer:
         ):
             self._ready.set()
             tasks = [asyncio.create_task(work) for work in (self._pulse(), self._closing.wait())]
-            done, going = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in going:
+            done, pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in pending:
                 task.cancel()
             for task in done:
                 task.result()
@@ -157,7 +157,7 @@ class ViewServer:
             await asyncio.sleep(self.pulse())
 
     def _answer(self, _: ServerConnection, request: HttpRequest) -> Response | None:
-        """Return a file or an error, or None for a websocket that may open."""
+        """Return a file or an error as a response; None lets the websocket open."""
         token, slash, name = request.path.partition('?')[0][1:].partition('/')
         if not compare_digest(token.encode(errors='replace'), self._token.encode()):
             return _refuse(
@@ -199,13 +199,13 @@ def _listen(address: str, port: int) -> socket.socket:
     except OSError as error:
         raise UserError(
             f'the live page cannot be served on port {port} of {address!r} ({error.strerror}): '
-            'choose another with --view-port and --view-host, or of the node view with its '
-            'parameters port and host'
+            'choose another with --view-port and --view-host, or with the parameters port and '
+            'host of the node view'
         ) from None
 
 
 def _reachable(address: str) -> str:
-    """Return `address`; for a wildcard, that of the outward interface."""
+    """Return `address`; for a wildcard, the address of the interface to the network."""
     if address not in ('', '0.0.0.0', '::'):  # noqa: S104 (compared, not bound)
         return address
     with socket.socket(type=socket.SOCK_DGRAM) as probe:
@@ -226,6 +226,6 @@ def _response(status: HTTPStatus, kind: str, body: bytes) -> Response:
 
 
 def open_page(url: str) -> None:
-    """Open `url` where there is a desktop, without waiting for the browser."""
+    """Open `url` in a browser if there is a desktop, without waiting."""
     if is_at_desktop():
         Thread(target=webbrowser.open, args=(url,), name='browser', daemon=True).start()

@@ -31,7 +31,7 @@ export class Chart {
   /**
    * Draw the part of the run that `view` shows: {axis: 't' or 'place', range, first, last, cursor,
    * from, ghosts: [{history, first, last, shift, dash}], slopes: [{from, to, grade}]}. The scale
-   * fits this run from the position `from` on, and not the ghosts but those of a track.
+   * fits this run from the position `from` on; on a track it also fits the ghosts.
    */
   draw(history, state, view) {
     const context = this.surface.begin();
@@ -95,7 +95,7 @@ export class Chart {
     const leading = shown.filter((line) => line.leads);
     const lines = leading.length ? leading : shown;
     const { last } = view;
-    const behind = history.at(last, 'place') > view.from; // else nothing would be left
+    const behind = history.at(last, 'place') > view.from; // if not, no value would be left
     // Laps of a track are alike: the best one keeps the scale steady.
     for (const part of history.track ? [view, ...view.ghosts] : [view]) {
       const rows = part.history ?? history;
@@ -169,7 +169,7 @@ function drawLine(context, history, { first, last }, line, axis, x, y, dash, sta
   for (let row = first; row <= last; row += 1) {
     const value = data[row * width + column];
     const now = data[row * width + lap];
-    if (now !== before) pen = false; // the car was put somewhere else: no line across
+    if (now !== before) pen = false; // a new lap: no line from the last one
     before = now;
     if (Number.isNaN(value)) {
       pen = false;

@@ -1,7 +1,7 @@
-// The simulated time to show: it runs evenly although states arrive in bunches.
+// The simulated time to show: it runs evenly, even if states arrive in bunches.
 
 const DELAY = 0.06; // [s] behind the newest state, to interpolate between two
-const LOST = 0.4; // [s] of error at which it jumps
+const LOST = 0.4; // [s] With a larger error, the time jumps.
 
 export class Clock {
   constructor() {
@@ -30,7 +30,7 @@ export class Clock {
       const pull = 1 - Math.exp(-passed / 0.25);
       this.time += Math.max(0, passed * this.rate + off * pull);
     }
-    // After the last state it runs up to that.
+    // When states stop, show the last one.
     if (this.rate < 0.05) this.time = Math.max(this.time, newest);
     this.time = Math.min(this.time, newest);
     return this.time;

@@ -1,4 +1,4 @@
-// Keys, by press and release, and two thumb pads, as driving commands.
+// Keys and two thumb pads as driving commands.
 
 const KEYS = {
   ArrowUp: 'forward', KeyW: 'forward', ArrowDown: 'back', KeyS: 'back',
@@ -23,7 +23,7 @@ const clip = (value) => Math.min(Math.max(value, -1), 1);
 export class Driving {
   /**
    * `send` takes forward and turn, from -1 to 1, and the brake, from 0 to 1. `enabled` returns
-   * whether keys drive now. While a control has the focus, keys are its own.
+   * whether keys drive now. While a control has the focus, the keys belong to it.
    */
   constructor(send, enabled, commands) {
     this.send = send;

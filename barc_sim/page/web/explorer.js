@@ -2,10 +2,10 @@
 
 import { make, reading, save, show } from './look.js';
 
-const WINDOW = 20; // [s]
-const MINIMUM = 0.2; // [s] or [m] that can be seen at once
+const WINDOW = 20; // [s] visible at first
+const MINIMUM = 0.2; // [s] or [m], the smallest visible range
 const ZOOM = 1.25; // by one step of the wheel
-const RUN_UP = 10; // [m] whose errors would hide those on the hills
+const RUN_UP = 10; // [m] without effect on the scale: its errors are far larger than on the hills
 const SAMPLES = 2048; // rows that slopes are taken from
 const DASHES = { last: [3, 4], best: [9, 4], other: [6, 3] };
 

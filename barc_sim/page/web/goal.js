@@ -1,4 +1,4 @@
-// A goal for a drive by hand: round the cones of a slalom, then stand in the box. No physics.
+// A goal for a drive by hand: pass the cones of a slalom, then park in the box. No physics.
 
 import { circle, colours, font, reading, show, stroke } from './look.js';
 
@@ -100,18 +100,18 @@ export class Goal {
     if (!best || faults < best.faults || (faults === best.faults && time < best.end - best.start)) {
       this.best = found;
     }
-    this.note.textContent = `Parked after ${reading(time, 1)} s, ${faults} faults. Reset to try again.`;
+    this.note.textContent = `Parked after ${reading(time, 1)} s, faults: ${faults}. Reset to try again.`;
   }
 
   #show(now) {
     const { attempt, best } = this;
     const text = (id, value) => show(document.getElementById(id), value);
-    if (attempt.end === null) this.note.textContent = 'Left of the first cone, right of the next, then park.';
+    if (attempt.end === null) this.note.textContent = 'Pass left of the first cone, right of the next, and so on; then park in the box.';
     this.time = reading(attempt.start === null ? 0 : (attempt.end ?? now) - attempt.start, 1);
     text('goal-time', this.time);
     text('goal-touched', String(attempt.touched.size));
     text('goal-missed', String(attempt.missed.size));
-    text('goal-best', best ? `${reading(best.end - best.start, 1)} s, ${best.faults} faults` : '–');
+    text('goal-best', best ? `${reading(best.end - best.start, 1)} s, faults: ${best.faults}` : '–');
   }
 
   /** Draw cones and box on the ground, and the time above. */
@@ -125,7 +125,7 @@ export class Goal {
     const here = this.attempt?.before;
     const next = here && (CONES.find((cone) => cone.x > here.x) ?? BOX);
     const [x, y] = next ? toScreen(next.x, next.y) : [0, 0];
-    if (next && (x < 0 || x > width || y < 0 || y > height)) { // out of sight: its way, at the border
+    if (next && (x < 0 || x > width || y < 0 || y > height)) { // not visible: its distance, at the border
       const away = `● ${reading(Math.hypot(next.x - here.x, next.y - here.y), 0)} m`;
       context.fillText(away, Math.min(Math.max(x, 40), width - 40), Math.min(Math.max(y, 70), height - 20));
     }

@@ -2,8 +2,8 @@
 
 const MAX_STATES = 1 << 18; // rows: an hour and a half, then the older half is thinned out
 
-const NEAR = 2; // [m] within which the car goes on from lap to lap
-const DERIVED = 2; // columns that do not come from the run
+const NEAR = 2; // [m] If a lap begins this near to the end of the one before, the car drove on.
+const DERIVED = 2; // columns that are computed here
 
 export class History {
   constructor(maximum = MAX_STATES) {
@@ -102,7 +102,7 @@ export class History {
     const row = this.row(t);
     const state = {};
     for (const name of this.columns) state[name] = this.at(row, name);
-    // Over the finish line the car goes on, but not its place in the lap.
+    // At the finish line the car's position is continuous, but its place in the lap is not.
     const jumps = row + 1 < this.count && this.jumps(row);
     if (row + 1 < this.count && (!jumps || this.goesOn(row))) {
       const span = this.at(row + 1, 't') - state.t;
@@ -117,8 +117,8 @@ export class History {
   }
 
   /**
-   * Derive what the motor did from the row before to `row` [m/s²]: what accelerated the car beside
-   * the other forces. Limit, delay and lag are in it. The newest row repeats it until it is known.
+   * Derive the acceleration by the motor from the row before to `row` [m/s²]: the car's, without
+   * the other forces, so with limit, delay and lag. The newest row repeats the one before.
    */
   #derive(row) {
     const known = row > 0 && !this.jumps(row - 1);
@@ -138,7 +138,7 @@ export class History {
     this.data[row * this.columns.length + this.index.place] = place;
   }
 
-  /** Take the position in the lap of this track from now on; null: that along the road. */
+  /** Use the position in the lap of this track; null: the position along the road. */
   use(track) {
     this.track = track;
     for (let row = 0; row < this.count; row += 1) this.#place(row);

@@ -59,7 +59,7 @@ export class Lesson {
       if (name in this.force) show(this.force[name], reading(force, Math.abs(force) < 10 ? 2 : 0));
     }
     for (const [name, output] of Object.entries(this.term)) show(output, reading(state[name], 3));
-    const unknown = this.terms.some((name) => !Number.isFinite(state[name])); // of another's law
+    const unknown = this.terms.some((name) => !Number.isFinite(state[name])); // as in a user's own law
     for (const each of this.parts) each.hidden = unknown;
     const limits = [
       ...(isAtLimit(state, tuning.motor_limit) ? ['motor at its limit'] : []),
@@ -70,7 +70,7 @@ export class Lesson {
     this.limited.hidden = !limits.length;
   }
 
-  /** Show the figures of a second run in place of those of the last and the best lap. */
+  /** Show the results of a second run in place of the last and the best lap. */
   compareWith(title, laps) {
     this.other = laps;
     const table = document.querySelector('.laps.acc');
@@ -82,7 +82,7 @@ export class Lesson {
     if (this.shown) this.showLaps(this.shown);
   }
 
-  /** Show the figures of the present lap beside those of the last and the best. */
+  /** Show the results of the present lap beside the last and the best one. */
   showLaps(laps) {
     this.shown = laps;
     for (const row of this.laps) {

@@ -1,4 +1,4 @@
-// Colours, sharp canvases and what is drawn on them, and the format of numbers.
+// Colours, sharp canvases, simple shapes, and the format of numbers.
 
 const names = [
   'panel', 'line', 'grid', 'ink', 'muted', 'blue', 'sky', 'green', 'orange', 'purple',
@@ -44,7 +44,7 @@ export function watchColours(changed) {
 
 const still = matchMedia('(prefers-reduced-motion: reduce)');
 
-/** Return the share of the way to go to a new value in this drawing; all where motion disturbs. */
+/** Return the share of a change to show in this frame; 1 if the user prefers reduced motion. */
 export const ease = (share) => (still.matches ? 1 : share);
 
 export const font = (size, weight = 400) =>
@@ -105,7 +105,7 @@ export function reading(value, digits) {
   return (Number(text) === 0 ? text.replace('-', '') : text).replace('-', '−');
 }
 
-/** Set an element's text, where it differs. */
+/** Set an element's text, if it differs. */
 export function show(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
@@ -124,7 +124,7 @@ export function save(name, blob) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
 
-/** Return a word as a shell takes it. */
+/** Return a word, quoted for a shell if needed. */
 export const quote = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
 
 /** Copy a text; return whether that was possible. */

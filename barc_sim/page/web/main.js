@@ -25,7 +25,7 @@ const HEADINGS = {
 };
 const CHART_PERIOD = 0.033; // [s] between two drawings of the charts
 const DASHES = [[10, 3], [2, 3], [10, 3, 2, 3], [5, 3]]; // of the terms, beside their colours
-const SILENT = 1; // [s] without a state from which that is shown
+const SILENT = 1; // [s] without a state until `No data` is shown
 
 const element = (id) => document.getElementById(id);
 const history = new History();
@@ -78,7 +78,7 @@ function prepareCharts({ mode, terms }) {
     commandChart.lines = [
       ...(acc ? terms.map((term, i) => line(term, 1.5, { colour: termColour(i), dash: DASHES[i % 4] })).reverse() : []),
       ...(acc ? [line('acting', 2.5, { name: 'motor', dash: [2, 4] })] : []),
-      // Its limits hold for the terms, too: the first proportional term would hide all else.
+      // The chart's limits follow this line, because the first proportional term is far larger.
       line('motor', 2.5, { name: 'command', leads: true }),
     ];
   }
@@ -91,7 +91,7 @@ function setState(state, text) {
   show(element('state-text'), text);
 }
 
-/** Show whether states arrive; while they do not, for how long. */
+/** Show whether states arrive; if not, since when. */
 function showState() {
   if (received === null || ended) return;
   const silent = Math.floor((performance.now() - received) / 1000);
@@ -151,7 +151,7 @@ const connection = new Connection({
       this.noisy = false;
     }
     const noisy = fields.tuning.noise_v_x > 0;
-    if (noisy !== this.noisy) explorer.reveal('measured_speed', noisy); // else it is the speed
+    if (noisy !== this.noisy) explorer.reveal('measured_speed', noisy); // without noise it is the speed
     this.noisy = noisy;
     stale();
   },
@@ -202,7 +202,7 @@ const connection = new Connection({
   lost() {
     received = null;
     setState('lost', 'Reconnecting');
-    showMessage('The connection to the run was lost. This page reconnects by itself; another run has an address of its own.');
+    showMessage('The connection to the run was lost. This page reconnects by itself; a new run has a new address.');
   },
   closed(reason) {
     received = null;
@@ -308,7 +308,7 @@ function drawNow(milliseconds) {
     explorer.draw(state, road);
     if (state) showReadings(state);
     if (state && facts.mode !== 'teleop') lesson.update(state, facts);
-    // Charts of a long time take long, too: most frames are for the picture.
+    // Long charts take long to draw: most frames draw only the picture.
     next = now + Math.max(CHART_PERIOD, (4 * (performance.now() - began)) / 1000);
   }
   // The camera moves on for a while after the last state.

@@ -1,4 +1,4 @@
-// The time that is shown: it plays a recorded run, and can hold a live one at an earlier time.
+// The shown time: plays a recorded run, or freezes a live one at an earlier time.
 
 import { isForControl } from './drive.js';
 import { reading, show } from './look.js';
@@ -11,7 +11,7 @@ export class Player {
     this.time = 0;
     this.recorded = false;
     this.playing = false;
-    this.held = false; // a live run: the shown time stands still
+    this.held = false; // of a live run: whether the shown time is frozen
     this.last = null;
     this.button = document.getElementById('play');
     this.slider = document.getElementById('seek');
@@ -40,7 +40,7 @@ export class Player {
     this.#play(true);
   }
 
-  /** Hold a live run at the shown time, or follow it again. */
+  /** Freeze a live run at the shown time, or follow it again. */
   hold(held) {
     this.held = held;
     this.button.textContent = held ? 'Back to live' : 'Freeze';

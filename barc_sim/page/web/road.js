@@ -10,7 +10,7 @@ export class Road {
   /** `facts`: starts [m] and grades [deg] of the stretches; null if unknown. */
   constructor(facts) {
     this.known = facts !== null;
-    this.slopes = []; // {from, to, grade} of those that are not level
+    this.slopes = []; // {from, to, grade} of the stretches that are not level
     this.points = []; // rising: {s, h, e}, distance, horizontal, elevation [m]
     if (!facts) return;
     const { starts, grades_deg: grades } = facts;
@@ -55,7 +55,7 @@ export class Road {
     this.to = state.x;
   }
 
-  /** Return the part to show [m] around `x`: the whole road, or that of the last 200 m. */
+  /** Return the part to show [m] around `x`: the whole road, or from 200 m behind the car on. */
   around(x) {
     const [from, to] = [Math.min(this.from ?? 0, x), Math.max(this.to ?? 1, x)];
     return to - from > LONG ? [Math.max(from, x - 200), Math.max(x + 50, from + 250)] : [from, to];

@@ -17,7 +17,7 @@ export class TopView {
     this.span = NaN; // [m] across the shorter side
   }
 
-  /** `ghost`: a pale car; `track`, how far ahead [m] the steering aims, and the way that it plans. */
+  /** `ghost`: a pale car; `track`, how far ahead [m] the steering aims, and the path that it plans. */
   draw(surface, history, axles, state, goal, ghost, track = null, aim = 0, plan = []) {
     const context = surface.begin();
     const { width, height } = surface;

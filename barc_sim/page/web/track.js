@@ -6,7 +6,7 @@ import {
 
 const MAP = 160; // [px] the width of the small map, at most
 const BEGUN = 1; // [s] after which the present lap is in the table
-const MOST = 0.9; // share of a lap in arcs from which they are not shaded
+const MAX_ARCS = 0.9; // If arcs fill a larger share of a lap, as on a racing line, none is shaded.
 const STRAIGHT = 1e-9; // [1/m]
 
 export class Track {
@@ -24,7 +24,7 @@ export class Track {
     });
     const bent = arcs.reduce((sum, { from, to }) => sum + to - from, 0);
     // A racing line is nearly all arcs.
-    this.slopes = bent > MOST * this.length ? [] : arcs.map((arc) => ({ ...arc, label: `R ${reading(1 / Math.abs(arc.curvature), 0)} m` }));
+    this.slopes = bent > MAX_ARCS * this.length ? [] : arcs.map((arc) => ({ ...arc, label: `R ${reading(1 / Math.abs(arc.curvature), 0)} m` }));
   }
 
   /** A track is known from the start. */

@@ -9,13 +9,13 @@ const TITLES = { vehicle_simulator: ['Car ', make('small', {}, '0: none')] };
 // What to see, and to try next, with each preset.
 const ABOUT = {
   P: 'Each slope leaves an error: P needs one to give a command. Raise kp, then add ki.',
-  PI: 'I removes the error on each slope, after a while. Raise ki: when does it swing?',
-  PID: 'D brakes fast changes. Add noise to the car: what does D do with it?',
+  PI: 'I removes the error on each slope, after a while. Raise ki: when does the speed swing?',
+  PID: 'D damps fast changes. Add noise to the car: how does the command change?',
   Tuned: 'The RMS error of a lap is 0.021 m/s: kp and ki can halve it. Or begin with P.',
   'Too much I': 'I corrects too late and too much: the speed swings. Raise kp, or lower ki.',
-  Noise: 'D turns the noise into large commands. Lower kd: what becomes better, what worse?',
-  Delay: 'The motor answers 0.2 s late, and the loop swings. Which gain must go down?',
-  Windup: 'The motor is at its limit, and I grows on. Lower the limit of the controller to 6.',
+  Noise: 'D turns the noise into large commands. Lower kd: what gets better, and what gets worse?',
+  Delay: 'The motor reacts 0.2 s late, and the speed swings. Which gain must be lower?',
+  Windup: 'The motor is at its limit, and I keeps growing. Lower the limit of the controller to 6.',
 };
 const USUAL = {
   acceleration_limit: 8, road: 'lab', distance: 180, laps: 1, lane: '',
