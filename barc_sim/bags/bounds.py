@@ -1,4 +1,4 @@
-"""Bounds on what is read from a bag, which can come from anyone.
+"""Bounds on the size of a bag's contents, because a bag can come from anyone.
 
 Each bound is far beyond what a run records. A UserError names what exceeds it.
 """
@@ -59,7 +59,7 @@ class Budget:
         self.renew()
 
     def renew(self) -> None:
-        """Begin another reading of the same files."""
+        """Restart the budget, to read the same files again."""
         self._bytes = 4 * MAX_RECORD + 1000 * self._size
         self._records = 10_000 + self._size // 8
 

@@ -100,7 +100,7 @@ class McapFile:
     """A file of a bag: adds its topics and metadata to the bag, and yields its messages."""
 
     def __init__(self, path: Path, bag: Contents, budget: Budget) -> None:
-        """Read all but the messages; UserError: it is no MCAP file, or exceeds a bound."""
+        """Read all but the messages; UserError: it is not an MCAP file, or exceeds a bound."""
         self.path = path
         self.has_summary = False
         self.damage = Damage()  #: `messages` adds the damage of chunks
@@ -393,7 +393,7 @@ def types_of(topic: Topic) -> dict[str, Any]:
 
 
 def describe(path: Path) -> dict[str, Any]:
-    """Read a whole bag; return what is in it, in JSON's types, times in seconds.
+    """Read a whole bag; return a description of it in JSON's types, with times in seconds.
 
     UserError: there is no bag, or it cannot be read.
     """

@@ -133,7 +133,7 @@ def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
     The column `v_x` is required: the log has its period. Each other column has the value that was
     received last. All times are times of reception.
 
-    UserError: the bag cannot be read, or a name is no column, topic or field of a number.
+    UserError: the bag cannot be read, or there is no such column, topic or field of numbers.
     """
     if unknown := ', '.join(fields.keys() - COLUMNS.keys()):
         raise UserError(f'{unknown}: a log has no such column; it has {", ".join(COLUMNS)}')
@@ -164,7 +164,7 @@ def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
 
 
 def recover(path: Path, output: Path) -> Contents:
-    """Write what can be read of a bag to the new directory `output`; return it.
+    """Copy all readable messages of a bag to the new directory `output`; return what was read.
 
     UserError: there is no bag, nothing in it can be read, or the output exists or cannot be
     written.

@@ -1,4 +1,4 @@
-"""Messages and their types as a bag has them: CDR with times; definitions, also without ROS.
+"""Messages and their types in a bag: CDR with times, and definitions, with or without ROS.
 
 Definitions come from installed packages of messages, or else from barc_sim.
 
@@ -84,7 +84,7 @@ def shipped() -> Iterator[tuple[str, Path]]:
 
 
 def installed() -> dict[str, Path]:
-    """Return the file of each message and service type: the installed ones, else barc_sim's own."""
+    """Return the file of each message and service type: the installed one, or else barc_sim's."""
     return _files(os.environ.get('AMENT_PREFIX_PATH', ''))
 
 

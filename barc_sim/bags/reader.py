@@ -1,4 +1,4 @@
-"""Reads a run's bag: its directory -> Bag -> Log."""
+"""Reads the bag of a run: from its directory to a `Bag`, and from that to a `Log`."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def info(path: Path | str) -> dict[str, str]:
 
 
 def read(path: Path | str, namespace: str | None = None) -> Log:
-    """Read the run of a car.
+    """Return the log of a run, read from its bag.
 
     A bag whose run was killed is read up to its last whole record, with a warning in the log.
 

@@ -179,7 +179,7 @@ def check_root(root: Path) -> None:
 
 
 def short_of_space(folder: Path, reserve: int) -> str | None:
-    """Return a clause if less than `reserve` [B] is free on the disk of `folder`, else None."""
+    """Return why the disk of `folder` is too full, None if `reserve` [B] is free."""
     free = shutil.disk_usage(folder).free
     if free >= reserve:
         return None

@@ -1,4 +1,4 @@
-"""Opens and writes files where somebody else may have made the folder.
+"""Opens and writes files safely in folders that somebody else may have made.
 
 A bag, a submission or a folder of results can come from anyone: it can hold a named pipe that never
 ends, or a link to another file of the user. Only regular files are opened. Output goes to a new
@@ -68,7 +68,7 @@ def open_regular(path: Path, *, follow: bool = True) -> BinaryIO:
 def read_regular(path: Path, limit: int, *, follow: bool = True) -> bytes:
     """Return the bytes of a regular file, opened as by `open_regular`.
 
-    UserError: it is no regular file, or has more than `limit` bytes; OSError: it cannot be read.
+    UserError: it is not a regular file, or has more than `limit` bytes; OSError: it cannot be read.
     """
     with open_regular(path, follow=follow) as file:
         data = file.read(limit + 1)

@@ -56,7 +56,7 @@ def check_limits() -> None:
 
 
 def is_at_desktop() -> bool:
-    """Return whether the user sits at a screen of this machine, and allows a browser there."""
+    """Return whether the user works at a screen of this machine, and allows a browser there."""
     screen = os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')
     elsewhere = os.environ.get('SSH_CONNECTION') or os.environ.get(NO_BROWSER)
     return bool(screen) and not elsewhere

@@ -137,7 +137,7 @@ def _rubric_of(paths: Iterable[Path]) -> str:
 
 
 def _folder(out: Path, submission: Path) -> Path:
-    """Return the folder of a submission's reports; none has the name of a file of the class."""
+    """Return the folder for a submission's reports, with a name that no file of the class has."""
     name = submission.name.encode(errors='backslashreplace').decode()  # one can be no UTF-8
     return out / (f'{name}.submission' if name in _CLASS_FILES else name)
 
@@ -147,7 +147,7 @@ def _collect(
 ) -> tuple[dict[str, Grade], dict[str, str]]:
     """Write the files of each submission as it finishes; return grades and failures by folder.
 
-    The file for points by hand is written `empty`, where there is none.
+    The file for points by hand is written `empty` if there is none.
     """
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
     from rich.progress import track  # noqa: PLC0415
@@ -192,8 +192,8 @@ def _write(out: Path, path: Path, data: bytes) -> None:
 def processes(jobs: int | None) -> Iterator[Executor]:
     """Use `jobs` worker processes, by default one for each core.
 
-    When the block ends, those still at work end, and their folders go; they also end with this
-    process, however it ends.
+    At the end of the block, workers that still run end, and their folders are removed; they also
+    end with this process, however it ends.
     """
     # New processes: a fork would copy the locks of other threads, but not the threads.
     context = multiprocessing.get_context('spawn')
@@ -235,7 +235,7 @@ def grade_all(
 ) -> Iterator[_Outcome]:
     """Yield each submission, as it finishes, with its grade or the grader's error.
 
-    That ends early where `stopped` is done.
+    It ends early when `stopped` is done.
     """
     pending: dict[Future[Any], Path] = {
         executor.submit(_grade, path, hand, *how): path for path, hand in paths.items()

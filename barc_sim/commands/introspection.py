@@ -1,4 +1,4 @@
-"""`topics`, `echo`, `param`, `graph`, `show` and `node`: what `ros2` does, without it."""
+"""`topics`, `echo`, `param`, `graph`, `show` and `node`: like `ros2`'s commands, without `ros2`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Makes a folder with the lab's templates, reports a run as a page, and packs what is handed in."""
+"""`new`, `report` and `submit`: a lab's templates, a run as a page, and a submission as a zip."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def run_submit(options: Namespace) -> None:
 
 
 def _drive(folder: Path, bags: Path) -> tuple[Path | None, str]:
-    """Drive over the course with a folder's files; return the bag, and why it ended badly."""
+    """Drive over the course with a folder's files; return the bag, and why it failed, if it did."""
     words = handout_of(files_in(folder)).drive.split()
     options = [str(folder), '--realtime-factor', 'max', '--engine', 'local']
     try:

@@ -1,4 +1,4 @@
-"""`tune`, `identify` and `raceline`: the best gains, the car that made bags, and a racing line."""
+"""`tune`, `identify` and `raceline`: the best gains, a car's parameters, and a racing line."""
 
 from __future__ import annotations
 
@@ -133,8 +133,8 @@ def run_tune(options: Namespace) -> None:
         )
     if not np.isfinite(best.cost):
         raise UserError(
-            f'no gains in these ranges drive {options.distance:g} m in thrice the time that it '
-            'should take on every road: widen the ranges, or choose roads that the car can climb'
+            f'no gains in these ranges drive {options.distance:g} m on every road within three '
+            'times the usual time: widen the ranges, or choose roads that the car can climb'
         )
     name = options.cost + (f' + {options.effort:g} effort' if options.effort else '')
     for road in roads:

@@ -1,4 +1,4 @@
-"""The node `bag_recorder`: records every wanted topic into a bag."""
+"""The node `bag_recorder`: records every selected topic into a bag."""
 
 from __future__ import annotations
 
