@@ -1,6 +1,6 @@
 """Answers each state with a command: what the node `controller` computes, without ROS.
 
-The controllers that it may use, of speed and lane, stand in a table by name.
+Tables list the controllers of speed and lane by name.
 """
 
 from __future__ import annotations
@@ -68,15 +68,15 @@ _TYPE = Parameter(
     'controller_type', DEFAULT_TYPE, f'which controller: {", ".join(TYPES)}', read_only=True
 )
 _LANE_TYPE = Parameter(
-    'lane_type', DEFAULT_LANE, f'what steers on a track: {", ".join(LANE_TYPES)}', read_only=True
+    'lane_type', DEFAULT_LANE, f'steering law on a track: {", ".join(LANE_TYPES)}', read_only=True
 )
 #: Of the speed on a track.
 PROFILE = [
     Parameter(
         f'{name}_limit',
         0.0,
-        f'maximum {name} acceleration [m/s²] of the fastest speed on the track, speed_reference '
-        'at most; 0: speed_reference throughout',
+        f'maximum {name} acceleration [m/s²] of the speed profile on a track, whose maximum is '
+        'speed_reference; 0: no profile',
         (0.0, 100.0),
     )
     for name in ('lateral', 'longitudinal')
@@ -85,7 +85,7 @@ SPEED = Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]',
 LIMIT = Parameter(
     'acceleration_limit',
     ACCELERATION_LIMIT,
-    'maximum acceleration commanded, either way [m/s²]',
+    'maximum commanded acceleration and deceleration [m/s²]',
     (0.01, NO_LIMIT),
 )
 _PARAMETERS = [
@@ -101,12 +101,12 @@ _PARAMETERS = [
 
 
 def reference_of(given: object) -> Signal:
-    """Return the speed to hold [m/s] over time and place that a function or a CSV file gives."""
+    """Return the speed to hold [m/s] over time and distance, from a function or a CSV file."""
     return signal(given, SPEED._replace(name='reference'), 'speed_mps')
 
 
 class Answer(NamedTuple):
-    """What a controller computed for a state."""
+    """The command that a controller computed for a state, with its reference."""
 
     reference: float  #: [m/s]
     speed: float  #: [m/s] that the controller received
@@ -131,11 +131,11 @@ class CruiseControl:
         track: Track | None = None,
         lane: object = None,
     ) -> None:
-        """Use `controller`, anything with `acc_calculate`; by default, that of the parameter.
+        """Use `controller`, an object with `acc_calculate`; by default, the parameter chooses it.
 
-        So is `lane`, anything with `steer_calculate`, on a `track`. `declare` declares parameters
-        and returns their values; `acceleration_limit` [m/s²] is a default. `refuse` takes why a
-        state or a reference is refused, and `warn` what else is odd.
+        On a `track` it uses `lane`, an object with `steer_calculate`, likewise. `declare` declares
+        parameters and returns their values; `acceleration_limit` [m/s²] is a default. `refuse` gets
+        the reason why a state or a reference is refused, and `warn` gets other warnings.
         """
         self._refuse, self._warn = refuse, warn
         self.controller = as_controller(controller or _chosen(declare, _TYPE, TYPES))
@@ -194,7 +194,7 @@ class CruiseControl:
             self._refuse(lambda: why)
 
     def reference(self, t: float, x: float) -> float:
-        """Return the speed to hold [m/s] `t` seconds after the start, at `x` metres of the way."""
+        """Return the speed to hold [m/s] at `t` seconds and `x` metres after the start."""
         return self._reference(t, x) if self._reference else float(self.values[SPEED.name])
 
     def reset(self) -> None:
@@ -239,10 +239,10 @@ class CruiseControl:
         return self._answer
 
     def computed(self) -> dict[str, Any]:
-        """Return what the controller computed for its latest answer: the fields of its message.
+        """Return the fields of the message about the latest answer: the reference and the terms.
 
-        That is PidState where `is_pid`, and ControllerState otherwise. Test commands alone, and a
-        law that plans the speed, hold none: their reference is NaN.
+        The message is a PidState if `is_pid`, else a ControllerState. The reference is NaN for
+        commands that a user's function gives, and for a law that plans the speed itself.
         """
         controller, answer = self.controller, self._answer
         holds = getattr(controller, 'holds_speed', not (self.lane and self.lane.plans_speed))

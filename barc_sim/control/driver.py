@@ -89,7 +89,7 @@ class Driver:
         self._braking = 0.0  # sign of the request that brakes the car, until it is released
 
     def receive(self, request: DriverInput, t: float) -> bool:
-        """Store a `request`, received at `t` [s]; return False if it is not finite, and refused."""
+        """Store a `request`, received at `t` [s]; return False if it is refused as not finite."""
         if not all(map(isfinite, request)):
             return False
         self._latest = DriverInput(
@@ -131,9 +131,10 @@ class Driver:
         return self._towards(direction * limits.speed, speed, abs(forward) * limits.acceleration)
 
     def _towards(self, target: float, speed: float, limit: float) -> float:
-        """Return the acceleration, up to `limit`, that leads to `target` and not past it.
+        """Return the acceleration, up to `limit`, that leads to the speed `target` and not past it.
 
-        Half of what would do it in `dt`: a command may hold for a little longer than that.
+        It is half of the value that reaches it within `dt`, because a command can hold a little
+        longer.
         """
         return limited((target - speed) / (2.0 * self.dt), limit)
 
@@ -146,5 +147,5 @@ PARAMETERS = [
 
 
 def limited(value: float, limit: float) -> float:
-    """Return `value`, or the nearer of ±`limit` beyond it."""
+    """Return `value`, clipped to ±`limit`."""
     return max(-limit, min(value, limit))

@@ -1,6 +1,6 @@
-"""Test signals that show what a car is: what `identify` reads its parameters from.
+"""Test signals that excite a car, so that `identify` can estimate its parameters.
 
-Each is a controller, so that it drives a run as any other: ``--controller-type prbs``. After Ljung,
+Each is a controller, and drives a run as any other does: ``--controller-type prbs``. After Ljung,
 "System Identification", 2nd ed., section 13.3.
 """
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
 
 class Steps:
-    """Steps up, back, down and back, upon a slow P controller that keeps the speed.
+    """Steps up, back, down and back, added to a slow P controller that keeps the speed.
 
     They show delay and lag by eye. The other signals of the motor differ in `values` or `signal`.
     """
 
     gains: Mapping[str, Gain] = {
-        'amplitude': Gain(2.0, 'm/s²', 'of the test signal, either way', 8.0, (0.0, 1e3)),
+        'amplitude': Gain(2.0, 'm/s²', 'amplitude of the test signal', 8.0, (0.0, 1e3)),
         'hold': Gain(0.5, '1/s', 'gain that keeps the speed near its reference', 5.0, (0.0, 1e3)),
-        'interval': Gain(2.0, 's', 'between two steps', 20.0, (1e-3, 1e3)),
+        'interval': Gain(2.0, 's', 'time between two steps', 20.0, (1e-3, 1e3)),
     }
     terms: Mapping[str, str] = {
-        'test_signal': 'what shows the car',
-        'holding': 'what keeps the speed near its reference',
+        'test_signal': 'the signal that excites the car',
+        'holding': 'the P controller near the reference',
     }
     amplitude: float
     hold: float
@@ -47,7 +47,7 @@ class Steps:
         self.reset()
 
     def reset(self) -> None:
-        """Begin the signal anew."""
+        """Restart the signal."""
         self.t = -inf  #: [s] since the first call
         self.test_signal = self.holding = 0.0
         self.saturated = False
@@ -89,42 +89,44 @@ class PRBS(Steps):
 
     gains: Mapping[str, Gain] = {
         **Steps.gains,
-        'interval': Gain(0.3, 's', 'how long the signal stays at least', 2.0, (1e-3, 100.0)),
+        'interval': Gain(0.3, 's', 'minimum time between two changes', 2.0, (1e-3, 100.0)),
     }
     values = tuple(1 if bit else -1 for bit in _binary_sequence())
 
 
 class CoastDown(Steps):
-    """Goes up to the reference, and rolls down to a share of it: it shows drag and friction."""
+    """Accelerates to the reference, then rolls until a share of it: shows drag and friction."""
 
     gains: Mapping[str, Gain] = {
         'amplitude': Steps.gains['amplitude'],
         'hold': Steps.gains['hold']._replace(default=0.0),
-        'share': Gain(0.3, '-', 'of the reference, to which it rolls', 1.0, (0.0, 1.0)),
+        'share': Gain(
+            0.3, '-', 'share of the reference at which it accelerates again', 1.0, (0.0, 1.0)
+        ),
     }
     share: float
 
     def signal(self, speed_reference: float, speed_current: float, /) -> float:
-        """Return the amplitude on the way up, and 0 on the way down."""
+        """Return the amplitude while the car accelerates, and 0 while it rolls."""
         rolls = self.t > 0.0 and self.test_signal == 0.0
         rolls = speed_current > speed_reference * (self.share if rolls else 1.0)
         return 0.0 if rolls else self.amplitude
 
 
 class SineSteer(LaneLQR):
-    """Keeps the lane with a sine upon the steering: it shows tyres and yaw inertia."""
+    """Keeps the lane, with a sine added to the steering: shows tyres and yaw inertia."""
 
     gains: Mapping[str, Gain] = {
         **LaneLQR.gains,
-        'amplitude': Gain(0.05, 'rad', 'of the sine', 0.5, (0.0, 1.0)),
-        'frequency': Gain(0.5, 'Hz', 'of the sine', 5.0, (0.0, 100.0)),
+        'amplitude': Gain(0.05, 'rad', 'amplitude of the sine', 0.5, (0.0, 1.0)),
+        'frequency': Gain(0.5, 'Hz', 'frequency of the sine', 5.0, (0.0, 100.0)),
     }
     amplitude: float
     frequency: float
     dt = 0.02  #: [s] between two calls
 
     def reset(self) -> None:
-        """Begin the sine anew."""
+        """Restart the sine."""
         super().reset()
         self._calls = 0
 

@@ -1,7 +1,7 @@
-"""The keyboard of a terminal: its bytes become keys, and the held keys a driver's input.
+"""Turns the bytes of a terminal into keys, and the keys that are held into a driver's input.
 
-The settings are by hand: `tty.setraw` would also turn off the output's processing, which the run's
-lines need, and curses would clear the screen.
+The terminal is set without `tty.setraw`, which would also turn off the output's processing, and
+without curses, which would clear the screen.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class KeyDecoder:
     """
 
     def __init__(self) -> None:
-        """Begin outside of any sequence."""
+        """Start outside of any escape sequence."""
         self._sequence = ''
 
     def decode(self, data: bytes) -> Iterator[str]:
@@ -77,14 +77,14 @@ class KeyDecoder:
 
 
 class HeldKeys:
-    """The keys that are held, and the driver's input that they make.
+    """Keeps which keys are held, and returns the driver's input for them.
 
     A terminal reports no release: a key counts as held for `PRESS_HOLD` after it was pressed, and
     for `REPEAT_HOLD` after each repeat. Only the key pressed last repeats.
     """
 
     def __init__(self) -> None:
-        """Begin with nothing held."""
+        """Start with no key held."""
         self._until: dict[str, float] = {}
         self._previous = COAST
 
@@ -102,7 +102,7 @@ class HeldKeys:
     def request(self, t: float) -> DriverInput | None:
         """Return the driver's input at `t` [s]; after the release, coasting once and then None.
 
-        Nothing follows the brake, so that it stays on.
+        After the brake there is no coasting, so that the brake stays on.
         """
         held = self.held(t)
         request = DriverInput(
@@ -149,7 +149,7 @@ class Terminal:
         """Make the terminal raw, and call `on_key` from a thread for each key.
 
         The end of the terminal is the key `quit`. `on_key` must not wait for the thread that
-        closes the terminal, as that thread waits for it.
+        closes the terminal, because that thread waits for `on_key`.
         """
         with self._lock:
             settings = termios.tcgetattr(self._fd)

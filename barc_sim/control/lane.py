@@ -1,9 +1,10 @@
-"""Steering laws: the front angle for a car's place on its track; and the speed that a track allows.
+"""Steering laws: the steering angle for a car's position on its track; and the speed profile.
 
-`steer_calculate(e_y, e_psi, speed, curvature)` is to the steering what `acc_calculate` is to the
-speed. `curvature(d)` is that of the centre line `d` metres ahead [1/m].
+`steer_calculate(e_y, e_psi, speed, curvature)` returns the steering angle, as `acc_calculate`
+returns the acceleration. `curvature(d)` returns the curvature of the centre line `d` metres ahead
+[1/m].
 
-On a circle of curvature κ the kinematic bicycle's centre of mass stays on the line where::
+On a circle of curvature κ the kinematic bicycle's centre of mass stays on the line with::
 
     tan δ = L κ / √(1 - (l_r κ)²)        e_psi = -asin(l_r κ)
 
@@ -56,13 +57,13 @@ def steady_turn(curvature: float, l_f: float = L_F, l_r: float = L_R) -> tuple[f
 
 
 class LaneLaw:
-    """What the laws here have in common: gains as attributes, and three terms."""
+    """Base of the laws here: gains as attributes, and three terms."""
 
     gains: Mapping[str, Gain] = {}
     terms: Mapping[str, str] = {
-        'feedforward': 'steering of the track ahead',
-        'of_e_y': 'for the error across the track',
-        'of_e_psi': 'for the error of the heading',
+        'feedforward': 'steering angle for the track ahead',
+        'of_e_y': 'correction of the lateral error',
+        'of_e_psi': 'correction of the heading error',
     }
 
     def __init__(self, *, l_f: float = L_F, l_r: float = L_R, **gains: float) -> None:
@@ -99,7 +100,7 @@ class PurePursuit(LaneLaw):
 
     gains: Mapping[str, Gain] = {
         'look_ahead': Gain(2.0, 'm', 'distance of the point at a standstill', 20.0, (0.1, 100.0)),
-        'look_ahead_time': Gain(0.2, 's', 'further distance by speed', 3.0, (0.0, 10.0)),
+        'look_ahead_time': Gain(0.2, 's', 'more distance per speed', 3.0, (0.0, 10.0)),
     }
     look_ahead: float
     look_ahead_time: float
@@ -137,7 +138,7 @@ class Stanley(LaneLaw):
     """
 
     gains: Mapping[str, Gain] = {
-        'k': Gain(2.0, '1/s', 'gain of the error across', 10.0),
+        'k': Gain(2.0, '1/s', 'gain of the lateral error', 10.0),
         'v_soft': Gain(1.0, 'm/s', 'softens the law at low speed', 10.0, (1e-3, 1e3)),
     }
     k: float
@@ -157,7 +158,7 @@ class Stanley(LaneLaw):
 class LaneLQR(LaneLaw):
     """The linear-quadratic regulator of the errors about the steady turn, in closed form.
 
-    For the errors e_y and e = e_psi less that of the steady turn, at a constant speed v::
+    For the errors e_y and e = e_psi - (e_psi of the steady turn), at a constant speed v::
 
         e_y' = v e + (v l_r / L) u        e' = (v / L) u        δ = steady turn + u
 
@@ -166,7 +167,7 @@ class LaneLQR(LaneLaw):
 
         u = -k1 e_y - k2 e        k1 = √q1        k2 = √(q1 l_r² + q2 + 2 L √q1) - √q1 l_r
 
-    The steering of the turn is that of `preview` seconds ahead: the delay of the steering.
+    The steady turn is that of the curvature `preview` seconds ahead, which compensates a delay.
 
     Examples
     --------
@@ -176,10 +177,10 @@ class LaneLQR(LaneLaw):
     """
 
     gains: Mapping[str, Gain] = {
-        'q_e_y': Gain(0.05, 'rad²/m²', 'weight of the error across', 1.0, (1e-6, 1e3)),
-        'q_e_psi': Gain(0.2, '-', 'weight of the error of the heading', 10.0, (0.0, 1e3)),
+        'q_e_y': Gain(0.05, 'rad²/m²', 'weight of the lateral error', 1.0, (1e-6, 1e3)),
+        'q_e_psi': Gain(0.2, '-', 'weight of the heading error', 10.0, (0.0, 1e3)),
         'preview': Gain(
-            0.0, 's', 'delay of the steering: the turn of so long ahead counts', 1.0, (0.0, 10.0)
+            0.0, 's', 'delay of the steering, for which it looks ahead', 1.0, (0.0, 10.0)
         ),
     }
     q_e_y: float
@@ -204,13 +205,13 @@ class LaneLQR(LaneLaw):
 
 
 class LaneKeeping:
-    """Steers by any object with `steer_calculate`: finds the car's place, and limits the angle.
+    """Steers with any object that has `steer_calculate`: projects the pose, and limits the angle.
 
     Without a `reset` of the object, a copy of it begins each run. Without an object nothing steers.
     """
 
     def __init__(self, lane: Any, track: Track) -> None:  # noqa: ANN401 (any object of the user's)
-        """Begin at the start of the track."""
+        """Start at the beginning of the track."""
         self.track, self.lane, self._first = track, lane, lane
         self.gains: Mapping[str, Gain] = getattr(lane, 'gains', {})
         declared = getattr(lane, 'terms', ())
@@ -219,7 +220,7 @@ class LaneKeeping:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew, with the present gains."""
+        """Return to the start of the track, with the present gains."""
         self.place = Frenet(0.0, 0.0, 0.0, 0.0)  #: of the latest pose
         self.output, self.saturated = 0.0, False
         if callable(getattr(self.lane, 'reset', None)):
@@ -244,26 +245,26 @@ class LaneKeeping:
             return 0.0
         raw = self.lane.steer_calculate(place.e_y, place.e_psi, speed, self._curvature)
         self.output = float(min(max(raw, -STEERING_LIMIT), STEERING_LIMIT))
-        # At the limit but for rounding, as the plan of an MPC is; NaN, too.
+        # At the limit except for rounding, like the plan of an MPC; NaN, too.
         self.saturated = not abs(raw) < STEERING_LIMIT * (1.0 - 1e-9)
         return self.output
 
     @property
     def plans_speed(self) -> bool:
-        """Whether the law's own acceleration drives: no speed is held."""
+        """Whether the law commands the acceleration itself, in place of a speed controller."""
         return hasattr(self.lane, 'acceleration')
 
     def acceleration(self, of_speed: float) -> float:
-        """Return the law's own acceleration [m/s²] where it has one, else that `of_speed`."""
+        """Return the law's own acceleration [m/s²] if it has one, else the one `of_speed`."""
         return float(getattr(self.lane, 'acceleration', of_speed))
 
     def predicted(self) -> Any:  # noqa: ANN401 (a Pose of arrays)
-        """Return the poses that the law plans to pass; None where it plans none."""
+        """Return the poses of the law's plan; None if it has no plan."""
         plan = getattr(self.lane, 'prediction', None)
         return None if plan is None else self.track.place(self.place.s + plan[:, 0], plan[:, 1])
 
     def computed(self) -> dict[str, Any]:
-        """Return what the latest angle is made of, the fields of LaneState; NaN: no such term."""
+        """Return the terms of the latest angle, as the fields of LaneState; NaN: no such term."""
         return {
             'e_y': self.place.e_y,
             'e_psi': self.place.e_psi,
@@ -283,8 +284,9 @@ def speed_profile(
 ) -> Callable[[float, float], float]:
     """Return the fastest speed [m/s] over a track, as a function of time, and of s [m].
 
-    It is within `maximum` [m/s], `across` [m/s²] in arcs and ±`along` [m/s²] on the way there. On a
-    segment v² is a straight line over s, or level: the function is exact.
+    Its limits are the speed `maximum` [m/s], the lateral acceleration `across` [m/s²] and the
+    longitudinal acceleration ±`along` [m/s²]. On each segment v² is linear over s, or constant: the
+    function is exact.
 
     Examples
     --------

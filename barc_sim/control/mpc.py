@@ -24,7 +24,7 @@ _LOOKS = 80  #: of the curvature on the way to a stop
 
 
 class MPC(LaneLaw):
-    """Steers by the best plan of the next 20 steps, with limits of the angle and of its rate.
+    """Steers with the optimal plan of the next 20 steps, with limits of the angle and its rate.
 
     The equations are in `barc_sim.control.planning`.
 
@@ -36,8 +36,8 @@ class MPC(LaneLaw):
     """
 
     gains: Mapping[str, Gain] = {
-        'q_e_y': Gain(0.2, 'rad²/m²', 'weight of the error across', 1.0, (1e-6, 1e3)),
-        'q_e_psi': Gain(0.2, '-', 'weight of the error of the heading', 10.0, (0.0, 1e3)),
+        'q_e_y': Gain(0.2, 'rad²/m²', 'weight of the lateral error', 1.0, (1e-6, 1e3)),
+        'q_e_psi': Gain(0.2, '-', 'weight of the heading error', 10.0, (0.0, 1e3)),
         'q_change': Gain(1.0, 'm', 'weight of the change from step to step', 10.0, (0.0, 1e3)),
         'step': Gain(0.5, 'm', 'length of each of the 20 steps', 2.0, (1e-3, 100.0)),
         'delay': Gain(0.0, 's', 'delay of the steering', 1.0, (0.0, 10.0)),
@@ -46,9 +46,9 @@ class MPC(LaneLaw):
         'period': Gain(0.02, 's', 'time from one call to the next', 0.1, (1e-3, 1.0)),
     }
     terms: Mapping[str, str] = {
-        'feedforward': 'steering of the track where the command acts',
-        'solve_time': '[s] of the processor for the whole computation',
-        'infeasible': '1 where no command is within all limits',
+        'feedforward': 'steering angle for the track where the command acts',
+        'solve_time': '[s] processor time of the whole computation',
+        'infeasible': '1 if no command is within all limits',
     }
     q_e_y: float
     q_e_psi: float
@@ -133,15 +133,14 @@ class MPC(LaneLaw):
 
 
 class SpeedMPC(MPC):
-    """Plans the speed, too: as fast as limits of the accelerations allow, `top_speed` at most.
+    """Plans the speed, too: as fast as the limits of the accelerations and `top_speed` allow.
 
-    The square of the speed is linear in the acceleration over the distance. The fastest plan up to
-    the way to a stop is thus known without a search: the car brakes where it has to, as late as it
-    can::
+    Over the distance, the square of the speed is linear in the acceleration. So the fastest plan
+    over the stopping distance needs no search: the car brakes as late as possible::
 
         (v²)' = 2 a        v² |κ| ≤ lateral        |a| ≤ longitudinal        v ≤ top_speed
 
-    `acceleration` [m/s²] is the first of the plan, which drives in place of the speed controller.
+    `acceleration` [m/s²] is the first one of the plan; it replaces the speed controller's.
 
     Examples
     --------
@@ -153,8 +152,8 @@ class SpeedMPC(MPC):
     gains: Mapping[str, Gain] = {
         **MPC.gains,
         'top_speed': Gain(12.0, 'm/s', 'maximum speed', 30.0, (0.1, 100.0)),
-        'lateral': Gain(3.5, 'm/s²', 'maximum acceleration across', 10.0, (0.1, 100.0)),
-        'longitudinal': Gain(2.0, 'm/s²', 'maximum acceleration along', 10.0, (0.1, 100.0)),
+        'lateral': Gain(3.5, 'm/s²', 'maximum lateral acceleration', 10.0, (0.1, 100.0)),
+        'longitudinal': Gain(2.0, 'm/s²', 'maximum longitudinal acceleration', 10.0, (0.1, 100.0)),
     }
     top_speed: float
     lateral: float
@@ -170,7 +169,7 @@ class SpeedMPC(MPC):
         look = max(self.top_speed**2 / (gain * _LOOKS), 0.25)
         bends = [abs(curvature(k * look)) for k in range(_LOOKS + 3)]
         # A turn begins and ends between two points, and counts for both. It also counts one point
-        # early: the car brakes for the next point, and so nears the turn's speed exponentially.
+        # early: the car brakes for the next point, and so approaches its speed exponentially.
         bends = [*map(max, bends, bends[1:], bends[2:], bends[3:])]
         limits = (self.lateral / max(bend, self.lateral / self.top_speed**2) for bend in bends)
         allowed = min(limit + gain * look * k for k, limit in enumerate(limits))

@@ -1,4 +1,4 @@
-"""What quadratic programs plan: the racing line of a track, and the next metres of an MPC.
+"""Plans by quadratic programs: the racing line of a track, and the next metres of an MPC.
 
 The MPC's errors are predicted over the distance along the centre line, not over time: then their
 model is the same at every speed, and so are the weights. With κ of the centre line, the actual
@@ -6,16 +6,16 @@ angle δ, its steady turn δ(κ), e_psi(κ), and λ = v · lag, for a distance s
 
     e_y' = e_psi - e_psi(κ) + (l_r / L)(δ - δ(κ))    e_psi' = (δ - δ(κ)) / L    δ' = (u - δ) / λ
 
-The commands on their way bring the measured errors to where the next command acts (a Smith
-predictor). From there on, in steps of `step` metres over which u is held, the program minimises::
+The commands that have not acted yet predict the errors where the next command acts (a Smith
+predictor). From there on, in steps of `step` metres with a constant u, the program minimises::
 
     Σ step (q_e_y e_y² + q_e_psi (e_psi - e_psi(κ))² + (u - δ(κ))²) + q_change Σ (u - u before)²
 
-with the limits of the angle and of its rate. Behind the last step is the cost of the LQR, from the
-algebraic Riccati equation: the first command is that LQR's where no limit, no lag and no weight of
-the change matter (Rawlings, Mayne, Diehl, "Model Predictive Control", 2.5).
+with the limits of the angle and of its rate. The terminal cost is that of the LQR, from the
+algebraic Riccati equation: without active limits, lag and weight of the change, the first command
+equals the LQR's (Rawlings, Mayne, Diehl, "Model Predictive Control", 2.5).
 
-The model has the present speed all the way.
+The model assumes the present speed for the whole plan.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
-    #: Speed [m/s], and accelerations across and along [m/s²], at most.
+    #: Maximum speed [m/s], and maximum lateral and longitudinal acceleration [m/s²].
     Limits = tuple[float, float, float]
 
 _MARGIN = 0.2  #: of the width
-_SPACING = 0.5  #: [m] between two points of the line, as far as the limits of their number allow
+_SPACING = 0.5  #: [m] between two points of the line, within the limits of their number
 _MIN_POINTS, _MAX_POINTS = 100, 800
 _ROUNDS = 30
 _SETTLED = 1e-3  #: [m] A round that moves the line less is the last.
@@ -57,10 +57,10 @@ def solver() -> Any:  # noqa: ANN401 (a function without types)
 
 
 def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | None = None) -> Track:
-    """Return the line of least curvature on a closed track, itself a `Track` to drive on.
+    """Return the minimum-curvature line of a closed track, as a `Track` to drive on.
 
     The line minimises ∫ κ² dl, with the curvature κ over the length l of the line itself, and keeps
-    `margin` [m] from both edges, a fifth of the width unless given. Each round of Gauss-Newton is a
+    `margin` [m] from both edges, by default a fifth of the width. Each Gauss-Newton iteration is a
     quadratic program for the offsets n from the centre line (Heilmeier et al., "Minimum curvature
     trajectory planning and control for an autonomous race car", Vehicle System Dynamics 58, 2020).
 
@@ -114,7 +114,8 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
 def line_beside(track: Track, offsets: Floats) -> Track:
     """Return the closed line through points `offsets` [m] to the left of the centre line.
 
-    On that they are equally far apart, from its start on. The line is as wide as both edges allow.
+    The points have equal spacing along the centre line, from its start. The line is as wide as
+    both edges allow.
     """
     s = track.length / len(offsets) * np.arange(len(offsets))
     x, y, _ = map(np.asarray, track.place(s, offsets))
@@ -135,9 +136,9 @@ def lap_time(track: Track, limits: Limits) -> float:
 
 
 def write_line(path: Path, track: Track, line: Track, limits: Limits) -> None:
-    """Write a racing line as a file of a track: its points, the ways to the edges, and its speed.
+    """Write a racing line as a track file: its points, the distances to the edges, and its speed.
 
-    `Track.named` reads it, and so does what reads the files of the racetrack database.
+    `Track.named` reads it, and so do programs for the files of the racetrack database.
     """
     s = np.array(line.starts[:-1:2])  # two arcs lead from point to point
     x, y, psi = map(np.asarray, line.place(s))
@@ -152,10 +153,10 @@ def write_line(path: Path, track: Track, line: Track, limits: Limits) -> None:
 def program(
     distance: float, step: float, weights: tuple[float, float, float], l_f: float, l_r: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the Hessian, and the matrices of the gradient and of e_y behind each step.
+    """Return the Hessian, and the matrices of the gradient and of e_y after each step.
 
-    `distance` [m] is λ. What is known is e_y, e_psi and δ at the start, and the steady turn and its
-    heading in each step: the gradient is linear in these, and e_y in the commands before them.
+    `distance` [m] is λ. The gradient is linear in e_y, e_psi and δ at the start, and in the steady
+    turn and its heading in each step; e_y is linear in these and in the commands.
     """
     n, length, (q_e_y, q_e_psi, q_change) = HORIZON, l_f + l_r, weights
     left = exp(-step / distance) if distance else 0.0
@@ -183,7 +184,7 @@ def program(
 
 @lru_cache(8)
 def cost_to_go(q_e_y: float, q_e_psi: float, step: float, length: float, l_r: float) -> Floats:
-    """Return the matrix of the cost of e_y and e_psi behind the last step, without lag.
+    """Return the matrix of the terminal cost of e_y and e_psi, without lag.
 
     It solves the discrete algebraic Riccati equation, by doubling (Chu, Fan, Lin, Wang, Int. J.
     Control 77, 2004).

@@ -1,4 +1,4 @@
-"""What holds a speed: the protocol of a controller, the PID, the LQR, and any object of a user."""
+"""Speed controllers: their protocol, the PID, the LQR, and an adapter for a user's object."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Gain(NamedTuple):
-    """A number that tunes a controller."""
+    """A gain of a controller: its default, unit, meaning and limits."""
 
     default: float
     unit: str
@@ -25,7 +25,7 @@ class Gain(NamedTuple):
 
 
 class Tunable(Protocol):
-    """What declares its gains; each name is an attribute, too, and may be set at any time."""
+    """An object that declares its gains; each is an attribute, which may be set at any time."""
 
     gains: Mapping[str, Gain]
 
@@ -66,7 +66,7 @@ def gain_parameters(controller: Tunable) -> list[Parameter]:
 
 
 def read_term(controller: object, name: str) -> float:
-    """Return an attribute of a controller; NaN where it has none, or no number."""
+    """Return an attribute of a controller; NaN if it is missing, or not a number."""
     try:
         return float(getattr(controller, name, nan))
     except (TypeError, ValueError):
@@ -74,7 +74,7 @@ def read_term(controller: object, name: str) -> float:
 
 
 def check_gains(controller: Tunable) -> None:
-    """Raise UserError where a gain is beyond its limits."""
+    """Raise UserError if a gain is beyond its limits."""
     set_gains(controller, {name: getattr(controller, name) for name in controller.gains})
 
 
@@ -93,7 +93,7 @@ def set_gains(controller: Tunable, values: Mapping[str, float]) -> None:
 
 
 def take_gains(controller: Tunable, values: Mapping[str, float]) -> None:
-    """Set all gains of a controller, those that are not given to their defaults: `set_gains`."""
+    """Set all gains of a controller as `set_gains` does; missing ones get their defaults."""
     defaults = {name: gain.default for name, gain in controller.gains.items()}
     set_gains(controller, {**defaults, **values})
 
@@ -120,14 +120,14 @@ class PID:
     and the output is `u` limited to `[output_min, output_max]`.
 
     - Anti-windup is by conditional integration ("clamping"; Åström and Hägglund, "Advanced PID
-      Control", 3.5): where the output is limited, the integral does not move further into
+      Control", 3.5): while the output is limited, the integral does not move further into
       the limit.
-    - The derivative is that of the measurement, so that a changed reference does not kick, and the
-      first sample, which has no predecessor, has no derivative and adds nothing to the integral.
+    - The derivative is that of the measurement, so that a changed reference does not kick. The
+      first sample has no predecessor: its derivative is 0, and it adds nothing to the integral.
     - The integral has the unit of the output: a changed `ki` applies from then on.
-    - Where `dt` is not positive (two samples of one instant), I stands still and D is zero.
+    - If `dt` is not positive (two samples of one instant), I does not change and D is zero.
     - A sample that is not finite has no effect on later ones: `u` follows it (NaN gives NaN), but
-      I stands still, and the next sample counts as the first.
+      I does not change, and the next sample counts as the first.
 
     Gains and limits can be changed at any time.
 
@@ -182,7 +182,7 @@ class PID:
         Raises
         ------
         UserError
-            where a gain is not in its limits, or `output_min` not below `output_max`.
+            if a gain is beyond its limits, or `output_min` is not below `output_max`.
         """
         if not output_min < output_max:
             raise UserError(f'output_min={output_min!r} must be below output_max={output_max!r}')
@@ -252,8 +252,8 @@ def feedback_gain(speed_weight: float, effort_weight: float, dt: float) -> float
 class LQR:
     """A linear-quadratic regulator with a disturbance observer, and limited output.
 
-    With the error e = reference - measurement, and d the acceleration that is not commanded
-    (gravity along the road, drag, friction), each interval dt::
+    With the error e = reference - measurement, and the disturbance d, the acceleration that is not
+    commanded (gravity along the road, drag, friction), in each interval dt::
 
         d ← d + l (Δmeasurement / dt - u_before - d)      u = K e - d
 
@@ -262,7 +262,7 @@ class LQR:
     from 0 to 1, uses the output after the limits, and so does not wind up (Åström and Wittenmark,
     "Computer-Controlled Systems", 11.4: a Luenberger observer of a constant disturbance).
 
-    The first sample, and one after a sample that is not finite, has no predecessor: d stands still.
+    At the first sample, and at one after a sample that is not finite, d does not change.
 
     Examples
     --------
@@ -293,7 +293,7 @@ class LQR:
         output_max: float = inf,
         **gains: float,
     ) -> None:
-        """Start at rest with these gains; `dt` [s] is the interval that K is made for."""
+        """Start at rest with these gains; K is computed for the interval `dt` [s]."""
         take_gains(self, gains)
         self.dt, self.output_min, self.output_max = dt, output_min, output_max
         self.reset()
@@ -337,7 +337,7 @@ def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (any object of
     Raises
     ------
     UserError
-        where it is no object with such a method.
+        if it is not an object with such a method.
     """
     if isinstance(controller, type):
         raise UserError(
@@ -368,8 +368,8 @@ def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (any object of
 class Adapter:
     """A `Controller` around an object that may lack limits of its output and a reset.
 
-    The terms are the object's attributes of these names, NaN where it has no such number;
-    `saturated` is true where the output was cut here, or the object has it true.
+    The terms are the object's attributes of these names, NaN if one is missing or not a number;
+    `saturated` is true if the adapter or the object limited the output.
     """
 
     def __init__(
@@ -428,7 +428,7 @@ class Adapter:
 
 
 def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the user's)
-    """Return the name by which a method takes dt; empty: by position; None: it takes none."""
+    """Return the name of a method's argument dt; empty: by position; None: it takes no dt."""
     accepted = signature(method)
     parameters = accepted.parameters
     if 'dt' in parameters and parameters['dt'].kind is not inspect.Parameter.POSITIONAL_ONLY:

@@ -1,4 +1,4 @@
-"""The node `controller`: holds the speed, and the lane; a command answers each state."""
+"""The node `controller`: holds the speed, and the lane; answers each state with a command."""
 
 from __future__ import annotations
 
