@@ -1,7 +1,7 @@
 """The BARC vehicle simulator for ROS 2: model, controller, recorder, plots and replays.
 
-What is exported here works without ROS, and is imported when it is first used, so that a
-command's `--help` stays quick.
+Every exported name works without ROS, and is imported at its first use, so that a command's
+`--help` stays quick.
 
 A closed loop and its plot::
 
@@ -29,7 +29,7 @@ A bag as a DataFrame::
     >>> frame = read_bag('bags/2026-11-21_12-00-00').to_frame()
     >>> average_speed = frame.v_x.mean()
 
-A controller of one's own::
+Your own controller::
 
     >>> class Proportional:
     ...     def acc_calculate(self, speed_reference, speed_current):
@@ -43,10 +43,10 @@ Laps of a track, in place of the road: ``oval``, ``circle``, ``figure-eight``, o
     >>> print(f'{log.best:.2f} s')
     28.97 s
 
-Where to look: the laws of the vehicle are in `vehicle/bike_model.py` (`resistance`, `bikeFE`),
-those of the PID in `control/speed.py`. `simulation/stepper.py` (`pass_deadline`) decides each
-deadline of a run, and `bags/reader.py` (`join`) those of a bag. `lab/labs/` judges a user's model
-and PID; `bike.txt` and `pid.txt` there have the mistakes that it names.
+Where to look: the equations of the vehicle are in `vehicle/bike_model.py` (`resistance`, `bikeFE`),
+those of the PID in `control/speed.py`. `simulation/stepper.py` (`pass_deadline`) decides whether a
+run missed a deadline, and `bags/reader.py` (`join`) does the same for a bag. `lab/labs/` judges a
+user's model and PID; `bike.txt` and `pid.txt` list the mistakes that it names.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ _EXPORTS = {
 
 
 def __getattr__(name: str) -> object:
-    """Import what is exported under `name`."""
+    """Import and return the exported object `name`."""
     if name not in _EXPORTS:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
     module, attribute = _EXPORTS[name]
@@ -133,5 +133,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return the names of what is exported."""
+    """Return the exported names."""
     return [*globals(), *(name for name in __all__ if name not in globals())]

@@ -52,7 +52,7 @@ def functions(
 def parse(name: str, words: Sequence[str]) -> argparse.Namespace:
     """Return the options of a command; `argv` in them is the whole command line.
 
-    Of a command that accepts `--ros-args`, they and what follows are `ros_args`.
+    `ros_args` in them is `--ros-args` and what follows, if the command accepts these.
     """
     parser = Parser(prog=f'barc {name}')
     add_arguments, _ = functions(name)

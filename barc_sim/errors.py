@@ -1,4 +1,4 @@
-"""What a user did that can't be done, in one sentence; the limits of numbers; text safe to show.
+"""Errors of a user as one sentence; the limits of numbers; text that is safe to show.
 
 There is one table of limits: a record declares its fields as `Annotated[float, description, low,
 high]`, and a node its parameters with `Parameter`. Constructors, `simulate`, nodes and options of
@@ -37,9 +37,9 @@ def one_line(text: str, width: int = 400) -> str:
 
 
 def not_between(value: object, low: float, high: float) -> str:
-    """Return why `value` is no number from `low` to `high`, ends included; '' where it is one.
+    """Return why `value` is not a number from `low` to `high`, ends included; '' if it is one.
 
-    Where `low` is an int, whole numbers are meant.
+    If `low` is an int, the number must be whole.
 
     Examples
     --------
@@ -73,7 +73,10 @@ class UserError(ValueError):
 
 
 def extra(module: str, user: str, name: str) -> Any:  # noqa: ANN401 (a module)
-    """Return a module for `user`, of the extra of this name; UserError: it is not installed."""
+    """Import and return an optional package's module; UserError: it is not installed.
+
+    `user` is what needs it, and `name` the extra of barc_sim that installs it.
+    """
     try:
         return import_module(module)
     except ImportError:
@@ -93,7 +96,7 @@ class Parameter(NamedTuple):
     read_only: bool = False
 
     def check(self, value: object, name: str = '') -> None:
-        """Raise UserError where `value`, given as the argument `name`, is not `between`."""
+        """Raise UserError if `value`, given as the argument `name`, is not `between` the bounds."""
         if self.between != ANY and (why := not_between(value, *self.between)):
             raise UserError(f'{name or self.name}: {why}')
 
@@ -109,9 +112,9 @@ def parameters_of(record: type[tuple[Any, ...]]) -> list[Parameter]:
 
 
 def limited(record: type[_Record]) -> type[_Record]:
-    """Let the constructor of a record, a NamedTuple, refuse what is beyond its fields' limits.
+    """Make the constructor of a record, a NamedTuple, refuse values beyond its fields' limits.
 
-    `_make` and `_replace` check nothing: they are for values that are known to be good.
+    `_make` and `_replace` check nothing: they are for values that have been checked.
     """
     rows = parameters_of(record)
     make: Any = record.__new__

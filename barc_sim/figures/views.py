@@ -122,7 +122,7 @@ class RunView(ABC):
         self.update(0.0)
 
     def read(self, log: Log) -> None:
-        """Take the run, or from now on another one on the same fixed parts."""
+        """Show this run from now on, with the same fixed parts."""
         self.duration = float(log.t[-1])  #: [s] from the run's first state to its last
         self._log = use_measurement(log)
         self.charted = self._log.speed
@@ -213,7 +213,7 @@ class SideView(RunView):
     along_name = 'Position along the road [m]'
 
     def read(self, log: Log) -> None:
-        """Take the run, or from now on another one on the same fixed parts."""
+        """Show this run from now on, with the same fixed parts."""
         super().read(log)
         self.along = self._log.distance
         driven = driven_road(self._log) or Road.flat()
@@ -330,7 +330,7 @@ class TopView(RunView):
     VIEW_WIDTH = 50.0
 
     def read(self, log: Log) -> None:
-        """Take the run, or from now on another one on the same fixed parts."""
+        """Show this run from now on, with the same fixed parts."""
         super().read(log)
         x, y, self._psi = self._log.true_pose
         self._path = np.column_stack([x, y])
