@@ -1,1 +1,1 @@
-"""Each lab: what is right in it, which mistakes are common, and how both are judged."""
+"""Each lab: its right results, its common mistakes, and how both are judged."""

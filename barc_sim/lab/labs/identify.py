@@ -82,7 +82,7 @@ class Car(NamedTuple):
         return Vehicle(air_drag_coeff=self.drag * mass, friction=self.friction * mass)
 
     def intervals(self, commands: Sequence[float]) -> Floats:
-        """Return the smallest interval of 95 % that these commands allow, for each parameter.
+        """Return the smallest 95 % interval that these commands allow, for each parameter.
 
         It is the Cramér-Rao bound; infinite for a parameter without effect on the speeds.
         """
