@@ -8,7 +8,7 @@ NAME = 'your name'  # it determines your own car
 def command(t):
     """Return the acceleration command [m/s²] at the time t [s], from 0 to 60 s.
 
-    The car starts at rest on a flat road. Stay within 2 m/s² either way, and between 0 and 15 m/s.
+    The car starts at rest on a flat road. Keep commands from -2 to 2 m/s², speeds from 0 to 15 m/s.
     """
     # TODO
 

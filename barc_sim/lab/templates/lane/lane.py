@@ -9,7 +9,7 @@ l_r = 1.5  # [m] from the centre of mass to the rear axle
 def straight_errors(x, y, psi, x_0, y_0, psi_0):
     """Return the errors of a car beside a straight line, as [e_y, e_psi].
 
-    x, y      [m]    place of the car
+    x, y      [m]    position of the car
     psi       [rad]  heading of the car; it grows over the laps
     x_0, y_0  [m]    a point of the line
     psi_0     [rad]  heading of the line

@@ -1,4 +1,4 @@
-"""Racing line and MPC: write the speed of a lap, a line, and the program that an MPC solves."""
+"""Racing line and MPC: write the speeds of a lap, a line, and the quadratic program of an MPC."""
 
 # NumPy is there: import numpy as np
 # Import what you need, for example: from math import sqrt
@@ -30,7 +30,7 @@ def line(x, y, psi, half):
     psi   [rad]  its heading at each of them
     half  [m]    the maximum offset to either side
 
-    The line that bends least has the smallest integral of its squared curvature over its length.
+    The best line has the smallest integral of its squared curvature over its length.
     """
     # TODO
 
