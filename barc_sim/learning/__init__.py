@@ -1,15 +1,15 @@
 """Gymnasium environments of the car: to hold a speed over hills, to keep the lane, to race.
 
 An import of this package registers `barc_sim/Hills-v0`, `barc_sim/Lane-v0` and `barc_sim/Race-v0`.
-So does its name before that of the environment, as Gymnasium 1 looks for no plug-ins::
+Its name before an environment's does the same, because Gymnasium 1 loads no plug-ins by itself::
 
     >>> import gymnasium
     >>> env = gymnasium.make('barc_sim.learning:barc_sim/Lane-v0', track='oval')
     >>> observation, info = env.reset(seed=1)
     >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
-The tasks are in `learning/tasks.py`; `learning/environments.py` has one car, which the plant of a
-run moves, and the batch of many that `gymnasium.make_vec` makes.
+The tasks are in `learning/tasks.py`; `learning/environments.py` has the environment with one car,
+stepped by the plant of a run, and the batch of many cars for `gymnasium.make_vec`.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class _Drive:
-    """What one car and a batch have in common: each number of the one is an array of the other.
+    """Base of one car and of a batch: a number of the first is an array in the second.
 
     `_plant` is a `Plant` or `Plants`, which have the same names.
     """
@@ -46,9 +46,9 @@ class _Drive:
     _command: Any  #: a Command
 
     def _go(self, motor: Any, servo: Any, over: Cars | tuple[()] = ()) -> tuple[Any, ...]:  # noqa: ANN401
-        """Go one step; return the observation, the reward, whether the episode is over, and `info`.
+        """Take a step; return the observation, the reward, whether the episode ended, and `info`.
 
-        `motor` is None for the PID's; cars that are `over` begin a new episode.
+        `motor` is None if the PID drives; the cars in `over` begin a new episode.
         """
         task, plant, before = self.task, self._plant, self._s
         if motor is None:
@@ -86,11 +86,11 @@ class _Drive:
 class CarEnv(_Drive, gymnasium.Env[Any, Any]):
     """One car: the plant of the runs, to the last bit.
 
-    What is observed, commanded and rewarded is in `learning.tasks`, by the environment's name.
-    `info` has s [m] and, on a track, e_y [m], the number of the lap, the time since it began [s],
-    and the times of the whole laps so far; a lap ends no episode. `reset` takes where the car
-    starts as options: `{'s': 0.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 0.0}`, or some of these. All
-    random numbers, noise too, are of `np_random`.
+    The classes of `learning.tasks`, by the environment's name, describe observation, action and
+    reward. `info` has s [m] and, on a track, e_y [m], the number of the lap, the time since it
+    began [s], and the times of the finished laps; a lap ends no episode. The options of `reset` are
+    the start of the car: `{'s': 0.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 0.0}`, or some of these. All
+    random numbers, noise too, come from `np_random`.
 
     `render` returns the picture of a replay, of shape (360, 640, 3), or shows it in a window.
     """
@@ -125,7 +125,7 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
         return found
 
     def step(self, action: Any) -> tuple[Floats, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
-        """Go one step of the plant."""
+        """Take one step of the plant."""
         observation, reward, is_over, info = self._go(*self.task.command(action))
         if self._is_shown:
             self.render()
@@ -138,7 +138,7 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
         return with_error(true, MeasurementError(*self._errors[k]), cos(true.psi), sin(true.psi))
 
     def render(self) -> Any:  # noqa: ANN401 (as Gymnasium's)
-        """Return a picture of the car where it is now, or show it in a window."""
+        """Return a picture of the present state, or show it in a window."""
         if not self.render_mode:
             return None
         if not self._picture:
@@ -157,8 +157,8 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
     """Many cars in one batch of NumPy arrays, each as `CarEnv` steps it, to 1e-12.
 
     Car `i` has the random numbers of a `CarEnv` that was reset with `seed + i`. An episode ends
-    beyond the limits, or after `max_episode_steps`; with the next step its car starts anew, and
-    that action counts for nothing. The numbers of `info` are arrays.
+    beyond the limits, or after `max_episode_steps`; the next step resets its car and ignores the
+    action. The numbers of `info` are arrays.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -173,7 +173,7 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         max_episode_steps: int | None = None,
         **options: Any,  # noqa: ANN401 (of the task)
     ) -> None:
-        """Take the name of a task, its options, and how many cars there are."""
+        """Take the name of a task, its options, and the number of cars."""
         self.task, self.num_envs = TASKS[task](**options), num_envs
         self.single_observation_space, self.single_action_space = spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -182,7 +182,7 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         self._generators: list[np.random.Generator] = []
 
     def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Floats, Any]:
-        """Begin an episode with each car; those that come later begin by chance."""
+        """Begin an episode with each car; `options` do not apply to later episodes."""
         n, task = self.num_envs, self.task
         if seed is not None or not self._generators:
             first = np_random(seed)[1] if seed is None else seed
@@ -196,7 +196,7 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         return self._observe()
 
     def step(self, actions: Any) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:  # noqa: ANN401
-        """Go one step with each car; those whose episode is over begin a new one instead."""
+        """Take a step with each car; a car whose episode has ended begins a new one instead."""
         if not self._generators:
             raise ResetNeeded('no episode has begun: call reset() before step()')
         motor, servo = self.task.command(actions, self.num_envs)
@@ -220,7 +220,7 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         return observation, {name: each.copy() for name, each in info.items()}
 
     def _begin(self, cars: Cars, options: Options = None) -> None:
-        """Begin an episode with each of these."""
+        """Begin an episode with each of these cars."""
         task, plants, count = self.task, self._plant, len(self.task.draws)
         shares = np.array([self._generators[car].random(count) for car in cars.tolist()]).T
         drawn = task.draw(shares, options)

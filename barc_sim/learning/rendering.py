@@ -1,4 +1,4 @@
-"""The picture of an environment: the view of a replay, of the car where it is now."""
+"""The picture of an environment: a replay's view of the present state."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 _DPI = 50  # 640 x 360
 _SHORTEST = 100.0  # [m] of a road that is drawn at once
-_NO_WINDOW = "no window opens, as there is no display: nothing is shown; 'rgb_array' needs none"
+_NO_WINDOW = "there is no display, so no window opens: render_mode 'rgb_array' needs none"
 
 
 class Picture:
-    """The car of one environment, with its way since the episode's first picture."""
+    """Draws the car of one environment, with its path since the episode's first picture."""
 
     def __init__(self, task: Task, *, in_window: bool) -> None:
-        """Open a window `in_window`; warn where there is no display."""
+        """Draw `in_window`, or into an array; warn if there is no display."""
         self._task, self._in_window, self._title = task, in_window, type(task).__name__
         self._window = style.window(self._title) if in_window else None
         if self._window:
@@ -40,7 +40,7 @@ class Picture:
         self.begin()
 
     def begin(self) -> None:
-        """Forget the way so far, of another episode."""
+        """Forget the path, which belongs to another episode."""
         self._rows: list[Any] = []
         self._times: list[float] = []
         self._stretch = nan
@@ -52,7 +52,7 @@ class Picture:
             style.close(window)
 
     def draw(self, plant: Plant, command: Command) -> Any:  # noqa: ANN401 (an array)
-        """Return the picture; None where a window shows it, or should."""
+        """Return the picture; None with a window."""
         if self._in_window and not self._window:
             return None
         self._rows.append((plant.observe(), command, (0.0,)))
@@ -76,7 +76,7 @@ class Picture:
         return None
 
     def _begin(self, log: Log, first: float, last: float) -> None:
-        """Draw what stands still: the track with its lap, or the road between two places [m]."""
+        """Draw the fixed parts: the track, or the road between two positions [m]."""
         task, figure = self._task, Figure(SIZE, _DPI)
         stretch, limits = (task.road, first, last), (0.0, 2.0 * task.speed)
         if task.track:

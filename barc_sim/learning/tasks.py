@@ -1,7 +1,7 @@
-"""What the environments ask for: observations, actions, rewards and ends, of one car or of many.
+"""The tasks of the environments: observations, actions, rewards and ends, of one car or many.
 
-The functions take numbers or arrays alike: each is written once for the single environment, the
-batch, and the policy that drives a run, which is here, too.
+The functions take numbers or arrays: each is written once for the single environment, the batch,
+and `Policy`, which drives a run.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ SEEN = 'error', 'e_y', 'e_psi', 'speed', 'motor', 'servo'
 
 
 class Task:
-    """The options that all environments have, and what each makes of them."""
+    """A task: its options, plant, observations, actions, rewards and ends."""
 
     measured: ClassVar[tuple[str, ...]] = ('e_y', 'e_psi', 'speed')  #: and observed, of `SEEN`
     #: What an action commands, each from -1 to 1: that share of the limit. It is observed, too.
@@ -73,8 +73,9 @@ class Task:
     ) -> None:
         """Take `OPTIONS` by the names that they have in `simulate` and `lap`.
 
-        `ranges` has the limits of what each episode draws anew, by the name of the option or of
-        the parameter of vehicle or tyres: `{'mass': (1500.0, 2500.0), 'delay': (0.0, 0.1)}`.
+        `ranges` has the limits of the values that each episode draws at random, by the name of the
+        option, or of the parameter of vehicle or tyres: `{'mass': (1500.0, 2500.0), 'delay': (0.0,
+        0.1)}`.
 
         UserError: an option is unknown, or out of its limits.
         """
@@ -127,7 +128,7 @@ class Task:
         self._own = itemgetter(*map(SEEN.index, observed))
 
     def plant(self, drawn: Mapping[str, float]) -> Plant:
-        """Return the plant of an episode with these numbers of `ranges`."""
+        """Return the plant of an episode with these values of `ranges`."""
         options = {**self._options}
         for name, kind in (('vehicle', Vehicle), ('lateral', LateralParameters)):
             if mine := {each: drawn[each] for each in drawn.keys() & {*kind._fields}}:
@@ -144,7 +145,7 @@ class Task:
         return generator.standard_normal((BLOCK, 6)) * self._noise._replace(v_x=noise)
 
     def draw(self, shares: Numbers, options: Mapping[str, float] | None) -> dict[str, Numbers]:
-        """Return the numbers of an episode: at these shares of `draws`, or as the `options` say.
+        """Return the random values of an episode, at these shares of `draws`, or from `options`.
 
         UserError: an option is unknown, or out of its limits.
         """
@@ -155,16 +156,16 @@ class Task:
         return drawn
 
     def state(self, drawn: Mapping[str, Numbers]) -> State:
-        """Return the state with which an episode begins."""
+        """Return the first state of an episode."""
         s, v = drawn['s'], drawn['v']
         if self.track:
             return State(*self.track.place(s, drawn['e_y'], drawn['e_psi']), v)
         return State(s, 0.0 * s, 0.0 * s, v)
 
     def command(self, action: Numbers, cars: int | None = None) -> tuple[Numbers, Numbers]:
-        """Return acceleration [m/s²], None for the PID's, and steering [rad] of an action.
+        """Return acceleration [m/s²] (None: the PID's) and steering angle [rad] of an action.
 
-        They are arrays of the actions of many `cars`. UserError: it is no action.
+        For the actions of many `cars` they are arrays. UserError: it is not an action.
         """
         names = self.actions
         shares: Numbers
@@ -242,10 +243,10 @@ def _checked(
 def _preview(
     starts: Sequence[float], at: Callable[[Floats], Floats], is_closed: bool = False
 ) -> Callable[[Numbers], Numbers]:
-    """Return a function of s [m]: what is at each of `AHEAD` from there; a row each, of an array.
+    """Return a function of s [m] with the values of `at` at each of `AHEAD` from there, as rows.
 
-    `at` changes at `starts` alone, [m], of which the last is the length where the way `is_closed`:
-    so does this function at the places that lie so far before them, and is a table.
+    `at` is constant between `starts` [m], whose last one is the length if the track `is_closed`. So
+    the function changes only where one of `AHEAD` reaches a start, and is a table.
     """
     length, places = starts[-1], np.subtract.outer(starts, AHEAD)
     edges = np.unique(places % length if is_closed else places)
@@ -287,7 +288,7 @@ class Hills(Task):
     default_speed = SPEED_REFERENCE
 
     def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
-        """Return the reward of a step of `way` [m] that ended there."""
+        """Return the reward of a step of `way` [m] that ended in this state."""
         return 1.0 - abs(self.speed - v) / self.speed
 
 
@@ -298,7 +299,7 @@ class Lane(Task):
         front steering angle: ±1 is ±0.5 rad, positive to the left
     Observation, shape (9,), measured
         0. e_y: distance to the left of the centre line [m], ±width
-        1. e_psi: heading less that of the centre line [rad], ±π
+        1. e_psi: heading minus the heading of the centre line [rad], ±π
         2. speed [m/s], ±50
         3. the latest steering command [rad], ±0.5
         4. to 8. curvature of the centre line [1/m] 0, 5, 10, 15 and 20 m ahead, ±2/width
@@ -314,7 +315,7 @@ class Lane(Task):
     start_speeds = (1.0, 1.0)
 
     def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
-        """Return the reward of a step of `way` [m] that ended there."""
+        """Return the reward of a step of `way` [m] that ended in this state."""
         return 1.0 - abs(e_y) / self.half_width
 
 
@@ -324,9 +325,9 @@ class Race(Task):
     Action, shape (2,)
         acceleration: ±1 is ±`acceleration_limit`, 8 m/s²; and steering, as in `Lane`
     Observation, shape (10,), measured
-        as in `Lane`, with the latest acceleration command [m/s²] before that of the steering
+        as in `Lane`, with the latest acceleration command [m/s²] before the steering command
     Reward
-        the way along the track since the state before [m]
+        the distance along the track since the state before [m]
     Start
         as in `Lane`, at up to twice `speed`
     End
@@ -340,10 +341,10 @@ TASKS: Mapping[str, type[Task]] = {each.__name__: each for each in (Hills, Lane,
 
 
 class Policy:
-    """A policy in the place of a run's own controllers: it drives as in its environment.
+    """A policy as a controller: it drives a run as in its environment.
 
-    One of `barc_sim/Lane-v0` or `barc_sim/Race-v0` is a lane controller, as of `lap`, and one of
-    `barc_sim/Hills-v0` a speed controller, as of `simulate`; `barc acc --policy FILE` takes each.
+    A policy of `barc_sim/Lane-v0` or `barc_sim/Race-v0` is a lane controller for `lap`, and one of
+    `barc_sim/Hills-v0` a speed controller for `simulate`; `barc acc --policy FILE` takes both.
     """
 
     gains: ClassVar[Mapping[str, Gain]] = {}
@@ -358,7 +359,7 @@ class Policy:
     ) -> None:
         """Take a function of the observation that returns the action, or the path of an ONNX file.
 
-        UserError: its action for an observation of zeros is none of the task.
+        UserError: its action for an observation of zeros is not an action of the task.
         """
         self.task = TASKS[task](**options)
         self._policy = policy if callable(policy) else onnx_policy(policy)
@@ -380,7 +381,7 @@ class Policy:
         return self._servo
 
     def see(self, x: float) -> None:
-        """Take the measured place on the road [m], before each call of `acc_calculate`."""
+        """Store the measured position on the road [m], before each call of `acc_calculate`."""
         self._x = x
 
     def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:  # noqa: ARG002

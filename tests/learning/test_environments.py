@@ -124,7 +124,7 @@ def test_a_window_shows_each_step_until_it_is_closed(shown: list[Figure]) -> Non
 def test_no_display_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(style, 'window', lambda *_: None)
     env = gymnasium.make(IDS['Hills'], render_mode='human')
-    with pytest.warns(UserWarning, match='no window opens, as there is no display'):
+    with pytest.warns(UserWarning, match='there is no display, so no window opens'):
         env.reset()
     env.step([0.0])
 
