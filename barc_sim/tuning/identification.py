@@ -1,13 +1,13 @@
 """Identification: a car's parameters from logs, by least squares on the plant's own prediction.
 
-The plant drives with the recorded commands over the recorded inclines, and what it predicts from
-the first state on is fitted to what was measured: the output-error method (Ljung, "System
-Identification", 2nd ed., section 4.2), which has no bias where the noise is that of measurement.
-The speed gives resistance and motor; where the car steered, yaw rate and lateral speed give
-servo, tyres and yaw inertia. Intervals are of 95 %, from the Jacobian at the minimum.
+The plant drives with the recorded commands over the recorded inclines, and its prediction from the
+first state on is fitted to the measurement: the output-error method (Ljung, "System
+Identification", 2nd ed., section 4.2), which has no bias if the noise is measurement noise. The
+speed gives resistance and motor; if the car steered, yaw rate and lateral speed give servo, tyres
+and yaw inertia. The 95 % confidence intervals come from the Jacobian at the minimum.
 
-The mass alone is in no log: the motor is commanded an acceleration, so that drag and friction
-count by mass, and stiffnesses and inertia are those that go with the mass of `vehicle`.
+The mass cannot be identified: the motor command is an acceleration. So drag and friction are per
+unit mass, and stiffnesses and inertia are for the mass of `vehicle`.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 _STEERED = 0.01  #: [rad] rms of the commands of a car that steered
 _AT_REST = 0.25  #: [m/s]
 _WARM_UP = 1.0  #: [s] of a car in motion, whose earlier commands are unknown
-_SHORTEST = 2.0  #: [s] of a stretch without a gap
+_SHORTEST = 2.0  #: [s] of a part of a log without a gap
 _JUMP = 5.0  #: [m] from one state to the next: more is a return to the start
-_STEPS = 30  #: of a search: what the logs show is found in fewer
-_WORST = 1e6  #: error of a car that no step can follow
-_NO_NOISE = 1e-6  #: errors below are those of rounding
+_STEPS = 30  #: of a search, which usually converges in fewer
+_WORST = 1e6  #: error of a car for which the integrator is unstable
+_NO_NOISE = 1e-6  #: smaller errors come from rounding
 _LAGS = 20  #: of the autocorrelation
 _FASTER = 0.01  #: [m/s] of the differences by which the first speed is found
 _CHANGE = 10  #: steps over which errors change
@@ -76,15 +76,15 @@ _TYRES = LateralParameters._fields
 
 
 class Estimate(NamedTuple):
-    """A parameter that was found: the true one is within `value` ± `interval` in 95 of 100."""
+    """An estimated parameter: `value` ± `interval` is its 95 % confidence interval."""
 
     value: float
-    interval: float  #: half of the interval's width; infinite where the log says nothing
+    interval: float  #: half of the interval's width; infinite if the logs do not show it
     unit: str
     meaning: str
 
     def __str__(self) -> str:
-        """Return value and interval with its two leading digits; a dash for what is not known."""
+        """Return value and interval, to its two leading digits; a dash if it is not known."""
         if self.interval == inf:
             return '-'
         if self.interval <= max(1e-6 * abs(self.value), 1e-9):
@@ -96,14 +96,14 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True)
 class Identified:
-    """What `identify` found: the parameters by name, as in ``found['motor_delay'].value``."""
+    """The result of `identify`: the parameters by name, as in ``found['motor_delay'].value``."""
 
     estimates: Mapping[str, Estimate]
     #: By signal: times [s], measured and predicted values, one stretch after the other.
     signals: Mapping[str, tuple[Floats, Floats, Floats]]
-    #: By signal, how likely residuals of white noise are as correlated as these; NaN: no noise.
+    #: By signal, the p-value of a test of the residuals for white noise; NaN: no noise.
     whiteness: Mapping[str, float]
-    remarks: tuple[str, ...]  #: what the logs do not show
+    remarks: tuple[str, ...]  #: sentences on what cannot be identified
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the estimate of this name."""
@@ -131,24 +131,24 @@ class _Stretch(NamedTuple):
 
 
 def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'euler') -> Identified:
-    """Return the parameters of the car that made the logs, each with its interval of 95 %.
+    """Return the parameters of the car that made the logs, with 95 % confidence intervals.
 
     The servo is among them where the car steered, tyres and yaw inertia where it slipped.
 
     Parameters
     ----------
     logs
-        Of one car: of `simulate`, `lap` or `read_bag`. Their inclines count, the errors of
-        measurement do not.
+        Logs of one car, from `simulate`, `lap` or `read_bag`. Their measured values and inclines
+        are used; the measurement errors are not.
     vehicle
-        Its mass and lengths; the lab's where it is not given.
+        Its mass and lengths; by default the lab's.
     integrator
         'euler', the default of the simulator, or 'rk4' for a real car.
 
     Raises
     ------
     UserError
-        where no log has two seconds of states with commands, or SciPy is not installed.
+        if no log has two seconds of states with commands, or SciPy is not installed.
 
     Examples
     --------
@@ -221,7 +221,7 @@ class _Fit(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """Fits what the plant predicts to the first signals of the stretches."""
+    """Fits the plant's prediction to the first signals of the stretches."""
 
     stretches: Sequence[_Stretch]
     vehicle: Vehicle
@@ -232,7 +232,7 @@ class _Search(NamedTuple):
         """Return values with the best of a few delays."""
 
         def change(values: Mapping[str, float]) -> float:
-            """Return how much the errors change: unknown resistance has little part in it."""
+            """Return how much the errors change: unknown resistance has little effect on this."""
             errors = self._errors(values)
             return float(np.sum((errors[:, _CHANGE:] - errors[:, :-_CHANGE]) ** 2))
 
@@ -260,7 +260,7 @@ class _Search(NamedTuple):
     def _errors(self, values: Mapping[str, float]) -> Floats:
         """Return predicted minus measured, divided by `sizes`: a row for each signal.
 
-        The errors are linear in the first speed of a stretch: it is the one with the smallest.
+        They are linear in the first speed of a stretch, which is chosen to minimise them.
         """
         every = []
         for each in self.stretches:
@@ -278,8 +278,8 @@ class _Search(NamedTuple):
     def _predict(self, stretch: _Stretch, values: Mapping[str, float], v: float) -> Floats:
         """Return speed, yaw rate and lateral speed of a car that begins with `v` [m/s].
 
-        They are infinite where the integrator cannot follow it. The recorded incline of each state
-        is a force on the car.
+        They are infinite if the integrator is unstable. The recorded incline of each state is a
+        force on the car.
         """
         predicted = np.full_like(stretch.measured, inf)
         ts, mass, weight = stretch.ts, self.vehicle.mass, self.vehicle.mass * self.vehicle.gravity
@@ -319,7 +319,7 @@ def _size(errors: Floats) -> Floats:
 
 
 def _stretches(log: Log) -> Iterator[_Stretch]:
-    """Yield the parts of a log with neither gap nor reset that are commanded and long enough."""
+    """Yield the parts of a log that have commands and no gap or reset, and are long enough."""
     known = np.flatnonzero(np.isfinite(log.v_x))
     if len(known) < 2 or not np.isfinite(log.motor).any():  # noqa: PLR2004
         return
@@ -343,14 +343,14 @@ def _stretches(log: Log) -> Iterator[_Stretch]:
 
 
 def _held(values: Floats) -> Floats:
-    """Return commands where each that is missing is the one before it, and zero at first."""
+    """Return the commands, with the one before in place of each missing one, zero at first."""
     at = np.where(np.isfinite(values), np.arange(len(values)), -1)
     held: Floats = np.append(values, 0.0)[np.maximum.accumulate(at)]
     return held
 
 
 def covariance(slopes: Floats) -> Floats:
-    """Return (JᵀJ)⁻¹; infinite on the diagonal for what has no influence of its own."""
+    """Return (JᵀJ)⁻¹; infinite on the diagonal for parameters without an effect of their own."""
     scale = np.linalg.norm(slopes, axis=0)
     scale[scale == 0.0] = 1.0
     inverse = np.linalg.pinv(slopes / scale, 1e-9)
@@ -375,12 +375,12 @@ def _remarks(estimates: Mapping[str, Estimate], whiteness: Mapping[str, float]) 
     """Yield a sentence for each parameter, and each signal, that the logs do not show well."""
     for name, (value, interval, unit, _) in estimates.items():
         if interval == inf:
-            yield f'{name} cannot be identified: nothing that was measured depends on it alone'
+            yield f'{name} cannot be identified: no measured signal depends on it alone'
         elif not name.endswith('_delay') and interval >= 0.5 * abs(value):
             yield f'{name} cannot be identified: it is known to ±{interval:.2g} {unit} only'
     for signal, p in whiteness.items():
         if p < 0.01:  # noqa: PLR2004
             yield (
-                f'the residuals of {signal} are no white noise (p = {p:.2g}): the car does more '
+                f'the residuals of {signal} are not white noise (p = {p:.2g}): the car does more '
                 'than the model, and the intervals are too narrow'
             )

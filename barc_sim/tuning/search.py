@@ -3,8 +3,8 @@
 The search is differential evolution, all of a generation at once: Storn and Price, "Differential
 evolution: a simple and efficient heuristic for global optimization over continuous spaces", Journal
 of Global Optimization 11 (1997), in its variant best/1/bin with dithered weights. It needs no
-derivative, which a cost with limits and a road does not have, and it is not caught by local minima
-and unstable gains.
+derivative, which a cost with limits and a road does not have, and it does not stop at local minima
+or unstable gains.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-#: Gains have so many significant digits: what is printed is what was driven.
+#: Significant digits of the gains: the printed gains are those that were driven.
 DIGITS = 4
-_WEIGHTS = (0.5, 1.0)  # of a difference, drawn anew in each generation
-_CROSSOVER = 0.7  # how probable it is that a gain changes
-#: It has converged where the costs in the population are as close together as this.
+_WEIGHTS = (0.5, 1.0)  # range of a difference's weight, drawn in each generation
+_CROSSOVER = 0.7  # probability that a gain changes
+#: The search has converged when the costs in the population are this close together.
 _TOLERANCE = 1e-4
-#: A loop fails to arrive where it takes longer than this many times the expected duration.
+#: A loop fails to arrive if it takes longer than this many times the expected duration.
 _MAX_DURATION_FACTOR = 3.0
 #: The names of the scores in a `Sweep`, and their labels.
 SCORES = {
@@ -54,10 +54,10 @@ SCORES = {
 
 
 class Found(NamedTuple):
-    """Where a search ended."""
+    """The result of a search."""
 
     gains: Floats  #: shape `(3,)`: kp, ki, kd
-    cost: float  #: infinite where no gains in the ranges arrive
+    cost: float  #: infinite if no gains in the ranges arrive
     evaluations: int
 
 
@@ -100,7 +100,7 @@ def rounded(gains: Floats) -> Floats:
 
 
 def _spread(random: np.random.Generator, number: int, low: Floats, high: Floats) -> Floats:
-    """Return a Latin hypercube: one in each of `number` equal parts of every range."""
+    """Return a Latin hypercube: one point in each of `number` equal parts of every range."""
     parts = np.column_stack([random.permutation(number) for _ in low])
     return low + (parts + random.random(parts.shape)) / number * (high - low)
 
@@ -151,9 +151,9 @@ def sweep(
     Parameters
     ----------
     kp, ki, kd
-        Numbers or arrays of gains, broadcast against one another; those of `acc` where not given.
+        Numbers or arrays of gains, broadcast against one another; by default those of `acc`.
     controller
-        An object as in `simulate`, in the place of the PID. Its gains, by name, are options.
+        An object as in `simulate`, in place of the PID. Its gains, by name, are options.
     options
         All other arguments of `simulate`. A loop ends after `max_duration`, by default three times
         as long as it should take.
@@ -167,7 +167,7 @@ def sweep(
     Raises
     ------
     UserError
-        where an argument is out of its limits, as in `simulate`.
+        if an argument is out of its limits, as in `simulate`.
 
     Examples
     --------
