@@ -1,7 +1,7 @@
 """The closed loop of vehicle and controller without ROS: the nodes' trajectory bit for bit.
 
-`simulate` takes what a user has in mind, `closed_loop` a plant and a controller. `Progress` ends
-the run of a car that never arrives.
+`simulate` takes a user's options, `closed_loop` a plant and a controller. `Progress` ends the run
+of a car that never arrives.
 """
 
 from __future__ import annotations
@@ -66,19 +66,19 @@ LIMITS = {
     'noise': ROWS['noise_v_x'],
     'delay': ROWS['motor_delay'],
     'ts': Parameter('ts', 0.02, 'step [s]', (0.001, 1.0)),
-    'e_y': Parameter('e_y', 0.0, 'where the car starts, to the left [m]', (-1e3, 1e3)),
+    'e_y': Parameter('e_y', 0.0, 'start of the car, to the left [m]', (-1e3, 1e3)),
 }
 
 
 def check_arguments(**arguments: object) -> None:
-    """Raise UserError where an argument of `simulate` is not in its limits."""
+    """Raise UserError if an argument of `simulate` is beyond its limits."""
     for name, value in arguments.items():
         if not isinstance(value, NoiseLevels):  # which has checked itself
             LIMITS[name].check(value, name)
 
 
 def check_ahead(speed_reference: float, distance: float) -> None:
-    """Raise UserError where a car at `speed_reference` [m/s] never arrives at `distance` [m]."""
+    """Raise UserError if a car at `speed_reference` [m/s] can never arrive at `distance` [m]."""
     if speed_reference < 0.0 < distance:
         raise UserError(
             f'speed_reference {speed_reference:g} leads away from the distance, {distance:g} m '
@@ -118,50 +118,51 @@ def simulate(
     Parameters
     ----------
     kp, ki, kd
-        Gains of the PID; those of `acc` where they are not given.
+        Gains of the PID; by default those of `acc`.
     road
         A road, 'lab', 'flat', or the path of a CSV file with the columns `start_m,grade_deg`;
         unless given the lab's, and on a track a flat one.
     vehicle
-        Its parameters; the lab's where they are not given.
+        Its parameters; by default the lab's.
     noise
         Standard deviation of the measured speed [m/s], or of every signal.
     delay
         [s] from a command to its effect.
     disturbance
         [N] force on the car, positive forwards: a number, a function of the time since the start
-        [s] and the place along the road [m], or the path of a CSV file with the columns
+        [s] and the position along the road [m], or the path of a CSV file with the columns
         `time_s,force_n` or `distance_m,force_n`.
     controller
         An object with the lab's `acc_calculate(speed_reference, speed_current)`, to which dt [s]
-        is a third argument if it takes one. A copy of it drives in the place of the PID.
+        is a third argument if it takes one. A copy of it drives in place of the PID.
     model
         A function with the arguments and the result of `bikeFE`; `l_f`, `l_r` and `g` are passed
         if it has parameters of these names.
     reference
-        In the place of `speed_reference` a function of time and measured place, as above, or the
+        In place of `speed_reference`: a function of time and measured position, as above, or the
         path of a CSV file with the columns `time_s,speed_mps` or `distance_m,speed_mps`.
     speed_reference, distance, max_duration
         [m/s], [m], [s]: the run ends at `distance` (0: it does not), or after `max_duration` of
         simulated time.
     seed
-        Of the noise.
+        Seed of the noise.
     acceleration_limit
-        [m/s²] limit of the command either way.
+        [m/s²] maximum commanded acceleration and deceleration.
     integrator, ts
         'euler' or 'rk4', in steps of `ts` [s], in whole nanoseconds.
     dynamics, lateral
-        'kinematic', or 'dynamic': the bicycle with tyres of this `lateral`.
+        'kinematic', or 'dynamic': the bicycle model; the tyres of the dynamic one are `lateral`.
     track, lane
-        The arguments of `lap`; the run is on the road's axis unless there is a track.
-    servo, e_y
-        The steering: on a track with a lag of 0.1 s and 1 rad/s at most, unless given. Where the
-        car starts there [m], to the left of the centre line.
+        The arguments of `lap`. Without a track the car drives along the road's axis.
+    servo
+        The actuator of the steering; by default on a track a lag of 0.1 s and at most 1 rad/s.
+    e_y
+        [m] start of the car on a track, to the left of the centre line.
 
     Raises
     ------
     UserError
-        where the road cannot be read, an argument is out of its limits, or they contradict one
+        if the road cannot be read, an argument is out of its limits, or arguments contradict one
         another.
 
     Examples
@@ -175,8 +176,8 @@ def simulate(
     gains = {name: gain for name, gain in named.items() if gain is not None}
     if controller is not None and gains:
         raise UserError(
-            f'{", ".join(gains)} are gains of the PID, and controller={controller!r} is in its '
-            'place: give one or the other'
+            f'{", ".join(gains)} are gains of the PID, which controller={controller!r} replaces: '
+            'give one or the other'
         )
     plant = plant_of(**arguments)
     if isinstance(lane, type) or (lane and not callable(getattr(lane, 'steer_calculate', None))):
@@ -248,28 +249,28 @@ def lap(
     laps: int = 3,
     **options: Any,  # noqa: ANN401 (of `simulate`)
 ) -> TrackLog:
-    """Return the log of laps from a standstill; it ends early where the car leaves the track.
+    """Return the log of laps from a standstill; it ends early if the car leaves the track.
 
     Parameters
     ----------
     lane
-        What steers, an object with `steer_calculate(e_y, e_psi, speed, curvature)`: `LaneLQR()`,
-        `Stanley()`, `PurePursuit()`, or one of your own. `curvature(d)` is that of the centre line
-        `d` metres ahead [1/m]. A copy of it drives.
+        The steering law, an object with `steer_calculate(e_y, e_psi, speed, curvature)`:
+        `LaneLQR()`, `Stanley()`, `PurePursuit()`, or your own. `curvature(d)` returns the curvature
+        of the centre line `d` metres ahead [1/m]. A copy of it drives.
     track
         A `Track`, the name of one, or the path of a CSV file with the columns `length_m,radius_m`.
     speed
-        [m/s] to hold, or a function of time and of the place along the track, such as
+        [m/s] to hold, or a function of time and of the position along the track, such as
         `speed_profile` returns.
     laps
-        How many follow one another.
+        Number of laps, one after another.
     options
-        All other arguments of `simulate`. A `delay` is that of the steering, too.
+        All other arguments of `simulate`. A `delay` delays the steering, too.
 
     Raises
     ------
     UserError
-        where an argument is out of its limits, as in `simulate`.
+        if an argument is out of its limits, as in `simulate`.
 
     Examples
     --------
@@ -303,11 +304,11 @@ def closed_loop(
 ) -> Log:
     """Drive until `distance` [m] is reached, or for `max_duration` [s] of simulated time.
 
-    `reference`, where given, is the speed to hold over time and measured place. With `progress` the
-    drive of a car that never arrives ends, too, as a run does. On a track `lane` steers, and the
-    drive of a car beyond the track's edge ends.
-    `plant` and `controller`, those of a run unless given, are not for another run. The last row is
-    the first state at or beyond `distance`, with the command that answers it.
+    `reference`, if given, is the speed to hold over time and measured position. With `progress` the
+    drive of a car that never arrives ends early, as a run does. On a track `lane` steers, and the
+    drive ends if the car leaves the track.
+    `plant` and `controller`, by default those of a run, must not be used again. The last row is the
+    first state at or beyond `distance`, with the command that answers it.
     """
     plant = plant or Plant()
     controller = speed_controller() if controller is None else as_controller(controller)
@@ -413,7 +414,7 @@ class Progress:
     Attributes
     ----------
     failure
-        What the car does, in a sentence, where the run is to end; empty otherwise.
+        A sentence on what the car does, if the run must end; otherwise empty.
     """
 
     def __init__(self, distance: float) -> None:
@@ -453,7 +454,7 @@ class Progress:
         return True
 
     def _does(self, x: float, v: float) -> str:
-        """Return what the car does at `x` [m] and `v` [m/s], with the cause where it is seen."""
+        """Return what the car does at `x` [m] and `v` [m/s], with a probable cause."""
         if x < -_BACKWARDS and self._best < _BACKWARDS:
             return f'drives backwards, to {x:.4g} m: the error is speed_reference - speed_current'
         if abs(v) <= _STANDS:

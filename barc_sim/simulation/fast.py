@@ -1,9 +1,9 @@
 """The closed loop for speed: one loop in plain floats, and many cars in NumPy arrays.
 
-`_drive` has `PID` and `next_speed` written out, as a call costs as much as a law; `pid_log` makes a
-log of it. `PIDs` and `Plants` are many cars at once, by the laws of `vehicle/bicycles.py`. Tests
-compare logs to the last bit, and `Plants` to rounding, as NumPy's functions differ from Python's in
-the last bit.
+`_drive` has `PID` and `next_speed` inline, because a call costs as much as the law; `pid_log` makes
+a log of it. `PIDs` and `Plants` are many cars at once, with the laws of `vehicle/bicycles.py`.
+Tests compare logs to the last bit, and `Plants` to rounding, because NumPy's functions differ from
+Python's in the last bit.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ if TYPE_CHECKING:
 
 
 _BLOCK = 512  #: measurements whose noise is drawn at once
-_NONE = 1e-30  #: share of a step, or [s], that changes nothing: in the place of none
+_NONE = 1e-30  #: share of a step, or [s], that changes nothing: in place of 0
 _NO_LAG = 1e-15  #: [s] far longer than that, and far shorter than a step
 
 
 def _stretch(road: Road, vehicle: Vehicle, x: float) -> tuple[float, float, float]:
-    """Return begin and end [m] of the stretch at `x` metres, and the gravity force [N] on it."""
+    """Return start and end [m] of the stretch at `x` metres, and the gravity force [N] on it."""
     i, starts = road.stretch(x), road.starts
     begin, end = (starts[i] if i else -inf), (starts[i + 1] if i + 1 < len(starts) else inf)
     return begin, end, -vehicle.mass * vehicle.gravity * road.at(x).sin_theta
@@ -72,9 +72,9 @@ def _drive(
     kp, ki, kd, low, high = pid.kp, pid.ki, pid.kd, pid.output_min, pid.output_max
     vehicle, ts, dt, mass = plant.vehicle, plant.ts, plant.period_ns / 1e9, plant.vehicle.mass
     x, v = plant.state.x, plant.state.v
-    # Commands [m/s²] on their way, the next first: one more than the steps of delay. The loop
-    # appends its own. Without any, a command acts at once. For the share `early` of a step the
-    # older of two commands still acts.
+    # Waiting commands [m/s²], the next first: one more than the steps of delay. The loop appends
+    # its own. Without any, a command acts at once. For the share `early` of a step the older of two
+    # commands still acts.
     motor = plant.actuators.motor
     waiting, early = [] if motor.is_ideal else motor.waiting, motor.early
     acting = iter(waiting)
@@ -131,8 +131,8 @@ def _pid(
 ) -> tuple[Floats, ...]:
     """Return the proportional term, the integral's increment, the derivative, output and command.
 
-    The arrays are of `PID.acc_calculate`'s numbers; where the `previous` speed is NaN, it is the
-    first call.
+    They are arrays of the numbers of `PID.acc_calculate`; a `previous` speed of NaN means the first
+    call.
     """
     error, first = reference - measured, np.isnan(previous)
     proportional = pid.kp * error
@@ -146,9 +146,9 @@ def _pid(
 def pid_log(
     plant: Plant, pid: PID, speed_reference: float, distance: float, steps: int
 ) -> Log | None:
-    """Return the log of `closed_loop` for a plant that `has_fast_path`; both stay as they are.
+    """Return the log of `closed_loop` for a plant that `has_fast_path`, without changing either.
 
-    None: the controller is not at its beginning, or a number is not finite.
+    None: the controller is not in its initial state, or a number is not finite.
     """
     if pid.previous is not None or pid.integral:
         return None
@@ -198,12 +198,12 @@ def _speed_errors(sensor: Sensor, blocks: list[Floats]) -> Iterator[list[float]]
         yield blocks[-1][3].tolist()
 
 
-#: What `bicycles` takes of `math`, for arrays.
+#: The functions of `math` that `bicycles` uses, for arrays.
 _FUNCTIONS = SimpleNamespace(sin=np.sin, cos=np.cos, hypot=np.hypot, atan2=np.arctan2)
 
 
 class PIDs:
-    """`PID` for many cars, by the law of one."""
+    """`PID` for many cars, with the same law."""
 
     def __init__(self, n: int, like: PID) -> None:
         """Start at rest."""
@@ -211,7 +211,7 @@ class PIDs:
         self._integral, self._previous = np.zeros(n), np.full(n, nan)
 
     def reset(self, cars: Cars) -> None:
-        """Forget the past of these cars: the next call is their first."""
+        """Reset these cars: the next call is their first."""
         self._integral[cars], self._previous[cars] = 0.0, nan
 
     def acc_calculate(self, reference: float, measured: Floats, dt: float) -> Floats:
@@ -228,7 +228,7 @@ class Actuators:
     """`ActuatorState` for many cars, whose delays may differ."""
 
     def __init__(self, n: int, actuator: Actuator, ts: float, max_delay: float) -> None:
-        """Begin at zero; no delay of `delay` will be above `max_delay` [s]."""
+        """Begin at zero; `max_delay` [s] is the maximum delay that `delay` can set."""
         self._lag, self._rate, self._limit = max(actuator.lag, _NO_LAG), *actuator[2:]
         self._ts, self._cars, self._step = ts, np.arange(n), 0
         self.value = np.zeros(n)
@@ -237,17 +237,17 @@ class Actuators:
         self.delay(self._cars, np.full(n, actuator.delay))
 
     def delay(self, cars: Cars, delays: Floats) -> None:
-        """Delay these cars' commands by so many seconds from now on."""
+        """Delay these cars' commands by `delays` [s] from now on."""
         steps = np.array([in_steps(delay, self._ts) for delay in delays.tolist()]).reshape(-1, 2)
         self._whole[cars], self._early[cars] = steps.T
         self._delays, self._splits = bool(self._whole.any()), bool(self._early.any())
 
     def stop(self, cars: Cars) -> None:
-        """Set these to zero, and drop their waiting commands."""
+        """Set these cars' actuators to zero, and drop their waiting commands."""
         self.value[cars] = self._queue[:, cars] = 0.0
 
     def advance(self, command: Floats) -> Arrays:
-        """Go one step after `command`; return the means over it."""
+        """Take a step with `command`; return the mean values over it."""
         if self._limit < inf:
             command = np.clip(command, -self._limit, self._limit)
         if not (self._delays or self._splits):
@@ -266,7 +266,7 @@ class Actuators:
         return ago
 
     def _respond(self, target: Floats, t: Floats | float) -> Floats:
-        """Follow `target` for `t` seconds; return the means meanwhile: `Actuator.respond`."""
+        """Follow `target` for `t` seconds; return the mean values, as `Actuator.respond` does."""
         lag, rate, value = self._lag, self._rate, self.value
         if lag == _NO_LAG and rate == inf:
             self.value = target.copy()
@@ -284,13 +284,13 @@ class Actuators:
 
 
 class Plants:
-    """Many plants, each as `Plant` steps it by forward Euler: its names, with arrays for numbers.
+    """Many plants as arrays, stepped by forward Euler; it has the names of `Plant`.
 
     The laws are those of `bicycles`.
     """
 
     def __init__(self, n: int, like: Plant, max_delay: float) -> None:
-        """Make `n` plants like one, whose actuators never delay by more; `place` starts them."""
+        """Make `n` plants like one; delays stay up to `max_delay` [s]; `place` starts them."""
         self.ts, self.track, self.road, self.vehicle = like.ts, like.track, like.road, like.vehicle
         self._lateral: LateralParameters | None = getattr(like.bicycle, 'lateral', None)
         self.motor, self.servo = (
@@ -316,7 +316,7 @@ class Plants:
                     setattr(self, record, held._replace(**{name: column}))
 
     def place(self, cars: Cars, state: Arrays, on_track: Mapping[str, Floats]) -> None:
-        """Begin a run with each of these, which on a track is at this s, e_y and e_psi."""
+        """Start a run of each of these cars, on a track at this s, e_y and e_psi."""
         for column, values in zip(self.state, state, strict=True):
             column[cars] = values
         if self._lateral:
@@ -332,7 +332,7 @@ class Plants:
             self.lap_times[cars] = [()] * len(cars)
 
     def advance(self, command: Arrays) -> None:
-        """Go one step with these commands."""
+        """Take a step with these commands."""
         held = Command(self.motor.advance(command.motor), self.servo.advance(command.servo))
         if self._lateral:
             self._advance_dynamic(held, self._lateral)
@@ -376,7 +376,7 @@ class Plants:
         return State(x, y, psi, self._with_static_resistance(v, after))
 
     def _advance_dynamic(self, held: Arrays, lateral: LateralParameters) -> None:
-        """Go one step of the dynamic bicycle, which is the kinematic one where it is slow."""
+        """Take a step of the dynamic bicycle, which is the kinematic one at low speed."""
         begin: Arrays = (*self.state[:3], *self._slip)
         slopes = rates(held, self._grade, self.vehicle, lateral, 1.0, _FUNCTIONS)
         after: Arrays = euler(slopes, begin, self.ts)
@@ -404,7 +404,7 @@ class Plants:
         return np.clip(0.0, np.minimum(after, free), np.maximum(after, free))  # nearest to zero
 
     def _locate(self, track: Track) -> None:
-        """Find all on the track, and time those that finish a lap."""
+        """Project all cars onto the track, and time those that finish a lap."""
         before, (x, y, psi, _) = self.frenet.s, self.state
         self.frenet = track.frenet(x, y, psi, before)
         s, t = self.frenet.s, self.steps * self.ts

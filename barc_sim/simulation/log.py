@@ -1,4 +1,4 @@
-"""The one record of a run: its columns with unit, topic and field, and `Log`, which holds them."""
+"""The log of a run: its columns with unit, topic and field."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ MESSAGE_TYPES = {
 
 
 class Column(NamedTuple):
-    """What one array of a log is."""
+    """The declaration of a column: its unit and meaning, and where the bag has it."""
 
     unit: str
     meaning: str
@@ -68,8 +68,8 @@ _PREFIXES = {STATE_ERROR: 'e_', LANE_STATE: 'steer_'}
 class Log:
     """One row per state `k` of a run; every array has shape `(n,)`, SI units, radians.
 
-    A quantity that the run did not have (no controller in teleoperation, no command that answered
-    state `k`) is NaN. The bag reader, the live page and `to_frame` derive from these declarations.
+    A value that the run did not have is NaN, such as a term without a controller, or a command that
+    did not arrive. The bag reader, the live page and `to_frame` derive from these declarations.
 
     Examples
     --------
@@ -100,7 +100,7 @@ class Log:
     motor: Annotated[Floats, Column('m/s²', 'acceleration command', COMMAND)]
     servo: Annotated[Floats, Column('rad', 'steering angle command', COMMAND)]
     missed: Annotated[Flags, Column('', 'whether the command was late at its deadline')]
-    # What road and air do.
+    # The surroundings.
     theta_deg: Annotated[Floats, Column('deg', 'incline of the road', ENVIRONMENT, 'theta')]
     elevation: Annotated[Floats, Column('m', 'height of the road', ENVIRONMENT)]
     friction: Annotated[Floats, Column('N', 'friction', ENVIRONMENT)]
@@ -139,7 +139,7 @@ class Log:
 
     @property
     def terms(self) -> dict[str, Floats]:
-        """Terms of the controller [m/s²] by name; a PID's, unknown, where there was none."""
+        """Terms of the controller [m/s²] by name; without a controller, a PID's, unknown."""
         pid = {name: getattr(self, name) for name in PID.terms}
         recorded = {name: values for name, values in pid.items() if not np.isnan(values).all()}
         own = {name: each for name, each in self.own_terms.items() if not name.startswith(LANE)}
@@ -181,7 +181,7 @@ class Log:
         Raises
         ------
         UserError
-            where pandas is not installed.
+            if pandas is not installed.
         """
         frame: pd.DataFrame = extra('pandas', 'to_frame', 'pandas').DataFrame(self.columns())
         units = {name: column.unit for name, column in self.declared.items()}
@@ -215,7 +215,7 @@ class Log:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TrackLog(Log):
-    """A run on a track; the place on it is the true one.
+    """The log of a run on a track; its position on the track is the true one.
 
     Examples
     --------
@@ -227,7 +227,7 @@ class TrackLog(Log):
 
     s: Annotated[Floats, Column('m', 'distance along the track, over all laps', TRACK_STATE)]
     e_y: Annotated[Floats, Column('m', 'distance to the left of the centre line', TRACK_STATE)]
-    e_psi: Annotated[Floats, Column('rad', 'heading less that of the centre line', TRACK_STATE)]
+    e_psi: Annotated[Floats, Column('rad', 'heading minus heading of the centre line', TRACK_STATE)]
     curvature: Annotated[Floats, Column('1/m', 'curvature of the centre line', TRACK_STATE)]
     width: Annotated[Floats, Column('m', 'width of the track there', TRACK_STATE)]
     lap: Annotated[Floats, Column('', 'number of the lap, from 0', TRACK_STATE)]
@@ -259,7 +259,7 @@ class TrackLog(Log):
 
     @property
     def best(self) -> float:
-        """The fastest lap [s] but the first, unless that is the only one; inf where none is."""
+        """The fastest lap [s] except the first, unless that is the only one; inf without a lap."""
         times = self.lap_times
         return float(np.min(times[1:] if len(times) > 1 else times, initial=np.inf))
 
@@ -327,7 +327,7 @@ def log_of_columns(kind: type[Log], columns: Mapping[str, Floats]) -> Log:
 
 
 def recordable(terms: Iterable[str]) -> tuple[str, ...]:
-    """Return the terms that can be stored: a PID's, and those whose name no column has."""
+    """Return the terms that can be stored: a PID's, and those without a column of their name."""
     return tuple(name for name in terms if name in PID.terms or name not in COLUMNS)
 
 

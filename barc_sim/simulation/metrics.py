@@ -1,4 +1,4 @@
-"""How well a run and its laps held the speed, or kept the lane of a track."""
+"""Metrics of a run and its laps: of the speed error, or of the lane on a track."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RUN_UP = 10.0
 #: "Feedback Systems", 6.3).
 SETTLING_BAND = 0.02
 _MAX_STATES = 500_000  #: of the present lap that count; then the older half is dropped
-_JUMP = 0.5  #: [m] beyond what its speed allows: the car was put somewhere else
+_JUMP = 0.5  #: [m] farther than its speed allows: the car was put somewhere else
 _WHOLE = 0.9  #: share of the longest lap from which a lap can be the best
 _MAX_LAPS = 10_000  #: that are kept: those of three days
 _MAX_ROWS = 8  #: of a table of laps
@@ -52,7 +52,7 @@ class SegmentErrors:
 
 @dataclass(frozen=True)
 class Summary:
-    """The true speed against the reference; NaN where no state counts.
+    """How well a run held the speed, from true speed and reference; NaN if no state counts.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Summary:
     max_error: float  #: [m/s] maximum absolute error
     rms_error_after_run_up: float  #: [m/s] beyond `RUN_UP`
     max_error_after_run_up: float  #: [m/s]
-    overshoot: float  #: share of the reference by which the first segment's speed passes it
+    overshoot: float  #: of the first segment's speed, as a share of the reference
     settling_time: float  #: [s] until the speed stays within `SETTLING_BAND` on the first segment
     missed_deadlines: int
     stretches: tuple[SegmentErrors, ...]
@@ -121,7 +121,7 @@ def _summary(
 
 
 def _figures(errors: Floats) -> tuple[float, float]:
-    """Return RMS and maximum [m/s] of those that are known."""
+    """Return RMS and maximum [m/s] of the known errors."""
     known = errors[~np.isnan(errors)]
     if not len(known):
         return nan, nan
@@ -131,8 +131,8 @@ def _figures(errors: Floats) -> tuple[float, float]:
 def _step_response(t: Floats, speed: Floats, reference: Floats) -> tuple[float, float]:
     """Return overshoot and settling time of the step from standstill to the first reference.
 
-    They are read up to the first change of the reference; the settling time is NaN where the speed
-    is outside the band at the end.
+    Only states before the first change of the reference count; the settling time is NaN if the
+    speed is outside the band at the end.
     """
     held = float(reference[0])
     changed = [*np.flatnonzero(reference != held)[:1], len(t)]
@@ -164,16 +164,16 @@ class Lap(NamedTuple):
 class Laps:
     """Takes a run's states one by one, and begins a lap wherever the car jumps.
 
-    A reset, a road that begins anew and a car that is put somewhere else are jumps: the position
-    changes by more than the speed allows, or time begins anew. Every lap is kept: one that a reset
-    has cut short, too.
+    A reset, the next lap of a road and a car that is put somewhere else are jumps: the position
+    changes by more than the speed allows, or the time restarts. Every lap is kept, even one that a
+    reset has cut short.
     """
 
     def __init__(self, max_interval: float = inf) -> None:
         """Start without states.
 
-        `max_interval` [s] is the time between two states in which the car can have moved: where no
-        state is left out, a longer one is a reset after a pause.
+        `max_interval` [s] is the maximum time between two states of a lap: if no state is left out,
+        a longer one is a reset after a pause.
         """
         self._max_interval = max_interval
         self.finished: list[Lap] = []  #: the laps before the present one
@@ -210,14 +210,14 @@ class Laps:
 
     @property
     def current(self) -> Lap:
-        """The present lap; any thread may ask for it."""
+        """The present lap; may be read from any thread."""
         start, end = self._start, self._before
         columns = np.frombuffer(self._states.tobytes()).reshape(-1, 5).T
         return Lap(self._number, start[0], end[0], start[1], end[1], _summary(*columns))
 
     @property
     def best(self) -> Lap | None:
-        """The finished lap with the minimum RMS error among those that went far enough."""
+        """The finished lap with the minimum RMS error among those that are long enough."""
         laps = [lap for lap in self.finished if isfinite(lap.summary.rms_error_after_run_up)]
         longest = max((lap.length for lap in laps), default=0.0)
         whole = [lap for lap in laps if lap.length >= _WHOLE * longest]
@@ -317,7 +317,7 @@ class TrackLaps:
 
     @property
     def best(self) -> TrackLap | None:
-        """The fastest finished lap but the first, unless that is the only one."""
+        """The fastest finished lap except the first, unless that is the only one."""
         laps = self.finished[1:] or self.finished
         return min(laps, key=lambda lap: lap.time, default=None)
 

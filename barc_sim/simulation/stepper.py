@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.track import Track
 
 
-#: Share of a period by which a deadline may be late and still count as punctual.
+#: Share of a period by which a deadline may be late and still counts as punctual.
 PUNCTUAL = 0.1
 
 
@@ -80,7 +80,7 @@ class Commands:
     latest
         The command that holds; None before the first one.
     answered
-        Whether it is for the present state: it has the same stamp, or no stamp at all.
+        Whether it answers the present state: it has the same stamp, or no stamp at all.
     timeout
         [s] Commands count as lost when none arrives for longer than this; inf: never.
     """
@@ -88,8 +88,8 @@ class Commands:
     def __init__(self, timeout: float = 0.0) -> None:
         """Begin before the first state.
 
-        With a `timeout` [s] other than 0, commands are unsynchronised: none is due for a state
-        until one arrives with exactly its stamp.
+        With a `timeout` [s] other than 0, commands are unsynchronised: a state has no deadline
+        until a command arrives with exactly its stamp.
         """
         self.timeout = timeout or inf
         self.latest: Command | None = None
@@ -99,9 +99,9 @@ class Commands:
         self._received = -inf
 
     def store(self, command: Command, stamp: int, present: int, t: float) -> bool:
-        """Let a `command` that arrived at `t` [s] hold from now on, in the state `present` [ns].
+        """Store a `command` that arrived at `t` [s] in the state `present` [ns]; it holds now.
 
-        Return False if its `stamp` [ns] is out of order: another one holds.
+        Return False if its `stamp` [ns] is out of order: another command holds.
         """
         state = min(stamp, present) if stamp else present  # that it belongs to
         if state < self._latest_state or (self._answered_by_stamp and stamp not in (0, present)):
@@ -135,9 +135,11 @@ def out_of_order(stamp: int, present: int) -> str:
 
 RESET = 'reset: the car is back at the start'
 DISTANCE = Parameter(
-    'distance', 0.0, 'a lap ends here [m]; on a track, the run; 0: not', (0.0, 1e6), read_only=True
+    'distance', 0.0, 'end of a lap, on a track of the run [m]; 0: none', (0.0, 1e6), read_only=True
 )
-LAPS = Parameter('laps', 1, 'laps, flying ones on a track; 0: no end', (0, 10**6), read_only=True)
+LAPS = Parameter(
+    'laps', 1, 'number of laps, on a track flying; 0: no end', (0, 10**6), read_only=True
+)
 
 
 def parameters(distance: float = 0.0, *, on_track: bool = False) -> list[Parameter]:
@@ -151,13 +153,13 @@ def parameters(distance: float = 0.0, *, on_track: bool = False) -> list[Paramet
 
 
 class Outputs(Protocol):
-    """What a `Stepper` calls: the node `vehicle_simulator`."""
+    """The methods that a `Stepper` calls; the node `vehicle_simulator` has them."""
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish the state `t` [s] after the start, with its stamp [ns]."""
 
     def run_deadlines(self, *, on: bool) -> None:
-        """Call `Stepper.pass_deadline` every `deadline_period` from now on, or no longer."""
+        """Start or stop calling `Stepper.pass_deadline` every `deadline_period`."""
 
     def defer_decision(self) -> None:
         """Call `Stepper.decide` once the commands that have arrived are delivered."""
@@ -169,7 +171,7 @@ class Outputs(Protocol):
         """End the run; may be called from any thread."""
 
     def warn(self, sentence: Callable[[], str], about: str) -> None:
-        """Warn about one thing, once in 10 s at most."""
+        """Warn about one thing, at most once in 10 s."""
 
 
 class Phase(Enum):
@@ -209,13 +211,13 @@ class Stepper:
     =========  ===================  ======================  =====================================
 
     A step publishes the next state. From a state at or beyond `distance` it ends the lap: the next
-    lap begins as after a reset, and the last one leads to FINISHED; so does any after `end`. If
-    commands are lost, the car brakes. STARTING begins with a new plant and no command. Other events
-    change nothing in a phase, except that a command is stored for the next step.
+    lap begins as after a reset, and the last one leads to FINISHED; so does any step after `end`.
+    If commands are lost, the car brakes. STARTING begins with a new plant and no command. Other
+    events change nothing in a phase, except that a command is stored for the next step.
 
     Stamps begin with the wall clock, and grow by one period a step, also over a reset. In real time
-    (`realtime_factor` 1) a pause or a slip thus leaves them behind by `stamp_lag`; a reset sets
-    them to the wall clock again.
+    (`realtime_factor` 1) a pause or a slip leaves them `stamp_lag` behind the wall clock; a reset
+    sets them to the wall clock again.
 
     Attributes
     ----------
@@ -228,9 +230,9 @@ class Stepper:
     stamp_lag
         Time [s] by which the latest stamp in real time was behind the wall clock; 0 at other paces.
     distance
-        Where a lap ends, or on a track the run [m]; inf: nowhere.
+        End of a lap, or on a track of the run [m]; inf: none.
     laps
-        Laps driven to their end; those that a reset has cut short do not count.
+        Laps driven to their end, without those that a reset has cut short.
     """
 
     def __init__(
@@ -246,20 +248,19 @@ class Stepper:
     ) -> None:
         """Begin in STARTING, with the `values` of `parameters`.
 
-        `model` steps the car, on `road` or that of the parameter, along `track`, on which laps
-        follow one another without a stop. `clock` [s] paces the steps, and
-        `wall_clock` [ns] gives the first stamp.
+        `model` steps the car on `road`, by default the parameter's, or along `track`, on which laps
+        follow one another without a stop. `clock` [s] paces the steps, and `wall_clock` [ns] gives
+        the first stamp.
 
         Raises
         ------
         UserError
-            where the values do not go together.
+            if the values contradict one another.
         """
         factor, (low, high) = values['realtime_factor'], REALTIME_FACTORS
         if 0.0 < factor < low:
             raise UserError(
-                f'realtime_factor {factor:g} is so small that time hardly passes: expected 0, or '
-                f'{low:g} to {high:g}'
+                f'realtime_factor {factor:g} is too small: expected 0, or {low:g} to {high:g}'
             )
         if values['laps'] != 1 and not (values['distance'] or track):
             raise UserError(
@@ -347,7 +348,7 @@ class Stepper:
             self._outputs.defer_decision()
 
     def decide(self) -> None:
-        """Step, or let a late deadline slip, after what has arrived by then is delivered."""
+        """Step, or let a late deadline slip, once all commands that have arrived are delivered."""
         deadline, self._undecided = self._undecided, None
         if not (deadline and self._pace):
             return
@@ -400,7 +401,7 @@ class Stepper:
         self._values = values
 
     def reset(self) -> bool:
-        """Put the car back to the start as soon as the present state is answered; return if now."""
+        """Put the car back to the start once the present state is answered; return whether now."""
         if self._commands.answered or self.phase in {Phase.STARTING, Phase.FINISHED}:
             self._restart()
             return True
@@ -450,7 +451,7 @@ class Stepper:
             if self._plant.track:
                 self.laps = self._plant.lap
             elif self.laps != self._laps:
-                self._restart(f'lap {self.laps} is driven: the road begins anew')
+                self._restart(f'lap {self.laps} is finished: the next one begins')
                 return
         self.phase = Phase.FINISHED
         self._stop_deadlines()

@@ -308,7 +308,7 @@ def test_lap_begins_as_after_a_reset_and_the_last_ends_the_run(reset_first: bool
         engine.answer(8.0)
     assert (engine.stepper.phase, engine.ends) == (Phase.STARTING, 0)
     assert engine.starts == starts + 1 + reset_first
-    assert engine.log[-1] == 'lap 1 is driven: the road begins anew'
+    assert engine.log[-1] == 'lap 1 is finished: the next one begins'
     second = len(engine.published)
     engine.stepper.start()
     while engine.stepper.phase is Phase.RUNNING:
