@@ -8,13 +8,15 @@ angles at its tyres, and the same forces along the road::
     dψ'/dt    = (l_f F_f cos δ - l_r F_r) / I_z
 
 (Kong et al., IV 2015, eq. 2; for small angles Rajamani, "Vehicle Dynamics and Control", section
-2.3.) Tyres are linear up to a few degrees of slip, about 4 m/s² across on a dry road.
+2.3.) Tyres are linear up to a few degrees of slip, about 4 m/s² of lateral acceleration on a dry
+road.
 
-The slip angles have no meaning at a standstill, and the equations become stiff on the way there:
-their rates grow with 1/v_x. Slower than `LateralParameters.dynamic_above`, and in reverse, the car
-is the kinematic bicycle, as in the single-track model of Althoff et al., "CommonRoad: Composable
-benchmarks for motion planning on roads", IV 2017. On the way up v_y and ψ' begin at the values of
-the kinematic bicycle; on the way down they take these values in one step.
+The slip angles have no meaning at a standstill, and the equations are stiff at low speed: their
+rates grow with 1/v_x. Slower than `LateralParameters.dynamic_above`, and in reverse, the car is the
+kinematic bicycle, as in the single-track model of Althoff et al., "CommonRoad: Composable
+benchmarks for motion planning on roads", IV 2017. When the car becomes faster than this limit, v_y
+and ψ' start from the values of the kinematic bicycle; when it becomes slower, they take these
+values in one step.
 
 The integrators are after Hairer, Nørsett and Wanner, "Solving Ordinary Differential Equations I",
 ch. II.1.
@@ -47,7 +49,7 @@ limited(Vehicle)  # here: bike_model.py, as it is handed in, imports nothing of 
 #: Distance along the road [m] to incline [rad].
 Grade = Callable[[float], float]
 Vector = Sequence[float]
-#: The derivative of a state by time, where nothing but the state changes in a step.
+#: The derivative of a state by time, if only the state changes in a step.
 Rates = Callable[[Vector], Vector]
 
 
@@ -79,12 +81,12 @@ INTEGRATORS = {'euler': euler, 'rk4': rk4}
 class LateralParameters(NamedTuple):
     """Parameters of the dynamic bicycle beyond `Vehicle`; the defaults understeer mildly."""
 
-    yaw_inertia: Annotated[float, 'I_z of the dynamic one [kg m²]', 1.0, 1e7] = 4000.0
+    yaw_inertia: Annotated[float, 'I_z of the dynamic bicycle [kg m²]', 1.0, 1e7] = 4000.0
     front_stiffness: Annotated[float, "C_f, front axle's tyres [N/rad]", 1.0, 1e8] = 120e3
     rear_stiffness: Annotated[float, "C_r, rear axle's tyres [N/rad]", 1.0, 1e8] = 160e3
     dynamic_above: Annotated[
         float,
-        'slower than this [m/s], and in reverse, the dynamic bicycle is the kinematic one',
+        'minimum speed [m/s] of the dynamic bicycle; slower and in reverse it is the kinematic one',
         0.1,
         100.0,
     ] = 3.0
@@ -107,16 +109,16 @@ def direction_of(v: float) -> float:
 def with_static_resistance(v: float, after: float, free: Callable[[], float]) -> float:
     """Return the speed after a step from `v` to `after`, by the rule of `clamped_at_zero`.
 
-    `free` makes the step without resistance; it is called only where the speed changes its sign.
+    `free` returns the speed after a step without resistance; it is called only if the sign changes.
     """
     return clamped_at_zero(v, after, free()) if after < 0.0 < v or v < 0.0 < after else after
 
 
 class KinematicBicycle:
-    """Steps a state by `bikeFE` or a model called like it, or by `rk4`."""
+    """Steps a state by `bikeFE`, by a model with the same arguments, or by `rk4`."""
 
     def __init__(self, integrator: str = 'euler', model: Model = bikeFE) -> None:
-        """Take an integrator by its name: 'euler', or 'rk4', which goes with `bikeFE` alone."""
+        """Take an integrator by name: 'euler', or 'rk4', which needs the equations of `bikeFE`."""
         if integrator not in INTEGRATORS:
             raise UserError(f"integrator {integrator!r} must be 'euler' or 'rk4'")
         self.integrator = INTEGRATORS[integrator]
@@ -124,8 +126,8 @@ class KinematicBicycle:
         self.is_lab = self._model is bikeFE  #: `bikeFE` makes the steps
         if not self._model and model is not bikeFE:
             raise UserError(
-                f'integrator {integrator!r} does not go with a model of your own, which makes its '
-                "steps itself: leave the integrator at 'euler'"
+                f'integrator {integrator!r} cannot be used with a model of your own, which makes '
+                "its steps itself: leave the integrator at 'euler'"
             )
 
     def step(self, state: State, held: Command, grade: Grade, vehicle: Vehicle, ts: float) -> State:
@@ -150,7 +152,7 @@ class KinematicBicycle:
         return stepped._replace(v=with_static_resistance(state.v, stepped.v, lambda: after(0.0).v))
 
     def reset(self) -> None:
-        """Do nothing: a step depends on the state alone."""
+        """Do nothing: a step depends only on the state."""
 
     #: `bike_model.motion`: the velocities follow from state and steering alone.
     motion = staticmethod(motion)
@@ -165,9 +167,9 @@ def kinematic_rates(
     direction: float,
     functions: Any = math,  # noqa: ANN401 (a namespace)
 ) -> Rates:
-    """Return the derivative of (x, y, psi, v): the equations of which `bikeFE` is a step.
+    """Return the derivative of (x, y, psi, v), the equations that `bikeFE` integrates.
 
-    The car moves at an angle of `beta` [rad] to its axis, and turns by `turn` [rad] a metre. All
+    The car moves at an angle of `beta` [rad] to its axis, and turns by `turn` [rad] per metre. All
     numbers may be arrays, with NumPy's sin, cos, hypot and atan2 as `functions`.
     """
     sin, cos = functions.sin, functions.cos
@@ -186,7 +188,7 @@ def kinematic_rates(
 
 
 class DynamicBicycle:
-    """Makes steps of the dynamic bicycle; it keeps slip angle and yaw rate, which `State` lacks."""
+    """Steps the dynamic bicycle; it keeps slip angle and yaw rate, which `State` does not have."""
 
     is_lab = False
 
@@ -237,20 +239,20 @@ class DynamicBicycle:
         return Motion(x, y, psi, v * cos(self._beta), v * sin(self._beta), self._psi_dot)
 
     def _set_kinematic_slip(self, v: float, servo: float, vehicle: Vehicle) -> None:
-        """Slip and turn as the kinematic bicycle does."""
+        """Set slip and yaw rate to those of the kinematic bicycle."""
         self._beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
         self._psi_dot = v / vehicle.l_r * sin(self._beta)
 
 
-#: The longest step that an integrator can make, as a multiple of what decays fastest.
+#: The longest stable step of an integrator, as a multiple of the shortest time constant.
 _LONGEST = {'euler': 2.0, 'rk4': 2.785}
 
 
 def check_step(lateral: LateralParameters, vehicle: Vehicle, ts: float, integrator: str) -> None:
-    """Raise UserError where steps of `ts` seconds are too long for the dynamic bicycle.
+    """Raise UserError if steps of `ts` seconds are too long for the dynamic bicycle.
 
-    A motion across decays fastest at the speed at which it begins; an integrator lets it grow where
-    a step is longer than a multiple of the time that it takes (Rajamani, section 2.3).
+    The lateral motion decays fastest at the minimum speed; an integrator is unstable if a step is
+    longer than a multiple of its time constant (Rajamani, section 2.3).
     """
     i_z, c_f, c_r, v = lateral
     turning = (vehicle.l_f**2 * c_f + vehicle.l_r**2 * c_r) / i_z
@@ -272,15 +274,15 @@ def bicycle(
     model: Model = bikeFE,
     lateral: LateralParameters | None = None,
 ) -> KinematicBicycle | DynamicBicycle:
-    """Return the bicycle of this name; UserError: names are unknown, or do not go together."""
+    """Return the bicycle of this name; UserError: a name is unknown, or names contradict."""
     if dynamics not in DYNAMICS:
         raise UserError(f'dynamics {dynamics!r} must be {" or ".join(map(repr, DYNAMICS))}')
     if dynamics == 'kinematic':
         return KinematicBicycle(integrator, model)
     if model is not bikeFE:
         raise UserError(
-            f'dynamics {dynamics!r} takes the place of a model of your own: leave dynamics at '
-            "'kinematic', or the model away"
+            f'dynamics {dynamics!r} and a model of your own contradict each other: leave dynamics '
+            "at 'kinematic', or leave out the model"
         )
     return DynamicBicycle(lateral, integrator)
 

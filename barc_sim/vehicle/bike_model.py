@@ -4,9 +4,8 @@ The equations are those of the ME131 lab "Simulating kinematic models in ROS" (a
 "Kinematic and dynamic vehicle models for autonomous driving control design", IV 2015, eq. 1),
 integrated with forward Euler. Positions run along the road's surface.
 
-The law of resistance, air drag and rolling friction, is `resistance`; `surroundings` gives its two
-parts for the log. `next_speed` is one step of the longitudinal motion. `simulation/fast.py` has
-it once more, without a call.
+The law of air drag and rolling friction is `resistance`; `surroundings` gives its two parts for the
+log. `next_speed` is one step of the longitudinal motion; `simulation/fast.py` repeats it inline.
 """
 
 from __future__ import annotations
@@ -66,9 +65,9 @@ class Command(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What road and air do to the vehicle, by the names of the message `Environment`.
+    """The incline, the elevation and the external forces, as in the message `Environment`.
 
-    The forces are external ones, positive forwards; their sum is F_ext.
+    The forces are positive forwards; their sum is F_ext.
     """
 
     theta: float  #: [deg] incline of the road
@@ -95,7 +94,7 @@ def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
 
 
 def resistance(v: float, vehicle: Vehicle) -> float:
-    """Return how much air drag and rolling friction brake [N] at speed `v` [m/s].
+    """Return the force [N] of air drag and rolling friction at speed `v` [m/s].
 
     `surroundings` has its two parts. `simulation/fast.py` passes arrays of speeds.
     """
@@ -106,7 +105,7 @@ def clamped_at_zero(before: float, after: float, without_resistance: float) -> f
     """Return the speed [m/s] after a step in which a speed passes through zero.
 
     Resistance slows the vehicle to a standstill and never pushes it backwards: the next speed is
-    zero, or that without resistance where this passes through zero, too.
+    zero, or the speed without resistance if this passes through zero, too.
     """
     if before > 0.0:
         return max(after, min(without_resistance, 0.0))
@@ -211,7 +210,7 @@ def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
 
 
 def surroundings(v: float, road: RoadPoint, vehicle: Vehicle) -> Surroundings:
-    """Return what acts at speed `v` [m/s] on a point of the road; arrays, for arrays of both."""
+    """Return the forces at speed `v` [m/s] on a point of the road; arrays, for arrays of both."""
     direction = (v > 0.0) * 1.0 - (v < 0.0)
     friction = -vehicle.friction * direction
     drag = -vehicle.air_drag_coeff * v * v * direction

@@ -1,4 +1,4 @@
-"""The one table of the parameters of the node `vehicle_simulator`, and the plant made of them.
+"""The table of the parameters of the node `vehicle_simulator`, and the plant made from them.
 
 A field of `Vehicle`, `LateralParameters` or `NoiseLevels` declares its parameter, default and
 limits; a new one needs nothing here: `plant` fills the records by name.
@@ -28,8 +28,8 @@ SERVO = Actuator(lag=0.1, rate=1.0)
 TRACK = Parameter(
     'track',
     '',
-    f'{", ".join(map(repr, TRACKS))} or a CSV file with the columns length_m,radius_m: the track, '
-    "along which the road's hills count; empty: none",
+    f'the track: {", ".join(map(repr, TRACKS))} or a CSV file with the columns length_m,radius_m; '
+    'the road then gives the hills along it; empty: none',
     read_only=True,
 )
 #: Defaults on a track.
@@ -63,19 +63,19 @@ PARAMETERS = [
     Parameter(
         'clock',
         default=False,
-        description='whether /clock has the simulated time where realtime_factor is 1, too',
+        description='whether to publish the simulated time on /clock even if realtime_factor is 1',
     ),
-    Parameter('wait_for_controller', True, 'whether time begins only when a node publishes ecu'),
+    Parameter('wait_for_controller', True, 'whether time begins only once a node publishes ecu'),
     Parameter(
         'command_timeout',
         0.0,
-        'where no command has arrived for so long [s, by the wall clock], the car brakes, '
-        'and commands are not due state by state until one has a stamp; 0: never',
+        'time without a command [s, wall clock] after which the car brakes; with it, states have '
+        'no deadline until a command has a stamp; 0: never',
         (0.0, 3600.0),
     ),
     Parameter('timeout_braking', 8.0, 'deceleration after command_timeout [m/s²]', (0.0, 100.0)),
-    Parameter('refuse_motor_above', 100.0, 'a command beyond is refused [m/s²]', (0.0, 1e6)),
-    Parameter('refuse_servo_above', 1.5, 'a command beyond is refused [rad]', (0.0, 1.5)),
+    Parameter('refuse_motor_above', 100.0, 'maximum accepted command [m/s²]', (0.0, 1e6)),
+    Parameter('refuse_servo_above', 1.5, 'maximum accepted command [rad]', (0.0, 1.5)),
     Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),
     *_NOISE,
     *_ACTUATORS,
@@ -102,7 +102,7 @@ def plant(
     road: Road | None = None,
     track: Track | None = None,
 ) -> Plant:
-    """Return the plant at the start, stepped by `model`, on `road` or the one that `values` name.
+    """Return the plant at the start, stepped by `model`, on `road` or the road in `values`.
 
     UserError: the road cannot be read, or the values contradict one another.
     """
@@ -124,7 +124,7 @@ def plant(
 
 
 def retune(values: Mapping[str, Any], plant: Plant) -> None:
-    """Give the plant the `LIVE` parameters of `values`; commands on their way stay on it."""
+    """Give the plant the `LIVE` parameters of `values`; waiting commands stay."""
     plant.sensor.noise = _noise(values)
     plant.force = values['disturbance']
     plant.actuators.replace(_actuator(values, 'motor'), _actuator(values, 'servo'))

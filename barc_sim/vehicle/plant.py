@@ -45,9 +45,9 @@ _WHOLE = 1e-6
 class Actuator(NamedTuple):
     """An actuator's parameters; with the defaults a command takes effect at once.
 
-    A command u takes effect `delay` later, cut to `limit`. The value w follows it by
+    A command u takes effect `delay` later, clipped to ±`limit`. The value w follows it by
 
-        dw/dt = (u - w) / lag, cut to ±rate
+        dw/dt = (u - w) / lag, clipped to ±rate
 
     The unit is the command's: [m/s²] for the motor, [rad] for the servo.
 
@@ -63,13 +63,13 @@ class Actuator(NamedTuple):
     delay: Annotated[float, 'time from a command to its effect [s]', 0.0, 10.0] = 0.0
     lag: Annotated[float, 'time constant [s]', 0.0, 100.0] = 0.0
     rate: Annotated[float, 'maximum change [unit/s]', 1e-300, inf] = inf
-    limit: Annotated[float, 'maximum either way [unit]', 0.0, inf] = inf
+    limit: Annotated[float, 'maximum absolute value [unit]', 0.0, inf] = inf
 
     def respond(self, value: float, target: float, t: float) -> tuple[float, float]:
-        """Return where `t` > 0 seconds of a held `target` take `value`, and the mean meanwhile.
+        """Return the value after `t` > 0 seconds of a constant `target`, and its mean over them.
 
-        The solution is exact: a ramp at `rate` as long as the lag alone would be faster, and
-        the exponential from there on.
+        The solution is exact: a ramp at `rate` while the lag alone would be faster, and an
+        exponential from there on.
         """
         _, lag, rate, _ = self
         error = target - value
@@ -95,10 +95,10 @@ def in_steps(delay: float, ts: float) -> tuple[int, float]:
 
 
 class ActuatorState:
-    """One actuator at work, in steps of a fixed length.
+    """The state of one actuator, in steps of a fixed length.
 
-    Commands wait in a queue, one per step. A delay that is no multiple of the step is kept to
-    exactly: the older of two commands acts for the first part of a step, the newer for the rest
+    Commands wait in a queue, one per step. A delay that is not a multiple of the step is exact,
+    too: the older of two commands acts for the first part of a step, the newer for the rest
     (Åström and Wittenmark, "Computer-Controlled Systems", 3rd ed., section 2.3).
     """
 
@@ -113,7 +113,7 @@ class ActuatorState:
 
     @property
     def waiting(self) -> list[float]:
-        """The commands that are still to act; the oldest acts in the early part of a step."""
+        """The commands that have not acted yet; the oldest acts in the early part of a step."""
         return [*self._queue][1:]
 
     @property
@@ -122,10 +122,10 @@ class ActuatorState:
         return self.actuator == Actuator(delay=self.actuator.delay)
 
     def replace(self, actuator: Actuator) -> None:
-        """Work as `actuator` from now on; commands on their way remain there.
+        """Use the parameters of `actuator` from now on; waiting commands stay.
 
-        Where the delay is shorter, the oldest of them are dropped; where it is longer, the one that
-        acts now acts meanwhile.
+        If the delay is shorter, the oldest commands are dropped; if it is longer, the command that
+        acts now acts until the next one is due.
         """
         self.actuator = actuator
         self.is_ideal = actuator == Actuator()  #: each command takes effect at once
@@ -135,7 +135,7 @@ class ActuatorState:
         self._queue = deque([*[acting] * (size - len(waiting)), *waiting], maxlen=size)
 
     def advance(self, command: float) -> float:
-        """Go one step after `command`; return the mean of the value over the step."""
+        """Take a step with `command`; return the mean of the value over the step."""
         self._queue.append(command)
         if self.is_ideal:
             self.value = command
@@ -151,7 +151,7 @@ class ActuatorState:
         return early * mean + (1.0 - early) * late
 
     def hold(self, value: float) -> None:
-        """Set the value, as if it had been commanded for long."""
+        """Set the value, as if it had been commanded for a long time."""
         self.value = value
         self._queue.extend([value] * len(self._queue))
 
@@ -170,18 +170,18 @@ class Actuators:
 
     @property
     def now(self) -> Command:
-        """Acceleration and steering at this instant."""
+        """The present acceleration and steering angle."""
         return Command(self.motor.value, self.servo.value)
 
     def advance(self, command: Command) -> Command:
-        """Go one step after `command`; return the mean acceleration and steering over it."""
+        """Take a step with `command`; return mean acceleration and steering angle over it."""
         if self.is_ideal:
             self.motor.value, self.servo.value = command
             return command
         return Command(self.motor.advance(command.motor), self.servo.advance(command.servo))
 
     def replace(self, motor: Actuator, servo: Actuator) -> None:
-        """Work as these actuators from now on; commands on their way remain there."""
+        """Use the parameters of these actuators from now on; waiting commands stay."""
         if self.is_ideal:  # the queues have had no part so far
             self.motor.hold(self.motor.value)
             self.servo.hold(self.servo.value)
@@ -199,8 +199,8 @@ class Actuators:
 class NoiseLevels(NamedTuple):
     """The standard deviation of each measured signal, in the vehicle's true frame."""
 
-    s: Annotated[float, 'standard deviation of position along [m]', 0.0, 1e3] = 0.0
-    ey: Annotated[float, 'standard deviation of position across [m]', 0.0, 1e3] = 0.0
+    s: Annotated[float, 'standard deviation of the longitudinal position [m]', 0.0, 1e3] = 0.0
+    ey: Annotated[float, 'standard deviation of the lateral position [m]', 0.0, 1e3] = 0.0
     epsi: Annotated[float, 'standard deviation of heading [rad]', 0.0, 1e3] = 0.0
     v_x: Annotated[float, 'standard deviation of v_x [m/s]', 0.0, 1e3] = 0.0
     v_y: Annotated[float, 'standard deviation of v_y [m/s]', 0.0, 1e3] = 0.0
@@ -249,16 +249,16 @@ class Sensor:
         return with_error(true, error, cos(true.psi), sin(true.psi)), error
 
     def again(self) -> Sensor:
-        """Return such a sensor before its first measurement."""
+        """Return a new sensor with the same levels and seed."""
         return Sensor(self.noise, self._seed)
 
     def draw(self, n: int) -> Floats:
         """Return the errors of the next `n` measurements, shape `(6, n)`.
 
-        They are those of `measure` to the last bit: the same numbers of the generator, all at
-        once, and the transform of two of them to two errors that `Random.gauss` makes. Its
-        functions are Python's, as NumPy's differ in the last bit; an error without noise is ±0,
-        whose sign NumPy's have right.
+        They equal those of `measure` to the last bit: the same numbers of the generator, all at
+        once, and the transform of `Random.gauss`, which makes two errors of two numbers. Its
+        functions are Python's, because NumPy's differ in the last bit; an error without noise is
+        ±0, with the right sign.
         """
         import numpy as np  # noqa: PLC0415 (a sensor alone does not need it)
 
@@ -298,11 +298,11 @@ def with_error(true: Motion, error: MeasurementError, cos_psi: float, sin_psi: f
 
 
 class TrackState(NamedTuple):
-    """Where the car is on its track."""
+    """The position of the car on its track."""
 
     s: float  #: [m] along the centre line; it grows over the laps
     e_y: float  #: [m] to the left of the centre line
-    e_psi: float  #: [rad] heading less that of the centre line
+    e_psi: float  #: [rad] heading minus the heading of the centre line
     curvature: float  #: [1/m] of the centre line there
     width: float  #: [m] of the track there, from edge to edge
     lap: int  #: laps before this one; the car has passed their end, s = k · length
@@ -310,18 +310,18 @@ class TrackState(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """One state: true, measured, and what acts on it."""
+    """One state: true, measured, with forces and actuators."""
 
     true: Motion
     measured: Motion
     error: MeasurementError  #: measured minus true
     surroundings: Surroundings
-    acting: Command  #: what the actuators do at this instant
+    acting: Command  #: the present values of the actuators
     on_track: TrackState | None = None  #: true; None without a track
 
 
 class Plant:
-    """The car where it drives; `vehicle` may be replaced between steps."""
+    """The car on its road or track; `vehicle` may be replaced between steps."""
 
     def __init__(
         self,
@@ -343,11 +343,11 @@ class Plant:
     ) -> None:
         """Start at rest at the beginning of `road` (the lab's), in steps of `ts` seconds.
 
-        On a `track` the road, flat unless given, counts along it, anew in each lap.
+        On a `track` the road, by default flat, gives the hills along it, the same in each lap.
 
-        Over a step acceleration and steering are held: at the mean of what the actuators do in it.
-        So is the force on the car, positive forwards: `force` [N], and that of `disturbance`.
-        UserError: the names are unknown, do not go together, or the step is too long.
+        In a step acceleration and steering angle are constant: the mean of the actuators' values.
+        So is the force on the car, positive forwards: `force` [N] plus `disturbance`. UserError: a
+        name is unknown, arguments contradict one another, or the step is too long.
         """
         self.road = road or (Road.flat() if track else Road.lab())
         self.vehicle = vehicle or Vehicle()
@@ -370,12 +370,12 @@ class Plant:
 
     @property
     def distance(self) -> float:
-        """The way so far [m]: along the track, or along the road."""
+        """The distance so far [m], along the track or along the road."""
         return self.frenet.s if self.frenet else self.state.x
 
     @property
     def on_track(self) -> TrackState | None:
-        """Where the car is on its track; None without one."""
+        """The position of the car on its track; None without one."""
         if not (self.frenet and self.track):
             return None
         return TrackState(*self.frenet, self.track.width, self.lap, self.lap_time)
@@ -387,7 +387,7 @@ class Plant:
 
     @property
     def has_fast_path(self) -> bool:
-        """Whether `bikeFE` moves the car straight ahead, by commands that act unchanged."""
+        """Whether `bikeFE` moves the car straight ahead, with commands that act unchanged."""
         actuators = self.actuators
         return (
             type(self) is Plant
@@ -412,7 +412,7 @@ class Plant:
         return self.bicycle.motion(self.state, self.actuators.servo.value, self.vehicle)
 
     def advance(self, command: Command) -> None:
-        """Go one step with `command`."""
+        """Take one step with `command`."""
         held = self.actuators.advance(command)
         if self.force or self.disturbance:
             force = self.force
@@ -425,7 +425,7 @@ class Plant:
             self._locate(self.frenet.s)
 
     def place(self, state: State, near: float | None = None) -> None:
-        """Begin a run there, on a track `near` that s [m], with no command on its way."""
+        """Start a run in this state, on a track near s = `near` [m], without waiting commands."""
         self.state, self.steps = state, 0
         self.actuators.stop()
         self.bicycle.reset()
@@ -434,7 +434,7 @@ class Plant:
             self._locate(near)
 
     def _on_road(self, x: float) -> float:
-        """Return where the road is read [m] for a car at `x`: on a track, where the step began."""
+        """Return the position [m] on the road of a car at `x`: on a track, where the step began."""
         if not self.track:
             return x
         return self.distance % self.track.length if self.track.is_closed else self.distance
@@ -447,7 +447,7 @@ class Plant:
         return radians(grades_deg[self.road.stretch(self._on_road(x))])
 
     def _locate(self, near: float | None) -> None:
-        """Find the car on the track, `near` that s [m]; where it was nowhere, a lap begins."""
+        """Project the car onto the track near s = `near` [m]; None: anywhere, and start a lap."""
         track, state, t, before = self.track, self.state, self.steps * self.ts, self.frenet
         assert track  # noqa: S101 (a caller has checked)
         self.frenet = track.frenet(state.x, state.y, state.psi, near)

@@ -36,7 +36,7 @@ _MAX_SIZE = 1 << 24  #: [B] of a file
 
 
 class RoadPoint(NamedTuple):
-    """A point of a road; arrays, of many."""
+    """A point of a road; the fields can be arrays of many points."""
 
     theta_deg: float  #: [deg] incline, positive uphill
     sin_theta: float  #: the sine of it
@@ -45,9 +45,10 @@ class RoadPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Road:
-    """Stretches of constant grade; each owns its left end, the first and last have no outer end.
+    """Stretches of constant grade; the first and the last one extend without end.
 
-    `starts[i]` [m] is where the stretch of grade `grades_deg[i]` [deg] begins.
+    `starts[i]` [m] is the start of the stretch with the grade `grades_deg[i]` [deg], and belongs to
+    it.
 
     Examples
     --------
@@ -70,8 +71,8 @@ class Road:
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         if not self.starts or len(self.starts) != len(self.grades_deg):
             raise UserError(
-                f'{len(self.starts)} starts and {len(self.grades_deg)} grades must be equally '
-                'many, and at least one of each'
+                f'{len(self.starts)} starts and {len(self.grades_deg)} grades: expected the same '
+                'number of both, at least one'
             )
         for value in (*self.starts, *self.grades_deg):
             if not isfinite(value):
@@ -111,13 +112,13 @@ class Road:
     def named(cls, name: str) -> Road:
         """Return the road called `lab` or `flat`, or the one in the CSV file of that name.
 
-        The file has the columns `start_m,grade_deg`, in that order, under such a header; blank
-        lines and lines beginning with `#` are passed over.
+        The file has the header `start_m,grade_deg` and these two columns; blank lines and lines
+        that begin with `#` are skipped.
 
         Raises
         ------
         UserError
-            where there is no such road, or the file does not describe one.
+            if there is no such road, or the file does not describe one.
         """
         if name in ('lab', 'flat'):
             return cls.lab() if name == 'lab' else cls.flat()
@@ -140,7 +141,7 @@ class Road:
     def grade_deg(self, s: Places) -> Places:
         """Return the incline [deg] at `s` metres along the road, positive uphill.
 
-        For an array of places it is an array; so with `elevation`, `horizontal` and `at`.
+        An array of positions gives an array, also in `elevation`, `horizontal` and `at`.
         """
         if isinstance(s, (float, int)):
             return self.grades_deg[self.stretch(s)]
@@ -163,7 +164,7 @@ class Road:
         return RoadPoint(*points)
 
     def horizontal(self, s: Places) -> Places:
-        """Return how far [m] `s` metres along the road are on the map, from where `s` is zero.
+        """Return the horizontal distance [m] from s = 0 to `s` metres along the road.
 
         It is the integral of cos(theta) over the distance along the surface: 20 m at 10° are
         19.696 m on the map.
@@ -188,7 +189,7 @@ class Road:
 def read_named(
     what: str, name: str, known: Iterable[str], read: Callable[[list[str]], _Read]
 ) -> _Read:
-    """Return what `read` makes of a file's lines; UserError: it is none, or none of the `known`."""
+    """Return the object that `read` makes of a file's lines; UserError: it cannot be read."""
     try:
         lines = read_lines(Path(name))
     except (OSError, ValueError):
@@ -210,7 +211,7 @@ def read_lines(path: Path) -> list[str]:
 def read_columns(lines: list[str], *headers: str) -> tuple[Any, ...]:
     """Return the header of a CSV file, one of `headers`, and its columns of numbers.
 
-    Blank lines and lines beginning with `#` are passed over; the header may follow a `#`.
+    Blank lines and lines that begin with `#` are skipped; the header may follow a `#`.
     """
     read = (line.lstrip('# ') if line.lstrip('# ') in headers else line for line in lines)
     content = [line for line in read if line.strip() and line.lstrip()[0] != '#']
@@ -232,16 +233,16 @@ def _numbers(row: list[str], header: str) -> list[float]:
     raise ValueError(f'{",".join(row)!r} must be {len(names)} finite numbers, {header}')
 
 
-#: Of time since the start [s] and place along the road [m].
+#: A function of time since the start [s] and position along the road [m].
 Signal = Callable[[float, float], float]
 _OVER = ('time_s', 'distance_m')
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Straight lines through points over `time_s` or `distance_m`; level before and behind them.
+    """Linear interpolation of points over `time_s` or `distance_m`; constant before and after them.
 
-    Two points at one place are a step.
+    Two points at one time or distance are a step.
 
     Examples
     --------
@@ -266,7 +267,7 @@ class Profile:
 
 
 def signal(given: object, row: Parameter, column: str) -> Signal:
-    """Return the function of time and place that a user means by a number, function or CSV file.
+    """Return a function of time and position from a user's number, function or CSV file.
 
     A file has two columns: `time_s` or `distance_m`, and `column`. Values are in the limits of
     `row`.
@@ -274,7 +275,7 @@ def signal(given: object, row: Parameter, column: str) -> Signal:
     Raises
     ------
     UserError
-        where there is no such file, or a value is out of the limits; by the function, too.
+        if there is no such file, or a value is out of the limits; the function raises it, too.
     """
     if callable(given):
 
@@ -300,5 +301,5 @@ def signal(given: object, row: Parameter, column: str) -> Signal:
         raise UserError(f'file {name!r}: {error}') from None
     for left, right in pairwise(points):
         if not left <= right:
-            raise UserError(f'file {name!r}: {right:g} must not lie before {left:g}')
+            raise UserError(f'file {name!r}: {right:g} must not be below {left:g}')
     return Profile(header.partition(',')[0], points, values)

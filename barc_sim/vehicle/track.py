@@ -1,12 +1,12 @@
-"""The track: straights and arcs end to end, and poses on it in closed form, both ways.
+"""The track: straights and arcs end to end, with exact conversions between track and map.
 
-`Track.place` goes from the frame of the track (s along the centre line, e_y to its left, e_psi from
-its heading) to the map, and `Track.frenet` back. With (a, b) the position in the frame of a
+`Track.place` converts from the frame of the track (s along the centre line, e_y to its left, e_psi
+from its heading) to the map, and `Track.frenet` back. With (a, b) the position in the frame of a
 segment's start, ahead and to the left, and κ its curvature::
 
     e_y = (2 b - κ (a² + b²)) / (1 + √((κ a)² + (1 - κ b)²))      s = atan2(κ a, 1 - κ b) / κ
 
-These hold for a straight, too, where s = a, and lose no digits where κ is small.
+These hold for a straight, too, where s = a, and lose no digits for a small κ.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ RACING_LINE = f'{_CENTRE_LINE},speed_mps'
 
 
 class Pose(NamedTuple):
-    """A pose on the map; arrays, of many."""
+    """A pose on the map; the fields can be arrays of many poses."""
 
     x: float  #: [m]
     y: float  #: [m]
@@ -56,16 +56,16 @@ _ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
 class Frenet(NamedTuple):
-    """A pose on a track; arrays, of many."""
+    """A pose on a track; the fields can be arrays of many poses."""
 
     s: float  #: [m] along the centre line; it grows over the laps
     e_y: float  #: [m] to the left of the centre line
-    e_psi: float  #: [rad] heading less that of the centre line, from -π to π
+    e_psi: float  #: [rad] heading minus the heading of the centre line, from -π to π
     curvature: float  #: [1/m] of the centre line there, positive to the left
 
 
 class _Segment(NamedTuple):
-    """A segment with the frame of its start; arrays, of many."""
+    """A segment with the frame of its start; the fields can be arrays of many segments."""
 
     start: float  #: [m] along the track
     end: float  #: [m]
@@ -83,7 +83,7 @@ _CURVATURE = _Segment._fields.index('curvature')
 
 @dataclass(frozen=True)
 class Track:
-    """Segments of constant curvature from `start` on; a closed one ends where it begins.
+    """Segments of constant curvature from `start` on; a closed track ends where it begins.
 
     `lengths[i]` [m] is the length of segment `i`, and `curvatures[i]` [1/m] is positive to the
     left, 0 for a straight.
@@ -107,13 +107,13 @@ class Track:
     is_closed: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Raise UserError where a segment or the width makes no sense."""
+        """Raise UserError if a segment or the width is impossible."""
         for name in ('lengths', 'curvatures'):  # arrays, too
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         if not self.lengths or len(self.lengths) != len(self.curvatures):
             raise UserError(
-                f'{len(self.lengths)} lengths and {len(self.curvatures)} curvatures must be '
-                'equally many, and at least one of each'
+                f'{len(self.lengths)} lengths and {len(self.curvatures)} curvatures: expected the '
+                'same number of both, at least one'
             )
         if not 0.0 < self.width < 1e3:  # noqa: PLR2004
             raise UserError(f'width {self.width!r} must be a number of metres from 0 to 1000')
@@ -146,17 +146,17 @@ class Track:
 
     @classmethod
     def named(cls, name: str) -> Track:
-        """Return the track called `L`, `oval`, `circle` or `figure-eight`, or that in a CSV file.
+        """Return the track called `L`, `oval`, `circle` or `figure-eight`, or read a CSV file.
 
         The file has the columns `length_m,radius_m` (radius 0: a straight; positive: to the left),
         or those of the public racetrack database, `x_m,y_m,w_tr_right_m,w_tr_left_m`, to which arcs
-        are fitted: within 5 cm, or through each point where `speed_mps` follows, as in a racing
-        line's file. Such a track is closed, and as wide as at its narrowest place.
+        are fitted: within 5 cm, or through each point if there is a column `speed_mps`, as in a
+        racing line's file. Such a track is closed, and as wide as its narrowest place.
 
         Raises
         ------
         UserError
-            where there is no such track, or the file does not describe one.
+            if there is no such track, or the file does not describe one.
         """
         if name in TRACKS:
             return cls.of_rows(TRACKS[name], name)
@@ -184,9 +184,9 @@ class Track:
         name: str = 'track',
         tolerance: float = 0.0,
     ) -> Track:
-        """Return the closed track of arcs past these points [m], which are in order.
+        """Return the closed track of arcs along these points [m], which are in order.
 
-        There are as few arcs as stay within `tolerance` [m] of the points: 0, through each.
+        It has the fewest arcs that stay within `tolerance` [m] of the points; 0: through each.
         """
         try:
             start, arcs, deviation = _fit([*map(complex, x, y)], tolerance)
@@ -210,17 +210,17 @@ class Track:
         return track if isinstance(track, Track) else cls.named(str(track))
 
     def check_laps(self, laps: int) -> None:
-        """Raise UserError where a track that is not closed has not one lap; 0: without an end."""
+        """Raise UserError if a track that is not closed has other than one lap; 0: no end."""
         if laps != 1 and not self.is_closed:
             raise UserError(f'track {self.name!r} is not closed: expected laps 1, not {laps}')
 
     @property
     def length(self) -> float:
-        """The length of the centre line [m]: of a lap, where it is closed."""
+        """The length of the centre line [m], which is a lap of a closed track."""
         return self.starts[-1]
 
     def samples(self) -> Floats:
-        """Return places [m] by which the track is drawn; each segment's ends are among them."""
+        """Return positions [m] at which to draw the track, with each segment's ends."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
         n = min(ceil(self.length / _SPACING), _MAX_SAMPLES)
@@ -253,9 +253,9 @@ class Track:
     def frenet(self, x: Numbers, y: Numbers, psi: Numbers, near: Numbers = None) -> Frenet:
         """Return the pose on the track of a pose on the map; arrays, of arrays.
 
-        `near` [m] is where the car was, a few metres ago at most. The search goes on from there,
-        segment by segment, so that neither a crossing nor a part of the track nearby takes the
-        place of the right one, and s grows over the finish line. Without it the nearest counts.
+        `near` [m] is the position of the car at most a few metres ago. The search starts there,
+        segment by segment, so that it finds the right part at a crossing or beside another part,
+        and s grows over the finish line. Without it the nearest point counts.
         """
         if not isinstance(x, (float, int)):
             return self._frenet_many(x, y, psi, self._nearest(x, y) if near is None else near)
@@ -280,7 +280,7 @@ class Track:
         return Frenet(s, e_y, e_psi, curvature)
 
     def segment(self, s: float) -> tuple[int, float]:
-        """Return the number of the segment at `s`, and how far into it that is [m]."""
+        """Return the number of the segment at `s`, and the distance from its start [m]."""
         starts = self.starts
         if self.is_closed and not 0.0 <= s < starts[-1]:
             s -= floor(s / starts[-1]) * starts[-1]
@@ -362,7 +362,7 @@ def beside_arc(
 ) -> tuple[Numbers, Numbers]:
     """Return e_y [m] of a point `a` m ahead of an arc's start and `b` m to its left.
 
-    The second value is the turn [rad] of the arc to where it is beside the point, from -π to π.
+    The second value is the turn [rad] of the arc up to the point beside it, from -π to π.
     All may be arrays, with NumPy's `hypot` and `atan2`.
     """
     across, along = curvature * a, 1.0 - curvature * b
@@ -375,7 +375,7 @@ def beside_arc(
 
 
 def _fit(points: list[complex], tolerance: float) -> tuple[Pose, list[tuple[float, float]], float]:
-    """Return start and arcs of a closed line, and how far the farthest point is from them."""
+    """Return start and arcs of a closed line, and the maximum distance of a point from them."""
     import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
     before, after = [points[-1], *points[:-1]], [*points[1:], points[0]]
@@ -410,7 +410,7 @@ def _fit(points: list[complex], tolerance: float) -> tuple[Pose, list[tuple[floa
 
 
 def _joint(p: complex, t: complex, q: complex, u: complex) -> tuple[complex, complex]:
-    """Return joint, and heading there, of two arcs from `p` to `q` with headings `t` and `u`."""
+    """Return the joint, and its heading, of two arcs from `p` to `q` with headings `t` and `u`."""
     v, w = q - p, t + u
     dot, bend = (v * w.conjugate()).real, 2.0 * (1.0 - (t * u.conjugate()).real)
     chord = abs(v) ** 2

@@ -284,8 +284,11 @@ def own_model(*arguments: float, **keywords: float) -> list[float]:
     [
         ({'integrator': 'heun'}, "^integrator 'heun' must be 'euler' or 'rk4'$"),
         ({'dynamics': 'dynamical'}, "^dynamics 'dynamical' must be 'kinematic' or 'dynamic'$"),
-        ({'model': own_model, 'integrator': 'rk4'}, "^integrator 'rk4' does not go with a model"),
-        ({'model': own_model, 'dynamics': 'dynamic'}, "^dynamics 'dynamic' takes the place of a"),
+        ({'model': own_model, 'integrator': 'rk4'}, "^integrator 'rk4' cannot be used with a mod"),
+        (
+            {'model': own_model, 'dynamics': 'dynamic'},
+            "^dynamics 'dynamic' and a model of your own",
+        ),
         (
             {'dynamics': 'dynamic', 'ts': 0.05},
             '^steps of 0.05 s are too long for the dyn',

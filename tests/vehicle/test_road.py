@@ -58,8 +58,8 @@ def test_elevation_is_the_integral_of_the_grades_sine(road: Road) -> None:
 @pytest.mark.parametrize(
     ('starts', 'grades_deg', 'message'),
     [
-        ((), (), '0 starts and 0 grades must be equally many, and at least one of each'),
-        ((0.0, 1.0), (0.0,), '2 starts and 1 grades must be equally many'),
+        ((), (), '0 starts and 0 grades: expected the same number of both, at least one'),
+        ((0.0, 1.0), (0.0,), '2 starts and 1 grades: expected the same number of both'),
         ((0.0, nan), (0.0, 0.0), 'nan is not a finite number'),
         ((0.0,), (inf,), 'inf is not a finite number'),
         ((0.0, 20.0, 20.0), (0.0, 1.0, 2.0), r'start 20\.0 m must lie beyond .*, 20\.0 m'),
@@ -190,7 +190,7 @@ def test_a_file_names_what_it_is_over(tmp_path: Path) -> None:
         ('time_s,force_n\n0\n', "'0' must be 2 finite numbers, time_s,force_n"),
         ('time_s,force_n\n0,nan\n', "'0,nan' must be 2 finite numbers"),
         ('time_s,force_n\n0,2e6\n', 'disturbance: 2e+06 is not a number from -1e+06 to 1e+06'),
-        ('time_s,force_n\n1,0\n0,0\n', '0 must not lie before 1'),
+        ('time_s,force_n\n1,0\n0,0\n', '0 must not be below 1'),
         ('time_s,force_n\n0,0\nnan,0\n', "'nan,0' must be 2 finite numbers"),
     ],
 )

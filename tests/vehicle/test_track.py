@@ -164,7 +164,7 @@ def test_a_file_that_describes_no_track_is_refused(
 def test_what_is_no_track_is_refused() -> None:
     with pytest.raises(UserError, match="track 'M' is neither 'L', 'oval', 'circle', 'figure-eig"):
         Track.of('M')
-    with pytest.raises(UserError, match='1 lengths and 2 curvatures must be equally many'):
+    with pytest.raises(UserError, match='1 lengths and 2 curvatures: expected the same'):
         Track((1.0,), (0.0, 0.1))
     with pytest.raises(UserError, match=r'width 0.0 must be a number of metres'):
         Track((1.0,), (0.0,), width=0.0)
