@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from barc_sim.page.protocol import Request
     from barc_sim.simulation.log import Log
 
-    #: Called with whether the request succeeded, and if not, with the reason.
+    #: Gets whether the request succeeded, and if not, the reason.
     OnDone = Callable[[bool, str], None]
 
 _SLOW_PERIOD = 0.1  #: [s] between two polls while no page is open

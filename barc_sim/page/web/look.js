@@ -98,7 +98,7 @@ export function circle(context, x, y, radius) {
   context.arc(x, y, radius, 0, 2 * Math.PI);
 }
 
-/** Return `value` with so many decimals; a dash if unknown, and no negative zero. */
+/** Return `value` with `digits` decimals; a dash if unknown, and no negative zero. */
 export function reading(value, digits) {
   if (value === null || value === undefined || Number.isNaN(value)) return '–';
   const text = value.toFixed(digits);

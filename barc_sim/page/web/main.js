@@ -311,7 +311,7 @@ function drawNow(milliseconds) {
     // Long charts take long to draw: most frames draw only the picture.
     next = now + Math.max(CHART_PERIOD, (4 * (performance.now() - began)) / 1000);
   }
-  // The camera moves on for a while after the last state.
+  // The camera keeps moving for a while after the last state.
   const still = drawn.time === time ? (drawn.still ?? 0) + 1 : 0;
   drawn = {
     time, count: history.count, still, settled: still > 60 && charts, next,

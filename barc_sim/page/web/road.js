@@ -2,7 +2,7 @@
 
 const MARGIN = 400; // [m] of road at its first and last grade beyond its ends
 const LONG = 500; // [m] from which a road is not shown whole
-const SPACING = 0.5; // [m] between the points of a road that is learnt while driving
+const SPACING = 0.5; // [m] between the points of a road that is recorded while driving
 
 const toRadians = (degrees) => (degrees * Math.PI) / 180;
 
@@ -31,7 +31,7 @@ export class Road {
     }
   }
 
-  /** Learn an unknown road from a state. */
+  /** Extend an unknown road by a state. */
   learn(state) {
     if (this.known || Number.isNaN(state.x)) return;
     const theta = Number.isNaN(state.theta_deg) ? 0 : state.theta_deg;

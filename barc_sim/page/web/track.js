@@ -117,7 +117,7 @@ export class Track {
   }
 }
 
-/** Return how far ahead [m] the steering aims with these gains; 0: nowhere. */
+/** Return the distance ahead [m] of the point that the steering aims at; 0: none. */
 export function aimOf(tuning, speed) {
   const of = (name) => tuning[`lane.${name}`] ?? 0;
   const v = Math.abs(speed);

@@ -4,7 +4,7 @@ import { make, quote, show } from './look.js';
 
 const PERIOD = 100; // [ms] between two settings while a slider moves
 const STEPS = 200; // of a slider
-// Of a node's sliders, below those of the controller.
+// The headings of other nodes' sliders, below the controller's.
 const TITLES = { vehicle_simulator: ['Car ', make('small', {}, '0: none')] };
 // What to see, and to try next, with each preset.
 const ABOUT = {
