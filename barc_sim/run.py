@@ -1,6 +1,6 @@
 """`python -m barc_sim.run COMMAND`, the same as `barc COMMAND`; Ctrl-C ends its imports silently.
 
-`scripts/run` starts runs with it. What they are made of is in `runs/`.
+`scripts/run` starts runs with it; `runs/` composes them.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ _PERIOD = 1.0  #: [s] without a new node, after which all nodes are made
 
 
 class Verdict(NamedTuple):
-    """Whether a composition is right, and why in a sentence."""
+    """Whether a composition is right, with the reason in a sentence."""
 
     right: bool
     sentence: str

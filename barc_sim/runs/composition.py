@@ -171,7 +171,7 @@ class Run:
             simulator.finish()
 
     def await_readers(self, executor: Executor) -> None:
-        """Spin until mirrors and pages have the last state: in lock-step they may be behind."""
+        """Spin until mirrors and pages have the last state, which in lock-step may take a while."""
         for simulator in self.simulators:
             executor.remove_node(simulator)
         end = time.monotonic() + _READING_TIMEOUT
@@ -204,7 +204,7 @@ class Run:
             self._record_graph(self.recorder)
             if track := self.simulators[0].track:
                 self.recorder.attach(track_file(track))
-        # A full garbage collection takes half a step: exclude what lives as long as the run.
+        # A full garbage collection takes half a step: exclude objects that live as long as the run.
         gc.collect()
         gc.freeze()
         if any(each.values['realtime_factor'] for each in self.simulators):

@@ -63,7 +63,7 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
 
 
 def add_car(run: Run, number: int) -> Car:
-    """Add the controller and the simulator of a car to the run; one car alone has no namespace.
+    """Add the controller and the simulator of a car to the run; a single car has no namespace.
 
     UserError: a parameter is out of range, or the topic is in use.
     """
@@ -114,7 +114,7 @@ def add_car(run: Run, number: int) -> Car:
 
 
 def _identified(user_code: UserCode) -> dict[str, float]:
-    """Return the parameters of the car that a student identifies; none without `identify.py`."""
+    """Return the parameters of the student's car of Lab 5; empty without `identify.py`."""
     if not user_code.identify:
         return {}
     from barc_sim.lab.labs.identify import NOISE, car_of  # noqa: PLC0415 (slow)
@@ -147,7 +147,7 @@ class Car:
     def on_step(self, t: float, seen: Observation) -> None:
         """Add the state, `t` [s] after the start of its lap, to the lap, and show it.
 
-        The run of a car that makes no progress ends.
+        If the car makes no progress, the run ends.
         """
         if t == 0.0:
             self._progress = Progress(self.simulator.stepper.distance)

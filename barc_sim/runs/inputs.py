@@ -137,7 +137,7 @@ def _refuse(
 
 
 def _check_laws(options: Namespace, inputs: Inputs) -> None:
-    """Refuse gains that the run's laws do not have, or that are given twice."""
+    """Raise UserError for a gain that the run's laws do not have, or that is given twice."""
     code = inputs.user_code
     if inputs.track:
         law: Any = UserLane(code) if code.lane else LANE_TYPES[options.lane or DEFAULT_LANE]()

@@ -1,4 +1,4 @@
-"""The run that is driven by hand: from the keyboard, or by another publisher of `cmd_vel`."""
+"""The run by hand: the driver uses the keyboard, the page, or another publisher of `cmd_vel`."""
 
 from __future__ import annotations
 

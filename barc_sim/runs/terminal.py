@@ -1,4 +1,4 @@
-"""What a run shows in the terminal: a live line, and a table at the end."""
+"""Prints a run in the terminal: a live line, and a table at the end."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def track_line(t: float, place: TrackState, speed: float) -> str:
 def drive_line(t: float, speed: float, steering: float, request: DriverInput | None = COAST) -> str:
     """Return the line of a state, whose columns stay in place: [s], [m/s], [rad].
 
-    `request` is None where the driver's input is unknown.
+    `request` is None if the driver's input is unknown.
     """
     # Rounded first, and zero added: no negative zero is shown.
     speed, steering = round(speed, 2) + 0.0, round(degrees(steering), 1) + 0.0
@@ -125,7 +125,7 @@ def _progress(distance: float | None) -> Progress:
 
 
 def print_summary(summary: Summary, late: str) -> None:
-    """Print the table of a run's speed errors, and its other figures; `late` names delays."""
+    """Print the table of a run's speed errors and other metrics; `late` names missed deadlines."""
     rows = [
         ('whole run', '', summary.rms_error, summary.max_error),
         ('after 10 m', '', summary.rms_error_after_run_up, summary.max_error_after_run_up),
