@@ -190,7 +190,7 @@ class RefusedInput:
         self._next: dict[str, float] = {}  # [s] when the next warning `about` this may be logged
 
     def add(self, describe: Callable[[], str]) -> None:
-        """Count a message; `describe` is called only where a warning is logged."""
+        """Count a message; `describe` is called only if a warning is logged."""
         self.count += 1
         self.warn(lambda: f'refused {describe()} ({self.count} refused so far)', 'refused')
 

@@ -157,7 +157,7 @@ class RecordedTopic:
         return bool(self.topic.offered_qos or self.route)
 
     def lost(self) -> dict[str, int] | None:
-        """Return the number of lost messages, by the publisher's node; None where unknown."""
+        """Return the number of lost messages, by the publisher's node; None if unknown."""
         if self.losses.unnumbered:
             return None
         by_node: dict[str, int] = {}
@@ -186,7 +186,7 @@ class TopicSubscriptions:
         self._unexpected: set[str] = set()  # topics that cannot be recorded yet: no publisher
 
     def expect(self, name: str, message_type: type[Any]) -> None:
-        """Subscribe, reliably, to a wanted topic before it has a publisher or subscriptions."""
+        """Subscribe, reliably, to a selected topic before it has a publisher or subscriptions."""
         if self._wants(name) and name not in self._topics:
             self._subscribe_early(name, message_type, QoSProfile(depth=self._depth))
 
@@ -309,7 +309,7 @@ class TopicSubscriptions:
         return messages
 
     def lost(self) -> dict[str, dict[str, int] | None]:
-        """Return the number of lost messages by topic and publishing node; None where unknown.
+        """Return the number of lost messages by topic and publishing node; None if unknown.
 
         A publisher that ended before its node was discovered is listed by its GID.
         """
@@ -328,9 +328,9 @@ class TopicSubscriptions:
 class PolledCallbackGroup(CallbackGroup):
     """Keeps its subscriptions out of every executor's wait set.
 
-    Waking up for each message would cost 4 % of a core at 50 Hz with 7 topics; polling all of them
+    A wake-up for each message would cost 4 % of a core at 50 Hz with 7 topics; polling all of them
     every 50 ms costs about 1 %, and nothing runs between a state and the command that answers it.
-    DDS stamps the time of reception, so polling late loses nothing.
+    DDS stamps the time of reception, so a late poll loses nothing.
     """
 
     polled = True  #: QuickExecutor ignores them, too

@@ -454,7 +454,7 @@ spin_until_future_complete = partial(_spin, 'spin_until_future_complete')
 
 
 class LocalSubscriptions:
-    """Subscribes to the wanted topics; `take` returns their messages, serialized.
+    """Subscribes to the selected topics; `take` returns their messages, serialized.
 
     The publisher's thread serializes and keeps a message, without an executor.
 
