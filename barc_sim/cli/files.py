@@ -143,7 +143,7 @@ def make_folder(path: Path, within: Path) -> Path:
         with suppress(FileExistsError):
             folder.mkdir()
         if not stat.S_ISDIR(folder.lstat().st_mode):
-            raise NotADirectoryError(20, f'{str(folder)!r} is no plain folder')
+            raise NotADirectoryError(20, f'{str(folder)!r} is not a plain folder')
     return path
 
 

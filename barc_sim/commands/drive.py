@@ -190,7 +190,7 @@ def _gain(text: str) -> tuple[str, float]:
     """Return name and value of a gain; the run checks that the controller has it."""
     name, equals, value = text.partition('=')
     if not equals:
-        raise ArgumentTypeError(f'{text!r} is no gain: expected NAME=VALUE')
+        raise ArgumentTypeError(f'{text!r} is not a gain: expected NAME=VALUE')
     return name, number(-inf, inf)(value)
 
 

@@ -138,7 +138,7 @@ def _rubric_of(paths: Iterable[Path]) -> str:
 
 def _folder(out: Path, submission: Path) -> Path:
     """Return the folder for a submission's reports, with a name that no file of the class has."""
-    name = submission.name.encode(errors='backslashreplace').decode()  # one can be no UTF-8
+    name = submission.name.encode(errors='backslashreplace').decode()  # one may not be UTF-8
     return out / (f'{name}.submission' if name in _CLASS_FILES else name)
 
 

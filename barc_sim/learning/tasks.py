@@ -224,7 +224,7 @@ def _checked(
     try:
         found = {} if given is None else dict(given)
     except (TypeError, ValueError):
-        raise UserError(f'{what}: {given!r} is no dict: give each value by its name') from None
+        raise UserError(f'{what}: {given!r} is not a dict: give each value by its name') from None
     for name, value in found.items():
         if name not in limits:
             raise UserError(f'{what}: {name!r} must be one of {", ".join(limits)}')
@@ -409,7 +409,7 @@ def onnx_policy(path: str | PathLike[str]) -> Callable[[Any], Any]:
         session = onnxruntime.InferenceSession(name, providers=['CPUExecutionProvider'])
         (given,) = session.get_inputs()
     except Exception as error:  # noqa: BLE001 (of many kinds)
-        raise UserError(f'{name!r} is no ONNX file of one input: {error}') from None
+        raise UserError(f'{name!r} is not an ONNX file with one input: {error}') from None
     kind = np.float64 if 'double' in given.type else np.float32
 
     def policy(observation: Floats) -> Numbers:

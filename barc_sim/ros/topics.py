@@ -93,7 +93,7 @@ def offer(recorded: Sequence[Mapping[str, Any]]) -> QoSProfile:
             latched=any(each.get('durability') in _LATCHED for each in recorded),
         )
     except (AttributeError, TypeError, ValueError) as error:
-        raise UserError(f'{[*recorded]!r} is no quality of service: {error}') from None
+        raise UserError(f'{[*recorded]!r} is not a quality of service: {error}') from None
 
 
 def _profile(depth: int, *, reliable: bool, latched: bool) -> QoSProfile:

@@ -44,7 +44,7 @@ MESSAGE_TYPES = {
     COMMAND: 'barc_interfaces/msg/ECU',
     ENVIRONMENT: 'barc_interfaces/msg/Environment',
     PID_STATE: 'barc_interfaces/msg/PidState',
-    # In place of `pid_state` where the controller is no PID; its terms are named in the message.
+    # In place of `pid_state` where the controller is not a PID; its terms are named in the message.
     CONTROLLER_STATE: 'barc_interfaces/msg/ControllerState',
     TRACK_STATE: 'barc_interfaces/msg/TrackState',
     LANE_STATE: 'barc_interfaces/msg/LaneState',
@@ -112,8 +112,8 @@ class Log:
     integral: Annotated[Floats, Column('m/s²', PID.terms['integral'], PID_STATE)]
     derivative: Annotated[Floats, Column('m/s²', PID.terms['derivative'], PID_STATE)]
     saturated: Annotated[Flags, Column('', 'whether a limit cut the command', PID_STATE)]
-    #: The terms of a controller that is no PID [m/s²], by name, each of shape `(n,)`; and those of
-    #: a steering law beyond a `TrackLog`'s columns, whose names begin with 'lane.'.
+    #: The terms of a controller other than a PID [m/s²], by name, each of shape `(n,)`; and further
+    #: terms of a steering law than a `TrackLog` has, whose names begin with 'lane.'.
     own_terms: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

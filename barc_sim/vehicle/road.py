@@ -292,7 +292,7 @@ def signal(given: object, row: Parameter, column: str) -> Signal:
     try:
         lines = read_lines(Path(name))
     except (OSError, ValueError):
-        raise UserError(f'{row.name} {name!r} is no CSV file that can be read') from None
+        raise UserError(f'{row.name} {name!r} is not a readable CSV file') from None
     try:
         header, points, values = read_columns(lines, *(f'{over},{column}' for over in _OVER))
         for value in values:

@@ -131,7 +131,7 @@ def test_folders_are_made_within_a_folder_and_not_through_its_links(tmp_path: Pa
     make_folder(out / 'a' / 'b', out)
     assert (tmp_path / 'grades' / 'a' / 'b').is_dir()
     (out / 'c').symlink_to(tmp_path)
-    with pytest.raises(OSError, match='no plain folder'):
+    with pytest.raises(OSError, match='not a plain folder'):
         make_folder(out / 'c' / 'd', out)
     assert not (tmp_path / 'd').exists()
 

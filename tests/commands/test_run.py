@@ -80,7 +80,7 @@ def assert_whole(path: Path) -> None:
         ('acc --bag-dir {file}', 'is not a folder'),
         ('acc --bag-dir /proc/bags', "no bag can be made in '/proc/bags'"),
         ('acc --controller-type mpc', "invalid choice: 'mpc'"),
-        ('acc --gain kp', "'kp' is no gain: expected NAME=VALUE"),
+        ('acc --gain kp', "'kp' is not a gain: expected NAME=VALUE"),
         ('acc --gain kp=', "'' is not a number"),
         ('acc --gain kp=1 --kp 2', '--gain kp and --kp give the same'),
         ('acc --reference a.csv --speed 3', '--speed and --reference both give the speed'),

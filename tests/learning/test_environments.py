@@ -269,7 +269,7 @@ def test_what_is_ahead_is_that_of_road_and_track() -> None:
         ({'vehicle': {'mass': 1.0}}, 'must be of type Vehicle'),
         ({'track': 'nowhere'}, "track 'nowhere' is neither"),
         ({'ranges': {'colour': (0.0, 1.0)}}, "ranges: 'colour' must be one of mass,"),
-        ({'ranges': [1]}, r'ranges: \[1\] is no dict: give each value by its name'),
+        ({'ranges': [1]}, r'ranges: \[1\] is not a dict: give each value by its name'),
         ({'ranges': {'mass': (0.0, 10.0)}}, 'ranges: mass: 0 is not a number'),
         ({'ranges': {'mass': 5}}, r'ranges: mass: 5 is not a pair of numbers: give \(lowest, high'),
         ({'ranges': {'front_stiffness': (1.0, 1e8)}, 'dynamics': 'dynamic'}, 'steps of 0.02 s'),
@@ -284,7 +284,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(options: dict[str, Any], messag
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
-        ([1], r'options: \[1\] is no dict'),
+        ([1], r'options: \[1\] is not a dict'),
         ({'x': 0.0}, "options: 'x' must be one of s, v, e_y, e_psi"),
         ({'s': 'x'}, "options: s: 'x' is not a number from 0 to 174.556"),
         ({'e_y': 99}, 'options: e_y: 99 is not a number from -3 to 3'),

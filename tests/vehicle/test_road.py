@@ -200,7 +200,7 @@ def test_a_file_that_is_no_profile_is_refused(tmp_path: Path, text: str, complai
     with pytest.raises(UserError, match=r"gust.csv'") as refusal:
         force(file)
     assert complaint in str(refusal.value)
-    with pytest.raises(UserError, match=r'disturbance .* is no CSV file'):
+    with pytest.raises(UserError, match=r'disturbance .* is not a readable CSV file'):
         force('nowhere.csv')
 
 
