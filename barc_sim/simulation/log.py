@@ -66,7 +66,7 @@ _PREFIXES = {STATE_ERROR: 'e_', LANE_STATE: 'steer_'}
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Log:
-    """One row per state `k` of a run; every array has shape `(n,)`, SI units, radians.
+    """The log of a run: a row per state `k`; every array has shape `(n,)`, SI units, radians.
 
     A value that the run did not have is NaN, such as a term without a controller, or a command that
     did not arrive. The bag reader, the live page and `to_frame` derive from these declarations.

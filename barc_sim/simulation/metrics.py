@@ -73,7 +73,7 @@ class Summary:
 
 
 def summary(log: Log) -> Summary:
-    """Return how well a run held its speed.
+    """Return a run's speed errors, overshoot and settling time.
 
     Examples
     --------

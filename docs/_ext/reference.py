@@ -143,6 +143,8 @@ def _link_words(app: Sphinx, doctree: nodes.document) -> None:
         return
     glossary = (ROOT / 'docs' / 'reference' / 'glossary.md').read_text(encoding='utf-8')
     left = set(re.findall(r'^([a-z][\w -]+)\n  ', glossary, re.MULTILINE))
+    if page.startswith('instructors/'):
+        left.discard('grade')  # a score there, not a slope
     for paragraph in doctree.findall(nodes.paragraph):
         for text in [each for each in paragraph.children if isinstance(each, nodes.Text)]:
             found = left and re.search(
