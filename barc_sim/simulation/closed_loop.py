@@ -209,35 +209,35 @@ def plant_of(**arguments: Any) -> Plant:  # noqa: ANN401 (of `simulate`)
 
     UserError: one of them is out of its limits, or they contradict one another.
     """
-    given = SimpleNamespace(**{**(simulate.__kwdefaults__ or {}), **arguments})
+    options = SimpleNamespace(**{**(simulate.__kwdefaults__ or {}), **arguments})
     check_arguments(**{name: value for name, value in arguments.items() if name in LIMITS})
     for name, kind in (('vehicle', Vehicle), ('lateral', LateralParameters), ('servo', Actuator)):
-        value = getattr(given, name)
+        value = getattr(options, name)
         if value is not None and not isinstance(value, kind):
             field = kind._fields[0]
             example = f'{kind.__name__}({field}={getattr(kind(), field)})'
             raise UserError(f'{name} {value!r} must be of type {kind.__name__}, such as {example}')
-    force = signal(given.disturbance, ROWS['disturbance'], FORCE_COLUMN)
-    is_constant = isinstance(given.disturbance, (float, int))
-    noise, model, vehicle = given.noise, given.model, given.vehicle
+    force = signal(options.disturbance, ROWS['disturbance'], FORCE_COLUMN)
+    is_constant = isinstance(options.disturbance, (float, int))
+    noise, model, vehicle = options.noise, options.model, options.vehicle
     plant = Plant(
         road=None if given.road is None else Road.of(given.road),
         vehicle=vehicle and Vehicle(*vehicle),  # which checks it: `_replace` does not
-        ts=round(given.ts * NANOSECONDS) / NANOSECONDS,
+        ts=round(options.ts * NANOSECONDS) / NANOSECONDS,
         noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),
-        seed=given.seed,
+        seed=options.seed,
         force=force(0.0, 0.0) if is_constant else 0.0,
         disturbance=None if is_constant else force,
         model=model if model is bikeFE else _with_options(model),
-        motor=Actuator(delay=given.delay),
-        servo=given.servo or (SERVO._replace(delay=given.delay) if given.track else None),
-        integrator=given.integrator,
-        dynamics=given.dynamics,
-        lateral=given.lateral,
-        track=Track.of(given.track) if given.track else None,
+        motor=Actuator(delay=options.delay),
+        servo=options.servo or (SERVO._replace(delay=options.delay) if options.track else None),
+        integrator=options.integrator,
+        dynamics=options.dynamics,
+        lateral=options.lateral,
+        track=Track.of(options.track) if options.track else None,
     )
-    if plant.track and given.e_y:
-        plant.place(State(*plant.track.place(0.0, given.e_y)))
+    if plant.track and options.e_y:
+        plant.place(State(*plant.track.place(0.0, options.e_y)))
     return plant
 
 
@@ -394,8 +394,8 @@ def _with_options(model: Model) -> Model:
     names = {each.name for each in parameters}
 
     def adapted(*state_and_input: float, **options: float) -> Sequence[float]:
-        taken = {name: value for name, value in options.items() if name in names}
-        return model(*state_and_input, **taken)
+        accepted = {name: value for name, value in options.items() if name in names}
+        return model(*state_and_input, **accepted)
 
     return adapted
 

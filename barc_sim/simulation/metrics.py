@@ -122,10 +122,10 @@ def _summary(
 
 def _figures(errors: Floats) -> tuple[float, float]:
     """Return RMS and maximum [m/s] of the known errors."""
-    known = errors[~np.isnan(errors)]
-    if not len(known):
+    valid = errors[~np.isnan(errors)]
+    if not len(valid):
         return nan, nan
-    return sqrt(float(known @ known) / len(known)), float(known.max())
+    return sqrt(float(valid @ valid) / len(valid)), float(valid.max())
 
 
 def _step_response(t: Floats, speed: Floats, reference: Floats) -> tuple[float, float]:

@@ -206,9 +206,9 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     }
     t = np.concatenate([each.t[each.first :] for each in stretches])
     measured = np.concatenate([each.measured[:, each.first :] for each in stretches], 1)
-    found = [*zip(_SIGNALS, measured, fit.errors, strict=False)]
-    signals = {signal: (t, values, values + errors) for signal, values, errors in found}
-    whiteness = {signal: _whiteness(errors, special) for signal, _, errors in found}
+    fitted = [*zip(_SIGNALS, measured, fit.errors, strict=False)]
+    signals = {signal: (t, values, values + errors) for signal, values, errors in fitted}
+    whiteness = {signal: _whiteness(errors, special) for signal, _, errors in fitted}
     remarks += _remarks(estimates, whiteness)
     return Identified(estimates, signals, whiteness, tuple(remarks))
 
@@ -249,12 +249,12 @@ class _Search(NamedTuple):
 
         optimize = extra('scipy.optimize', 'identify', 'identify')
         slopes = partial(optimize.approx_fprime, f=errors, epsilon=steps)
-        found = optimize.least_squares(
+        result = optimize.least_squares(
             errors, [*start.values()], slopes, (low, inf), x_scale='jac', max_nfev=_STEPS
         )
-        values = dict(zip(start, found.x.tolist(), strict=True))
-        every = found.fun.reshape(len(self.sizes), -1) * self.sizes
-        return _Fit(values, found.cost, every, found.jac)
+        values = dict(zip(start, result.x.tolist(), strict=True))
+        every = result.fun.reshape(len(self.sizes), -1) * self.sizes
+        return _Fit(values, result.cost, every, result.jac)
 
     @np.errstate(invalid='ignore')  # of a car that the integrator cannot follow
     def _errors(self, values: Mapping[str, float]) -> Floats:
@@ -266,11 +266,11 @@ class _Search(NamedTuple):
         for each in self.stretches:
             counted = np.s_[: len(self.sizes), each.first :]
             v = float(each.measured[0, 0]) if each.in_motion else 0.0
-            found = self._predict(each, values, v)
-            errors = (found - each.measured)[counted] / self.sizes
+            predicted = self._predict(each, values, v)
+            errors = (predicted - each.measured)[counted] / self.sizes
             if each.in_motion:
                 faster = self._predict(each, values, v + _FASTER)
-                slope = (faster - found)[counted] / self.sizes
+                slope = (faster - predicted)[counted] / self.sizes
                 errors -= slope * (np.vdot(slope, errors) / (np.vdot(slope, slope) or 1.0))
             every.append(errors)
         return np.clip(np.nan_to_num(np.concatenate(every, 1), nan=_WORST), -_WORST, _WORST)
@@ -320,13 +320,13 @@ def _size(errors: Floats) -> Floats:
 
 def _stretches(log: Log) -> Iterator[_Stretch]:
     """Yield the parts of a log that have commands and no gap or reset, and are long enough."""
-    known = np.flatnonzero(np.isfinite(log.v_x))
-    if len(known) < 2 or not np.isfinite(log.motor).any():  # noqa: PLR2004
+    measured = np.flatnonzero(np.isfinite(log.v_x))
+    if len(measured) < 2 or not np.isfinite(log.motor).any():  # noqa: PLR2004
         return
-    steps = np.diff(log.t[known])
+    steps = np.diff(log.t[measured])
     ts = float(np.median(steps))
-    jumps = abs(np.diff(log.distance[known])) > _JUMP
-    for part in np.split(known, np.flatnonzero((abs(steps - ts) > 0.1 * ts) | jumps) + 1):
+    jumps = abs(np.diff(log.distance[measured])) > _JUMP
+    for part in np.split(measured, np.flatnonzero((abs(steps - ts) > 0.1 * ts) | jumps) + 1):
         if len(part) * ts >= _SHORTEST:
             rows = slice(part[0], part[-1] + 1)
             # Where a command missed its deadline, the one before it held.
@@ -354,10 +354,10 @@ def covariance(slopes: Floats) -> Floats:
     scale = np.linalg.norm(slopes, axis=0)
     scale[scale == 0.0] = 1.0
     inverse = np.linalg.pinv(slopes / scale, 1e-9)
-    found: Floats = inverse @ inverse.T / np.outer(scale, scale)
+    inverted: Floats = inverse @ inverse.T / np.outer(scale, scale)
     blind = np.diag(inverse @ slopes) < (1.0 - _BLIND) * scale
-    found[blind, blind] = inf
-    return found
+    inverted[blind, blind] = inf
+    return inverted
 
 
 def _whiteness(errors: Floats, special: Any) -> float:  # noqa: ANN401 (a module)

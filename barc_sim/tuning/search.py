@@ -183,10 +183,10 @@ def sweep(
         raise UserError('the controller has no gains to sweep: give it attributes such as kp')
     named = {'kp': kp, 'ki': ki, 'kd': kd}
     named |= {name: options.pop(name) for name in held if name in options}
-    given = {name: np.asarray(gain, float) for name, gain in named.items() if gain is not None}
+    passed = {name: np.asarray(gain, float) for name, gain in named.items() if gain is not None}
     for bound in (np.min, np.max):
-        set_gains(drives, {name: float(bound(gain)) for name, gain in given.items()})
-    axes = dict(zip(held, np.broadcast_arrays(*{**held, **given}.values()), strict=True))
+        set_gains(drives, {name: float(bound(gain)) for name, gain in passed.items()})
+    axes = dict(zip(held, np.broadcast_arrays(*{**held, **passed}.values()), strict=True))
     check_arguments(**{name: options[name] for name in options.keys() & LIMITS.keys()})
     if road := options.get('road'):
         options['road'] = Road.of(road)  # which is read once
@@ -197,20 +197,20 @@ def sweep(
     expected = distance / speed + speed / options.get('acceleration_limit', ACCELERATION_LIMIT)
     options = {'max_duration': _MAX_DURATION_FACTOR * expected, **options}
     shape = next(iter(axes.values())).shape
-    found = np.recarray(shape, dtype=[(name, np.float64) for name in (*axes, *SCORES)]).view(Sweep)
+    scores = np.recarray(shape, dtype=[(name, np.float64) for name in (*axes, *SCORES)]).view(Sweep)
     for i in np.ndindex(shape):
         gains = {name: float(axis[i]) for name, axis in axes.items()}
         set_gains(drives, gains)
         log = simulate(controller=drives, **options)
-        found[i] = *gains.values(), *_scores(log, distance)
+        scores[i] = *gains.values(), *_scores(log, distance)
     set_gains(drives, held)
-    return found
+    return scores
 
 
 def _scores(log: Log, distance: float) -> tuple[float, ...]:
     """Return the scores of a run, which are infinite where it has not arrived."""
     if log.distance[-1] < distance:
         return (np.inf,) * len(SCORES)
-    found = summary(log)
+    result = summary(log)
     effort = float(np.sqrt(np.mean(np.square(log.motor))))
-    return found.rms_error_after_run_up, found.max_error_after_run_up, found.overshoot, effort
+    return result.rms_error_after_run_up, result.max_error_after_run_up, result.overshoot, effort
