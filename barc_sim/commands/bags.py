@@ -159,29 +159,29 @@ def run_info(options: Namespace) -> None:
 
     from barc_sim.bags.contents import describe  # noqa: PLC0415 (slow: not for --help)
 
-    found = describe(_bag(options))
-    for line in [json.dumps(found, indent=2)] if options.json else _described(found):
+    contents = describe(_bag(options))
+    for line in [json.dumps(contents, indent=2)] if options.json else _described(contents):
         print(escaped(line))  # noqa: T201
 
 
-def _described(found: dict[str, Any]) -> Iterator[str]:
+def _described(contents: dict[str, Any]) -> Iterator[str]:
     """Yield the lines of a description, similar to those of `ros2 bag info`."""
-    start = datetime.fromtimestamp(found['start'], timezone.utc).astimezone()
-    yield f'Files:     {", ".join(found["files"])}'
-    yield f'Bag size:  {sum(found["files"].values()) / 1024:.1f} KiB'
-    yield f'Duration:  {found["duration"]:.9f} s'
-    yield f'Start:     {start:%b %d %Y %H:%M:%S.%f} ({found["start"]:.9f})'
-    yield f'Messages:  {found["messages"]}'
-    for topic in found['topics']:
+    start = datetime.fromtimestamp(contents['start'], timezone.utc).astimezone()
+    yield f'Files:     {", ".join(contents["files"])}'
+    yield f'Bag size:  {sum(contents["files"].values()) / 1024:.1f} KiB'
+    yield f'Duration:  {contents["duration"]:.9f} s'
+    yield f'Start:     {start:%b %d %Y %H:%M:%S.%f} ({contents["start"]:.9f})'
+    yield f'Messages:  {contents["messages"]}'
+    for topic in contents['topics']:
         yield f'{topic["messages"]:9} {topic["name"]} [{topic["type"]}]'
-    yield from _damages(found['damages'])
-    for name, text in (*found['losses'].items(), *found['metadata'].items()):
+    yield from _damages(contents['damages'])
+    for name, text in (*contents['losses'].items(), *contents['metadata'].items()):
         if name not in ('parameters', 'graph'):  # long
             yield f'{name}: {" ".join(text.split())}'
 
 
-def _damages(found: dict[str, dict[str, int]]) -> Iterator[str]:
-    for name, damage in found.items():
+def _damages(damages: dict[str, dict[str, int]]) -> Iterator[str]:
+    for name, damage in damages.items():
         if chunks := damage['unreadable_chunks']:
             yield f'{name}: chunks left out, as they are damaged or too large: {chunks}'
         if damage['unfinished']:

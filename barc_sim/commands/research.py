@@ -118,9 +118,9 @@ def run_tune(options: Namespace) -> None:
             acceleration_limit=limit,
         )
 
-    def cost(found: Sweep) -> Floats:
-        value: Floats = found[COSTS[options.cost]]
-        return value + options.effort * found.effort if options.effort else value
+    def cost(swept: Sweep) -> Floats:
+        value: Floats = swept[COSTS[options.cost]]
+        return value + options.effort * swept.effort if options.effort else value
 
     start = np.array([getattr(controller, name, first) for name, (first, _) in GAINS.items()])
     with Console(stderr=True).status('searching'):
@@ -164,13 +164,13 @@ def _command(options: Namespace, gains: Sequence[float], road: str) -> str:
     return f'{barc_path()} {shlex.join(words)}'
 
 
-def _print_scores(road: str, found: Sweep, label: str, costs: Floats) -> None:
+def _print_scores(road: str, scores: Sweep, label: str, costs: Floats) -> None:
     """Print a table of the scores and costs of two runs."""
     from barc_sim.tuning.search import SCORES  # noqa: PLC0415
 
     forms = '.4f', '.4f', '.2%', '.3f'
-    rows = [(gain, found[gain], '.12g') for gain in GAINS]
-    rows += [(SCORES[name], found[name], form) for name, form in zip(SCORES, forms, strict=True)]
+    rows = [(gain, scores[gain], '.12g') for gain in GAINS]
+    rows += [(SCORES[name], scores[name], form) for name, form in zip(SCORES, forms, strict=True)]
     rows.append((label, costs, '.5g'))
     width = max(len(text) for text, *_ in rows)
     print(f'{"road " + road:{width}}  {"start":>9}  {"found":>9}')  # noqa: T201
@@ -239,17 +239,17 @@ def run_identify(options: Namespace) -> None:
         log_of_fields(bag, fields) if fields else reader.read(bag, options.namespace)
         for bag in bags
     ]
-    found = identify(*logs, vehicle=Vehicle(mass=options.mass), integrator=options.integrator)
-    width = max(map(len, found.estimates))
-    for name, each in found.estimates.items():
+    identified = identify(*logs, vehicle=Vehicle(mass=options.mass), integrator=options.integrator)
+    width = max(map(len, identified.estimates))
+    for name, each in identified.estimates.items():
         print(f'{name:{width}}  {each!s:32} {each.meaning}')  # noqa: T201
-    for remark in found.remarks:
+    for remark in identified.remarks:
         print(f'- {remark}')  # noqa: T201
     if path:
         from barc_sim.figures.run_figures import identification_figure  # noqa: PLC0415
 
         title = ', '.join(bag.resolve().name for bag in bags)
-        save_figure(path, identification_figure(found.signals, title=title))
+        save_figure(path, identification_figure(identified.signals, title=title))
 
 
 def add_arguments_raceline(parser: Parser) -> None:

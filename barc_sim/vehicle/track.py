@@ -235,8 +235,8 @@ class Track:
         """Return the curvature [1/m] at `s` metres; an array, of an array."""
         if isinstance(s, (float, int)):
             return self.curvatures[self.segment(s)[0]]
-        found: Floats = self._table[self._in_segments(s)[0], _CURVATURE]
-        return found
+        curvatures: Floats = self._table[self._in_segments(s)[0], _CURVATURE]
+        return curvatures
 
     def place(self, s: Numbers, e_y: Numbers = 0.0, e_psi: Numbers = 0.0) -> Pose:
         """Return the pose on the map of a pose on the track; arrays, of arrays."""
@@ -326,8 +326,8 @@ class Track:
             s[left], e_y[left], heading[left] = self._project_many(i[left], x[left], y[left])
         if self.is_closed:
             s += self.length * np.round((near - s) / self.length)
-        found: Any = s, e_y, _wrapped(psi - heading), self._table[i, _CURVATURE]
-        return Frenet(*found)
+        frenet: Any = s, e_y, _wrapped(psi - heading), self._table[i, _CURVATURE]
+        return Frenet(*frenet)
 
     def _nearest(self, x: Numbers, y: Numbers) -> Floats:
         """Return s of the nearest points of the centre line."""
@@ -403,8 +403,8 @@ def _fit(points: list[complex], tolerance: float) -> tuple[Pose, list[tuple[floa
             off = float(np.abs(e_y).max(initial=0.0))
             if not off <= tolerance:
                 break
-            found, deviation, last = trial, off, j  # of the first, no points are between
-        arcs += found
+            best, deviation, last = trial, off, j  # of the first, no points are between
+        arcs += best
         maximum, i = max(maximum, deviation), last
     return start, arcs, maximum
 
