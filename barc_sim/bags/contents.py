@@ -250,8 +250,8 @@ class McapFile:
 def _checked(path: Path, metadata: dict[str, str]) -> dict[str, str]:
     for name, text in metadata.items():
         if len(text) > bounds.MAX_TEXT:
-            found = f'{len(text)} characters of metadata {name[:40]!r}'
-            bounds.refuse(path, found, f'{bounds.MAX_TEXT}')
+            excess = f'{len(text)} characters of metadata {name[:40]!r}'
+            bounds.refuse(path, excess, f'{bounds.MAX_TEXT}')
     return metadata
 
 

@@ -323,8 +323,8 @@ def _check_log(path: Path, log: Log) -> None:
     gaps = np.diff(log.t, prepend=0.0)
     k = int(np.argmax(gaps))
     if gaps[k] > bounds.MAX_GAP or log.t[-1] > bounds.MAX_DURATION:
-        found = f'states of {log.t[-1]:.6g} s, with {gaps[k]:.6g} s between two of them'
-        bounds.refuse(path, found, f'{bounds.MAX_DURATION:g} s and {bounds.MAX_GAP:g} s')
+        excess = f'states of {log.t[-1]:.6g} s, with {gaps[k]:.6g} s between two of them'
+        bounds.refuse(path, excess, f'{bounds.MAX_DURATION:g} s and {bounds.MAX_GAP:g} s')
     far = float(np.fmax.reduce(np.abs([log.distance, log.y]), axis=None, initial=0.0))
     if far > bounds.MAX_DISTANCE:
         bounds.refuse(path, f'a state {far:.6g} m from the start', f'{bounds.MAX_DISTANCE:g} m')
