@@ -92,8 +92,8 @@ def run(options: Namespace) -> int:
     out = options.out.absolute()
     if out.resolve() == options.submissions.resolve():
         raise UserError(f'{str(options.out)!r} has the submissions: name another folder with --out')
-    found = submission.find(options.submissions, is_class=bool(options.roster))
-    paths = [path for path in found if path.absolute() != out]
+    submissions = submission.find(options.submissions, is_class=bool(options.roster))
+    paths = [path for path in submissions if path.absolute() != out]
     points = grade.load(options.rubric or _rubric_of(paths))
     points.lab.ready()
     # Gradescope looks for the files of a single submission in the folder itself.
@@ -132,8 +132,8 @@ def _rubric_of(paths: Iterable[Path]) -> str:
     """Return the usual rubric of the lab of the first submission that has a file of one."""
     from barc_sim.lab.submission import read  # noqa: PLC0415
 
-    found = (names_of(read(path).files) for path in paths)
-    return handout_of(next(filter(None, found), ())).rubric
+    parts = (names_of(read(path).files) for path in paths)
+    return handout_of(next(filter(None, parts), ())).rubric
 
 
 def _folder(out: Path, submission: Path) -> Path:

@@ -101,11 +101,11 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
         jacobian = weight * across.imag - 2.5 * residuals * stretched
         hessian = jacobian.T @ jacobian + 1e-9 * one
         gradient = jacobian.T @ (residuals[:, 0] - jacobian @ offsets)
-        found, _, flag, _ = solve(hessian, gradient, np.empty((0, n)), bounds, -bounds)
+        solution, _, flag, _ = solve(hessian, gradient, np.empty((0, n)), bounds, -bounds)
         if flag < 1:
             raise UserError(f'no racing line of {track.name!r} was found: give another margin')
-        found = np.clip(found, -bounds, bounds)
-        moved, offsets = float(np.abs(found - offsets).max()), found
+        solution = np.clip(solution, -bounds, bounds)
+        moved, offsets = float(np.abs(solution - offsets).max()), solution
         if moved < _SETTLED:
             break
     return line_beside(track, offsets)

@@ -85,10 +85,10 @@ class Task:
             raise UserError(f'option {name!r} must be one of {", ".join(allowed)}')
         self.speed = self.default_speed if speed is None else speed
         SPEED._replace(between=(1e-3, SPEED.between[1])).check(self.speed, 'speed')
-        given = {name: each for name, each in options.items() if each not in (None, '')}
+        chosen = {name: each for name, each in options.items() if each not in (None, '')}
         check_arguments(acceleration_limit=acceleration_limit)
-        self.delays_servo = 'servo' not in given  #: Whether `delay` is that of the servo, too.
-        self._options: dict[str, Any] = {**self.course, **given}
+        self.delays_servo = 'servo' not in chosen  #: Whether `delay` is that of the servo, too.
+        self._options: dict[str, Any] = {**self.course, **chosen}
         self.plain = self.plant({})  #: the plant of the options alone
         self.road, self.track, self.ts = self.plain.road, self.plain.track, self.plain.ts
         self._noise = self.plain.sensor.noise  # of the sensor's kind, but of `np_random`
@@ -96,8 +96,8 @@ class Task:
         self.ranges = _checked('ranges', ranges, _VARIED, are_pairs=True)
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
-        least, most = self.start_speeds
-        starts = {'v': (least * self.speed, most * self.speed)}  # from and to
+        slowest, fastest = self.start_speeds
+        starts = {'v': (slowest * self.speed, fastest * self.speed)}  # from and to
         self._allowed = {'s': LIMITS['distance'].between, 'v': (-MAX_SPEED, MAX_SPEED)}
         if track := self.track:
             self.length, self.half_width = track.length, 0.5 * track.width  # [m]
@@ -222,10 +222,10 @@ def _checked(
 ) -> dict[str, Any]:
     """Return a new dict of what is given by name; UserError: it is none, or beyond the limits."""
     try:
-        found = {} if given is None else dict(given)
+        values = {} if given is None else dict(given)
     except (TypeError, ValueError):
         raise UserError(f'{what}: {given!r} is not a dict: give each value by its name') from None
-    for name, value in found.items():
+    for name, value in values.items():
         if name not in limits:
             raise UserError(f'{what}: {name!r} must be one of {", ".join(limits)}')
         try:
@@ -237,7 +237,7 @@ def _checked(
         for each in (low, high):
             if why := not_between(each, *limits[name]):
                 raise UserError(f'{what}: {name}: {why}')
-    return found
+    return values
 
 
 def _preview(
@@ -407,14 +407,14 @@ def onnx_policy(path: str | PathLike[str]) -> Callable[[Any], Any]:
     onnxruntime = extra('onnxruntime', repr(name), 'onnx')
     try:
         session = onnxruntime.InferenceSession(name, providers=['CPUExecutionProvider'])
-        (given,) = session.get_inputs()
+        (entry,) = session.get_inputs()
     except Exception as error:  # noqa: BLE001 (of many kinds)
         raise UserError(f'{name!r} is not an ONNX file with one input: {error}') from None
-    kind = np.float64 if 'double' in given.type else np.float32
+    kind = np.float64 if 'double' in entry.type else np.float32
 
     def policy(observation: Floats) -> Numbers:
         try:
-            return session.run(None, {given.name: observation.astype(kind)[None]})[0][0]
+            return session.run(None, {entry.name: observation.astype(kind)[None]})[0][0]
         except Exception as error:  # noqa: BLE001 (as above)
             raise UserError(f'{name!r}: {error}') from None
 
