@@ -111,8 +111,8 @@ class Law:
     ) -> dict[str, Mistake]:
         """Return the mistake that explains each wrong result; results without one are left out.
 
-        `cases` has the inputs and outputs of the user's function, by result, right results included.
-        If several mistakes match, the one that explains most results is returned.
+        `cases` has the inputs and outputs of the user's function, by result: right results, too. If
+        several mistakes match, the one that explains most results is returned.
         """
 
         def explains(mistake: Mistake, name: str) -> bool:

@@ -102,7 +102,7 @@ def _run_here(file: str) -> None:
                 publishers.get(publisher.topic_name, []).append(node.get_name())
         names = sorted(node.get_fully_qualified_name() for node in world.nodes)
         idle = [node.get_name() for node in world.nodes if node.executor is None]
-        Path(_FOUND).write_text(json.dumps((names, publishers, idle)), encoding='utf-8')
+        Path(_RESULT).write_text(json.dumps((names, publishers, idle)), encoding='utf-8')
         os._exit(0)
 
     signal.signal(signal.SIGALRM, poll)

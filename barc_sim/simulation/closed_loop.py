@@ -221,7 +221,7 @@ def plant_of(**arguments: Any) -> Plant:  # noqa: ANN401 (of `simulate`)
     is_constant = isinstance(options.disturbance, (float, int))
     noise, model, vehicle = options.noise, options.model, options.vehicle
     plant = Plant(
-        road=None if given.road is None else Road.of(given.road),
+        road=None if options.road is None else Road.of(options.road),
         vehicle=vehicle and Vehicle(*vehicle),  # which checks it: `_replace` does not
         ts=round(options.ts * NANOSECONDS) / NANOSECONDS,
         noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),

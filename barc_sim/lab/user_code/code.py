@@ -130,7 +130,7 @@ class UserCode:
         """Use `files` by part (see `FILES`), of any folders.
 
         `budget` is the time limit of each call [s]. It is None in the process of a submission, as
-        in `check` and `grade`: then no thread watches the calls, and the code can import only NumPy.
+        in `check` and `grade`: then no thread watches the calls, and NumPy alone can be imported.
         Text that user code prints goes to `output`; without it, to stdout.
         """
         # Absolute and without `..`, so that each folder has one name.
