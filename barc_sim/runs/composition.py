@@ -137,7 +137,7 @@ class Run:
         discovered. If the node `reads` a simulator, the run waits at its end until the node's
         `latest`, the stamp of its newest state, is the stamp of the simulator's last state.
 
-        UserError: a parameter is out of range, or the topic is in use.
+        UserError: a parameter is out of range, a topic is in use, or a remapping moves every car.
         """
         if self.recorder:
             # A publisher may wait for the node's subscription, send one message, and end.
@@ -147,6 +147,11 @@ class Run:
         overrides = [Parameter(k, value=v) for k, v in (parameters or {}).items() if v is not None]
         node = kind(namespace=namespace, parameter_overrides=overrides, **options)
         self.nodes.append(node)
+        if namespace and (remapped := node.get_namespace()) != f'/{namespace.strip("/")}':
+            raise UserError(
+                f'the namespace {remapped} would hold for every car: leave it out, as --cars gives '
+                'each car a namespace of its own'
+            )
         if reads:
             self._readers.append((node, reads))
         return node

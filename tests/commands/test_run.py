@@ -97,6 +97,7 @@ def assert_whole(path: Path) -> None:
         ('acc --laps 3 --distance 0', 'laps 3 with distance 0, at which no lap ends'),
         ('acc --ros-args -p controller_type:=mpc', "'mpc': expected pid or lqr"),
         ('acc --ros-args -r z_vhcl', "'-r z_vhcl'"),
+        ('acc --cars 2 --ros-args -r __ns:=/a', 'the namespace /a would hold for every car'),
         ('acc --ros-args -p vehicle_simulator:mass:=-1.0', 'mass of vehicle_simulator: -1 is not'),
     ],
 )
