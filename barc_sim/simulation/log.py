@@ -56,11 +56,11 @@ class Column(NamedTuple):
 
     unit: str
     meaning: str
-    topic: str = ''  #: whose messages hold it; empty where no message does
-    field: str = ''  #: of the message; empty where it is called as the column, but for a prefix
+    topic: str = ''  #: of the messages with it; empty if no message has it
+    field: str = ''  #: of the message; empty if it has the column's name without the prefix
 
 
-#: Before the fields of a topic in the names of columns.
+#: The prefix of a topic's fields in the names of columns.
 _PREFIXES = {STATE_ERROR: 'e_', LANE_STATE: 'steer_'}
 
 
@@ -90,12 +90,12 @@ class Log:
     v_y: Annotated[Floats, Column('m/s', "speed to the vehicle's left", STATE)]
     psi_dot: Annotated[Floats, Column('rad/s', 'yaw rate', STATE)]
     # Measured minus true, in the vehicle's frame.
-    e_s: Annotated[Floats, Column('m', 'error of the position along', STATE_ERROR)]
-    e_ey: Annotated[Floats, Column('m', 'error of the position across', STATE_ERROR)]
-    e_epsi: Annotated[Floats, Column('rad', 'error of the heading', STATE_ERROR)]
-    e_v_x: Annotated[Floats, Column('m/s', 'error of the speed along', STATE_ERROR)]
-    e_v_y: Annotated[Floats, Column('m/s', 'error of the speed across', STATE_ERROR)]
-    e_psi_dot: Annotated[Floats, Column('rad/s', 'error of the yaw rate', STATE_ERROR)]
+    e_s: Annotated[Floats, Column('m', 'longitudinal position error', STATE_ERROR)]
+    e_ey: Annotated[Floats, Column('m', 'lateral position error', STATE_ERROR)]
+    e_epsi: Annotated[Floats, Column('rad', 'heading error', STATE_ERROR)]
+    e_v_x: Annotated[Floats, Column('m/s', 'longitudinal speed error', STATE_ERROR)]
+    e_v_y: Annotated[Floats, Column('m/s', 'lateral speed error', STATE_ERROR)]
+    e_psi_dot: Annotated[Floats, Column('rad/s', 'yaw rate error', STATE_ERROR)]
     # The command that answers state k.
     motor: Annotated[Floats, Column('m/s²', 'acceleration command', COMMAND)]
     servo: Annotated[Floats, Column('rad', 'steering angle command', COMMAND)]
@@ -112,8 +112,8 @@ class Log:
     integral: Annotated[Floats, Column('m/s²', PID.terms['integral'], PID_STATE)]
     derivative: Annotated[Floats, Column('m/s²', PID.terms['derivative'], PID_STATE)]
     saturated: Annotated[Flags, Column('', 'whether a limit cut the command', PID_STATE)]
-    #: The terms of a controller other than a PID [m/s²], by name, each of shape `(n,)`; and further
-    #: terms of a steering law than a `TrackLog` has, whose names begin with 'lane.'.
+    #: The terms of a controller other than a PID [m/s²], by name, each of shape `(n,)`; and the
+    #: terms of a steering law that a `TrackLog` lacks, whose names begin with 'lane.'.
     own_terms: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
