@@ -443,7 +443,7 @@ def _load(folder: Folder, path: Path) -> ModuleType:
     except UserError:
         raise
     except (Exception, SystemExit, OutOfTime) as error:
-        hint = hint_on(folder, error)
+        hint = guarded(hint_on, folder, error, default='')
         fault = f'loading the file raised {describe_error(error)}' + (f': {hint}' if hint else '')
         if isinstance(error, ModuleNotFoundError):
             fault = (

@@ -564,7 +564,7 @@ class UserFunction:
             name = self._name() if name.startswith(('_', '<')) else name
             return UserCodeError(f'{place}: {name} {NOT_WRITTEN}')
         text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
-        hint = hint_on(self.folder, error)
+        hint = guarded(hint_on, self.folder, error, default='')
         text = f'{text}: {hint}' if hint else text
         return UserCodeError(f'{place}: {call} raised {text}; expected {self.called.returns}')
 
@@ -617,8 +617,8 @@ def hint_on(folder: Folder, error: BaseException) -> str:
     _, frame = _innermost(folder, error)
     names = frame.f_locals if frame else {}
     own = [*getattr(names.get('self'), '__dict__', {})]
-    if isinstance(error, NameError):
-        return _hint_on_name(text.split("'")[1], [*names], own)
+    if isinstance(error, NameError) and (name := re.search(r"'(\w+)'", text)):
+        return _hint_on_name(name[1], [*names], own)
     if isinstance(error, AttributeError) and 'self' in names and error.obj is names['self']:
         near = get_close_matches(error.name, own, 1)
         return f'did you mean self.{near[0]}?' if near else f'is self.{error.name} set in __init__?'

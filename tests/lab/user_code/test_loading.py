@@ -99,6 +99,8 @@ def test_another_result_is_shown_beside_what_was_passed_in_and_expected(
         ('return [x / (y - y), 0, 0, 0]', 'ZeroDivisionError: float division by zero'),
         ('return foo', "NameError: name 'foo' is not defined"),
         ('raise ValueError', 'ValueError'),
+        ('raise NameError', 'NameError'),
+        ('self = type("S", (), {"__dict__": 3})(); return foo', 'NameError: name '),
         ('exit()', 'SystemExit'),
         ('input()', 'EOFError: input() does not work here'),
         ('return bikeFE(*[0] * 11)', 'RecursionError: '),
