@@ -33,7 +33,7 @@ _DISCOVERY_PERIOD = 0.2
 
 
 class BagRecorder(Node):
-    """Records the wanted topics that have a publisher, beginning in its constructor.
+    """Records the selected topics that have a publisher, beginning in its constructor.
 
     Create it before the other nodes of a process: publishers and subscriptions of one participant
     match at their creation, so that `/rosout` and `/parameter_events` are recorded from the other
@@ -193,7 +193,7 @@ class BagRecorder(Node):
         self._thread.do(lambda writer: writer.attach(files))
 
     def discover(self) -> None:
-        """Subscribe to each wanted topic with a new publisher since the last call."""
+        """Subscribe to each selected topic with a new publisher since the last call."""
         self._topics.discover()
 
     def close(self) -> None:

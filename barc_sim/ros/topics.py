@@ -191,7 +191,7 @@ class TopicSubscriptions:
             self._subscribe_early(name, message_type, QoSProfile(depth=self._depth))
 
     def discover(self) -> None:
-        """Subscribe to each wanted topic with a new publisher since the last call.
+        """Subscribe to each selected topic with a new publisher since the last call.
 
         Subscribe also to each topic with its first subscription. For a topic that cannot be
         recorded, warn once.

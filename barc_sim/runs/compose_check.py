@@ -85,8 +85,8 @@ def _is_unwritten(file: Path) -> bool:
 
 
 def _run_here(file: str) -> None:
-    """Run the script on what stands in for ROS; write what is found of its nodes to a file."""
-    from barc_sim.ros.local import install  # noqa: PLC0415 (as the script's own process)
+    """Run the script on `ros/local`; write its nodes, publishers and idle nodes to a file."""
+    from barc_sim.ros.local import install  # noqa: PLC0415 (only in the script's process)
 
     world, before = install(), 0
 
@@ -112,7 +112,7 @@ def _run_here(file: str) -> None:
 
 
 def _verdict(nodes: list[str], publishers: dict[str, list[str]], idle: list[str]) -> Verdict:
-    """Judge the script's nodes, the publishers of each topic, and what is in no executor."""
+    """Judge the script's nodes, the publishers of each topic, and nodes without an executor."""
     listed = f'{len(nodes)} nodes, {", ".join(nodes)}'
     faults = []
     if len(nodes) < _NODES:

@@ -477,7 +477,7 @@ class LocalSubscriptions:
         """Do nothing: a new publisher is discovered at once."""
 
     def discover(self) -> None:
-        """Subscribe to each wanted topic with a new publisher since the last call."""
+        """Subscribe to each selected topic with a new publisher since the last call."""
         for name, (kind, *_) in self._node.get_topic_names_and_types():
             wanted = name not in self._subscriptions and self._wants(name)
             if wanted and self._node.get_publishers_info_by_topic(name):
