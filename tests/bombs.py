@@ -31,8 +31,8 @@ def zeros(method: int) -> bytes:
 
 #: What makes the .zip, and the sentence.
 BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
-    'many entries': (lambda: entries(100_000), 'it holds too many files'),
-    'a million entries': (lambda: entries(1_000_000), 'it holds too many files'),
+    'many entries': (lambda: entries(100_000), 'it contains too many files'),
+    'a million entries': (lambda: entries(1_000_000), 'it contains too many files'),
     'zeros': (lambda: zeros(zipfile.ZIP_DEFLATED), 'bike_model.py is larger than 1 MiB'),
     'zeros by LZMA': (
         lambda: zeros(zipfile.ZIP_LZMA),

@@ -168,4 +168,4 @@ def _drive(folder: Path, bags: Path) -> tuple[Path | None, str]:
     if done.returncode == 0:
         return bag, ''
     lines = done.stderr.strip().splitlines() or [f'the drive ended with {done.returncode}']
-    return bag, f'its end: {lines[-1].removeprefix("barc acc: error: ")}'
+    return bag, f'the drive failed: {lines[-1].removeprefix("barc acc: error: ")}'

@@ -189,7 +189,7 @@ def terms_figure(log: Log) -> Figure | None:
             ls=dashes,
             label=name,
         )
-    # The limits fit the command: with those of the terms at the start, the rest would look flat.
+    # The limits fit the command; at the start the terms are so large that the rest would look flat.
     low, high = limits(log.motor, share=0.5, minimum=1.0)
     axes.set(ylim=(low, high), ylabel='Acceleration [m/s²]')
     axes.axhline(0.0, color=GREY, lw=0.8)

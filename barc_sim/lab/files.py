@@ -97,7 +97,7 @@ RUBRICS = tuple(each.rubric for each in HANDOUTS.values())
 
 
 def handout_of(parts: Collection[str]) -> Handout:
-    """Return the lab of a folder with these parts: the one of which most parts are there."""
+    """Return the lab of a folder with these parts: the lab with the largest share of its parts."""
     return max(
         HANDOUTS.values(),
         key=lambda each: len(each.files.keys() & set(parts)) / len(each.files),

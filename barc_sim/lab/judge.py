@@ -60,7 +60,7 @@ def close(got: Floats, expected: Floats) -> bool:
     return bool(np.all(near & np.isfinite(got)))
 
 
-_ROUNDING = 1e-6  #: relative error, above that of single precision
+_ROUNDING = 1e-6  #: relative error, larger than in single precision
 _FACTOR, _SIGN = 0.4, 0.6  #: loss for a wrong factor, and for a wrong sign; see `Functions.loss`
 _ABSENT = 'Absent'  #: The topic of a missing result begins so: each costs all its points.
 

@@ -161,7 +161,7 @@ def _shown(sources: Mapping[str, str]) -> Iterator[tuple[str, str]]:
 
 
 def _highlighted(text: str) -> str:
-    """Return Python code as HTML, escaped and in colours; each line is an element of its own."""
+    """Return Python code as HTML, escaped and in colours, with an element for each line."""
     colored = highlight(text, PythonLexer(stripnl=False, ensurenl=False), _FORMATTER)
     lines = colored.removesuffix('\n').split('\n')
     return ''.join(f'<span class="line">{line}\n</span>' for line in lines)

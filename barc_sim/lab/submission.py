@@ -123,7 +123,7 @@ def _unreadable(path: Path) -> str:
 
 
 def _is_archive(path: Path) -> bool:
-    """Return whether the name of `path` is that of a .zip."""
+    """Return whether the name of `path` ends with .zip."""
     return path.name.lower().endswith('.zip')
 
 
@@ -166,8 +166,8 @@ def listed(folder: Path) -> Iterator[Member]:
             if stat.S_ISDIR(mode):
                 folders.append(path)
             else:
-                found = path.relative_to(folder).as_posix()
-                yield Member(found, partial(_data, path), _fault_of(mode))
+                relative = path.relative_to(folder).as_posix()
+                yield Member(relative, partial(_data, path), _fault_of(mode))
 
 
 def _data(path: Path, size: int) -> bytes:
@@ -184,7 +184,7 @@ class _Bounded(io.FileIO):
         more = _MAX_READ + 1
         data = super().read(more if size is None or size < 0 else min(size, more))
         if len(data) == more:
-            raise OverflowError('it holds too many files: hand in your own code alone')
+            raise OverflowError('it contains too many files: hand in only your own code')
         return data
 
 

@@ -141,7 +141,7 @@ def _teleop(bag: Path | None) -> Part:
         facts = read(bag)
     except UserError as error:
         return Part('teleop', str(error), missing=True)
-    command = facts.info.get('command', 'no command known')
+    command = facts.info.get('command', 'command unknown')
     if facts.holds_speed:
         text = f'a controller drove {str(bag)!r} ({command}): name a drive by hand'
         return Part('teleop', text, missing=True)

@@ -70,7 +70,7 @@ def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
 def test_not_all_met_is_exit_code_1_and_the_reasons(wrong: Path) -> None:
     out = printed('check', str(wrong), '--no-plot', code=1)
     assert ': I is always 0: is ki used, and is each error' in out
-    assert 'from   grade        RMS    at most  the speed\n' in out
+    assert 'from   grade        RMS    maximum  remark\n' in out
     assert '100 m    30°  2.163 m/s  2.448 m/s  2.44 m/s too slow' in out
     assert 'your code printed:\n  [red]called\n' in out
     assert '… and more' in out

@@ -117,7 +117,7 @@ def test_code_that_fails_is_packed_with_its_bag_and_the_sentence(lab: Path) -> N
     done = barc('submit', 'lab')
 
     assert done.returncode == 0
-    assert 'course        missing: its end: controller.py, line' in done.stdout
+    assert 'course        missing: the drive failed: controller.py, line' in done.stdout
     assert "NameError: name 'missing' is not defined" in done.stdout
     assert [name for name in zipfile.ZipFile('lab.zip').namelist() if name.endswith('.mcap')]
 

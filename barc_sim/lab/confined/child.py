@@ -60,7 +60,7 @@ def _handler(seconds: float) -> Callable[..., Any]:
 
         relay_program.prepare()
     code = UserCode(files, budget=None)
-    code.drop_writes()  # where they are not refused, too, as in `check`
+    code.drop_writes()  # so that `check`, which is not confined, writes nothing either
     has_alarms = hasattr(signal, 'setitimer')  # not on Windows: the grader ends the process
 
     def set_alarm(seconds: float) -> None:
@@ -261,11 +261,11 @@ def call_numbers(machine: str, calls: Iterable[str]) -> dict[str, int]:
     """Return the numbers of these system calls on a machine, without those that it lacks."""
     from system_calls import NotSupportedSystemCall, syscalls  # noqa: PLC0415 (no site-packages yet)
 
-    tables, found = syscalls(), {}
+    tables, numbers = syscalls(), {}
     for call in calls:
         with suppress(NotSupportedSystemCall):
-            found[call] = int(tables.get(call, MACHINES[machine][0]))
-    return found
+            numbers[call] = int(tables.get(call, MACHINES[machine][0]))
+    return numbers
 
 
 def call_filter(machine: str = '') -> bytes:
@@ -367,8 +367,8 @@ def _main() -> None:
         handler = _handler(start['call'])
         ruleset, program = 0, b''
         if start['landlock']:
-            own = Path(numpy.__file__).resolve().parent
-            ruleset, program = _ruleset(Path(), own, start['landlock']), call_filter()
+            package = Path(numpy.__file__).resolve().parent
+            ruleset, program = _ruleset(Path(), package, start['landlock']), call_filter()
         _forget_packages(path)
         if sys.platform == 'linux':
             _limit(start['memory'], start['parent'])

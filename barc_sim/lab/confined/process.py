@@ -311,7 +311,7 @@ class JudgedCode:
         return f'{text}\n[and more]' if len(self._printed) > self._limits.output else text
 
     def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
-        """Return the result of a request; UserCodeError: it has failed, or ended its process."""
+        """Return the result of a request; a UserCodeError if it fails, or ends its process."""
         function = self._called(do, *arguments)
         if len(ends := self._ends[function]) >= _MAX_ENDS:
             raise UserCodeError(ends[-1])

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.grade.grade import Grade, Item, Rubric
 
 _MAX_ROSTER = 4 << 20  # bytes
-#: The possible headers of each column, in lower case; they include those of Canvas and Gradescope.
+#: The possible headers of each column, in lower case, also of Canvas and Gradescope.
 _HEADERS = {
     'name': ('name', 'student', 'full name'),
     'first': ('first name', 'given name'),
@@ -192,8 +192,8 @@ def as_csv(all_entries: Sequence[Entry], rubric: Rubric) -> str:
             row |= {'score': grade.score, 'max_score': grade.max_score, **grade.points}
             row |= {'open': sum(grade.open.values()) or '', 'comment': grade.comment}
         rows.append({**row, 'remark': '; '.join(filter(None, (*each.looks, each.remark)))})
-    own = ['name', *student, 'score', 'max_score', *rubric.points]
-    return _lines([*own, 'open', 'comment', 'remark'], rows)
+    columns = ['name', *student, 'score', 'max_score', *rubric.points]
+    return _lines([*columns, 'open', 'comment', 'remark'], rows)
 
 
 def _lines(fields: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
@@ -218,11 +218,11 @@ class _Task(NamedTuple):
 
     def score(self, grade: Grade | None) -> float | None:
         """Return the points for these criteria; None if some are open, or nothing was handed in."""
-        own = (
+        points = (
             [grade.points[name] for name in self.criteria if name in grade.points] if grade else []
         )
         is_open = grade and not grade.open.keys().isdisjoint(self.criteria)
-        return round(sum(own), 2) if own and not is_open else None
+        return round(sum(points), 2) if points and not is_open else None
 
 
 def _tasks(rubric: Rubric, title: str) -> list[_Task]:
@@ -256,15 +256,15 @@ def canvas(all_entries: Sequence[Entry], rubric: Rubric) -> str:
         if each.student:
             by_student.setdefault(each.student, []).append(each)
     for student, (first, *others) in by_student.items():
-        own = {
+        row = {
             'Student': student.name,
             'SIS User ID': student.id,
             'SIS Login ID': student.login,
             'Section': student.section,
         }
-        own |= {name: value for name, value in student.columns.items() if name in _CANVAS}
+        row |= {name: value for name, value in student.columns.items() if name in _CANVAS}
         grade = None if others else first.grade
-        rows.append(own | {task.title: task.score(grade) for task in tasks})
+        rows.append(row | {task.title: task.score(grade) for task in tasks})
     return _lines([*_CANVAS, *worth], rows)
 
 

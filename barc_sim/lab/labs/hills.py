@@ -90,7 +90,7 @@ def _outputs(code: JudgedCode, gains: Sequence[float], rows: Sequence[Sample]) -
     return code.steps('PID', code.make('PID', *gains), rows)
 
 
-NOT_A_CAR = 1e6  #: [m/s²]
+_MAX_OUTPUT = 1e6  #: [m/s²] of user code: no car can drive with more
 _MAX_SPEED = 40.0  #: [m/s] The limit of the figure's speed axis.
 
 
@@ -153,7 +153,7 @@ def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float,
         )
         for each, remark in zip(result.stretches, remarks, strict=True)
     ]
-    header = ('from', 'grade', 'RMS', 'at most', 'the speed')
+    header = ('from', 'grade', 'RMS', 'maximum', 'remark')
     title = "the lab's road, stretch by stretch"
     return score, text, Evidence(title, header, rows, partial(_figure, log))
 
@@ -204,28 +204,28 @@ class _Driving(PID):
             if NOT_WRITTEN in str(error):
                 raise
             raise UserError(f'{where}: {error} (with {self._gains})') from error
-        if abs(output) > NOT_A_CAR:
-            text = f'it returned {output:.3g} m/s²; expected at most {NOT_A_CAR:g}'
+        if abs(output) > _MAX_OUTPUT:
+            text = f'it returned {output:.3g} m/s²; expected at most {_MAX_OUTPUT:g}'
             raise UserError(f'{where}: {text} (with {self._gains})')
         return output
 
 
 _BACKWARDS = 'the car drives backwards: is the error speed_reference - speed_current?'
-_HELD = 0.05  #: [m/s] An error up to this is negligible.
-_OWN_LIMIT = 25  #: calls: code that returns its largest output for longer has a limit of its own
+_NEGLIGIBLE = 0.05  #: [m/s] Smaller errors are not mentioned.
+_OWN_LIMIT = 25  #: calls; code that returns its maximum output for longer has its own limit
 _SWINGS, _SWING = 4, 0.3  #: fewer are not mentioned; each reaches this share of the maximum error
 
 
 def _stretch_remark(log: Log, part: slice, limit: float) -> str:
     """Return what the speed does on a stretch, as measured; advice would be a guess."""
     error, remarks = log.speed_error[part], []
-    if not part.start and log.speed[part].min() < -_HELD:
+    if not part.start and log.speed[part].min() < -_NEGLIGIBLE:
         remarks.append(_BACKWARDS)
-    large = error[np.abs(error) > max(_SWING * float(np.abs(error).max()), _HELD)]
+    large = error[np.abs(error) > max(_SWING * float(np.abs(error).max()), _NEGLIGIBLE)]
     if (swings := np.count_nonzero(np.diff(np.sign(large)))) >= _SWINGS:
         remarks.append(f'the speed swings {swings} times')
     at_limit = np.count_nonzero(np.abs(log.motor[part]) >= limit)
-    if at_limit > 1 and np.abs(error).max() > _HELD:
+    if at_limit > 1 and np.abs(error).max() > _NEGLIGIBLE:
         remarks.append(f'the output was at its limit of {limit:g} m/s² for {at_limit * TS:.1f} s')
     final = round(float(np.mean(error[-max(len(error) // 5, 1) :])), 2)
     wrong = f'{abs(final):.2f} m/s too {"slow" if final > 0.0 else "fast"}'
@@ -341,7 +341,7 @@ def _fitted(got: Floats, *columns: Floats) -> list[float]:
     """
     values, outputs = np.stack(columns, -1)[:, 7:].reshape(-1, len(columns)), got[:, 7:].ravel()
     scale = np.abs(values).max(0)
-    if not (np.all(scale) and 0.0 < np.abs(outputs).max() < NOT_A_CAR):
+    if not (np.all(scale) and 0.0 < np.abs(outputs).max() < _MAX_OUTPUT):
         return []
     solution = np.linalg.lstsq(values / scale, outputs)[0] / scale
     residual = np.abs(outputs - values @ solution).max()
@@ -414,7 +414,7 @@ _KP = (
     'kp multiplies this term, too: the output is '
     'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
 )
-_RANDOM = 'the same speeds give different outputs: does PID use random numbers? So: '
+_RANDOM = 'the same speeds give different outputs: does PID use random numbers? As a result: '
 _IGNORED = (
     'the gains that PID gets have no effect: it uses fixed numbers. Store kp, ki and kd in '
     '__init__, and use them'
@@ -429,7 +429,7 @@ def judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
         small, large = (1.0, 0.5, 0.1), (3.0, 2.0, 0.7)
         one, again, other = (_outputs(code, gains, rows) for gains in (small, small, large))
         if one == other and any(one):
-            is_a_pid = len({*map(abs, one)}) > _LENGTH // 2 and max(one) < NOT_A_CAR
+            is_a_pid = len({*map(abs, one)}) > _LENGTH // 2 and max(one) < _MAX_OUTPUT
             return [Finding(term.criterion, _HALF * is_a_pid, _IGNORED) for term in TERMS]
         random = '' if np.allclose(one, again, rtol=0.0, atol=_TOLERANCE) else _RANDOM
     trials = [term.tried(code, seed) for term in TERMS]

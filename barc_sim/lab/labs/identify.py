@@ -47,7 +47,7 @@ LABELS = {
 TS = 0.02  #: [s]
 NOISE = 0.03  #: [m/s] of the measured speed
 _MAX_COMMAND, _MAX_SPEED = 2.0, 15.0  #: [m/s²] and [m/s]
-_FORCE, _NOT_A_CAR = 100.0, 1e6  #: [m/s²] Above: probably a force; no car can drive with it.
+_FORCE, _MAX_OUTPUT = 100.0, 1e6  #: [m/s²] More is probably a force; no car can drive with it.
 _T = [k * TS for k in range(round(COMMANDS / TS))]  #: [s]
 _CARS = 5  #: hidden cars
 _SIGMAS = 1.96  #: standard deviations in an interval of 95 %
@@ -194,8 +194,8 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
 def _commands(code: JudgedCode) -> tuple[float, ...]:
     """Return the commands [m/s²] of 60 s; a UserError if no car can drive with them."""
     commands = numbers_of('command', code.call('functions', 'command', [[t] for t in _T]), len(_T))
-    if (size := max(map(abs, commands))) > _NOT_A_CAR:
-        raise UserError(f'command returned {size:.3g} m/s²; expected at most {_NOT_A_CAR:g}')
+    if (size := max(map(abs, commands))) > _MAX_OUTPUT:
+        raise UserError(f'command returned {size:.3g} m/s²; expected at most {_MAX_OUTPUT:g}')
     return tuple(commands)
 
 

@@ -80,7 +80,7 @@ CLASS = read_law(
     Path(__file__).with_name('lane_class.txt'), CURVATURE=_CURVATURE, NEAR=_NEAR, **_TURN
 )
 _ONE_WRONG = 0.2  #: score with one wrong sign
-_LAPS, _MAX_DURATION = 3, 200.0  #: [s]
+_LAPS, _MAX_DURATION = 3, 200.0  #: number, and [s]
 _OFF, _BACK = 1.0, 0.1  #: [m] beside the line: at the start, and where it counts as back
 _SEEN = 80.0  #: [m] that the car drives to come back
 # Full marks up to the first, none from the second on:

@@ -205,8 +205,8 @@ class UserCode:
         if fresh:
             self._part(part)  # raises the error of its first loading again
             folder = folder.again()
-            own = {'time': clock(lambda: self._now, self._sleep)}
-            folder.stand_in = own.get
+            stand_ins = {'time': clock(lambda: self._now, self._sleep)}
+            folder.stand_in = stand_ins.get
         name, value = _defined(folder, path, names)
         called = CALLED[name]
         if not (isinstance(value, type) if called.method else callable(value)):

@@ -343,9 +343,9 @@ def clock(now_ns: Callable[[], int], sleep_ns: Callable[[int], object]) -> Simpl
     def sleep(seconds: float) -> None:
         sleep_ns(round(max(float(seconds), 0.0) * SECOND))
 
-    own = dict.fromkeys(('time', 'monotonic', 'perf_counter'), seconds)
-    own |= dict.fromkeys(('time_ns', 'monotonic_ns', 'perf_counter_ns'), now_ns)
-    return SimpleNamespace(**{**vars(time), **own, 'sleep': sleep})
+    simulated = dict.fromkeys(('time', 'monotonic', 'perf_counter'), seconds)
+    simulated |= dict.fromkeys(('time_ns', 'monotonic_ns', 'perf_counter_ns'), now_ns)
+    return SimpleNamespace(**{**vars(time), **simulated, 'sleep': sleep})
 
 
 def _no_input(*_: object) -> str:
@@ -508,14 +508,14 @@ class UserFunction:
         numbers = self.called.numbers
         if not numbers or _is_plain(result, numbers):
             return result
-        found = guarded(_converted, result, numbers, default=None)
-        if found is None:
+        converted = guarded(_converted, result, numbers, default=None)
+        if converted is None:
             hint = ': is its return missing?' if result is None else ''
             raise UserCodeError(
                 f'{self.place()}: {self._call_text(args, options)} returned '
                 f'{short_repr(result)}; expected {self.called.returns}{hint}'
             )
-        return found
+        return converted
 
     def place(self) -> str:
         """Return the file and line of the function, or of the `__init__` of a class.
@@ -523,8 +523,8 @@ class UserFunction:
         Without an `__init__` it is the file alone.
         """
         code = self._code()
-        found = self.folder.place(code.co_filename, code.co_firstlineno) if code else None
-        return found or FILES.get(self.called.part, self.folder.path.name)
+        place = self.folder.place(code.co_filename, code.co_firstlineno) if code else None
+        return place or FILES.get(self.called.part, self.folder.path.name)
 
     def _code(self) -> CodeType | None:
         made: Any = vars(self.function).get('__init__') if isinstance(self.function, type) else None

@@ -14,7 +14,7 @@ export class Clock {
     this.measured = null;
   }
 
-  /** Return the time [s] to show at `now` [s]; `newest` [s] is that of the newest state. */
+  /** Return the time [s] to show at `now` [s]; `newest` [s] is the time of the newest state. */
   advance(now, newest) {
     if (Number.isNaN(newest)) { // nothing has arrived yet
       this.restart();

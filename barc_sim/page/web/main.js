@@ -219,7 +219,7 @@ element('copy-command').addEventListener('click', async () => {
   element('tuning-note').textContent = (await copy(command)) ? `Copied: ${command}` : command;
 });
 const dark = matchMedia('(prefers-color-scheme: dark)');
-/** Use 'dark' or 'light' colours, or those of the system; the button names the other ones. */
+/** Use 'dark', 'light' or, if empty, the system's colours; the button offers the other ones. */
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
   const isDark = theme ? theme === 'dark' : dark.matches;

@@ -53,7 +53,7 @@ export class Player {
     if (!this.recorded) this.hold(true);
   }
 
-  /** Return the time [s] to show at `now` [s]; `live` [s] is that of the live run. */
+  /** Return the time [s] to show at `now` [s]; `live` [s] is the time of the live run. */
   advance(now, live) {
     const end = this.history.last('t');
     if (this.recorded) this.#advanceRecorded(now, end);

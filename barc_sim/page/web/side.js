@@ -71,7 +71,7 @@ export function drawSide(surface, road, facts, state, ghosts) {
   });
 }
 
-/** Draw each force from the car along the road, those of a direction above one another. */
+/** Draw each force from the car along the road; forces of one direction are stacked. */
 function drawForces(surface, [rear, front], scale, { mass }, state) {
   const { context } = surface;
   const tips = [];
