@@ -77,7 +77,7 @@ def find(path: Path, *, is_class: bool = False) -> list[Path]:
         return [path.resolve()]
     if not packed:
         raise UserError(
-            f'{str(path)!r} is no submission and contains none: expected '
+            f'{str(path)!r} is not a submission and contains none: expected '
             f'{" or ".join(FILES.values())} in it, or a folder for each submission'
         )
     return [entry for entry in entries if entry in packed or entry.suffix not in _LISTS]
@@ -156,7 +156,7 @@ def _members(path: Path) -> Iterator[Iterable[Member]]:
 def listed(folder: Path) -> Iterator[Member]:
     """Yield the files of a folder, those nearest to its top first."""
     folders = [folder]
-    for directory in folders:  # which grows
+    for directory in folders:  # the loop adds folders
         _, inner, names = next(os.walk(directory), ('', [], []))
         for name in sorted([*inner, *names]):
             path = directory / name

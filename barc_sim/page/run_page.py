@@ -77,7 +77,7 @@ class DriverArbiter:
         self._requests.pop(page, None)
         return page == self._page and self._release()
 
-    def falls_silent(self, now: float) -> bool:
+    def times_out(self, now: float) -> bool:
         """Return whether the car must brake, because no input has come for a while."""
         return self._is_stale(now) and self._release()
 
@@ -168,7 +168,7 @@ class RunPage(ViewServer):
         if self._has_ended:
             return _SLOW_PERIOD
         now = time.monotonic()
-        if self._drivers.falls_silent(now):
+        if self._drivers.times_out(now):
             self._drive(FULL_BRAKE)
         if rows := self.feed.poll():
             self.send(rows)

@@ -372,7 +372,7 @@ def test_whose_keys_count_and_when_the_car_must_brake(
         if isinstance(what, DriverInput):
             found = drivers.accepts(who, what, t)
         else:
-            found = drivers.falls_silent(t) if who == 'time' else drivers.leave(who)
+            found = drivers.times_out(t) if who == 'time' else drivers.leave(who)
         assert found == expected, t
 
 
@@ -394,7 +394,7 @@ def test_last_command_of_silent_pages_never_moves_the_car(
             last = FULL_BRAKE if drivers.leave(page) else last
         elif drivers.accepts(page, request, now):
             last = request
-    if drivers.falls_silent(now + STALE_AFTER + 0.001):
+    if drivers.times_out(now + STALE_AFTER + 0.001):
         last = FULL_BRAKE
     assert last in (COAST, FULL_BRAKE)
-    assert not drivers.falls_silent(now + 10.0)
+    assert not drivers.times_out(now + 10.0)

@@ -117,7 +117,7 @@ def test_a_folder_of_one_folder_is_one_submission(
 
 
 def test_where_there_is_none_is_said(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match='is no submission and contains none'):
+    with pytest.raises(UserError, match='is not a submission and contains none'):
         find(tmp_path)
     with pytest.raises(UserError, match=r"there is no folder '.*nowhere': name one submission"):
         find(tmp_path / 'nowhere')
