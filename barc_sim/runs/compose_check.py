@@ -108,7 +108,10 @@ def _run_here(file: str) -> None:
     signal.signal(signal.SIGALRM, poll)
     signal.setitimer(signal.ITIMER_REAL, _PERIOD, _PERIOD)
     sys.argv, sys.path[0] = [file], str(Path(file).parent)
-    runpy.run_path(file, run_name='__main__')
+    try:
+        runpy.run_path(file, run_name='__main__')
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)  # it would end the interpreter while that exits
 
 
 def _verdict(nodes: list[str], publishers: dict[str, list[str]], idle: list[str]) -> Verdict:
