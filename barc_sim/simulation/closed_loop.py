@@ -185,6 +185,9 @@ def simulate(
             f'lane={lane!r} must be an object with a method steer_calculate(e_y, e_psi, speed, '
             'curvature), such as LaneLQR()'
         )
+    if not plant.track and (lane or e_y):
+        argument = f'lane={lane!r}' if lane else f'e_y={e_y:g}'
+        raise UserError(f"{argument} needs a track: give one, such as track='L'")
     if reference is None:
         check_ahead(speed_reference, distance)
     driving: Controller = PID(**gains)

@@ -202,6 +202,12 @@ def test_a_car_that_rolls_back_over_the_line_stays_in_its_lap() -> None:
         ({'ts': 0.0}, 'ts: 0 is not a number'),
     ],
 )
-def test_what_is_no_lap_is_refused(options: dict[str, Any], complaint: str) -> None:
+def test_an_argument_that_makes_no_lap_is_refused(options: dict[str, Any], complaint: str) -> None:
     with pytest.raises(UserError, match=complaint):
         lap(**options)
+
+
+@pytest.mark.parametrize('options', [{'lane': LaneLQR()}, {'e_y': 1.0}])
+def test_steering_needs_a_track(options: dict[str, Any]) -> None:
+    with pytest.raises(UserError, match="needs a track: give one, such as track='L'"):
+        simulate(**options)
