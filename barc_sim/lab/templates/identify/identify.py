@@ -40,5 +40,7 @@ if __name__ == '__main__':  # after a drive: python identify.py BAG...; the last
 
     from barc_sim import read_bag
 
+    if len(sys.argv) == 1:
+        sys.exit('there is no bag to estimate from: python identify.py bags/*')
     log = read_bag(sys.argv[-1])
     print(estimate(log.t.tolist(), log.v_x.tolist(), log.motor.tolist()))
