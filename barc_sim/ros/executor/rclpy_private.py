@@ -85,7 +85,7 @@ def missing() -> list[str]:
         try:
             for name in LISTENERS.values():
                 _setter(name)
-            _ = _counting(*_TO_DESCRIPTOR), _counting(*_TO_MEMORY), _library('librcl.so').rcl_take
+            _ = _counting_functions(), _library('librcl.so').rcl_take
             for opened in (os.eventfd(0), ctypes.CDLL(None).timerfd_create(1, 0)):
                 os.close(opened)
             select.epoll().close()
@@ -105,17 +105,15 @@ def _lacks(path: str, name: str) -> bool:
     return not (hasattr(owner, name) or any(name in code.co_names for code in codes))
 
 
-#: Two functions that can be listeners of DDS, each with its library: both have the signature
-#: `(user_data, number_of_events)`. libc's `eventfd_write` adds to an eventfd; libstdc++'s
-#: `__gnu_cxx::__atomic_add`, which DDS itself links, adds to memory without a system call.
-_TO_DESCRIPTOR = (None, 'eventfd_write')
-_TO_MEMORY = ('libstdc++.so.6', '_ZN9__gnu_cxx12__atomic_addEPVii')
+def _counting_functions() -> tuple[Any, Any]:
+    """Return two listeners for DDS, which count arrivals without any code of ours.
 
-
-@cache
-def _counting(library: str | None, name: str) -> c_void_p:
-    """Return such a function as a listener, which counts arrivals without any code of ours."""
-    return ctypes.cast(getattr(ctypes.CDLL(library), name), c_void_p)
+    Both have the signature `(user_data, number_of_events)`. libc's `eventfd_write` adds to an
+    eventfd; libstdc++'s `__gnu_cxx::__atomic_add`, which DDS itself links, adds to memory without
+    a system call.
+    """
+    libstdcxx = _library('libstdc++.so.6')
+    return _library(None).eventfd_write, libstdcxx._ZN9__gnu_cxx12__atomic_addEPVii
 
 
 def set_listener(entry: Any, counter: int | c_int32 | None) -> bool:  # noqa: ANN401 (an Entry)
@@ -129,10 +127,11 @@ def set_listener(entry: Any, counter: int | c_int32 | None) -> bool:  # noqa: AN
     if not name:
         return False
     listener: tuple[Any, Any] = None, None
+    to_descriptor, to_memory = _counting_functions()
     if isinstance(counter, int):
-        listener = _counting(*_TO_DESCRIPTOR), counter
+        listener = to_descriptor, counter
     elif counter is not None:
-        listener = _counting(*_TO_MEMORY), ctypes.byref(counter)
+        listener = to_memory, ctypes.byref(counter)
     with suppress(InvalidHandle), entry.handle:  # destroyed
         if any(_setter(name)(entry.handle.pointer, *listener) for _ in range(2)):
             _library('librcutils.so').rcutils_reset_error()
@@ -154,14 +153,10 @@ def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]
     rcl writes all messages into the same C struct; rclpy makes a new struct for each take, and a
     dictionary of the message's times.
     """
-    create, destroy, convert = (
-        _returning(result)(_pointer_in(getattr(subscription.msg_type, name), None))
-        for name, result in (
-            ('_CREATE_ROS_MESSAGE', c_void_p),
-            ('_DESTROY_ROS_MESSAGE', None),
-            ('_CONVERT_TO_PY', py_object),
-        )
-    )
+    kind = subscription.msg_type
+    create = _returning(c_void_p)(_pointer_in(kind._CREATE_ROS_MESSAGE, None))
+    destroy = _returning(None)(_pointer_in(kind._DESTROY_ROS_MESSAGE, None))
+    convert = _returning(py_object)(_pointer_in(kind._CONVERT_TO_PY, None))
     struct = c_void_p(create())
     finalize(struct, destroy, c_void_p(struct.value)).atexit = False  # daemons use it until then
     handle, take = subscription.handle, _library('librcl.so').rcl_take
