@@ -25,7 +25,7 @@ from barc_sim.ros.executor.entities import KINDS, Entry, entry_of
 from barc_sim.ros.executor.waiting import Descriptors, counter, retire
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     from rclpy.context import Context
     from rclpy.node import Node
@@ -51,14 +51,15 @@ class Events:
     Rarely used entities share one descriptor: after an arrival for one of them, all of them are
     tried. After a few uses an entity gets a descriptor of its own. While no thread waits for
     descriptors, arrivals are counted in memory, without a system call of DDS or the executor. Only
-    `wake` and `listens_to` are for any thread. `on_failure` gets an exception of a waitable.
+    `wake`, `signal`, `fail` and `listens_to` are for any thread.
     """
 
-    def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:
+    def __init__(self, context: Context) -> None:
         self.ready: deque[Entry] = deque()  #: entries with pending arrivals, the next one first
         self.poll_due = 0.0  #: [s] when epoll is polled, even if an entry is ready
         self.stale = True  #: whether nodes or entities may have been added or removed
         self.woken = True  #: whether `wake` was called, or it is time for a check
+        self.failures: deque[BaseException] = deque()  #: for the spinning threads to raise
         self.ended = False  #: whether a signal has shut the context down: no callback can publish
         self._entries: dict[object, Entry] = {}
         self._shared = counter()
@@ -71,7 +72,7 @@ class Events:
         self._next_due = inf
         self._next_check = 0.0
         self._context = context
-        self._waiter = WaitSetThread(context, self._signal, on_failure)
+        self._waiter = WaitSetThread(context, self)
         self._descriptors = Descriptors()
         for descriptor in self._counted:
             self._descriptors.add(descriptor)
@@ -81,8 +82,14 @@ class Events:
         self.woken = True
         os.eventfd_write(self._wakeup, 1)
 
-    def _signal(self, entry: Entry) -> None:
+    def signal(self, entry: Entry) -> None:
+        """Add an arrival to an entry, unless one waits already."""
         self._signalled.append(entry)
+        self.wake()
+
+    def fail(self, error: BaseException) -> None:
+        """End all spins; one of them raises the error."""
+        self.failures.append(error)
         self.wake()
 
     def queue(self, entry: Entry, count: int = 1) -> None:
@@ -206,9 +213,9 @@ class Events:
                 entry.kept = entity.clock.create_jump_callback(_ANY_JUMP, post_callback=self.wake)
             self._schedule([entry])
         elif isinstance(entity, GuardCondition):
-            private.notify_of_triggers(entity, partial(self._signal, entry))
+            private.notify_of_triggers(entity, partial(self.signal, entry))
             if private.was_triggered(entity, entry.node.context):
-                self._signal(entry)
+                self.signal(entry)
         elif private.set_listener(entry, self._shared):
             entry.descriptor, entry.idle_uses = self._shared, _IDLE_USES
             self._counted[self._shared].append(entry)
@@ -275,18 +282,13 @@ class Events:
 class WaitSetThread(SingleThreadedExecutor):
     """Waits for entities without a listener, in rclpy's own wait set.
 
-    It starts with the first entry. It calls `is_ready` with each entry that is ready, and waits for
-    that entry again after `resume`. An exception of a waitable ends it, and goes to `on_failure`.
+    It starts with the first entry. It signals each entry that is ready, and waits for that entry
+    again after `resume`. An exception of a waitable ends it, and all spins.
     """
 
-    def __init__(
-        self,
-        context: Context,
-        is_ready: Callable[[Entry], None],
-        on_failure: Callable[[BaseException], None],
-    ) -> None:
+    def __init__(self, context: Context, events: Events) -> None:
         super().__init__(context=context)
-        self._is_ready, self._on_failure = is_ready, on_failure
+        self._events = events
         self._thread = Thread(target=self._run, daemon=True)
         for kind in KINDS:  # rclpy waits for these entities as for those of a node
             setattr(self, kind, [])
@@ -328,6 +330,6 @@ class WaitSetThread(SingleThreadedExecutor):
                 while True:
                     for task, waited, _ in self._wait_for_ready_callbacks(None, [self]):
                         task.cancel()
-                        self._is_ready(waited.entry)
+                        self._events.signal(waited.entry)
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
-            self._on_failure(error)
+            self._events.fail(error)

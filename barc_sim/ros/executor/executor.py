@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections import deque
 from dataclasses import dataclass, field
 from inspect import iscoroutinefunction
 from math import inf
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import MultiThreadedExecutor
-from rclpy.task import Task
+from rclpy.task import Future, Task
 
 from barc_sim.ros.executor.events import Events
 from barc_sim.ros.executor.rclpy_private import notify_of_triggers
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from rclpy.context import Context
     from rclpy.executors import TimeoutObject
     from rclpy.node import Node
-    from rclpy.task import Future
 
     from barc_sim.ros.executor.entities import Call, Entry
 
@@ -41,7 +39,7 @@ _LINGER = 0.05
 class Spin:
     """A call of one of the methods that spin."""
 
-    future: Future | None
+    future: Future
     deadline: float  #: [s]; -inf: its one callback has returned
     once: bool
     begun: bool = False  #: whether its one callback has begun
@@ -65,12 +63,12 @@ class QuickExecutor(MultiThreadedExecutor):
         super().__init__(num_threads, context=context)
         self._tasks: dict[Task, Entry | None] = {}  # oldest first; entry: of a callback's coroutine
         self._spins: set[Spin] = set()  # spins that are not over
+        self._never_done = Future()  # of spins without a future
         self._once: list[Spin] = []  # spins whose one callback has not begun
-        self._failures: deque[BaseException] = deque()  # for the spinning threads to raise
         self._threads: set[Thread] = set()  # daemons, so that a program can end while they spin
         self._standing_by = 0  # number of threads that neither lead nor call a callback
         self._lock = RLock()  # of `_threads` and `_standing_by`
-        self._events = Events(self.context, self._fail)
+        self._events = Events(self.context)
         self._leadership = Leadership()
         self._change: object = object()  # a new one when a coroutine's wait may have ended
         self._have_stepped = False  # whether tasks were stepped since the last poll
@@ -91,10 +89,6 @@ class QuickExecutor(MultiThreadedExecutor):
             self._leadership.close()
             for task in [task for task, entry in self._tasks.copy().items() if entry]:
                 task.cancel()  # a callback's coroutine, which releases its group
-
-    def _fail(self, error: BaseException) -> None:
-        self._failures.append(error)
-        self._events.wake()
 
     def _on_change(self) -> None:
         """Refresh the nodes' entities, unless a polling thread does it."""
@@ -163,8 +157,8 @@ class QuickExecutor(MultiThreadedExecutor):
             if any(thread.is_alive() for thread in threads):
                 return False
             self._close()
-        while self._failures:  # no spin is left to raise them
-            traceback.print_exception(self._failures.popleft())
+        while self._events.failures:  # no spin is left to raise them
+            traceback.print_exception(self._events.failures.popleft())
         return bool(super().shutdown(timeout_sec))
 
     def _spin(
@@ -175,11 +169,11 @@ class QuickExecutor(MultiThreadedExecutor):
         Within a callback this thread is one of the pool, and leads if no other thread does.
         """
         deadline = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        future = future or self._never_done
         spin = Spin(future, deadline, once)
         inside = current_thread() in self._threads
         period = _CHECK_PERIOD_INSIDE if inside else _CHECK_PERIOD
-        if future:
-            future.add_done_callback(self._events.wake)
+        future.add_done_callback(self._events.wake)
         self._spins.add(spin)
         self._is_spinning = True  # for rclpy's `is_spinning`
         try:
@@ -196,20 +190,19 @@ class QuickExecutor(MultiThreadedExecutor):
         finally:
             self._spins.discard(spin)
             self._is_spinning = bool(self._spins)
-            if future:
-                future.remove_done_callback(self._events.wake)  # rclpy does not
+            future.remove_done_callback(self._events.wake)  # rclpy does not
             self._events.wake()
             # After the spin no callback may begin: wait until no thread leads.
             while not (self._spins or self._leadership.free):
                 time.sleep(1e-4)
-        if self._failures:
-            raise self._failures.popleft()
+        if self._events.failures:
+            raise self._events.failures.popleft()
 
     def _end_spins(self, expired: float = -inf) -> None:
         """End the spins that are done, and those whose deadline is `expired` [s] or earlier."""
-        ended = bool(self._failures) or self._is_shutdown or not self.context.ok()
+        ended = bool(self._events.failures) or self._is_shutdown or not self.context.ok()
         for spin in list(self._spins):
-            done = spin.future is not None and (spin.future.done() or spin.future.cancelled())
+            done = spin.future.done() or spin.future.cancelled()
             begun = spin.begun and spin.deadline < inf  # else it ends when the callback returns
             if ended or done or begun or spin.deadline <= expired:
                 self._spins.discard(spin)
@@ -282,7 +275,7 @@ class QuickExecutor(MultiThreadedExecutor):
         except _Lost:
             return
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
-            self._fail(error)
+            self._events.fail(error)
         self._leadership.release(0.0 if self._spins or self._is_shutdown else _LINGER)
 
     def _step_tasks(self) -> None:
@@ -295,7 +288,7 @@ class QuickExecutor(MultiThreadedExecutor):
             if task.done() or task.cancelled():
                 self._tasks.pop(task, None)
                 if error := task.exception():
-                    self._fail(error)
+                    self._events.fail(error)
             elif is_due and getattr(entry, 'node', None) in nodes:
                 self._have_stepped = True  # the ready entries are next
                 self._run(None, (self._step, (task,)))
@@ -373,9 +366,9 @@ class QuickExecutor(MultiThreadedExecutor):
                 self._step(Task(_finish(entry, result), executor=self), entry)
         except BaseException as error:  # noqa: BLE001 - warned of, or the spinning thread raises it
             if not (entry and entry.warns_of(error)):
-                self._fail(error)
+                self._events.fail(error)
         finally:
-            if claimed:  # after `_fail`: the spin ends before the next callback of the group
+            if claimed:  # after `fail`: the spin ends before the next callback of the group
                 claimed.end()
         for spin in once:
             spin.deadline = -inf  # the next `_end_spins` ends it
