@@ -13,7 +13,7 @@ from threading import Thread
 from typing import TYPE_CHECKING
 
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import JumpThreshold, ROSClock
+from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
@@ -176,7 +176,7 @@ class Events:
             if left is not None and left <= 0:
                 if not entry.pending:  # otherwise it waits for its group already
                     self.queue(entry)
-            elif left and not (entry.kept and entry.entity.clock.ros_time_is_active):
+            elif left and not getattr(entry.entity.clock, 'ros_time_is_active', False):
                 self._due[entry] = time.monotonic() + left * 1e-9
         self._next_due = min(self._due.values(), default=inf)
 
@@ -209,8 +209,7 @@ class Events:
             entry.descriptor = self._wakeup
             private.set_listener(entry, self._wakeup)
             entry.on_taken = lambda entry: self._schedule([entry])
-            if isinstance(entity.clock, ROSClock):
-                entry.kept = entity.clock.create_jump_callback(_ANY_JUMP, post_callback=self.wake)
+            entry.kept = entity.clock.create_jump_callback(_ANY_JUMP, post_callback=self.wake)
             self._schedule([entry])
         elif isinstance(entity, GuardCondition):
             private.notify_of_triggers(entity, partial(self.signal, entry))
@@ -262,8 +261,7 @@ class Events:
             private.set_listener(entry, None)
             if isinstance(entity, Timer):
                 del self._due[entry]
-                if entry.kept:
-                    entry.kept.unregister()
+                entry.kept.unregister()
             else:
                 self._leave(entry)
                 entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
