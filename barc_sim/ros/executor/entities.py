@@ -50,11 +50,9 @@ class Entry:
     begin: Callable[[], bool]  #: claims its callback group; False: the group is busy
     end: Callable[[], None]  #: releases the group
     pending: int = 0  #: arrivals that wait to be taken; there may be fewer messages
-    queued: bool = False
     lasting: bool = False  #: whether its last callback took longer than `LASTING`
     descriptor: int = -1  #: the eventfd in which arrivals are counted
     in_memory: Any = None  #: the counter in memory that replaces it while no thread waits
-    counted: int = 0  #: arrivals in this counter that are pending already
     idle_uses: int = 0  #: uses until it gets a descriptor of its own; 0: it has one
     on_taken: Callable[[Entry], None] | None = None
     kept: Any = None  #: a timer's jump handle; the stand-in for an entity in the wait set

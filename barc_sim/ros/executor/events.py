@@ -65,7 +65,7 @@ class Events:
         self._shared = counter()
         self._wakeup = counter()  # counts the resets of timers, too
         self._counted: dict[int, list[Entry]] = {self._wakeup: [], self._shared: []}
-        self._in_memory: list[Entry] = []  # entries whose arrivals are counted in memory
+        self._in_memory: dict[Entry, int] = {}  # of the arrivals counted in memory, those pending
         self._polls_at_once = 0  # since the last wait
         self._signalled: deque[Entry] = deque()  # by other threads
         self._due: dict[Entry, float] = {}  # [s] by timer; inf: only an event can make it due
@@ -94,10 +94,9 @@ class Events:
 
     def queue(self, entry: Entry, count: int = 1) -> None:
         """Add `count` arrivals to an entry, and queue it."""
-        entry.pending += count
-        if not entry.queued:
-            entry.queued = True
+        if not entry.pending:
             self.ready.append(entry)
+        entry.pending += count
 
     def poll(self, deadline: float) -> float:
         """Wait for an arrival, a `wake` or the deadline [s]; return the time [s].
@@ -105,9 +104,9 @@ class Events:
         A deadline of 0 means that an entry is ready: do not wait.
         """
         now, ready_before = time.monotonic(), len(self.ready)
-        for entry in self._in_memory:
-            if arrived := entry.in_memory.value - entry.counted:
-                entry.counted += arrived
+        for entry, counted in self._in_memory.items():
+            if arrived := entry.in_memory.value - counted:
+                self._in_memory[entry] += arrived
                 self.queue(entry, arrived)
                 deadline = 0.0
         if not deadline and now < self.poll_due and now < self._next_due:
@@ -151,20 +150,19 @@ class Events:
     def _count_in_memory(self, descriptor: int) -> None:
         """Count an entity's arrivals in memory, if it has a descriptor of its own."""
         for entry in self._counted[descriptor]:
-            if not entry.idle_uses and descriptor != self._shared:
-                entry.in_memory = _counters[descriptor]
-                self._in_memory.append(entry)
+            if descriptor != self._shared:
+                entry.in_memory, self._in_memory[entry] = _counters[descriptor], 0
                 private.set_listener(entry, entry.in_memory)
                 self._queue_counted(descriptor)
 
     def _count_in_descriptors(self) -> None:
         """Count arrivals in descriptors again, so that a thread can wait for them."""
         while self._in_memory:
-            entry = self._in_memory.pop()
+            entry, counted = self._in_memory.popitem()
             private.set_listener(entry, entry.descriptor)
-            if left := entry.in_memory.value - entry.counted:
+            if left := entry.in_memory.value - counted:
                 os.eventfd_write(entry.descriptor, left)
-            entry.in_memory.value = entry.counted = 0
+            entry.in_memory.value = 0
 
     def _schedule(self, timers: Iterable[Entry]) -> None:
         """Compute when each of these timers is due, and queue the timers that are due now."""

@@ -40,9 +40,8 @@ class Spin:
     """A call of one of the methods that spin."""
 
     future: Future
-    deadline: float  #: [s]; -inf: its one callback has returned
-    once: bool
-    begun: bool = False  #: whether its one callback has begun
+    deadline: float  #: [s]; -inf: it ends now
+    once: bool  #: whether it ends after one callback, which has not begun
     over: Event = field(default_factory=Event)
 
 
@@ -184,8 +183,7 @@ class QuickExecutor(MultiThreadedExecutor):
                 if inside and self._leadership.take():
                     self._lead(spin)
                 elif not spin.over.wait(max(1e-3, min(period, deadline - time.monotonic()))):
-                    with self._lock:
-                        leading = self._standing_by or not self._leadership.free
+                    leading = self._standing_by or not self._leadership.free
                     self._end_spins(expired=-inf if leading else time.monotonic())
         finally:
             self._spins.discard(spin)
@@ -202,9 +200,7 @@ class QuickExecutor(MultiThreadedExecutor):
         """End the spins that are done, and those whose deadline is `expired` [s] or earlier."""
         ended = bool(self._events.failures) or self._is_shutdown or not self.context.ok()
         for spin in list(self._spins):
-            done = spin.future.done() or spin.future.cancelled()
-            begun = spin.begun and spin.deadline < inf  # else it ends when the callback returns
-            if ended or done or begun or spin.deadline <= expired:
+            if ended or spin.future.done() or spin.future.cancelled() or spin.deadline <= expired:
                 self._spins.discard(spin)
                 spin.over.set()
         if ended:
@@ -256,7 +252,7 @@ class QuickExecutor(MultiThreadedExecutor):
                     spins = list(self._spins)
                     if not spins or (within and within.over.is_set()):
                         break
-                    self._once = [spin for spin in spins if spin.once and not spin.begun]
+                    self._once = [spin for spin in spins if spin.once]
                     deadline = min(spin.deadline for spin in spins)
                     if events.stale:
                         events.refresh(self.get_nodes())
@@ -312,9 +308,7 @@ class QuickExecutor(MultiThreadedExecutor):
         events, executed = self._events, False
         for _ in range(len(events.ready)):
             entry = events.ready.popleft()
-            if not entry.pending:
-                entry.queued = False
-            elif not entry.begin():
+            if not entry.begin():
                 events.ready.append(entry)
             elif call := self._take(entry):
                 executed = True
@@ -326,13 +320,12 @@ class QuickExecutor(MultiThreadedExecutor):
     def _take(self, entry: Entry) -> Call | None:
         """Return the call that is due for an entity whose group is claimed, or None."""
         call = None
-        entry.pending -= 1
         try:
             call = entry.take(entry, self)
             if call is None:
-                entry.pending = 0  # there was nothing to take
+                entry.pending = 1  # there was nothing to take
         except InvalidHandle:
-            entry.pending = 0  # destroyed without its node
+            entry.pending = 1  # destroyed without its node
         except Exception as error:
             if not entry.warns_of(error, while_taking=True):
                 raise
@@ -341,11 +334,11 @@ class QuickExecutor(MultiThreadedExecutor):
                 entry.end()
             elif entry.idle_uses:
                 self._events.note_use(entry)
+            entry.pending -= 1
+            if entry.pending:
+                self._events.ready.append(entry)
             if entry.on_taken:
                 entry.on_taken(entry)
-            entry.queued = entry.pending > 0
-            if entry.queued:
-                self._events.ready.append(entry)
         return call
 
     def _run(self, entry: Entry | None, call: Call) -> None:
@@ -356,8 +349,8 @@ class QuickExecutor(MultiThreadedExecutor):
         callback, args = call
         claimed = entry
         once, self._once = self._once, []
-        for spin in once:
-            spin.begun = True
+        for spin in once:  # without a deadline it ends when the callback returns
+            spin.once, spin.deadline = False, inf if spin.deadline == inf else -inf
         lent = self._leadership.lend(entry is not None and entry.lasting)
         try:
             result = callback(*args)
