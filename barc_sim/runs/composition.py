@@ -10,7 +10,6 @@ import time
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from platform import platform, python_version
 from typing import TYPE_CHECKING, Any
 
@@ -200,7 +199,8 @@ class Run:
         if page_of(options) != 'none':
             for number in range(len(self.simulators)):
                 self._serve(number)
-        if not getattr(self.inputs.user_code.relay, 'ros', ''):  # a program has its own parameters
+        # A relay that is a program has its own parameters.
+        if options.ros_args and not getattr(self.inputs.user_code.relay, 'ros', ''):
             _warn_of_unused(options.ros_args, self.nodes)
         if self.recorder:
             self.recorder.discover()
@@ -344,30 +344,23 @@ class Run:
 
 def _warn_of_unused(ros_args: list[str], nodes: list[Node]) -> None:
     """Warn of each parameter after `--ros-args` that no node has; ROS ignores it."""
+    from barc_sim.ros.local.parameters import Arguments  # noqa: PLC0415 (of few runs)
+
     by_name = [(each.get_fully_qualified_name()[1:], each) for each in nodes]
-    for source, owner, name in _parameters(ros_args):
-        named = [(full, each) for full, each in by_name if owner in ('', full, each.get_name())]
-        is_set = any(each.has_parameter(name) for full, each in named if owner in ('', full))
-        if not is_set and (named or source == '-p'):  # a file can have other systems' nodes
-            warn(
-                f'{source} {owner}{":" * bool(owner)}{name} sets nothing, as no node has this '
-                'parameter; in a namespace, leave out the node after -p, and in a file name it in '
-                'full'
-            )
-
-
-def _parameters(ros_args: list[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield the file of each parameter or `-p`, its node, or '' for all, and its name."""
     for option, text in pairwise(ros_args):
-        if option in ('-p', '--param'):
-            owner, _, name = text.partition(':=')[0].rpartition(':')
-            yield '-p', owner.lstrip('/'), name
-        elif option == '--params-file':
-            from barc_sim.ros.local.parameters import of_file  # noqa: PLC0415 (of few runs)
-
-            with suppress(OSError, ValueError):  # ROS has read it
-                for owner, name, _ in of_file(Path(text)):
-                    yield text, owner.lstrip('/'), name
+        source, rules = text if option == '--params-file' else '-p', []
+        with suppress(RuntimeError):  # the two words are no option with its value
+            rules = Arguments(['--ros-args', option, text]).parameters
+        for node, name, _ in rules:
+            owner = node.lstrip('/')
+            named = [(full, each) for full, each in by_name if owner in ('', full, each.get_name())]
+            is_set = any(each.has_parameter(name) for full, each in named if owner in ('', full))
+            if not is_set and (named or source == '-p'):  # a file can have other systems' nodes
+                warn(
+                    f'{source} {owner}{":" * bool(owner)}{name} sets nothing, as no node has this '
+                    'parameter; in a namespace, leave out the node after -p, and in a file name it '
+                    'in full'
+                )
 
 
 def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:

@@ -413,7 +413,8 @@ def init(*, args: list[str] | None = None, signal_handler_options: Any = None) -
     if world.is_ok:
         raise RuntimeError('Context.init() must only be called once')
     words = [] if world.simulated else sys.argv
-    world.arguments = Arguments(words if args is None else args, world)
+    world.arguments = Arguments(words if args is None else args)
+    world.log_levels |= world.arguments.log_levels
     world.is_ok = True
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from barc_sim.cli.files import read_regular
-from barc_sim.ros.local.executor import LoggingSeverity, World
+from barc_sim.ros.local.executor import LoggingSeverity
 from barc_sim.ros.local.messages import LACKS, message_type
 
 if TYPE_CHECKING:
@@ -27,39 +27,40 @@ class _Rule(NamedTuple):
 
 
 class Arguments:
-    """The remappings and parameters of `--ros-args`; the log level is the world's."""
+    """The log levels, remappings and parameters of `--ros-args`."""
 
-    def __init__(self, words: list[str], world: World) -> None:
+    def __init__(self, words: list[str]) -> None:
+        self.log_levels: dict[str, int] = {}
         self._remappings: list[_Rule] = []
-        self._parameters: list[_Rule] = []
+        self.parameters: list[_Rule] = []
         rest = iter(words)
         for word in rest:
             if word == '--ros-args':
                 for option in iter(lambda: next(rest, '--'), '--'):
                     if option != '--ros-args':
-                        self._parse(option, next(rest, ''), world)
+                        self._parse(option, next(rest, ''))
 
-    def _parse(self, option: str, text: str, world: World) -> None:
+    def _parse(self, option: str, text: str) -> None:
         try:
-            self._add(option, text, world)
+            self._add(option, text)
         except (OSError, ValueError) as error:
             raise RuntimeError(f"Couldn't parse {option} {text!r}: {error}") from None
 
-    def _add(self, option: str, text: str, world: World) -> None:
+    def _add(self, option: str, text: str) -> None:
         target, _, value = text.rpartition(':=')
         node, _, name = target.rpartition(':')
         if option == '--log-level':
             if value.upper() not in LoggingSeverity.__members__:
                 raise ValueError(f'expected one of {", ".join(LoggingSeverity.__members__)}')
-            world.log_levels[target] = LoggingSeverity[value.upper()]
+            self.log_levels[target] = LoggingSeverity[value.upper()]
         elif option == '--params-file':
-            self._parameters += of_file(Path(text))
+            self.parameters += _of_file(Path(text))
         elif option not in ('-p', '--param', '-r', '--remap'):
             raise ValueError('expected -p, -r, --params-file or --log-level')
         elif not target:
             raise ValueError('expected NAME:=VALUE')
         elif option in ('-p', '--param'):
-            self._parameters.append(_Rule(node, name, _value(value)))
+            self.parameters.append(_Rule(node, name, _value(value)))
         else:
             self._remappings.append(_Rule(node, name, value))
 
@@ -72,7 +73,7 @@ class Arguments:
         """Return the parameters for the node with this full name; the last value counts."""
         return {
             rule.name: rule.value
-            for rule in self._parameters
+            for rule in self.parameters
             if re.fullmatch(_pattern(rule.node or '**'), node)
         }
 
@@ -98,7 +99,7 @@ def _allowed(value: Any) -> Any:
     return value
 
 
-def of_file(file: Path) -> Iterator[_Rule]:
+def _of_file(file: Path) -> Iterator[_Rule]:
     """Yield the parameters in a file; ValueError, OSError: it cannot be read."""
     from barc_sim.bags.bounds import MAX_TEXT, from_yaml
 
