@@ -67,14 +67,7 @@ def add_arguments_acc(parser: Parser) -> None:
         metavar='M/S²',
         help=f"limit of the controller's output ({ACCELERATION_LIMIT:g} m/s²; user code: none)",
     )
-    parser.add_argument(
-        '--gain',
-        type=_gain,
-        action='append',
-        default=[],
-        metavar='NAME=VALUE',
-        help=f'a gain of the controller; may be repeated ({_gains_of(TYPES)})',
-    )
+    _add_gains(parser, '--gain', 'controller', TYPES)
     _add_track_options(parser)
     parser.add_argument(
         '--policy',
@@ -163,14 +156,7 @@ def _add_track_options(parser: Parser) -> None:
         choices=tuple(LANE_TYPES),
         help=f'steering law on a track, unless --lab has a lane.py ({DEFAULT_LANE})',
     )
-    parser.add_argument(
-        '--lane-gain',
-        type=_gain,
-        action='append',
-        default=[],
-        metavar='NAME=VALUE',
-        help=f'a gain of the steering law; may be repeated ({_gains_of(LANE_TYPES)})',
-    )
+    _add_gains(parser, '--lane-gain', 'steering law', LANE_TYPES)
     parser.add_argument(
         '--speed-profile',
         type=number(1e-3, PROFILE[0].between[1]),
@@ -194,5 +180,14 @@ def _gain(text: str) -> tuple[str, float]:
     return name, number(-inf, inf)(value)
 
 
-def _gains_of(types: Mapping[str, type[Tunable]]) -> str:
-    return '; '.join(f'{name}: {", ".join(kind.gains)}' for name, kind in types.items())
+def _add_gains(parser: Parser, option: str, law: str, types: Mapping[str, type[Tunable]]) -> None:
+    """Add the option for the gains of a law, which is of one of the `types`."""
+    names = '; '.join(f'{name}: {", ".join(kind.gains)}' for name, kind in types.items())
+    parser.add_argument(
+        option,
+        type=_gain,
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help=f'a gain of the {law}; may be repeated ({names})',
+    )
