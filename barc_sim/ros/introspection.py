@@ -138,19 +138,6 @@ class GraphObserver:
             hint = did_you_mean(full, visible) or f': there are {", ".join(visible)}'
         raise UserError(f'there is no {what} {full}{hint}')
 
-    def request(self, send: Callable[[], Future], node: str) -> Any:  # noqa: ANN401 (a service's own)
-        """Send a request to `node` and return its response.
-
-        `send` sends it and returns the future of the response.
-        """
-        for _ in range(_ATTEMPTS):
-            future = send()
-            rclpy.spin_until_future_complete(self.node, future, timeout_sec=_RESPONSE_TIMEOUT)
-            if future.done():
-                return future.result()
-            self.pause(0.0)
-        raise UserError(f'{node} does not respond: it is busy or it hangs; check it, and try again')
-
 
 def print_messages(observer: GraphObserver, name: str, count: int | None) -> None:
     """Print `count` messages of a topic; None: all messages until a signal."""
@@ -234,7 +221,18 @@ class Parameters:
             raise UserError(f'{self.node} has no parameter services')
 
     def _request(self, send: Any, *arguments: Any) -> Any:  # noqa: ANN401 (a service's own)
-        return self._observer.request(lambda: send(*arguments), self.node)
+        """Call `send`, a method of the client, and return the response."""
+        for _ in range(_ATTEMPTS):
+            future = send(*arguments)
+            rclpy.spin_until_future_complete(
+                self._observer.node, future, timeout_sec=_RESPONSE_TIMEOUT
+            )
+            if future.done():
+                return future.result()
+            self._observer.pause(0.0)
+        raise UserError(
+            f'{self.node} does not respond: it is busy or it hangs; check it, and try again'
+        )
 
     def names(self) -> list[str]:
         """Return the names of all parameters, sorted."""
