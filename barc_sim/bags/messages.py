@@ -126,15 +126,12 @@ def _short_names(full: str) -> tuple[str, str]:
     return base, f'{package}/{base}'
 
 
-def definition_lines(name: str) -> Iterator[str]:
+def definition_lines(name: str, depth: int = 0) -> Iterator[str]:
     """Yield the lines of the definition of `name`, with those of its fields' types indented.
 
-    Only the comments of the type itself are kept.
+    Only the comments of the type itself, at `depth` 0, are kept.
     """
-    yield from _lines_of(installed(), name, 0)
-
-
-def _lines_of(paths: dict[str, Path], name: str, depth: int) -> Iterator[str]:
+    paths = installed()
     for line in paths[name].read_text(encoding='utf-8').splitlines():
         text = _COMMENT.sub('', line) if depth else line
         if text or not depth:
@@ -144,7 +141,7 @@ def _lines_of(paths: dict[str, Path], name: str, depth: int) -> Iterator[str]:
             package, _, base = field[1].rpartition('/')
             nested = f'{package or name.partition("/")[0]}/msg/{base}'
             if nested in paths:
-                yield from _lines_of(paths, nested, depth + 1)
+                yield from definition_lines(nested, depth + 1)
 
 
 _STAMP = slice(4, 12)
