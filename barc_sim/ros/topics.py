@@ -120,16 +120,11 @@ def describe(name: str, endpoints: Sequence[TopicEndpointInfo]) -> Topic:
         definition=text,
         type_hash=str(endpoints[0].topic_type_hash),
         offered_qos=[
-            _as_metadata(each.qos_profile)
+            {policy: _plain(getattr(each.qos_profile, policy)) for policy in _QOS}
             for each in endpoints
             if each.endpoint_type == TopicEndpointTypeEnum.PUBLISHER
         ],
     )
-
-
-def _as_metadata(profile: QoSProfile) -> dict[str, Any]:
-    """Return a QoS as rosbag2 writes it."""
-    return {name: _plain(getattr(profile, name)) for name in _QOS}
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 (a policy, a duration, a number)
@@ -150,11 +145,6 @@ class RecordedTopic:
     route: dict[bytes, int] = field(default_factory=dict)
     losses: Losses = field(default_factory=Losses)
     names: dict[bytes, str] = field(default_factory=dict)  # of the publishers' nodes
-
-    @property
-    def had_publisher(self) -> bool:
-        """Whether it has had a publisher."""
-        return bool(self.topic.offered_qos or self.route)
 
     def lost(self) -> dict[str, int] | None:
         """Return the number of lost messages, by the publisher's node; None if unknown."""
@@ -265,7 +255,7 @@ class TopicSubscriptions:
     ) -> RecordedTopic:
         """Return the topic with a subscription for each QoS that its publishers offer."""
         recorded = recorded or RecordedTopic(describe(name, publishers))
-        if not recorded.had_publisher:
+        if not (recorded.topic.offered_qos or recorded.route):  # it has had no publisher
             recorded.topic = describe(name, publishers)
         missing = {*map(_strength, publishers)} - {*map(_strength, recorded.subscriptions)}
         for reliability, durability in sorted(missing):  # the strongest first
