@@ -193,10 +193,12 @@ class MirrorNode(Node):
         self._poses.append(pose)
 
     def _diagnose(self) -> None:
-        facts = self._facts()
-        factor = _realtime_factor(self._last_times, self._times)
+        facts, before, now, factor = self._facts(), self._last_times, self._times, None
+        if before and now:
+            simulated, real = (new - old for new, old in zip(now, before, strict=True))
+            factor = simulated / real if real else 0.0
         statuses = diagnose(facts, self._last_facts, factor)
-        self._last_facts, self._last_times = facts, self._times
+        self._last_facts, self._last_times = facts, now
         for status in statuses:
             status.name = f'{self.get_fully_qualified_name()}: {status.name}'
         header = Header(stamp=self.get_clock().now().to_msg())
@@ -289,14 +291,6 @@ def _numbered(namespace: str, markers: list[Marker]) -> MarkerArray:
     for number, marker in enumerate(markers):
         marker.ns, marker.id = namespace, number
     return MarkerArray(markers=markers)
-
-
-def _realtime_factor(before: tuple[int, int] | None, now: tuple[int, int] | None) -> float | None:
-    """Return the real-time factor between two states, each given by stamp and reception [ns]."""
-    if before is None or now is None:
-        return None
-    simulated, real = (new - old for new, old in zip(now, before, strict=True))
-    return simulated / real if real else 0.0
 
 
 def diagnose(facts: Facts, before: Facts, factor: float | None = None) -> list[DiagnosticStatus]:
