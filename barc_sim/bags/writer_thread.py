@@ -183,10 +183,9 @@ class WriterThread:
             self._thread.join()
         with self._lock:
             self._reserve = 0  # space was kept free for this
-            self._chunk_due = 0.0
-            self._run_once()  # resumes writing if the disk had refused a block
-            self._chunk_due = 0.0
-            self._run_once()
+            for _ in range(2):  # the first resumes writing if the disk had refused a block
+                self._chunk_due = 0.0
+                self._run_once()
             if not self._stuck:
                 self.do(lambda writer: writer.add_metadata(final_metadata()))
             self.do(lambda writer: writer.close())

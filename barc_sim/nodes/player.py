@@ -94,12 +94,12 @@ class BagPlayer(Node):
         show: Callable[[str], object] = str,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        self._playback = playback or Playback()
+        self._playback = playback = playback or Playback()
         self._contents = Contents(path)
         self._contents.complete()
         span = self._contents.span  # of the whole bag; `in_order` replaces it
         self._start, self._last = span.start or 0, span.end
-        self._first = self._start + int(self._playback.start_offset * 1e9)
+        self._first = self._start + int(playback.start_offset * 1e9)
         if self._first > self._last:
             raise UserError(
                 f'{str(path)!r} has {span.duration / 1e9:.3f} s of messages: give a shorter '
@@ -109,7 +109,6 @@ class BagPlayer(Node):
         self.failure: str | None = None  #: why not all was played, in a sentence
         self.finished: Future = Future()
         self.played = 0  #: messages
-        playback = self._playback
         self._paused, self._steps = playback.start_paused, 0  # messages to publish while paused
         self._keys: SimpleQueue[str] = SimpleQueue()
         self._set_time(self._first)
@@ -121,9 +120,8 @@ class BagPlayer(Node):
         if not self._topic_publishers:
             self.destroy_node()
             raise UserError(f'{str(path)!r} has no topic that can be played: give other --topics')
-        clock = self.create_publisher(ClockMessage, '/clock', 10) if self._playback.clock else None
+        clock = self.create_publisher(ClockMessage, '/clock', 10) if playback.clock else None
         self._clock_publisher = clock
-        self._show = show
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_SHOW_PERIOD, lambda: show(self.progress), clock=steady)
         self._thread = threading.Thread(target=self._run, name='player', daemon=True)
