@@ -362,69 +362,77 @@ def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (any object of
         return fresh
 
     given = {name: getattr(controller, name) for name in gains}
-    return Adapter(new, gains, given, getattr(controller, 'terms', PID.terms))
+    return SpeedAdapter(new, gains, given, getattr(controller, 'terms', PID.terms))
 
 
 class Adapter:
-    """A `Controller` around an object that may lack limits of its output and a reset.
+    """Keeps an object of the user's, with its gains and terms: base of adapters to a protocol.
 
-    The terms are the object's attributes of these names, NaN if one is missing or not a number;
-    `saturated` is true if the adapter or the object limited the output.
+    The terms are the object's attributes of these names, NaN if one is missing or not a number.
     """
 
     def __init__(
         self,
         new: Callable[..., Any],
-        gains: Mapping[str, Gain] = PID.gains,
-        values: Mapping[str, float] | None = None,
-        terms: Mapping[str, str] = PID.terms,
+        gains: Mapping[str, Gain],
+        values: Mapping[str, float],
+        terms: Mapping[str, str],
     ) -> None:
         """Take objects from `new`, called with the gains by name; a reset takes a fresh one."""
         self._new = new
         self.gains, self.terms = gains, terms
-        defaults = {name: gain.default for name, gain in gains.items()}
-        self.__dict__.update(defaults if values is None else values)
-        self.output_min, self.output_max = -inf, inf
+        self.__dict__.update(values)
         self.reset()
 
     def reset(self) -> None:
         """Begin with a fresh object."""
         self._held = self._values()
-        self._controller = self._make(self._held)
-        self._dt = _dt_argument(self._controller.acc_calculate)
+        self._object = self._new(**self._held)
         self.__dict__.update(dict.fromkeys(self.terms, nan))
-        self.saturated = False
 
-    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
-        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+    def _call(self, method: str, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (as above)
+        """Call a method of the object: before, set changed gains; after, read the terms."""
         if (values := self._values()) != self._held:
             self._held = values
             self._set(values)
-        speeds = speed_reference, speed_current
-        if self._dt is None:
-            raw = self._controller.acc_calculate(*speeds)
-        elif self._dt:
-            raw = self._controller.acc_calculate(*speeds, **{self._dt: dt})
-        else:
-            raw = self._controller.acc_calculate(*speeds, dt)
-        output = min(max(raw, self.output_min), self.output_max)
-        for name in self.terms:
-            self.__dict__[name] = self._read(name)
-        self.saturated = output != raw or self._read('saturated') == 1.0
-        return float(output)
+        output = getattr(self._object, method)(*args, **options)
+        self.__dict__.update({name: self._read(name) for name in self.terms})
+        return output
 
     def _values(self) -> dict[str, float]:
         return {name: self.__dict__[name] for name in self.gains}
 
-    def _make(self, values: Mapping[str, float]) -> Any:  # noqa: ANN401 (of the type that `new` returns)
-        return self._new(**values)
-
     def _set(self, values: Mapping[str, float]) -> None:
         for name, value in values.items():
-            setattr(self._controller, name, value)
+            setattr(self._object, name, value)
 
     def _read(self, name: str) -> float:
-        return read_term(self._controller, name)
+        return read_term(self._object, name)
+
+
+class SpeedAdapter(Adapter):
+    """A `Controller` around an object that may lack limits of its output and a reset.
+
+    `saturated` is true if the adapter or the object limited the output.
+    """
+
+    output_min, output_max = -inf, inf
+
+    def reset(self) -> None:
+        """Begin with a fresh object."""
+        super().reset()
+        self._dt = _dt_argument(self._object.acc_calculate)
+        self.saturated = False
+
+    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+        by_position = [dt] if self._dt == '' else []
+        by_name = {self._dt: dt} if self._dt else {}
+        speeds = speed_reference, speed_current
+        raw = self._call('acc_calculate', *speeds, *by_position, **by_name)
+        output = min(max(raw, self.output_min), self.output_max)
+        self.saturated = output != raw or self._read('saturated') == 1.0
+        return float(output)
 
 
 def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the user's)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.control.driver import Driver
+from barc_sim.control.driver import Driver, limited
 from barc_sim.control.excitation import Steps
 from barc_sim.control.lane import LaneLaw
 from barc_sim.control.planning import line_beside
-from barc_sim.control.speed import PID, Adapter, Gain
+from barc_sim.control.speed import KD, KI, KP, PID, Adapter, Gain, SpeedAdapter
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.code import POINTS, UserCode, gains_of
 from barc_sim.vehicle.bike_model import Command
@@ -27,34 +28,36 @@ COMMANDS = 60.0  #: [s] duration of the commands of `identify.py`
 _HALF_STEP = 0.01  # [s]
 
 
-class UserController(Adapter):
+class _OfUserObject(Adapter):
+    """Keeps a `UserObject`: gains are set as attributes only if its instance has them."""
+
+    def _set(self, values: Mapping[str, float]) -> None:
+        self._object.set_gains(values)
+
+    def _read(self, name: str) -> float:
+        value: float = self._object.read(name)
+        return value
+
+
+class UserController(_OfUserObject, SpeedAdapter):
     """Uses a user's class `PID` as a `Controller`.
 
-    Its constructor gets the gains, and the limits if it takes them; a reset makes a new object.
-    Gains that change later are set as attributes `kp`, `ki` and `kd` if the object has them.
+    Its constructor gets the gains, and the limits if it takes them.
     """
 
     kp: float
     ki: float
     kd: float
-    _controller: UserObject
 
     def __init__(self, code: UserCode) -> None:
         """Make a controller with the gains that its file chooses, else with the run's gains."""
-        chosen = code.gains
-        values = dict(zip(PID.gains, chosen[:3], strict=True)) if chosen else None
-        super().__init__(code.new_pid, values=values)
+        self._code = code
+        gains = dict(zip(PID.gains, (code.gains or (KP, KI, KD))[:3], strict=True))
+        super().__init__(self._new_pid, PID.gains, gains, PID.terms)
 
-    def _make(self, values: Mapping[str, float]) -> UserObject:
-        limits = {'output_min': self.output_min, 'output_max': self.output_max}
-        pid: UserObject = self._new(*values.values(), **limits)
-        return pid
-
-    def _set(self, values: Mapping[str, float]) -> None:
-        self._controller.set_gains(values)
-
-    def _read(self, name: str) -> float:
-        return self._controller.read(name)
+    def _new_pid(self, **gains: float) -> UserObject:
+        limits: Any = {'output_min': self.output_min, 'output_max': self.output_max}
+        return self._code.new_pid(*gains.values(), **limits)
 
 
 def controller_of(file: Path) -> UserController:
@@ -80,39 +83,23 @@ class UserCommands(Steps):
         return float(self._command(self.t)) if self.t < COMMANDS - _HALF_STEP else 0.0
 
 
-class UserLane:
-    """Uses a user's class `Lane` as a lane controller; a reset makes a new object.
-
-    Gains that change later are set as attributes if the object has them.
-    """
-
-    terms = LaneLaw.terms
+class UserLane(_OfUserObject):
+    """Uses a user's class `Lane` as a lane controller."""
 
     def __init__(self, code: UserCode) -> None:
         """Begin with the defaults of its constructor as gains."""
-        self._code, defaults = code, gains_of(code.lane)
-        self.gains = {
+        defaults = gains_of(code.lane)
+        gains = {
             name: Gain(value, '-', f'{name} of lane.py', 2.0 * abs(value) or 1.0, (-1e6, 1e6))
             for name, value in defaults.items()
         }
-        self.__dict__.update(defaults)
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin with a fresh object."""
-        self._held = {name: self.__dict__[name] for name in self.gains}
-        self._law = self._code.new('lane', **self._held)
+        super().__init__(partial(code.new, 'lane'), gains, defaults, LaneLaw.terms)
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
         """Return the steering angle [rad] for errors [m, rad] and a speed [m/s]."""
-        values = {name: self.__dict__[name] for name in self.gains}
-        if values != self._held:
-            self._held = values
-            self._law.set_gains(values)
-        output: float = self._law(e_y, e_psi, speed, curvature)
-        self.__dict__.update({name: self._law.read(name) for name in self.terms})
+        output: float = self._call('__call__', e_y, e_psi, speed, curvature)
         return output
 
 
@@ -161,6 +148,5 @@ class UserDriver(Driver):
             return own
         motor, servo = self._relay(self.request.forward, self.request.turn, dt=self.dt)
         limits = self.limits
-        maximum = max(limits.acceleration, limits.deceleration)
-        self.servo = max(-limits.steering, min(servo, limits.steering))
-        return Command(max(-maximum, min(motor, maximum)), self.servo)
+        self.servo = limited(servo, limits.steering)
+        return Command(limited(motor, max(limits.acceleration, limits.deceleration)), self.servo)
