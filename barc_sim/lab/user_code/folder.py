@@ -244,26 +244,26 @@ class Folder:
         name: str,
         globals: dict[str, Any] | None = None,  # noqa: A002 (__import__'s own names)
         locals: dict[str, Any] | None = None,  # noqa: A002
-        fromlist: Sequence[str] = (),
+        fromlist: Sequence[str] | None = (),
         level: int = 0,
     ) -> ModuleType:
-        top = name.partition('.')[0]
-        if level == 0 and (stand_in := self.stand_in(name if fromlist else top)):
-            return stand_in  # type: ignore[no-any-return]
+        importer, fromlist = globals or {}, fromlist or ()
         if level:
-            package = str((globals or {}).get('__package__')).rsplit('.', level - 1)[0]
+            package = str(importer.get('__package__')).rsplit('.', level - 1)[0]
             name = f'{package}.{name}'.strip('.')
-            top = name.partition('.')[0]
+        top = name.partition('.')[0]
+        if not level and (stand_in := self.stand_in(name if fromlist else top)):
+            return stand_in  # type: ignore[no-any-return]
         if not name:
             # `from . import x` in a file that is loaded by itself: x is in the same folder.
             modules = {each: self._import(each, globals, locals, (each,)) for each in fromlist}
             return SimpleNamespace(**modules)  # type: ignore[return-value]
         if top in self._names and (module := self._own(name)):
-            for each in fromlist or ():
+            for each in fromlist:
                 if not hasattr(module, each):
                     self._own(f'{name}.{each}')
             return module if fromlist else self._modules[top]
-        return self._import_installed(name, globals, locals, fromlist)
+        return self._import_installed(name, fromlist, importer.get('__file__', ''))
 
     def _own(self, name: str) -> ModuleType | None:
         """Return the module or package `name` of this folder; None if there is none."""
@@ -281,23 +281,16 @@ class Folder:
             setattr(package, last, module)
         return module
 
-    def _import_installed(
-        self,
-        name: str,
-        globals: dict[str, Any] | None,  # noqa: A002 (__import__'s own names)
-        locals: dict[str, Any] | None,  # noqa: A002
-        fromlist: Sequence[str],
-    ) -> ModuleType:
-        """Return a module of Python or of an installed package, or an `Absent`."""
+    def _import_installed(self, name: str, fromlist: Sequence[str], importer: str) -> ModuleType:
+        """Return a module of Python or of an installed package, or an `Absent`, to a file."""
         top, is_ros = name.partition('.')[0], _is_ros(name)
         python = top in sys.stdlib_module_names or top == 'numpy'
         if python or (self.budget is not None and not is_ros):
             with suppress(ModuleNotFoundError):
-                return __import__(name, globals, locals, fromlist, 0)
-        path = (globals or {}).get('__file__', '')
-        if path not in self.trees:  # the import comes from exec or a call of __import__
+                return __import__(name, fromlist=fromlist)
+        if importer not in self.trees:  # the import comes from exec or a call of __import__
             raise ModuleNotFoundError(f'there is no module {name!r} here', name=name)
-        if not is_ros and (top in guarded_imports(self.trees[path]) or '*' in (fromlist or ())):
+        if not is_ros and (top in guarded_imports(self.trees[importer]) or '*' in fromlist):
             raise ModuleNotFoundError(name, name=name)
         reason = (
             'ROS 1 is not installed and not needed: barc_sim provides the nodes, and calls PID '
@@ -307,7 +300,7 @@ class Folder:
             'it for your own runs, put it into the folder, or do without it'
         )
         why = 'ROS is not needed' if is_ros else 'it is not installed here'
-        self.tolerate(f'{self.sources[path].name} imports {name}: {why}')
+        self.tolerate(f'{self.sources[importer].name} imports {name}: {why}')
         absent: Any = Absent(name if fromlist else top, reason)
         return absent  # type: ignore[no-any-return]
 
