@@ -38,11 +38,8 @@ from barc_sim.lab.user_code.folder import (
     OutOfTime,
     UserFunction,
     clock,
-    describe_error,
     guarded,
-    hint_on,
     number,
-    raised_at,
     short_repr,
 )
 
@@ -443,8 +440,7 @@ def _load(folder: Folder, path: Path) -> ModuleType:
     except UserError:
         raise
     except (Exception, SystemExit, OutOfTime) as error:
-        hint = guarded(hint_on, folder, error, default='')
-        fault = f'loading the file raised {describe_error(error)}' + (f': {hint}' if hint else '')
+        fault = f'loading the file raised {folder.describe(error)}'
         if isinstance(error, ModuleNotFoundError):
             fault = (
                 f'there is no module {error.name!r} here: install it, put it into the folder, '
@@ -455,7 +451,7 @@ def _load(folder: Folder, path: Path) -> ModuleType:
                 f'loading the file took longer than {_LOADING if loading else error.seconds:g} '
                 's: is there an endless loop outside its functions?'
             )
-        failure = UserCodeError(f'{raised_at(folder, error) or path.name}: {fault}')
+        failure = UserCodeError(f'{folder.raised_at(error)[0] or path.name}: {fault}')
         folder.failed[path] = failure
         raise failure from error
 

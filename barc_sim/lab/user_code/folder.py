@@ -235,6 +235,22 @@ class Folder:
         source = self.sources.get(filename)
         return f'{source.name}, line {line}' if source else None
 
+    def raised_at(self, error: BaseException) -> tuple[str, FrameType] | tuple[None, None]:
+        """Return the innermost file and line in an exception's traceback, and their frame."""
+        frames = [
+            (place, frame)
+            for frame, line in traceback.walk_tb(error.__traceback__)
+            if (place := self.place(frame.f_code.co_filename, line))
+        ]
+        return frames[-1] if frames else (None, None)
+
+    def describe(self, error: BaseException) -> str:
+        """Return an exception's type and message in one line, with a hint on a known mistake."""
+        text = one_line(without_addresses(guarded(str, error, default='')), _SHOWN)
+        text = text.replace(str(self.path) + os.sep, '')
+        hint = guarded(_hint_on, self, error, text, default='')
+        return ': '.join(filter(None, (type(error).__name__, text, hint)))
+
     def _read(self, path: Path) -> Source:
         self.sources[str(path)] = read(path, str(path.relative_to(self.path)))
         return self.sources[str(path)]
@@ -430,27 +446,6 @@ def short_repr(value: object) -> str:
     return one_line(without_addresses(text), _SHOWN)
 
 
-def describe_error(error: BaseException) -> str:
-    """Return an exception's type and message in one line."""
-    text = one_line(without_addresses(guarded(str, error, default='')), _SHOWN)
-    return f'{type(error).__name__}: {text}' if text else type(error).__name__
-
-
-def raised_at(folder: Folder, error: BaseException) -> str | None:
-    """Return the innermost file and line of the folder in an exception's traceback."""
-    return _innermost(folder, error)[0]
-
-
-def _innermost(folder: Folder, error: BaseException) -> tuple[str, FrameType] | tuple[None, None]:
-    """Return the folder's innermost frame in an exception's traceback, after its file and line."""
-    frames = [
-        (place, frame)
-        for frame, line in traceback.walk_tb(error.__traceback__)
-        if (place := folder.place(frame.f_code.co_filename, line))
-    ]
-    return frames[-1] if frames else (None, None)
-
-
 class Called(NamedTuple):
     """The signature of a user's function, class or method that barc_sim calls."""
 
@@ -540,7 +535,8 @@ class UserFunction:
     def _raised(
         self, error: BaseException, args: tuple[Any, ...], options: Mapping[str, Any]
     ) -> UserCodeError:
-        place = raised_at(self.folder, error) or self.place()
+        place, frame = self.folder.raised_at(error)
+        place = place or self.place()
         call = self._call_text(args, options)
         if isinstance(error, OutOfTime):
             return UserCodeError(
@@ -552,14 +548,11 @@ class UserFunction:
         # The lab's own templates have the name TODO where code is missing.
         if isinstance(error, NotImplementedError) or getattr(error, 'name', '') == 'TODO':
             # The unwritten function can be one that this one calls, but not `<listcomp>` or so.
-            _, frame = _innermost(self.folder, error)
             name = frame.f_code.co_name if frame else '<none>'
             name = self._name() if name.startswith(('_', '<')) else name
             return UserCodeError(f'{place}: {name} {NOT_WRITTEN}')
-        text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
-        hint = guarded(hint_on, self.folder, error, default='')
-        text = f'{text}: {hint}' if hint else text
-        return UserCodeError(f'{place}: {call} raised {text}; expected {self.called.returns}')
+        text = f'{call} raised {self.folder.describe(error)}'
+        return UserCodeError(f'{place}: {text}; expected {self.called.returns}')
 
     def _call_text(self, args: tuple[Any, ...], options: Mapping[str, Any]) -> str:
         names = [name for name in self.parameters if name not in options]
@@ -604,10 +597,9 @@ def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: 
     return finite if len(finite) == len(values) == count else None
 
 
-def hint_on(folder: Folder, error: BaseException) -> str:
-    """Return a hint on a frequent mistake in user code; empty if it is not a known one."""
-    text = describe_error(error)
-    _, frame = _innermost(folder, error)
+def _hint_on(folder: Folder, error: BaseException, text: str) -> str:
+    """Return a hint on an error with this text; empty if it is not a known mistake."""
+    _, frame = folder.raised_at(error)
     names = frame.f_locals if frame else {}
     own = [*getattr(names.get('self'), '__dict__', {})]
     if isinstance(error, NameError) and (name := re.search(r"'(\w+)'", text)):

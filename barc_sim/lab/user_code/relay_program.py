@@ -25,8 +25,6 @@ from barc_sim.lab.user_code.folder import (
     Command,
     OutOfTime,
     clock,
-    describe_error,
-    raised_at,
 )
 from barc_sim.ros.local import find_module
 from barc_sim.ros.local import world as in_world
@@ -311,7 +309,7 @@ class RelayRun(World):
         except UserCodeError:
             raise
         except (Exception, OutOfTime) as error:
-            fault = f'after {self._seconds:.2f} s the relay raised {describe_error(error)}'
+            fault = f'after {self._seconds:.2f} s the relay raised {folder.describe(error)}'
             if isinstance(error, AbsentModuleError):
                 fault = f'the relay uses {error}'
             elif isinstance(error, OutOfTime):
@@ -319,8 +317,8 @@ class RelayRun(World):
                     f'{self.end / SECOND:g} s of the relay took longer than '
                     f'{error.seconds or _BUDGET:g} s: is there an endless loop?'
                 )
-            place = raised_at(folder, error) or path.name
-            raise UserCodeError(f'{place}: {fault}') from error
+            place, _ = folder.raised_at(error)
+            raise UserCodeError(f'{place or path.name}: {fault}') from error
         self._note_topics()
         self._published -= {'rosout', 'parameter_events', _ECU}
         while self._ecu_sub.queue:
