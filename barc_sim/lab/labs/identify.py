@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import starmap
 from math import inf
+from operator import itemgetter
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
@@ -230,9 +231,17 @@ def _judge_information(car: Car, commands: Sequence[float]) -> Iterator[Finding]
 
 @np.errstate(all='ignore')  # user code can return numbers of any size
 def _judge_intervals(trial: Trial) -> tuple[float, str]:
-    """Judge whether the intervals contain the true values, and are not too wide."""
-    true = np.column_stack([*trial.inputs.values()])
-    values, intervals = np.column_stack([*trial.got.values()]).reshape(-1, 3, 2).transpose(2, 0, 1)
+    """Judge whether the intervals contain the true values, and are not too wide.
+
+    Swapped results cost points only once: they are judged in both orders, and the better counts.
+    """
+    got = np.column_stack([*trial.got.values()]).reshape(-1, 3, 2)
+    orders = [_judge_order(trial, got[:, order]) for order in ([0, 1, 2], [1, 0, 2])]
+    return max(orders, key=itemgetter(0))
+
+
+def _judge_order(trial: Trial, got: Floats) -> tuple[float, str]:
+    true, (values, intervals) = np.column_stack([*trial.inputs.values()]), got.transpose(2, 0, 1)
     best = np.array([car.intervals(_USUAL) for car in starmap(Car, true.tolist())])
     inside = float(np.mean(np.abs(values - true) <= intervals))
     width = float(np.median(intervals / best))
