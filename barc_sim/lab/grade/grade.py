@@ -65,11 +65,6 @@ class Rubric:
         """The lab that has its criteria."""
         return next(lab for lab in _LABS if not lab.labels.keys().isdisjoint(self.points))
 
-    @property
-    def max_score(self) -> float:
-        """The sum of the points, without optional criteria."""
-        return round(sum(v for name, v in self.points.items() if name not in self.optional), 2)
-
     def worth(self, findings: Iterable[Finding]) -> dict[str, float]:
         """Return the maximum points by criterion, without optional criteria that are skipped."""
         out = {each.criterion for each in findings if each.skipped} & self.optional
@@ -288,20 +283,21 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits) -> Grade:
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
         submission.write(Path(folder))
         judged = rubric.lab.judge_folder(Path(folder), rubric.settings, limits)
-    findings = {finding.criterion: finding for finding in judged.findings}
+    worth = rubric.worth(judged.findings)
     return Grade(
         name=submission.name,
         rubric=rubric,
         items=tuple(
             Item(
-                name,
-                rubric.points_for(findings[name]),
-                worth,
-                escaped(findings[name].message),
-                findings[name].open,
-                findings[name].evidence,
+                each.criterion,
+                rubric.points_for(each),
+                worth[each.criterion],
+                escaped(each.message),
+                each.open,
+                each.evidence,
             )
-            for name, worth in rubric.worth(findings.values()).items()
+            for each in judged.findings
+            if each.criterion in worth
         ),
         notes=notes,
         printed=escaped(judged.printed),

@@ -168,4 +168,4 @@ def test_rubric_can_require_task_3(tmp_path: Path) -> None:
     file.write_text('criteria:\n  model.x: 10\n  relay.forward: 5\n', encoding='utf-8')
     rubric = load(file)
     missing = [Finding(name, 0.0, 'there is none', skipped=True) for name in HILLS.labels]
-    assert (rubric.max_score, sum(rubric.worth(missing).values())) == (15.0, 15.0)
+    assert (sum(rubric.points.values()), sum(rubric.worth(missing).values())) == (15.0, 15.0)
