@@ -145,7 +145,11 @@ def read_law(file: Path, **values: object) -> Law:
         if topic == 'Inputs':
             inputs = _ranges(next(_entries(text, values)).formulas)
         elif topic == 'Situations':
-            situations[loops[0]] = tuple(_situations(_entries(text, values), inputs))
+            situations[loops[0]] = tuple(
+                Situation(name, tests.split(), {**inputs, **_ranges(each.formulas)})
+                for each in _entries(text, values)
+                for name, _, tests in [each.sentence.partition('; ')]
+            )
         else:
             for chosen in product(*map(_choices, loops)):
                 if len({value for _, value in chosen}) == len(loops):
@@ -171,14 +175,6 @@ def _entries(text: str, values: Mapping[str, object]) -> Iterator[Mistake]:
 
 def _ranges(formulas: Formulas) -> dict[str, float | Range]:
     return {name: eval(each, dict(_FUNCTIONS)) for name, each in formulas.items()}  # noqa: S307 (ours)
-
-
-def _situations(
-    entries: Iterable[Mistake], inputs: Mapping[str, float | Range]
-) -> Iterator[Situation]:
-    for entry in entries:
-        name, _, tests = entry.sentence.partition('; ')
-        yield Situation(name, tests.split(), {**inputs, **_ranges(entry.formulas)})
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass
 from math import isnan
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,12 +18,7 @@ from pygments.lexers import PythonLexer
 from barc_sim.bags import reader
 from barc_sim.bags.names import NodeGraph
 from barc_sim.figures.graph_figure import graph_figure
-from barc_sim.figures.run_figures import (
-    drive_figure,
-    is_by_hand,
-    speed_figure,
-    terms_figure,
-)
+from barc_sim.figures.run_figures import drive_figure, is_by_hand, speed_figure, terms_figure
 from barc_sim.figures.style import STYLE, use_measurement
 from barc_sim.figures.track_figure import track_figure
 from barc_sim.lab.pages import data_url, render
@@ -92,12 +87,15 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     log, info = _drawable(bag.log(namespace)), bag.info
     sources = attached(bag.attachments)
     directory = path if path.is_dir() else path.parent
+    graph = None
+    with suppress(KeyError, ValueError):  # a run has no graph, or a damaged one
+        graph = NodeGraph.from_json(info['graph'])
     return Facts(
         name=directory.resolve().name,
         log=log,
         info=info,
         laps=laps_of(log)[0],
-        graph=_read_graph(info.get('graph')),
+        graph=graph,
         sources={name: data.decode(errors='replace') for name, data in sources.items()},
     )
 
@@ -113,15 +111,6 @@ def _drawable(log: Log) -> Log:
     return use_measurement(log.map(drawable))
 
 
-def _read_graph(text: str | None) -> NodeGraph | None:
-    if text is None:
-        return None
-    try:
-        return NodeGraph.from_json(text)
-    except ValueError:
-        return None
-
-
 class _Figure(NamedTuple):
     """A figure on the page."""
 
@@ -132,7 +121,9 @@ class _Figure(NamedTuple):
 
 def page(facts: Facts) -> str:
     """Return the report as HTML."""
-    with _reproducible():
+    looks = rc_context({'svg.hashsalt': 'barc_sim'})  # the same figures each time
+    with warnings.catch_warnings(), style.context(STYLE), looks:
+        warnings.simplefilter('ignore')  # characters that the font lacks
         figures, graph = [*_figures(facts)], _graph(facts)
     return render(
         'report',
@@ -196,15 +187,6 @@ def _figures(facts: Facts) -> Iterator[_Figure]:
     if (terms := terms_figure(log)) is not None:
         alt = f'The terms {", ".join(log.terms)} over the position along the road.'
         yield _drawn(terms, "The controller's terms", alt)
-
-
-@contextmanager
-def _reproducible() -> Iterator[None]:
-    """Draw the same figures each time, with any characters."""
-    with warnings.catch_warnings(), style.context(STYLE):
-        warnings.simplefilter('ignore')  # characters that the font lacks
-        with rc_context({'svg.hashsalt': 'barc_sim'}):
-            yield
 
 
 def _drawn(figure: Figure, caption: str, alt: str) -> _Figure:
