@@ -114,7 +114,7 @@ def speed_figure(
     figure = figure or Figure()
     figure.set_size_inches(9.6, 8.4)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
-    heights = [4, 1.8, 1.4, 1.6] if any(map(has_error, runs)) else [4, 1.4, 1.6]
+    heights = [4, 1.8, 1.4, 1.6] if any(map(_has_error, runs)) else [4, 1.4, 1.6]
     speed, *error, grade, command = figure.subplots(
         len(heights), 1, sharex=True, height_ratios=heights
     )
@@ -124,8 +124,11 @@ def speed_figure(
     for log, (name, color, of_grade, of_command) in zip(runs, looks, strict=True):
         steps: dict[str, Any] = {'where': 'post', 'marker': _marker(log), 'lw': 1.2}
         _draw_speed(speed, log, name, color)
-        for axes in error:
-            draw_error(axes, log, color=color, lw=1.4)
+        for axes in error:  # during the run-up it is too large for the chart
+            values = np.where(log.distance >= metrics.RUN_UP, log.speed_error, np.nan)
+            axes.plot(log.distance, values, color=color, lw=1.4)
+            axes.axhline(0.0, color=GREY, lw=0.8)
+            axes.set_ylabel('Error [m/s]')
         grade.step(log.distance, log.theta_deg, color=of_grade, **steps)
         command.step(log.distance, log.motor, color=of_command, **steps)
     if len(runs) == 1:
@@ -243,18 +246,9 @@ def _draw_speed(axes: Axes, log: Log, name: str, color: str) -> None:
         axes.plot(log.distance, log.reference, label='' if name else 'reference', **line)
 
 
-def has_error(log: Log) -> bool:
+def _has_error(log: Log) -> bool:
     """Return whether there is a speed error after the run-up."""
     return bool(np.isfinite(log.speed_error[log.distance >= metrics.RUN_UP]).any())
-
-
-def draw_error(axes: Axes, log: Log, **line: Any) -> None:  # noqa: ANN401 (Matplotlib's own)
-    """Draw the speed error after the run-up; during the run-up it is too large for the chart."""
-    axes.plot(
-        log.distance, np.where(log.distance >= metrics.RUN_UP, log.speed_error, np.nan), **line
-    )
-    axes.axhline(0.0, color=GREY, lw=0.8)
-    axes.set_ylabel('Error [m/s]')
 
 
 def _add_details(log: Log, speed: Axes, grade: Axes, command: Axes) -> None:
@@ -265,7 +259,7 @@ def _add_details(log: Log, speed: Axes, grade: Axes, command: Axes) -> None:
         )
     if np.min(log.speed) < 0.0:
         speed.axhline(0.0, color=GREY, lw=0.8)
-    if has_error(log):
+    if _has_error(log):
         speed.set_ylim(*speed_limits(log))
     grade.fill_between(log.distance, log.theta_deg, step='post', color=EARTH)
     if missed := np.count_nonzero(log.missed):

@@ -131,7 +131,12 @@ class RunPage(ViewServer):
         done = Event()
 
         def end() -> None:
-            self._end(reason, bag)
+            if rows := self.feed.poll():
+                self.send(rows)
+            self._has_ended = True
+            stretches = stretch_facts(self.feed.laps.best or self.feed.laps.current)
+            laps = self._lap_facts()
+            self.send(encode('end', reason=reason, bag=bag, laps=laps, stretches=stretches))
             done.set()
 
         self.call(end)
@@ -212,14 +217,6 @@ class RunPage(ViewServer):
         if not done:
             what = 'pause' if isinstance(request, Pause) else str(request[0])
             broadcast([page], encode('refused', what=what.replace('reset_', 'reset the '), why=why))
-
-    def _end(self, reason: str, bag: str) -> None:
-        if rows := self.feed.poll():
-            self.send(rows)
-        self._has_ended = True
-        stretches = stretch_facts(self.feed.laps.best or self.feed.laps.current)
-        laps = self._lap_facts()
-        self.send(encode('end', reason=reason, bag=bag, laps=laps, stretches=stretches))
 
 
 def replay(log: Log, title: str, other: tuple[Log, str] | None = None) -> list[str | bytes]:
