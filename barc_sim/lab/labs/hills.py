@@ -28,14 +28,7 @@ from barc_sim.control.speed import KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab import files
 from barc_sim.lab.files import ChosenGains
-from barc_sim.lab.judge import (
-    Evidence,
-    Finding,
-    Functions,
-    Lab,
-    Part,
-    Trial,
-)
+from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Trial
 from barc_sim.lab.labs import relay
 from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
@@ -253,10 +246,7 @@ def _last(values: Floats, count: int) -> list[Floats]:
 
 PID_LAW = replace(
     read_law(Path(__file__).with_name('pid.txt')),
-    functions={
-        'total': partial(np.cumsum, axis=-1),
-        'before': _before,
-    },
+    functions={'total': partial(np.cumsum, axis=-1), 'before': _before},
 )
 
 

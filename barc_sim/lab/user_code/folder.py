@@ -29,14 +29,7 @@ from types import ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 from barc_sim.errors import one_line, without_addresses
-from barc_sim.lab.files import (
-    FILES,
-    Source,
-    UserCodeError,
-    compiled,
-    guarded_imports,
-    read,
-)
+from barc_sim.lab.files import FILES, Source, UserCodeError, compiled, guarded_imports, read
 
 if TYPE_CHECKING:
     import ast
@@ -80,6 +73,7 @@ _HINTS = {
     'of a function?',
 }
 _raise_in_thread = ctypes.pythonapi.PyThreadState_SetAsyncExc
+#: Packages of ROS, and of the lab.
 _ROS = {
     *('rclpy', 'rospy', 'roslib', 'barc', 'labs', 'rosbag', 'rosgraph', 'rosnode', 'rostopic'),
     *('dynamic_reconfigure', 'tf', 'tf2_ros', 'cv_bridge'),
@@ -91,12 +85,6 @@ _OPERATORS = (
     *('rmod', 'floordiv', 'rfloordiv', 'lt', 'le', 'gt', 'ge', 'neg', 'abs', 'float', 'int'),
     *('index', 'iter', 'len', 'getitem', 'setitem'),
 )
-
-
-def _is_ros(module: str) -> bool:
-    """Return whether `module` belongs to ROS, or to one of the lab's ROS packages."""
-    top = module.partition('.')[0]
-    return top in _ROS or bool(_MESSAGES.fullmatch(module))
 
 
 class AbsentModuleError(Exception):
@@ -299,7 +287,8 @@ class Folder:
 
     def _import_installed(self, name: str, fromlist: Sequence[str], importer: str) -> ModuleType:
         """Return a module of Python or of an installed package, or an `Absent`, to a file."""
-        top, is_ros = name.partition('.')[0], _is_ros(name)
+        top = name.partition('.')[0]
+        is_ros = top in _ROS or bool(_MESSAGES.fullmatch(name))
         python = top in sys.stdlib_module_names or top == 'numpy'
         if python or (self.budget is not None and not is_ros):
             with suppress(ModuleNotFoundError):
