@@ -19,6 +19,7 @@ import re
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import product
+from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,7 +28,6 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-    from pathlib import Path
     from types import CodeType
 
     Formulas = Mapping[str, str]
@@ -127,8 +127,12 @@ class Law:
         return causes
 
 
-def read_law(file: Path, **values: object) -> Law:
-    """Return the law in a file; each `{NAME}` in it is replaced by the value of that name."""
+def read_law(name: str, functions: Mapping[str, Any] | None = None, **values: object) -> Law:
+    """Return the law in a file of `labs`, which uses `functions` and arrays.
+
+    Each `{NAME}` in it is replaced by the value of that name.
+    """
+    file = Path(__file__).parent / 'labs' / name
     head, *sections = file.read_text(encoding='utf-8').split('\n# ')
     right: dict[str, str] = {}
     mistakes: list[Mistake] = []
@@ -155,7 +159,7 @@ def read_law(file: Path, **values: object) -> Law:
                 if len({value for _, value in chosen}) == len(loops):
                     entries = _entries(text, {**values, **dict(chosen)})
                     mistakes += (each._replace(topic=topic) for each in entries)
-    return Law(right, tuple(mistakes), situations)
+    return Law(right, tuple(mistakes), situations, functions or {})
 
 
 def _choices(loop: str) -> list[tuple[str, str]]:

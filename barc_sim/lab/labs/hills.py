@@ -14,11 +14,9 @@ absorb it.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 from functools import cache, partial
 from itertools import pairwise
 from math import inf, isfinite
-from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -58,7 +56,7 @@ MODEL_LABELS = {
 }
 _LAB = Vehicle()
 BIKE = read_law(
-    Path(__file__).with_name('bike.txt'),
+    'bike.txt',
     GRAVITY=GRAVITY,
     MASS=_LAB.mass,
     DRAG=_LAB.air_drag_coeff,
@@ -131,9 +129,9 @@ def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float,
     changes = (np.flatnonzero(np.diff(log.theta_deg)) + 1).tolist()
     parts = [slice(*each) for each in pairwise([0, *changes, len(log)])]
     remarks = [_stretch_remark(log, part, limit) for part in parts]
+    stretches = [*zip(result.stretches, remarks, strict=True)]
     text = f'{text}, with {gains}'
     if score < 1.0:
-        stretches = [*zip(result.stretches, remarks, strict=True)]
         worst, remark = max(stretches[1:] or stretches, key=lambda each: each[0].rms_error)
         text += f'. From {worst.start:.0f} m on, at {worst.theta_deg:g}°: {remark}'
     rows = [
@@ -144,7 +142,7 @@ def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float,
             f'{each.max_error:.3f} m/s',
             remark,
         )
-        for each, remark in zip(result.stretches, remarks, strict=True)
+        for each, remark in stretches
     ]
     header = ('from', 'grade', 'RMS', 'maximum', 'remark')
     title = "the lab's road, stretch by stretch"
@@ -244,10 +242,7 @@ def _last(values: Floats, count: int) -> list[Floats]:
     return [values, *_last(_before(values), count - 1)] if count else []
 
 
-PID_LAW = replace(
-    read_law(Path(__file__).with_name('pid.txt')),
-    functions={'total': partial(np.cumsum, axis=-1), 'before': _before},
-)
+PID_LAW = read_law('pid.txt', {'total': partial(np.cumsum, axis=-1), 'before': _before})
 
 
 def judge_pid(code: JudgedCode, settings: Settings) -> Iterator[Finding]:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import starmap
 from math import inf
 from operator import itemgetter
-from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -128,9 +126,9 @@ def speeds_of(*parameters: Floats) -> Floats:
     return np.array([measured(car) for car in starmap(Car, np.transpose(parameters).tolist())])
 
 
-LAW = replace(
-    read_law(Path(__file__).with_name('identify.txt')),
-    functions={'speeds_of': speeds_of, 'TIMES': np.array(_T), 'COMMANDS': np.array(_USUAL)},
+LAW = read_law(
+    'identify.txt',
+    {'speeds_of': speeds_of, 'TIMES': np.array(_T), 'COMMANDS': np.array(_USUAL)},
 )
 
 

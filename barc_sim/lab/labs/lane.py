@@ -8,11 +8,9 @@ precedes the measurements of the drive.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import replace
 from functools import cache, partial
 from math import inf
 from operator import itemgetter
-from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any
 
@@ -61,9 +59,8 @@ _RESULTS = {
     'arc_errors': ('arc_e_y', 'arc_e_psi'),
     'steady': ('steady_delta', 'steady_e_psi'),
 }
-LAW = replace(
-    read_law(Path(__file__).with_name('lane.txt'), L_F=L_F, L_R=L_R),
-    functions={'wrapped': lambda angle: np.angle(np.exp(1j * angle))},
+LAW = read_law(
+    'lane.txt', {'wrapped': lambda angle: np.angle(np.exp(1j * angle))}, L_F=L_F, L_R=L_R
 )
 FUNCTIONS = Functions(
     LAW,
@@ -72,13 +69,11 @@ FUNCTIONS = Functions(
 )
 SPEED = 6.0  #: [m/s]
 _CURVATURE = 0.05  #: [1/m]
-_TURN = dict(zip(('STEER', 'STEADY'), steady_turn(_CURVATURE), strict=True))
+_TURN: dict[str, Any] = dict(zip(('STEER', 'STEADY'), steady_turn(_CURVATURE), strict=True))
 _STRAIGHT, _BEND = Track((1e4,), (0.0,)), Track((50.0, 100.0), (0.0, _CURVATURE))
 _SHIFTS = range(-8, 9)  #: [m] around the start of a turn, where `Lane` is called
 _NEAR = 1e-3  #: [rad]
-CLASS = read_law(
-    Path(__file__).with_name('lane_class.txt'), CURVATURE=_CURVATURE, NEAR=_NEAR, **_TURN
-)
+CLASS = read_law('lane_class.txt', CURVATURE=_CURVATURE, NEAR=_NEAR, **_TURN)
 _ONE_WRONG = 0.2  #: score with one wrong sign
 _LAPS, _MAX_DURATION = 3, 200.0  #: number, and [s]
 _OFF, _BACK = 1.0, 0.1  #: [m] beside the line: at the start, and where it counts as back

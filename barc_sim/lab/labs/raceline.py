@@ -7,10 +7,8 @@ acceleration in laps at the speed that it allows. The time of a lap is not judge
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 from functools import cache, cached_property, partial
 from math import inf
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -78,9 +76,13 @@ def effects_of(models: Floats) -> Floats:
     return np.stack(states, 1)
 
 
-LAW = replace(
-    read_law(Path(__file__).with_suffix('.txt'), L_F=L_F, L_R=L_R, LAP=_L.length, POINTS=POINTS),
-    functions={'curvature': _L.curvature, 'passed': passed, 'effects_of': effects_of},
+LAW = read_law(
+    'raceline.txt',
+    {'curvature': _L.curvature, 'passed': passed, 'effects_of': effects_of},
+    L_F=L_F,
+    L_R=L_R,
+    LAP=_L.length,
+    POINTS=POINTS,
 )
 FUNCTIONS = Functions(
     LAW,
