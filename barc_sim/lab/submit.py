@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import zipfile
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -134,17 +135,16 @@ def _bag(bag: Path, name: str) -> dict[str, bytes | Path]:
 
 
 def _teleop(bag: Path | None) -> Part:
+    missing = partial(Part, 'teleop', missing=True)
     if bag is None:
-        text = 'drive with barc teleop, or name a bag: --teleop'
-        return Part('teleop', text, missing=True)
+        return missing('drive with barc teleop, or name a bag: --teleop')
     try:
         facts = read(bag)
     except UserError as error:
-        return Part('teleop', str(error), missing=True)
+        return missing(str(error))
     command = facts.info.get('command', 'command unknown')
     if facts.holds_speed:
-        text = f'a controller drove {str(bag)!r} ({command}): name a drive by hand'
-        return Part('teleop', text, missing=True)
+        return missing(f'a controller drove {str(bag)!r} ({command}): name a drive by hand')
     text = f'{facts.log.t[-1]:.1f} s by hand ({command})'
     return Part('teleop', text, _bag(bag, 'teleop') | {'teleop.html': page(facts).encode()})
 
