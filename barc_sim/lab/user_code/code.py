@@ -204,8 +204,11 @@ class UserCode:
             folder = folder.again()
             stand_ins = {'time': clock(lambda: self._now, self._sleep)}
             folder.stand_in = stand_ins.get
-        name, value = _defined(folder, path, names)
-        called = CALLED[name]
+        module = _load(folder, path)
+        name = next((each for each in names if hasattr(module, each)), '')
+        if not name:
+            raise UserCodeError(f'{path.name} defines no {" nor ".join(reversed(names))}')
+        value, called = getattr(module, name), CALLED[name]
         if not (isinstance(value, type) if called.method else callable(value)):
             expected = 'class' if called.method else 'function'
             raise UserCodeError(
@@ -419,15 +422,6 @@ def gains_of(lane: UserFunction) -> dict[str, float]:
             )
         gains[name] = value
     return gains
-
-
-def _defined(folder: Folder, path: Path, names: Sequence[str]) -> tuple[str, Any]:
-    """Return the first of `names` that the file at `path` defines, and its value."""
-    module = _load(folder, path)
-    for name in names:
-        if hasattr(module, name):
-            return name, getattr(module, name)
-    raise UserCodeError(f'{path.name} defines no {" nor ".join(reversed(names))}')
 
 
 def _load(folder: Folder, path: Path) -> ModuleType:

@@ -183,10 +183,8 @@ class Folder:
         Exceptions of the file are passed on.
         """
         name = name or (file.stem if file.stem in self._names else f'user_code_{file.stem}')
-        return self._modules.get(name) or self._run(name, file)
-
-    def _run(self, name: str, file: Path) -> ModuleType:
-        """Return the new module `name`, in which the file has run."""
+        if name in self._modules:
+            return self._modules[name]
         is_package = file.name == '__init__.py'
         module = module_from_spec(ModuleSpec(name, None, is_package=is_package))
         # All of the module's functions find `import` and `print` here.
@@ -206,7 +204,7 @@ class Folder:
         return module
 
     def _compiled(self, file: Path) -> CodeType:
-        source = self._read(file)
+        source = self.sources[str(file)] = read(file, str(file.relative_to(self.path)))
         result = compiled(source)
         self.trees[str(file)] = result.tree
         for phrase in result.tolerated:
@@ -238,10 +236,6 @@ class Folder:
         text = text.replace(str(self.path) + os.sep, '')
         hint = guarded(_hint_on, self, error, text, default='')
         return ': '.join(filter(None, (type(error).__name__, text, hint)))
-
-    def _read(self, path: Path) -> Source:
-        self.sources[str(path)] = read(path, str(path.relative_to(self.path)))
-        return self.sources[str(path)]
 
     def _import(
         self,
