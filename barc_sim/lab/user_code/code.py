@@ -428,9 +428,8 @@ def _load(folder: Folder, path: Path) -> ModuleType:
     """Return the module of a file; a UserCodeError, the same each time, if it cannot be loaded."""
     if path in folder.failed:
         raise folder.failed[path]
-    loading = Budget(_LOADING) if folder.budget else None
     try:
-        return loading.call(folder.load, path) if loading else folder.load(path)
+        return Budget(folder.budget and _LOADING).call(folder.load, path)
     except UserError:
         raise
     except (Exception, SystemExit, OutOfTime) as error:
@@ -442,8 +441,8 @@ def _load(folder: Folder, path: Path) -> ModuleType:
             )
         elif isinstance(error, OutOfTime):
             fault = (
-                f'loading the file took longer than {_LOADING if loading else error.seconds:g} '
-                's: is there an endless loop outside its functions?'
+                f'loading the file took longer than {error.seconds or _LOADING:g} s: is there an '
+                'endless loop outside its functions?'
             )
         failure = UserCodeError(f'{folder.raised_at(error)[0] or path.name}: {fault}')
         folder.failed[path] = failure

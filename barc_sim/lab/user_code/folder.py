@@ -367,7 +367,7 @@ class OutOfTime(BaseException):
 
 
 class Budget:
-    """Ends calls that take longer than `seconds`, in any thread.
+    """Ends calls that take longer than `seconds`, in any thread; None ends none.
 
     A thread checks twenty times a second whether the same call still runs. So a call costs a
     fraction of a microsecond, and time in which the whole process is stopped does not count. A
@@ -375,13 +375,12 @@ class Budget:
     must not be nested, and only one thread may call at a time.
     """
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float | None) -> None:
         """Allow `seconds` to each call."""
-        self.seconds = seconds
         self.caller, self.count, self.is_busy = 0, 0, False
-        threading.Thread(
-            target=_watch, args=[weakref.ref(self)], name='time budget', daemon=True
-        ).start()
+        if seconds is not None:
+            watched = weakref.ref(self), seconds
+            threading.Thread(target=_watch, args=watched, name='time budget', daemon=True).start()
 
     def call(self, function: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
         """Return what `function` returns, raise what it raises, or OutOfTime."""
@@ -394,12 +393,12 @@ class Budget:
             self.is_busy = False
 
 
-def _watch(reference: weakref.ref[Budget]) -> None:
+def _watch(reference: weakref.ref[Budget], seconds: float) -> None:
     seen = polls = 0
     while budget := reference():
         polls = polls + 1 if budget.is_busy and budget.count == seen else 0
         seen = budget.count
-        if polls * _POLL >= budget.seconds:
+        if polls * _POLL >= seconds:
             polls = 0
             _raise_in_thread(ctypes.c_ulong(budget.caller), ctypes.py_object(OutOfTime))
         del budget
@@ -450,7 +449,7 @@ class UserFunction:
     def __init__(self, folder: Folder, function: Any, called: Called) -> None:  # noqa: ANN401 (a user's)
         """Check that `function` takes the arguments of `called`."""
         self.folder, self.function, self.called = folder, function, called
-        self._call = Budget(folder.budget).call if folder.budget else _call
+        self._call = Budget(folder.budget).call
         found = self.signature = self._signature()
         #: The names of its arguments.
         self.parameters = [*found.parameters]
@@ -545,10 +544,6 @@ class UserFunction:
 
     def _name(self) -> str:
         return str(guarded(getattr, self.function, '__name__', default='a function'))
-
-
-def _call(function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
-    return function(*args, **kwargs)
 
 
 def _binds(found: Signature, count: int, **options: float) -> bool:

@@ -187,10 +187,7 @@ class RelayProgram:
     def commands(self, twists: Sequence[Sequence[float]], duration: float) -> list[Command]:
         """Return its commands on `ecu` from 0 to `duration` [s], while it gets `twists`."""
         run = RelayRun(self, twists, duration)
-        if self.folder.budget:
-            Budget(_BUDGET).call(run.run)
-        else:
-            run.run()
+        Budget(self.folder.budget and _BUDGET).call(run.run)
         run.check()
         return [run.checked(*command) for command in run.commands]
 
