@@ -11,7 +11,7 @@ import tempfile
 import threading
 import time
 from collections import defaultdict
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from importlib.util import find_spec
 from itertools import count
 from math import inf, isfinite
@@ -27,8 +27,6 @@ from barc_sim.lab.user_code.code import CALLED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-
-    from typing_extensions import Self
 
 _SCRIPT = Path(__file__).with_name('child.py')
 _PACKAGES = Path(__file__).parents[3]
@@ -215,7 +213,7 @@ _MAX_ENDS = 3  # A function that ended its process, or looped, so often is not c
 _numbers = count()  # of the objects that are made
 
 
-class JudgedCode:
+class JudgedCode(AbstractContextManager['JudgedCode']):
     """Calls a user's files in `folder`, in a process that is confined to it.
 
     Each failure is a UserCodeError. If a call ends the process, the next call uses a new one. All
@@ -230,10 +228,6 @@ class JudgedCode:
         self._ends: defaultdict[str, list[str]] = defaultdict(list)  # the reasons, by function
         self._printed = b''
         self._gains: ChosenGains | None = None
-
-    def __enter__(self) -> Self:
-        """Return this object; its process ends with the block."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """End the process."""
