@@ -218,11 +218,10 @@ class _Task(NamedTuple):
 
     def score(self, grade: Grade | None) -> float | None:
         """Return the points for these criteria; None if some are open, or nothing was handed in."""
-        points = (
-            [grade.points[name] for name in self.criteria if name in grade.points] if grade else []
-        )
-        is_open = grade and not grade.open.keys().isdisjoint(self.criteria)
-        return round(sum(points), 2) if points and not is_open else None
+        if grade is None or not grade.open.keys().isdisjoint(self.criteria):
+            return None
+        points = [grade.points[name] for name in self.criteria if name in grade.points]
+        return round(sum(points), 2) if points else None
 
 
 def _tasks(rubric: Rubric, title: str) -> list[_Task]:
