@@ -231,18 +231,11 @@ def _broken(log: Log) -> Log:
 
 def _draw_speed(axes: Axes, log: Log, name: str, color: str) -> None:
     """Draw the true speed and the reference; the reference has a label only in a single run."""
-    marker = _marker(log)
-    axes.plot(
-        log.distance, log.speed, color=color, lw=1.4 if name else 2.0, marker=marker,
-        label=name or 'speed',
-    )  # fmt: skip
+    widths = (1.4, 0.8) if name else (2.0, 1.2)
+    line: dict[str, Any] = {'color': color, 'lw': widths[0], 'marker': _marker(log)}
+    axes.plot(log.distance, log.speed, label=name or 'speed', **line)
     if not np.all(np.isnan(log.reference)):
-        line: dict[str, Any] = {
-            'color': INK,
-            'lw': 0.8 if name else 1.2,
-            'ls': DASHES,
-            'marker': marker,
-        }
+        line |= {'color': INK, 'lw': widths[1], 'ls': DASHES}
         axes.plot(log.distance, log.reference, label='' if name else 'reference', **line)
 
 
