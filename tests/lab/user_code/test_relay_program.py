@@ -108,6 +108,10 @@ rospy.spin()
             ROS_1.replace('2 * msg.linear.x', 'float("nan") * msg.linear.x'),
             'relay.py: after 1.00 s it published motor nan and servo 0.3; expected two finite',
         ),
+        (
+            ROS_1.replace('2 * msg.linear.x', '2 * mgs.linear.x'),
+            "raised NameError: name 'mgs' is not defined: did you mean msg?",
+        ),
         (ENDLESS_LOOP, ENDLESS),
         (
             'from rclpy.action import ActionClient\n' + ROS_2,
