@@ -115,8 +115,7 @@ class BagPlayer(Node):
         names = selected([*self._contents.topics], playback.topics, playback.exclude)
         if playback.clock and '/clock' in names:
             names.remove('/clock')
-        publishers = {name: self._publisher(name) for name in names}
-        self._topic_publishers = {name: each for name, each in publishers.items() if each}
+        self._topic_publishers = {name: each for name in names if (each := self._publisher(name))}
         if not self._topic_publishers:
             self.destroy_node()
             raise UserError(f'{str(path)!r} has no topic that can be played: give other --topics')
