@@ -87,34 +87,29 @@ class BagRecorder(Node):
         self._own_name = self.get_name()  # also needed after the node is destroyed
         self.finished: Future = Future()  #: done when writing has failed
         self.failure: str | None = None  #: the first failure to write, in a sentence
-        self._recording = recording or Recording()
+        recording = recording or Recording()
         self._metadata = dict(metadata or {})
         self._graph_size = 0  # number of nodes and topics in the bag's graph
         self._is_announced = False
-        self._topics = _subscriptions(self, self._recording)
+        self._topics = _subscriptions(self, recording)
         self.discover()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
         root = Path(declare(self, [BAG_DIR._replace(default=default)])['bag_dir'])
-        self._start(root, path)
+        check_space(path or root, recording.reserve)
+        self._writer = BagWriter(make_directory(path, root), metadata=self._metadata)
+        self._thread = WriterThread(
+            self._writer, self._topics.take, recording.reserve, self._on_failure
+        )
+        if not has_dds():
+            self._topics.on_full = self._thread.write_now
+        self._thread.use_sim_time = recording.use_sim_time
+        self._thread.start()
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
         for name, on in ((names.PAUSE_RECORDER, True), (names.RESUME_RECORDER, False)):
             self.create_service(Trigger, name, partial(self._on_pause, on=on))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
-
-    def _start(self, root: Path, path: Path | None) -> None:
-        """Begin the bag in the directory `path`, or in a new directory of the folder `root`."""
-        settings = self._recording
-        check_space(path or root, settings.reserve)
-        self._writer = BagWriter(make_directory(path, root), metadata=self._metadata)
-        self._thread = WriterThread(
-            self._writer, self._topics.take, settings.reserve, self._on_failure
-        )
-        if not has_dds():
-            self._topics.on_full = self._thread.write_now
-        self._thread.use_sim_time = settings.use_sim_time
-        self._thread.start()
 
     def _on_timer(self) -> None:
         self.announce()
