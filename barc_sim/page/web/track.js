@@ -102,9 +102,7 @@ export class Track {
       8 + size[1] / 2 - (y - (low[1] + high[1]) / 2) * scale,
     ];
     context.fillStyle = colours.ground;
-    context.globalAlpha = 0.85;
     context.fillRect(width - 8 - size[0], 8, ...size);
-    context.globalAlpha = 1;
     this.draw(context, toScreen, 1);
     for (const [car, alpha] of cars) {
       if (!car) continue;
