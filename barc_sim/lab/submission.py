@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError, escaped, one_line
-from barc_sim.lab.files import FILES, names_of
+from barc_sim.lab.files import FILES, files_in, names_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -60,7 +60,7 @@ class Submission:
 def find(path: Path, *, is_class: bool = False) -> list[Path]:
     """Return the submissions at `path`: `path` itself, or the entries of the folder, by name.
 
-    A folder with a single folder or archive in it is one submission, unless it `is_class`. In a
+    A folder with nothing but a folder of code in it is one submission, unless it `is_class`. In a
     class any other file is a submission, too, so that none is overlooked, except for hidden files
     and lists of the class. Only `path` itself may be a link, because the instructor has typed it.
     """
@@ -73,7 +73,7 @@ def find(path: Path, *, is_class: bool = False) -> list[Path]:
     packed = [entry for entry in entries if entry.is_dir() or _is_archive(entry)]
     names = [entry.name for entry in entries]
     is_one = any(name in names for name in FILES.values()) if packed else names_of(names)
-    if is_one or (len(packed) == 1 and not is_class):
+    if is_one or (len(packed) == 1 and files_in(packed[0]) and not is_class):
         return [path.resolve()]
     if not packed:
         raise UserError(

@@ -116,6 +116,13 @@ def test_a_folder_of_one_folder_is_one_submission(
     assert read(tmp_path).files == {'bike_model.py': b'1'}
 
 
+def test_a_folder_of_one_archive_is_a_class_of_one(tmp_path: Path) -> None:
+    path = tmp_path / 'ada.zip'
+    path.touch()
+
+    assert find(tmp_path) == [path]
+
+
 def test_where_there_is_none_is_said(tmp_path: Path) -> None:
     with pytest.raises(UserError, match='is not a submission and contains none'):
         find(tmp_path)
