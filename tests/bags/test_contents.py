@@ -155,8 +155,8 @@ def test_a_message_is_as_large_as_its_bag_allows(
     writer = BagWriter(tmp_path)
     writer.write([Message(topic('/map', 'std_msgs/msg/Header'), data, 1, 1, 1)])
     writer.close()
-    told = 'chunks left out, as they are damaged or too large: 1'
-    assert (told in printed('info', str(tmp_path))) != read
+    line = 'chunks left out, as they are damaged or too large: 1'
+    assert (line in printed('info', str(tmp_path))) != read
     assert [message.data for message in Contents(tmp_path).messages()] == [data] * read
 
 
