@@ -24,16 +24,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
+from pages import PAGES, ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted(
-    path
-    for path in (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(ROOT / 'docs').rglob('*.md'))
-    if not {'_build', '_figures'} & {*path.parts} and path.is_file()
-)
 #: Right answers to the lab's tasks.
 RIGHT = {
     'bike_model.py': ROOT / 'barc_sim' / 'vehicle' / 'bike_model.py',
