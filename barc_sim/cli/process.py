@@ -37,6 +37,8 @@ _HOW_ON_LINUX = (
     'start with ./scripts/run on x86-64; or, on Ubuntu 24.04, install ROS 2 Jazzy '
     '(sudo apt install ros-jazzy-ros-base) and source it; else use a container of ros:jazzy'
 )
+#: In a workspace. colcon does not look for a package inside another one.
+_BUILD = 'colcon build --base-paths src src/barc_sim/barc_interfaces'
 _MIN_MEMORY = 1 << 30  #: [B] of addresses; with less, Fast DDS can hang
 
 
@@ -67,8 +69,19 @@ def has_ros() -> bool:
     return all(map(_is_installed, ROS_PACKAGES))
 
 
+def has_only_rclpy() -> bool:
+    """Return whether this Python has rclpy, but not the lab's messages."""
+    rclpy, messages = map(_is_installed, ROS_PACKAGES)
+    return rclpy and not messages
+
+
 def needs_ros(what: str) -> UserError:
-    """Return the error that `what` needs ROS, with what to install on this system."""
+    """Return the error that `what` needs ROS, with what to install or build on this system."""
+    if has_only_rclpy():
+        return UserError(
+            f"{what} needs the messages of barc_interfaces, which are not built: run '{_BUILD}' in "
+            'the workspace, and source it'
+        )
     return UserError(f'{what} needs ROS 2: {_HOW.get(sys.platform, _HOW_ON_LINUX)}')
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from barc_sim.bags.recording import Recording
 from barc_sim.cli.parser import MAX_PORT, number, whole
-from barc_sim.cli.process import has_ros, is_at_desktop, needs_ros
+from barc_sim.cli.process import has_only_rclpy, has_ros, is_at_desktop, needs_ros
+from barc_sim.errors import UserError
 from barc_sim.lab.files import FILES
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
@@ -114,6 +115,8 @@ def choose_engine(options: argparse.Namespace) -> str:
 
     UserError: an option needs ROS, and ROS is not installed or not chosen.
     """
+    if options.engine == 'auto' and has_only_rclpy():
+        raise UserError(f'{needs_ros("a run in ROS 2")}; or drive without ROS (--engine local)')
     ros = has_ros() if options.engine == 'auto' else options.engine == 'ros'
     if ros and not has_ros():
         raise needs_ros('--engine ros')

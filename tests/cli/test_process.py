@@ -58,6 +58,32 @@ def test_too_little_memory_for_ros_is_named(tmp_path: Path) -> None:
     assert 'allows 585 MiB of memory, and ROS needs' in sentence(done)
 
 
+#: Runs a command where rclpy is installed, and the lab's messages are not.
+WITHOUT_MESSAGES = """
+import sys
+sys.modules['barc_interfaces'] = None
+from barc_sim.__main__ import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(not has_ros(), reason='needs ROS')
+@pytest.mark.parametrize('command', ['acc', 'teleop', 'acc --engine ros', 'node relay'])
+def test_messages_that_are_not_built_are_named_with_the_line_that_builds_them(
+    command: str, tmp_path: Path
+) -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', WITHOUT_MESSAGES, *command.split()],
+        cwd=tmp_path,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+        timeout=120,
+    )
+    assert 'colcon build --base-paths src src/barc_sim/barc_interfaces' in sentence(done)
+    assert not [*tmp_path.iterdir()]
+
+
 def test_a_run_needs_no_standard_streams(tmp_path: Path) -> None:
     done = limited(*LOCAL, before='exec <&- >&- 2>&-', cwd=tmp_path)
     assert done.returncode == 0
