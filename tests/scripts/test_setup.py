@@ -18,7 +18,7 @@ import pytest
 import barc_sim
 
 ROOT = Path(__file__).parents[2]
-SCRIPTS = [*sorted((ROOT / 'scripts').iterdir()), ROOT / '.ci' / 'run']
+SCRIPTS = [*sorted((ROOT / 'scripts').iterdir()), *sorted((ROOT / '.ci').iterdir())]
 SHELL_SCRIPTS = [
     path for path in SCRIPTS if path.is_file() and b'bash' in path.read_bytes().split(b'\n', 1)[0]
 ]
