@@ -6,12 +6,9 @@ Each bound is far beyond what a run records. A UserError names what exceeds it.
 from __future__ import annotations
 
 import json
-import re
 from math import inf
 from time import thread_time
 from typing import TYPE_CHECKING, Any, NoReturn
-
-import yaml
 
 from barc_sim.errors import UserError
 
@@ -30,7 +27,7 @@ MAX_ARRAY = 1000  #: numbers in an array of fixed length
 MAX_MESSAGE = 64 << 10  #: bytes of a message that is decoded
 MAX_TERMS = 64  #: of a controller
 MAX_QOS = 50_000  #: characters of the QoS that a topic's publishers offer
-MAX_TEXT = 200_000  #: characters of an entry of the run's metadata, or of a YAML file
+MAX_TEXT = 200_000  #: characters of an entry of the run's metadata
 MAX_NODES = 300  #: nodes and topics of a graph
 MAX_LINKS = 3000  #: of a graph
 MAX_NAME = 300  #: characters
@@ -94,32 +91,6 @@ def from_json(text: str) -> Any:  # noqa: ANN401 (any JSON)
         return json.loads(text)
     except RecursionError:
         raise ValueError('too many brackets within brackets') from None
-
-
-class _Loader(yaml.SafeLoader):
-    """Loads YAML as ROS writes it: without aliases."""
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError('an alias')
-        return super().compose_node(parent, index)
-
-
-# ROS reads 1e3, inf and nan as numbers, too.
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'[-+]?((\d+\.?\d*|\.\d+)[eE][-+]?\d+|inf|nan)$'),
-    list('-+.0123456789in'),
-)
-
-
-def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)
-    """Return the value of ROS's YAML; ValueError: it is invalid, too long, deep, or has aliases."""
-    _check_length(text)
-    try:
-        return yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
-    except (yaml.YAMLError, RecursionError, AttributeError, TypeError, LookupError) as error:
-        raise ValueError(f'no YAML that can be read: {error}') from None
 
 
 def _check_length(text: str) -> None:

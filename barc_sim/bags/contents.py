@@ -29,11 +29,12 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from barc_sim.bags import bounds
-from barc_sim.bags.bounds import MAX_RECORD, Budget, from_yaml
+from barc_sim.bags.bounds import MAX_RECORD, Budget
 from barc_sim.bags.messages import Message, Topic, definition
 from barc_sim.bags.recording import METADATA_NAME, Span
 from barc_sim.bags.writer import MAGIC
 from barc_sim.cli.files import open_regular
+from barc_sim.cli.yaml_files import from_yaml
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

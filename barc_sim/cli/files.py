@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import stat
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from secrets import token_hex
@@ -75,6 +76,29 @@ def read_regular(path: Path, limit: int, *, follow: bool = True) -> bytes:
     if len(data) > limit:
         raise UserError(f'{str(path)!r} has more than {limit} bytes: name a smaller file')
     return data
+
+
+def decoded(data: bytes) -> str:
+    r"""Return the text of a file in UTF-8, in UTF-16 with a byte order mark, or in Windows-1252.
+
+    ValueError: it is no text.
+
+    Examples
+    --------
+    >>> decoded('Zoë'.encode('cp1252')), decoded('Zoë'.encode('utf-16'))
+    ('Zoë', 'Zoë')
+    """
+    encodings = ['utf-8-sig', 'cp1252', 'latin-1']
+    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        encodings = ['utf-16']
+    for encoding in encodings:
+        try:
+            text = data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if '\0' not in text:
+            return text
+    raise ValueError('it is no text in UTF-8, UTF-16 or Windows-1252')
 
 
 @contextmanager

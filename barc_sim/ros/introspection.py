@@ -12,7 +12,6 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import rclpy
-import yaml
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
@@ -23,6 +22,7 @@ from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 from barc_sim.bags.recording import to_yaml
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.cli.process import StopSignals
+from barc_sim.cli.yaml_files import from_yaml
 from barc_sim.errors import UserError
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.peers import full_names, others_here
@@ -252,9 +252,9 @@ class Parameters:
         present = self.get(name)
         kind = type(present)
         try:
-            value = kind(text) if kind in (float, str) else yaml.safe_load(text)
+            value = kind(text) if kind in (float, str) else from_yaml(text)
             parameter = Parameter(name, value=value)
-        except (yaml.YAMLError, TypeError, ValueError, AssertionError, OverflowError):
+        except (TypeError, ValueError, AssertionError, OverflowError):
             raise UserError(
                 f'parameter {name} cannot be {text!r}: expected a value like {present!r}, its '
                 'present one'

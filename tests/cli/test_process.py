@@ -104,8 +104,8 @@ ALIASES = 'a0: &a0 {x: 1}\n' + ''.join(
 @pytest.mark.parametrize(
     ('text', 'reason'),
     [
-        ('[' * 20_000, 'maximum recursion depth'),
-        (ALIASES, 'an alias'),
+        ('[' * 20_000, 'more than 50 lists or mappings are within one another'),
+        (ALIASES, 'where aliases count in full'),
         ('[1]', 'no names with values'),
         ('5: 3', "'5' is not below ros__parameters"),
     ],

@@ -16,9 +16,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-import yaml
-
-from barc_sim.cli.files import read_regular
+from barc_sim.cli.yaml_files import read_yaml
 from barc_sim.errors import UserError, escaped, one_line
 from barc_sim.lab.files import BY_HAND, RUBRICS, names_of
 from barc_sim.lab.judge import Settings, Thresholds
@@ -46,7 +44,8 @@ _LABS = (HILLS, LANE, RACELINE, IDENTIFY)
 #: Every criterion, with its name for readers, in the order of a report.
 LABELS = {name: label for lab in _LABS for name, label in lab.labels.items()}
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')
-_MAX_BYTES, _MAX_COMMENT = 1 << 20, 2000
+_MAX_COMMENT = 2000  # characters
+_MAX_SHOWN = 80  # characters of a value in a sentence
 _MAX_POINTS = 10_000  # for a criterion
 
 
@@ -85,13 +84,13 @@ def load(rubric: str | Path = RUBRICS[0]) -> Rubric:
 def _read(what: str, path: Path, parse: Callable[[object], _T]) -> _T:
     """Read a YAML file, and return the result of `parse`; a UserError names the file as `what`."""
     try:
-        return parse(yaml.safe_load(read_regular(path, _MAX_BYTES)))
+        return parse(read_yaml(path))
     except OSError as error:
         raise UserError(f'{what} cannot be read: {error.strerror or error}') from None
-    except yaml.YAMLError as error:
-        raise UserError(f'{what} is not YAML: {one_line(str(error), 200)}') from None
+    except UserError:
+        raise
     except ValueError as error:
-        raise UserError(f'{what}: {error}') from None
+        raise UserError(f'{what}: {one_line(str(error), _MAX_COMMENT)}') from None
 
 
 class ByHand(NamedTuple):
@@ -132,8 +131,8 @@ def _entry(name: str, value: object, worth: float) -> tuple[float, str]:
         points = -1.0
     if not 0.0 <= points <= worth:
         raise ValueError(
-            f'{name} is {value!r}: expected points from 0 to {worth:g}, and optionally a space '
-            'and a comment'
+            f'{name} is {_shown(value)}: expected points from 0 to {worth:g}, and optionally a '
+            'space and a comment'
         )
     return points, one_line(comment, _MAX_COMMENT)
 
@@ -174,14 +173,19 @@ def _thresholds(values: object) -> Thresholds:
 def _mapping(what: str, values: object, keys: Mapping[str, _Expected]) -> dict[str, Any]:
     """Return `values` if it is a mapping with only these keys and valid values."""
     if not isinstance(values, dict):
-        raise ValueError(f'{what} is {values!r}: expected lines "key: value"')  # noqa: TRY004
+        raise ValueError(f'{what} is {_shown(values)}: expected lines "key: value"')  # noqa: TRY004
     for key, value in values.items():
         if key not in keys:
-            raise ValueError(f'{key!r} is unknown: expected one of {", ".join(keys)}')
+            raise ValueError(f'{_shown(key)} is unknown: expected one of {", ".join(keys)}')
         is_valid, expected = keys[key]
         if not is_valid(value):
-            raise ValueError(f'{key} is {value!r}: expected {expected}')
+            raise ValueError(f'{key} is {_shown(value)}: expected {expected}')
     return values
+
+
+def _shown(value: object) -> str:
+    """Return a value of a file as text for a sentence."""
+    return one_line(repr(value), _MAX_SHOWN)
 
 
 def _is_number(value: object) -> bool:

@@ -8,7 +8,6 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
-from barc_sim.cli.files import read_regular
 from barc_sim.ros.local.executor import LoggingSeverity
 from barc_sim.ros.local.messages import LACKS, message_type
 
@@ -86,7 +85,7 @@ def _pattern(nodes: str) -> str:
 
 # Imported late: a submission's process has no PyYAML, and no arguments.
 def _value(text: str) -> Any:
-    from barc_sim.bags.bounds import from_yaml
+    from barc_sim.cli.yaml_files import from_yaml
 
     return _allowed(from_yaml(text))
 
@@ -101,13 +100,14 @@ def _allowed(value: Any) -> Any:
 
 def _of_file(file: Path) -> Iterator[_Rule]:
     """Yield the parameters in a file; ValueError, OSError: it cannot be read."""
-    from barc_sim.bags.bounds import MAX_TEXT, from_yaml
+    from barc_sim.cli.yaml_files import MAX_YAML, from_yaml, read_yaml
 
     if file.parent == _OPEN_FILES:  # for example a pipe of the shell, `<(…)`
-        text = file.read_text(encoding='utf-8')
+        with file.open(encoding='utf-8') as text:
+            values = from_yaml(text.read(MAX_YAML + 1))
     else:
-        text = read_regular(file, MAX_TEXT).decode()
-    for path, value in _flat(from_yaml(text) or {}, ''):
+        values = read_yaml(file)
+    for path, value in _flat(values or {}, ''):
         node, below, name = path.partition('/ros__parameters/')
         if not below:
             raise ValueError(f'{path!r} is not below ros__parameters')

@@ -78,5 +78,5 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"rubric '.*none.yaml' cannot be read: No such file"):
         load(tmp_path / 'none.yaml')
     (tmp_path / 'rubric.yaml').write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(UserError, match='is not YAML'):
+    with pytest.raises(UserError, match=r"rubric '.*rubric.yaml': it is no text in UTF-8"):
         load(tmp_path / 'rubric.yaml')
