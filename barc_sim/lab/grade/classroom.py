@@ -13,10 +13,11 @@ import secrets
 import unicodedata
 from collections import Counter
 from dataclasses import dataclass
+from itertools import zip_longest
 from statistics import mean, median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.cli.files import read_regular
+from barc_sim.cli.csv_files import read_rows
 from barc_sim.errors import UserError, one_line
 from barc_sim.lab.grade.grade import LABELS
 from barc_sim.lab.pages import render
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.grade.grade import Grade, Item, Rubric
 
-_MAX_ROSTER = 4 << 20  # bytes
 #: The possible headers of each column, in lower case, also of Canvas and Gradescope.
 _HEADERS = {
     'name': ('name', 'student', 'full name'),
@@ -63,34 +63,36 @@ class Student:
 def read_roster(path: Path) -> list[Student]:
     """Return the students in a CSV file with the columns name, id and section.
 
-    It also reads an export of Canvas's gradebook, and a roster of Gradescope.
+    It also reads an export of Canvas's gradebook, a roster of Gradescope, and what Excel saves.
     """
     try:
-        text = read_regular(path, _MAX_ROSTER).decode('utf-8-sig')
-    except (OSError, UnicodeDecodeError) as error:
+        first, *rows = read_rows(path) or [[]]
+    except UserError:
+        raise
+    except (OSError, ValueError) as error:
         reason = getattr(error, 'strerror', None) or error
         raise UserError(f'the roster {str(path)!r} cannot be read: {reason}') from None
-    rows = csv.DictReader(io.StringIO(text))
-    headers = {header.strip().lower(): header for header in rows.fieldnames or () if header}
+    headers = {header.strip().lower(): header for header in first if header.strip()}
     if not {'name', 'student', 'full name', 'last name'} & headers.keys():
         raise UserError(
             f'the roster {str(path)!r} has no column name: expected a first line such as '
             'name,id,section'
         )
-    return [student for row in rows if (student := _student(row, headers))]
+    cells = (dict(zip_longest(first, row[: len(first)], fillvalue='')) for row in rows)
+    return [student for row in cells if (student := _student(row, headers))]
 
 
 def _student(row: dict[str, str], headers: dict[str, str]) -> Student | None:
     cells = {
-        field: next((row[headers[h]] or '' for h in possible if h in headers), '').strip()
+        field: next((row[headers[h]] for h in possible if h in headers), '').strip()
         for field, possible in _HEADERS.items()
     }
     name = cells['name'] or f'{cells["first"]} {cells["last"]}'.strip()
     if not name or name == 'Points Possible':  # the second line of Canvas's export
         return None
-    texts = [row[headers[h]] or '' for h in (*_HEADERS['id'], *_HEADERS['login']) if h in headers]
+    texts = [row[headers[h]] for h in (*_HEADERS['id'], *_HEADERS['login']) if h in headers]
     ids = frozenset(''.join(_words(text.partition('@')[0])) for text in texts) - {''}
-    columns = {header: value or '' for header, value in row.items() if header}
+    columns = {header: value for header, value in row.items() if header}
     return Student(name, cells['id'], cells['section'], cells['login'], ids, columns)
 
 

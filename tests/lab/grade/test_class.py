@@ -71,7 +71,21 @@ def test_rosters_of_canvas_and_gradescope_are_read(tmp_path: Path) -> None:
     assert (read_roster(file)[0].name, read_roster(file)[0].id) == ('Chen Li', '5')
 
 
-@pytest.mark.parametrize('text', ['a,b\n1,2\n', '', None])
+@pytest.mark.parametrize('encoding', ['utf-8-sig', 'cp1252', 'utf-16'])
+@pytest.mark.parametrize('end', ['\n', '\r\n', '\r'])
+@pytest.mark.parametrize('delimiter', [',', ';', '\t'])
+def test_a_roster_is_read_as_spreadsheets_save_it(
+    tmp_path: Path, encoding: str, end: str, delimiter: str
+) -> None:
+    rows = [['Name', 'ID', 'Section'], ['Zoë Ångström', '7', 'A'], ['Ada Byron']]
+    text = ''.join(f'{delimiter.join(row)}{end}' for row in rows)
+    (tmp_path / 'r.csv').write_bytes(text.encode(encoding))
+    zoe, ada = read_roster(tmp_path / 'r.csv')
+    assert (zoe.name, zoe.id, zoe.section) == ('Zoë Ångström', '7', 'A')
+    assert (ada.name, ada.id, ada.section) == ('Ada Byron', '', '')
+
+
+@pytest.mark.parametrize('text', ['a,b\n1,2\n', '', 'name,id\n"Ada,1\n', None])
 def test_a_roster_without_names_is_refused(tmp_path: Path, text: str | None) -> None:
     if text is not None:
         (tmp_path / 'r.csv').write_text(text, encoding='utf-8')
