@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 GAINS = {'kp': (KP, 100.0), 'ki': (KI, 4000.0), 'kd': (KD, 2.0)}
 #: The scores that --cost names.
 COSTS = {'rms': 'rms_error', 'max': 'max_error', 'overshoot': 'overshoot', 'effort': 'effort'}
-_PERIOD = 0.02  #: [s] of a step
 _MAX_GAIN = 1e6
 
 
@@ -64,13 +63,14 @@ def add_arguments_tune(parser: Parser) -> None:
         'mean cost counts (lab)',
     )
     noise, gain = number(*ROWS['noise_v_x'].between), number(0.0, _MAX_GAIN)
+    delay = number(*ROWS['motor_delay'].between)
     _add_numbers(
         parser,
         ('effort', gain, 0.0, 'WEIGHT', 'add this times the effort to the cost'),
         ('speed', number(*TUNED_SPEED.between), SPEED_REFERENCE, 'M/S', 'speed to hold'),
         ('distance', number(*DISTANCE.between), DISTANCE.default, 'M', 'length of a drive'),
         ('noise', noise, 0.0, 'M/S', "standard deviation of the measured speed's noise"),
-        ('delay', whole(0, 500), 0, 'STEPS', 'steps of 20 ms from a command to its effect'),
+        ('delay', delay, 0.0, 'S', 'time from a command to its effect'),
         ('seed', whole(*ROWS['seed'].between), 0, 'N', 'seed of the search and of the noise'),
     )
     for name, (_, high) in GAINS.items():
@@ -114,7 +114,7 @@ def run_tune(options: Namespace) -> None:
             distance=options.distance,
             noise=options.noise,
             seed=options.seed,
-            delay=options.delay * _PERIOD,
+            delay=options.delay,
             acceleration_limit=limit,
         )
 
@@ -154,7 +154,7 @@ def _command(options: Namespace, gains: Sequence[float], road: str) -> str:
         words += [f'--{name}', f'{value:.12g}']
     if options.controller:
         words += ['--controller', str(options.controller)]
-    parameters = {'noise_v_x': options.noise, 'motor_delay': options.delay * _PERIOD}
+    parameters = {'noise_v_x': options.noise, 'motor_delay': options.delay}
     if options.noise:
         words += ['--seed', str(options.seed)]
     if any(parameters.values()):

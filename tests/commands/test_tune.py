@@ -52,13 +52,13 @@ def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: Capture) -> None
 
 
 def test_the_line_has_what_was_searched_with() -> None:
-    args = ['--road', 'flat', '--speed', '6', '--noise', '0.05', '--delay', '3', '--seed', '4']
+    args = ['--road', 'flat', '--speed', '6', '--noise', '0.05', '--delay', '0.055', '--seed', '4']
     line = command_of(printed('tune', *QUICK, *args))
     assert line[:2] == ['--road', 'flat']
     assert line[line.index('--speed') :] == [
         *('--speed', '6', '--distance', '30', '--seed', '4'),
         *('--ros-args', '-p', 'vehicle_simulator:noise_v_x:=0.05'),
-        *('-p', 'vehicle_simulator:motor_delay:=0.06'),
+        *('-p', 'vehicle_simulator:motor_delay:=0.055'),
     ]
 
 
@@ -108,7 +108,7 @@ def _row(out: str, label: str) -> list[str]:
         (['--kp-range', '5', '1'], '--kp-range 5 1 must have the lower number first'),
         (['--kp-range', '0', '0', '--ki-range', '0', '0'], 'no gains in these ranges drive'),
         (['--controller', 'nowhere.py'], "nowhere.py' cannot be read"),
-        (['--delay', '1.5'], '1.5 is not a whole number from 0 to 500'),
+        (['--delay', '11'], '11 is not a number from 0 to 10'),
         (['--kp-range', '1'], 'expected 2 arguments'),
         (['--ki-range', '0', 'inf'], 'inf is not a number from 0 to 1e+06'),
     ],
