@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import deepcopy
+from dataclasses import dataclass
 from math import asin, atan2, cos, hypot, inf, sin, sqrt
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -279,9 +280,27 @@ class LaneKeeping:
         return self.track.curvature(self.place.s + ahead)
 
 
-def speed_profile(
-    track: Track, maximum: float, across: float, along: float
-) -> Callable[[float, float], float]:
+@dataclass(frozen=True)
+class SpeedProfile:
+    """The speed [m/s] over a track, whose square is linear over s, or constant, on each segment."""
+
+    track: Track
+    along: float  #: [m/s²] longitudinal acceleration, either way
+    limits: tuple[float, ...]  #: [m²/s²] squares of the maximum speeds of the segments
+    squares: tuple[float, ...]  #: [m²/s²] of the speeds where segments begin
+
+    def __call__(self, t: float, s: float) -> float:  # noqa: ARG002 (a `Signal` has it)
+        """Return the speed [m/s] at `s` [m]; the time does not matter."""
+        i, ahead = self.track.segment(s)
+        begin = self.squares[i]
+        end = self.squares[(i + 1) % len(self.squares)]
+        left = self.track.lengths[i] - ahead
+        by_begin = begin + 2.0 * self.along * ahead
+        by_end = end + 2.0 * self.along * left
+        return sqrt(max(min(self.limits[i], by_begin, by_end), 0.0))
+
+
+def speed_profile(track: Track, maximum: float, across: float, along: float) -> SpeedProfile:
     """Return the fastest speed [m/s] over a track, as a function of time, and of s [m].
 
     Its limits are the speed `maximum` [m/s], the lateral acceleration `across` [m/s²] and the
@@ -310,11 +329,4 @@ def speed_profile(
         for begin, end, gain in reversed(segments):
             squares[begin] = min(squares[begin], squares[end] + gain)
 
-    def profile(_: float, s: float) -> float:
-        i, ahead = track.segment(s)
-        begin, end, _ = segments[i]
-        left = 2.0 * along * (track.lengths[i] - ahead)
-        square = min(limits[i], squares[begin] + 2.0 * along * ahead, squares[end] + left)
-        return sqrt(max(square, 0.0))
-
-    return profile
+    return SpeedProfile(track, along, tuple(limits), tuple(squares))

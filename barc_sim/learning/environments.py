@@ -14,13 +14,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from barc_sim.control.speed import speed_controller
+from barc_sim.errors import UserError
 from barc_sim.learning.tasks import BLOCK, TASKS, Task
 from barc_sim.simulation.fast import PIDs, Plants
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.plant import MeasurementError, with_error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -43,7 +44,12 @@ class _Drive:
     _pid: Any
     _begin: Callable[[Any], None]
     _measured: Callable[[Motion], Motion]  #: a motion, with noise
-    _command: Any  #: a Command
+    _command: Any = None  #: a Command; None before the first episode
+
+    def _check_reset(self, method: str) -> None:
+        """Raise ResetNeeded if no episode has begun."""
+        if self._command is None:
+            raise ResetNeeded(f'no episode has begun: call reset() before {method}()')
 
     def _go(self, motor: Any, servo: Any, over: Cars | tuple[()] = ()) -> tuple[Any, ...]:  # noqa: ANN401
         """Take a step; return the observation, the reward, whether the episode ended, and `info`.
@@ -126,6 +132,7 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
 
     def step(self, action: Any) -> tuple[Floats, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """Take one step of the plant."""
+        self._check_reset('step')
         observation, reward, is_over, info = self._go(*self.task.command(action))
         if self._is_shown:
             self.render()
@@ -141,6 +148,7 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
         """Return a picture of the present state, or show it in a window."""
         if not self.render_mode:
             return None
+        self._check_reset('render')
         if not self._picture:
             from barc_sim.learning.rendering import Picture  # noqa: PLC0415 (slow)
 
@@ -151,6 +159,10 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
         """Close the window."""
         if self._picture:
             self._picture.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the picture out of a copy, which draws its own."""
+        return {**self.__dict__, '_picture': None}
 
 
 class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
@@ -181,12 +193,15 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         self._max_steps = max_episode_steps or np.inf
         self._generators: list[np.random.Generator] = []
 
-    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Floats, Any]:
-        """Begin an episode with each car; `options` do not apply to later episodes."""
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Options = None
+    ) -> tuple[Floats, Any]:
+        """Begin an episode with each car; `options` do not apply to later episodes.
+
+        `seed` is that of the first car, or a list of all; a car with None keeps its generator.
+        """
         n, task = self.num_envs, self.task
-        if seed is not None or not self._generators:
-            first = np_random(seed)[1] if seed is None else seed
-            self._generators = [np_random(first + i)[0] for i in range(n)]
+        self._seed(seed)
         self._plant = Plants(n, task.plain, max(task.ranges.get('delay', (0.0,))))
         self._pid = PIDs(n, speed_controller(limit=task.limits['motor']))
         self._command = Command(*np.zeros((2, n)))
@@ -195,10 +210,28 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         self._begin(np.arange(n), options)
         return self._observe()
 
+    def _seed(self, seed: int | Sequence[int | None] | None) -> None:
+        """Give each car a generator of its own, as Gymnasium's vector environments do."""
+        n = self.num_envs
+        if seed is None:
+            seeds: Sequence[int | None] = [None] * n
+        elif isinstance(seed, (int, np.integer)):
+            seeds = [int(seed) + i for i in range(n)]
+        else:
+            seeds = seed
+        if len(seeds) != n:
+            raise UserError(f'seed: {seeds!r} must be one number, or one for each of {n} cars')
+        if not self._generators:
+            # Cars without a seed take consecutive ones, from a seed that is drawn.
+            _, first = np_random()
+            self._generators = [np_random(first + i)[0] for i in range(n)]
+        for i, each in enumerate(seeds):
+            if each is not None:
+                self._generators[i], _ = np_random(each)
+
     def step(self, actions: Any) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:  # noqa: ANN401
         """Take a step with each car; a car whose episode has ended begins a new one instead."""
-        if not self._generators:
-            raise ResetNeeded('no episode has begun: call reset() before step()')
+        self._check_reset('step')
         motor, servo = self.task.command(actions, self.num_envs)
         restarted = np.flatnonzero(self._over)
         observation, rewards, terminated, info = self._go(motor, servo, restarted)

@@ -7,6 +7,7 @@ and `Policy`, which drives a run.
 from __future__ import annotations
 
 from bisect import bisect_right
+from dataclasses import fields
 from itertools import product
 from math import copysign, inf, isnan, pi
 from operator import itemgetter
@@ -23,6 +24,9 @@ from barc_sim.simulation.closed_loop import LIMITS, check_arguments, plant_of
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import State, Vehicle
 from barc_sim.vehicle.parameters import ROWS
+from barc_sim.vehicle.plant import Actuator, NoiseLevels
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -85,7 +89,8 @@ class Task:
             raise UserError(f'option {name!r} must be one of {", ".join(allowed)}')
         self.speed = self.default_speed if speed is None else speed
         SPEED._replace(between=(1e-3, SPEED.between[1])).check(self.speed, 'speed')
-        chosen = {name: each for name, each in options.items() if each not in (None, '')}
+        given = {name: _of_json(name, each) for name, each in options.items()}
+        chosen = {name: each for name, each in given.items() if each not in (None, '')}
         check_arguments(acceleration_limit=acceleration_limit)
         self.delays_servo = 'servo' not in chosen  #: Whether `delay` is that of the servo, too.
         self._options: dict[str, Any] = {**self.course, **chosen}
@@ -101,13 +106,13 @@ class Task:
         self._allowed = {'s': LIMITS['distance'].between, 'v': (-MAX_SPEED, MAX_SPEED)}
         if track := self.track:
             self.length, self.half_width = track.length, 0.5 * track.width  # [m]
-            self.ahead = _preview(track.starts, track.curvature, track.is_closed)
+            self.ahead = Preview(track.starts, track.curvature, track.is_closed)
             max_ahead, e_y = 1.0 / self.half_width, self.half_width
             starts |= {'e_y': (-e_y / 3.0, e_y / 3.0), 'e_psi': (-_START_E_PSI, _START_E_PSI)}
             self._allowed |= {'s': (0.0, self.length), 'e_y': (-e_y, e_y), 'e_psi': (-pi, pi)}
         else:
             self.length, self.half_width = self.road.starts[-1], inf
-            self.ahead = _preview(self.road.starts, lambda x: np.radians(self.road.grade_deg(x)))
+            self.ahead = Preview(self.road.starts, lambda x: np.radians(self.road.grade_deg(x)))
             max_ahead = 0.5 * pi
         self.is_noisy = any(self._noise) or 'noise' in self.ranges
         #: What an episode draws, each from and to.
@@ -240,28 +245,67 @@ def _checked(
     return values
 
 
-def _preview(
-    starts: Sequence[float], at: Callable[[Floats], Floats], is_closed: bool = False
-) -> Callable[[Numbers], Numbers]:
-    """Return a function of s [m] with the values of `at` at each of `AHEAD` from there, as rows.
+#: The options that are records, by name.
+_RECORDS: Mapping[str, type[Any]] = {
+    'vehicle': Vehicle,
+    'lateral': LateralParameters,
+    'servo': Actuator,
+    'noise': NoiseLevels,
+}
+_COURSES: Mapping[str, type[Any]] = {'road': Road, 'track': Track}
 
-    `at` is constant between `starts` [m], whose last one is the length if the track `is_closed`. So
-    the function changes only where one of `AHEAD` reaches a start, and is a table.
+
+def _of_json(name: str, value: Any) -> Any:  # noqa: ANN401 (of any option)
+    """Return an option's value; the JSON of an environment's specification has lists and dicts.
+
+    UserError: a value of a record is out of its limits.
     """
-    length, places = starts[-1], np.subtract.outer(starts, AHEAD)
-    edges = np.unique(places % length if is_closed else places)
-    first, last = (0.0, length) if is_closed else (edges[0] - 1.0, edges[-1] + 1.0)
-    middles = 0.5 * (np.append(first, edges) + np.append(edges, last))
-    rows = at(np.add.outer(AHEAD, middles))
-    ends, table = edges.tolist(), [*map(tuple, rows.T.tolist())]
+    if name in _RECORDS and type(value) is list:
+        kind = _RECORDS[name]
+        if len(value) != len(kind._fields):
+            raise UserError(
+                f'{name} {value!r} has {len(value)} numbers: expected {", ".join(kind._fields)}'
+            )
+        return kind(*value)
+    if name in _COURSES and isinstance(value, dict):
+        kind = _COURSES[name]
+        names = [each.name for each in fields(kind) if each.init]
+        if not set(names) <= value.keys():
+            raise UserError(f'{name} {value!r} must have {", ".join(names)}')
+        return kind(**{each: value[each] for each in names})
+    return value
 
-    def ahead(s: Numbers) -> Numbers:
+
+class Preview:
+    """The values of a course at each of `AHEAD` from a place: a function of s [m].
+
+    The values are constant between `starts` [m], whose last one is the length if the course
+    `is_closed`. So they change only where one of `AHEAD` reaches a start, and are a table.
+    """
+
+    def __init__(
+        self, starts: Sequence[float], at: Callable[[Floats], Floats], is_closed: bool = False
+    ) -> None:
+        """Tabulate the values that `at` returns for places [m]."""
+        self._length = starts[-1]
+        self._is_closed = is_closed
+        places = np.subtract.outer(starts, AHEAD)
+        edges = np.unique(places % self._length if is_closed else places)
+        first, last = (0.0, self._length) if is_closed else (edges[0] - 1.0, edges[-1] + 1.0)
+        middles = 0.5 * (np.append(first, edges) + np.append(edges, last))
+        self._edges = edges
+        self._rows = at(np.add.outer(AHEAD, middles))
+        self._ends: list[float] = edges.tolist()
+        self._table = [*map(tuple, self._rows.T.tolist())]
+
+    def __call__(self, s: Numbers) -> Numbers:
+        """Return the values ahead of `s` [m]: a tuple; of an array of places, rows of arrays."""
+        length = self._length
         if isinstance(s, float):
-            return table[bisect_right(ends, s % length if is_closed else s)]
-        s = s - np.floor(s / length) * length if is_closed else s  # as `%` does, in a third
-        return rows.take(edges.searchsorted(s, 'right'), 1)
-
-    return ahead
+            return self._table[bisect_right(self._ends, s % length if self._is_closed else s)]
+        if self._is_closed:
+            s = s - np.floor(s / length) * length  # as `%` does, in a third of the time
+        return self._rows.take(self._edges.searchsorted(s, 'right'), 1)
 
 
 class Hills(Task):
@@ -362,7 +406,7 @@ class Policy:
         UserError: its action for an observation of zeros is not an action of the task.
         """
         self.task = TASKS[task](**options)
-        self._policy = policy if callable(policy) else onnx_policy(policy)
+        self._policy = policy if callable(policy) else OnnxPolicy(policy)
         self.task.command(self._policy(np.zeros(len(self.task.high))))
         self.reset()
 
@@ -396,26 +440,35 @@ class Policy:
         self._motor = motor or 0.0
 
 
-def onnx_policy(path: str | PathLike[str]) -> Callable[[Any], Any]:
-    """Return the policy in an ONNX file: one input of shape (1, numbers), and the action first.
+class OnnxPolicy:
+    """The policy in an ONNX file: one input of shape (1, numbers), and the action first."""
 
-    UserError: there is no such file, onnxruntime is not installed, or it holds no such policy.
-    """
-    name = str(path)
-    if not Path(name).is_file():
-        raise UserError(f'{name!r} cannot be read: there is no such file')
-    onnxruntime = extra('onnxruntime', repr(name), 'onnx')
-    try:
-        session = onnxruntime.InferenceSession(name, providers=['CPUExecutionProvider'])
-        (entry,) = session.get_inputs()
-    except Exception as error:  # noqa: BLE001 (of many kinds)
-        raise UserError(f'{name!r} is not an ONNX file with one input: {error}') from None
-    kind = np.float64 if 'double' in entry.type else np.float32
+    def __init__(self, path: str | PathLike[str]) -> None:
+        """Open the file.
 
-    def policy(observation: Floats) -> Numbers:
+        UserError: there is no such file, onnxruntime is not installed, or it holds no such policy.
+        """
+        self.path = path
+        name = str(path)
+        if not Path(name).is_file():
+            raise UserError(f'{name!r} cannot be read: there is no such file')
+        onnxruntime = extra('onnxruntime', repr(name), 'onnx')
         try:
-            return session.run(None, {entry.name: observation.astype(kind)[None]})[0][0]
-        except Exception as error:  # noqa: BLE001 (as above)
-            raise UserError(f'{name!r}: {error}') from None
+            self._session = onnxruntime.InferenceSession(name, providers=['CPUExecutionProvider'])
+            (entry,) = self._session.get_inputs()
+        except Exception as error:  # noqa: BLE001 (of many kinds)
+            raise UserError(f'{name!r} is not an ONNX file with one input: {error}') from None
+        self._entry = entry.name
+        self._kind = np.float64 if 'double' in entry.type else np.float32
 
-    return policy
+    def __call__(self, observation: Floats) -> Numbers:
+        """Return the action."""
+        try:
+            answers = self._session.run(None, {self._entry: observation.astype(self._kind)[None]})
+            return answers[0][0]
+        except Exception as error:  # noqa: BLE001 (as above)
+            raise UserError(f'{str(self.path)!r}: {error}') from None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the path alone: a session of onnxruntime cannot be pickled."""
+        return OnnxPolicy, (self.path,)

@@ -156,13 +156,13 @@ def gains(options: Namespace) -> dict[str, float]:
 
 def _policy(options: Namespace, inputs: Inputs) -> Policy:
     """Return the policy in the first environment whose observation it takes; set its speed."""
-    from barc_sim.learning.tasks import Policy, onnx_policy  # noqa: PLC0415 (slow)
+    from barc_sim.learning.tasks import OnnxPolicy, Policy  # noqa: PLC0415 (slow)
 
     file, arguments = options.policy, {'speed': options.speed}
     if options.acceleration_limit:
         arguments['acceleration_limit'] = options.acceleration_limit
     arguments |= {'track': inputs.track} if inputs.track else {'road': inputs.road}
-    function = onnx_policy(file) if file.suffix == '.onnx' else inputs.user_code.function('policy')
+    function = OnnxPolicy(file) if file.suffix == '.onnx' else inputs.user_code.function('policy')
     failures = []
     for task in ('Lane', 'Race') if inputs.track else ('Hills',):
         try:

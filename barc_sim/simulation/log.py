@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping  # noqa: TC003 (get_type_hints reads it)
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import wraps
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,26 @@ class Column(NamedTuple):
 _PREFIXES = {STATE_ERROR: 'e_', LANE_STATE: 'steer_'}
 
 
+_Kind = TypeVar('_Kind', bound='type[Log]')
+
+
+def _takes_own_terms(kind: _Kind) -> _Kind:
+    """Make the constructor take `own_terms` by their names, too: `Log(**log.columns())`."""
+    make: Any = kind.__init__
+    names = {each.name for each in fields(kind)}
+
+    @wraps(make)
+    def init(self: Log, **columns: Any) -> None:  # noqa: ANN401 (any column)
+        own = {name: columns.pop(name) for name in [*columns] if name not in names}
+        if own:
+            columns['own_terms'] = {**columns.get('own_terms', {}), **own}
+        make(self, **columns)
+
+    kind.__init__ = init  # type: ignore[method-assign]
+    return kind
+
+
+@_takes_own_terms
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Log:
     """The log of a run: a row per state `k`; every array has shape `(n,)`, SI units, radians.
@@ -213,6 +234,7 @@ class Log:
         return f'<Log: {_in_words(self)}>'
 
 
+@_takes_own_terms
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TrackLog(Log):
     """The log of a run on a track; its position on the track is the true one.

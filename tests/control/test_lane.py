@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from math import asin, atan2, cos, hypot, pi, sin, sqrt
 from typing import ClassVar
 
@@ -219,3 +220,12 @@ def test_a_car_that_is_put_somewhere_else_is_found_again() -> None:
         keeping.steer(*track.place(s, 0.2), 5.0)
         assert keeping.place.s % track.length == pytest.approx(s % track.length)
         assert keeping.place.e_y == pytest.approx(0.2)
+
+
+def test_a_profile_of_speed_is_pickled() -> None:
+    """To sweep in other processes, for example."""
+    for track in (Track.named('L'), Track((40.0, 30.0), (0.0, 0.05))):
+        profile = speed_profile(track, 12.0, 3.0, 2.0)
+        again = pickle.loads(pickle.dumps(profile))  # noqa: S301 (our own)
+        for s in (0.0, 17.3, 42.0, 66.6):
+            assert again(0.0, s) == profile(0.0, s)

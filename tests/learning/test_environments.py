@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from itertools import product
 from typing import Any
 
@@ -15,6 +16,7 @@ from barc_sim.errors import UserError
 from barc_sim.figures import style
 from barc_sim.learning.tasks import AHEAD, TASKS
 from barc_sim.simulation.closed_loop import lap
+from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.road import Road
@@ -267,6 +269,9 @@ def test_what_is_ahead_is_that_of_road_and_track() -> None:
         ({'speed': 0.0}, 'speed: 0 is not a number from 0.001 to 100'),
         ({'colour': 'red'}, "option 'colour' must be one of road,"),
         ({'vehicle': {'mass': 1.0}}, 'must be of type Vehicle'),
+        ({'vehicle': [1.0]}, 'has 1 numbers: expected mass, air_drag_coeff'),
+        ({'vehicle': [-1.0, 0, 0, 1, 1, 9]}, 'mass: -1 is not a number'),
+        ({'track': {'name': 'L'}}, 'must have lengths, curvatures'),
         ({'track': 'nowhere'}, "track 'nowhere' is neither"),
         ({'ranges': {'colour': (0.0, 1.0)}}, "ranges: 'colour' must be one of mass,"),
         ({'ranges': [1]}, r'ranges: \[1\] is not a dict: give each value by its name'),
@@ -317,3 +322,65 @@ def test_no_step_comes_before_a_reset(mode: str) -> None:
 def test_hills_are_on_a_road_alone() -> None:
     with pytest.raises(UserError, match="option 'track' must be one of road, vehicle"):
         gymnasium.make(IDS['Hills'], track='L')
+
+
+@pytest.mark.parametrize('name', IDS)
+def test_environments_are_pickled_and_continue_alike(name: str) -> None:
+    """Gymnasium's AsyncVectorEnv, and Stable-Baselines3, send them to other processes."""
+    one = gymnasium.make(IDS[name], render_mode='rgb_array', noise=NOISE)
+    batch = gymnasium.make_vec(IDS[name], 2, vectorization_mode='vector_entry_point', noise=NOISE)
+    for env in (one, batch):
+        before = pickle.loads(pickle.dumps(env))  # noqa: S301 (our own)
+        before.reset(seed=1)
+        env.reset(seed=1)
+        if env is one:
+            env.render()
+        after = pickle.loads(pickle.dumps(env))  # noqa: S301
+        action = np.full_like(env.action_space.sample(), 0.1)
+        for _ in range(70):
+            seen, *_ = env.step(action)
+            np.testing.assert_array_equal(before.step(action)[0], seen)
+            np.testing.assert_array_equal(after.step(action)[0], seen)
+    assert after.unwrapped is not env
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'vehicle': Vehicle(mass=1000.0)},
+        {'servo': Actuator(lag=0.2), 'noise': NOISE},
+        {'track': Track.named('oval'), 'road': Road((0.0, 30.0), (5.0, -3.0))},
+        {'dynamics': 'dynamic', 'lateral': LateralParameters(yaw_inertia=3000.0)},
+    ],
+)
+def test_a_specification_in_json_makes_the_same_environment(options: dict[str, Any]) -> None:
+    env = gymnasium.make(IDS['Race'], **options)
+    text = env.spec.to_json()
+    again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(text))
+    action = np.array([0.2, 0.1], np.float32)
+    for each in (env, again):
+        each.reset(seed=3)
+    for _ in range(20):
+        np.testing.assert_array_equal(env.step(action)[0], again.step(action)[0])
+
+
+def test_a_batch_takes_a_seed_for_each_car() -> None:
+    """As Gymnasium's own vector environments do; None leaves a car's generator as it is."""
+    made = [
+        gymnasium.make_vec(IDS['Lane'], 3, vectorization_mode=mode)
+        for mode in ('sync', 'vector_entry_point')
+    ]
+    batch = made[1]
+    for seed in ([5, 1, 8], [2, None, None], 4, None):
+        seen = [env.reset(seed=seed)[0] for env in made]
+        np.testing.assert_allclose(*seen, rtol=1e-12, atol=1e-12)
+    with pytest.raises(UserError, match='must be one number, or one for each of 3 cars'):
+        batch.reset(seed=[1, 2])
+
+
+def test_an_environment_without_a_wrapper_needs_a_reset_first() -> None:
+    env = gymnasium.make(IDS['Lane'], render_mode='rgb_array').unwrapped
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r'call reset\(\) before step\(\)'):
+        env.step([0.0])
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r'call reset\(\) before render\(\)'):
+        env.render()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from base64 import b64decode
 from typing import TYPE_CHECKING, Any
 
@@ -113,6 +114,10 @@ def test_an_onnx_file_steers_as_the_function_that_it_holds(tmp_path: Path) -> No
     words = ('--track', 'oval', '--policy', 'policy.onnx', '--engine', 'local', *FAST)
     assert call('acc', *words, cwd=tmp_path).returncode == 0
     assert read(next((tmp_path / 'bags').iterdir())) == logs[0]
+    law = Policy(tmp_path / 'policy.onnx')
+    again = pickle.loads(pickle.dumps(law))  # noqa: S301 (our own)
+    place = 0.3, 0.1, 5.0, lambda ahead: 0.01 * ahead
+    assert again.steer_calculate(*place) == law.steer_calculate(*place)
     with pytest.raises(UserError, match=r"policy\.onnx'"):
         Policy(tmp_path / 'policy.onnx', 'Race')
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import barc_sim
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.control.speed import LQR
+from barc_sim.simulation.closed_loop import closed_loop, lap, simulate
 from barc_sim.simulation.log import (
     COLUMNS,
     COMMAND,
@@ -99,3 +100,18 @@ def test_logs_are_equal_by_their_values(log: Log) -> None:
     assert log != replace(log, motor=np.nextafter(log.motor, 9.0))
     assert log != replace(log, own_terms={'feedback': log.motor})
     assert log != 'log'
+
+
+def test_a_log_is_made_of_its_columns() -> None:
+    """Also where a controller has terms of its own."""
+    logs = (
+        closed_loop(max_duration=1.0),
+        simulate(controller=LQR(), distance=5.0),
+        lap(laps=1),
+    )
+    for log in logs:
+        assert type(log)(**log.columns()) == log
+    log = logs[1]
+    assert log.own_terms
+    again = Log(**log.columns() | {'own_terms': {'more': log.t}})
+    assert again.own_terms.keys() == {*log.own_terms, 'more'}
