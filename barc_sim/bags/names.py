@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 # The topics that a log is made of.
 STATE, STATE_ERROR, TRACK_STATE = log.STATE, log.STATE_ERROR, log.TRACK_STATE
-ECU, ENVIRONMENT, CLOCK = log.COMMAND, log.ENVIRONMENT, log.CLOCK
+ECU, APPLIED_COMMAND = log.COMMAND, log.APPLIED_COMMAND
+ENVIRONMENT, CLOCK = log.ENVIRONMENT, log.CLOCK
 PID_STATE, CONTROLLER_STATE, LANE_STATE = log.PID_STATE, log.CONTROLLER_STATE, log.LANE_STATE
 #: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
 CMD_VEL = 'cmd_vel'

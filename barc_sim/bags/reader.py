@@ -22,6 +22,7 @@ from barc_sim.bags.recording import TRACK_NAME
 from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import (
+    APPLIED_COMMAND,
     COMMAND,
     CONTROLLER_STATE,
     LANE_STATE,
@@ -291,9 +292,9 @@ class Samples:
 def join(samples: Mapping[str, Samples]) -> Log:
     """Return the log of a car from its samples, by topic; there must be at least one state.
 
-    Topics are joined on the stamp of the state that each message belongs to. A state's deadline is
-    the publication of the next state. If several commands answer a state, the first counts. If the
-    latest command by the deadline has no stamp, it held, and no command was missed.
+    Topics are joined on the stamp of the state that each message belongs to. The simulator's record
+    of the command that acts comes before the answer that a controller published; a state without
+    a record had no deadline. In a bag without records, `_missed` decides by times of publication.
     """
     states = samples[STATE].rows[samples[STATE].first()]
     stamps, published = states['stamp'], states['published']
@@ -303,13 +304,14 @@ def join(samples: Mapping[str, Samples]) -> Log:
         missed = _missed(commands.rows, places[COMMAND], published)
     columns: dict[str, Any] = {'t': (stamps - stamps[0]) / 1e9}
     for topic, fields in TOPICS.items():
-        rows = (
-            samples[topic].values(places[topic])
-            if topic in samples
-            else np.full((len(fields), len(stamps)), np.nan)
-        )
-        columns |= zip(fields.values(), rows, strict=True)
-    columns['missed'] = missed
+        if topic not in samples:
+            rows = np.full((len(fields), len(stamps)), np.nan)
+        else:
+            rows = samples[topic].values(places[topic])
+        for name, row in zip(fields.values(), rows, strict=True):
+            columns[name] = np.where(np.isnan(row), columns.get(name, np.nan), row)
+    if APPLIED_COMMAND not in samples:
+        columns['missed'] = missed
     kind = TrackLog if np.isfinite(columns['s']).any() else Log
     terms: dict[str, Floats] = {}
     for topic in samples:
@@ -338,15 +340,17 @@ def _missed(
 ) -> Flags:
     """Return whether each state's command was missed, shape `(n,)`.
 
-    `answers` has the place of the command that answers each state, or -1. If a command without a
-    stamp held at the deadline, its place replaces the -1.
+    `answers` has the place of the command that answers each state, or -1. Where another command
+    held at the deadline, because the answer is missing or late, its place replaces that.
     """
     order = np.argsort(commands['published'], kind='stable')
     by_deadline = np.searchsorted(commands['published'][order], published[1:], 'left')
     by_deadline = np.append(by_deadline, len(order))
-    latest = order[by_deadline - 1]
-    held = (by_deadline > 0) & (commands['stamp'][latest] == 0)
-    late = np.append(commands['published'][answers[:-1]] >= published[1:], False)
-    missed: Flags = ~held & ((answers < 0) | late)
-    answers[held & (answers < 0)] = latest[held & (answers < 0)]
+    latest = np.where(by_deadline > 0, order[by_deadline - 1], -1)
+
+    is_late = np.append(commands['published'][answers[:-1]] >= published[1:], False)
+    unanswered = (answers < 0) | is_late
+    without_stamp = (latest >= 0) & (commands['stamp'][latest] == 0)
+    missed: Flags = unanswered & ~without_stamp
+    answers[unanswered] = latest[unanswered]
     return missed

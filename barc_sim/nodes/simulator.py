@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
+from barc_interfaces.msg import ECU, AppliedCommand, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -106,6 +106,7 @@ class VehicleSimulator(Node):
         # All messages of a state share one stamp. They are made once: new ones would cost time.
         self._subscribed, self._stamp = Subscribed(self), Time()
         on_map, on_car = (Header(stamp=self._stamp, frame_id=name) for name in frames(self))
+        self._applied = AppliedCommand(header=on_car)
         self._time, self._environment = ClockMessage(clock=self._stamp), Environment(header=on_map)
         self._state, self._error = ZDynBkMdl(header=on_map), EZDynBkMdl(header=on_car)
         self.clock_pub, self._track_pub = None, None
@@ -115,6 +116,7 @@ class VehicleSimulator(Node):
             self._place = TrackState(header=on_map)
             self._track_pub = self.create_publisher(TrackState, names.TRACK_STATE, names.QOS)
         self._error_pub = self.create_publisher(EZDynBkMdl, names.STATE_ERROR, names.QOS)
+        self._applied_pub = self.create_publisher(AppliedCommand, names.APPLIED_COMMAND, names.QOS)
         self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
         self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
         self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
@@ -146,6 +148,14 @@ class VehicleSimulator(Node):
         self._publish_state(with_error=self._error_pub in subscribed)
         if self.on_step:
             self.on_step(t, seen)
+
+    def publish_applied(self, command: Command, stamp_ns: int, *, missed: bool) -> None:
+        """Publish the command that acts from the state with this stamp [ns] on."""
+        if self._applied_pub in self._subscribed.at(stamp_ns):
+            self._applied.motor = float(command.motor)
+            self._applied.servo = float(command.servo)
+            self._applied.missed = missed
+            self._applied_pub.publish(self._applied)  # the latest state's stamp is in its header
 
     def run_deadlines(self, *, on: bool) -> None:
         """Call `Stepper.pass_deadline` every period from now on, or no longer."""

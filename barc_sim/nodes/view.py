@@ -17,7 +17,7 @@ from barc_sim.bags import names
 from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.cli.parser import MAX_PORT
 from barc_sim.errors import Parameter, UserError
-from barc_sim.page.feed import DEPTH, Feed
+from barc_sim.page.feed import DEPTH, SUBSCRIBED, Feed
 from barc_sim.page.protocol import (
     CONTROLLER,
     SIMULATOR,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from barc_sim.page.run_page import OnDone
 
 MODES = ('acc', 'teleop')
-_TYPES = {topic: getattr(msg, kind.split('/')[-1]) for topic, kind in MESSAGE_TYPES.items()}
+_TYPES = {topic: getattr(msg, MESSAGE_TYPES[topic].split('/')[-1]) for topic in SUBSCRIBED}
 _SERVICES = {
     names.RESET_SIMULATOR: Trigger,
     names.RESET_CONTROLLER: Trigger,

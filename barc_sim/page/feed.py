@@ -44,6 +44,8 @@ FIELDS: dict[str, dict[str, float]] = {
 }
 # Terms that only `controller_state` has.
 FIELDS[PID_STATE] |= dict.fromkeys(OTHER_TERMS, nan)
+#: The topics that a feed takes.
+SUBSCRIBED = (STATE, *FIELDS, CONTROLLER_STATE)
 _STATE = attrgetter('x', 'y', 'psi', 'v_x', 'v_y')
 _ALL = {topic: attrgetter(*fields) for topic, fields in FIELDS.items() if topic != PID_STATE}
 _REFERENCE = [*FIELDS[PID_STATE]].index('reference')
@@ -75,9 +77,7 @@ class Feed:
         self.plan: list[tuple[float, float]] = []  #: [m] points of the path that the MPC plans
         self._first: int | None = None  # stamp [ns] of the first row
         self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
-        self._arrived: dict[str, deque[Any]] = {
-            topic: deque(maxlen=DEPTH) for topic in (STATE, *FIELDS, CONTROLLER_STATE)
-        }
+        self._arrived: dict[str, deque[Any]] = {topic: deque(maxlen=DEPTH) for topic in SUBSCRIBED}
         self._waiting: dict[str, deque[Sample]] = {topic: deque(maxlen=DEPTH) for topic in FIELDS}
         self._history: deque[bytes] = deque(maxlen=_HISTORY)
         self._newest: tuple[int, int] | None = None  # reception and stamp [ns] of a state

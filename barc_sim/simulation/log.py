@@ -30,6 +30,8 @@ Flags = NDArray[np.bool_]
 STATE = 'z_vhcl'
 STATE_ERROR = 'ez_vhcl'
 COMMAND = 'ecu'
+#: the command that acts from a state on, as the simulator decided at the state's deadline
+APPLIED_COMMAND = 'applied_command'
 ENVIRONMENT = 'environment'
 PID_STATE = 'pid_state'
 CONTROLLER_STATE = 'controller_state'
@@ -43,6 +45,7 @@ MESSAGE_TYPES = {
     STATE: 'barc_interfaces/msg/ZDynBkMdl',
     STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',
     COMMAND: 'barc_interfaces/msg/ECU',
+    APPLIED_COMMAND: 'barc_interfaces/msg/AppliedCommand',
     ENVIRONMENT: 'barc_interfaces/msg/Environment',
     PID_STATE: 'barc_interfaces/msg/PidState',
     # In place of `pid_state` where the controller is not a PID; its terms are named in the message.
@@ -117,10 +120,10 @@ class Log:
     e_v_x: Annotated[Floats, Column('m/s', 'longitudinal speed error', STATE_ERROR)]
     e_v_y: Annotated[Floats, Column('m/s', 'lateral speed error', STATE_ERROR)]
     e_psi_dot: Annotated[Floats, Column('rad/s', 'yaw rate error', STATE_ERROR)]
-    # The command that answers state k.
-    motor: Annotated[Floats, Column('m/s²', 'acceleration command', COMMAND)]
-    servo: Annotated[Floats, Column('rad', 'steering angle command', COMMAND)]
-    missed: Annotated[Flags, Column('', 'whether the command was late at its deadline')]
+    # The command that acts from state k on: the answer to it, or if that is late, the last one.
+    motor: Annotated[Floats, Column('m/s²', 'acceleration command', APPLIED_COMMAND)]
+    servo: Annotated[Floats, Column('rad', 'steering angle command', APPLIED_COMMAND)]
+    missed: Annotated[Flags, Column('', 'whether no command answered in time', APPLIED_COMMAND)]
     # The surroundings.
     theta_deg: Annotated[Floats, Column('deg', 'incline of the road', ENVIRONMENT, 'theta')]
     elevation: Annotated[Floats, Column('m', 'height of the road', ENVIRONMENT)]
@@ -302,6 +305,8 @@ _FLAGS = {'missed', 'saturated', 'steer_saturated'}
 
 def columns_of(topic: str) -> dict[str, str]:
     """Return the columns that a topic's messages hold: names by field."""
+    if topic == COMMAND:  # acts, unless it is late
+        return {'motor': 'motor', 'servo': 'servo'}
     columns = TrackLog.declared.items()
     return {column.field: name for name, column in columns if column.topic == topic}
 

@@ -158,6 +158,12 @@ class Outputs(Protocol):
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish the state `t` [s] after the start, with its stamp [ns]."""
 
+    def publish_applied(self, command: Command, stamp_ns: int, *, missed: bool) -> None:
+        """Publish the command that acts from the state with this stamp [ns] on.
+
+        `missed`: no command answered the state by its deadline, so that the last one holds.
+        """
+
     def run_deadlines(self, *, on: bool) -> None:
         """Start or stop calling `Stepper.pass_deadline` every `deadline_period`."""
 
@@ -210,10 +216,11 @@ class Stepper:
     FINISHED   reset                                        STARTING
     =========  ===================  ======================  =====================================
 
-    A step publishes the next state. From a state at or beyond `distance` it ends the lap: the next
-    lap begins as after a reset, and the last one leads to FINISHED; so does any step after `end`.
-    If commands are lost, the car brakes. STARTING begins with a new plant and no command. Other
-    events change nothing in a phase, except that a command is stored for the next step.
+    A step publishes the command that acts, and the next state. From a state at or beyond `distance`
+    it ends the lap: the next lap begins as after a reset, and the last one leads to FINISHED; so
+    does any step after `end`. If commands are lost, the car brakes. STARTING begins with a new
+    plant and no command. Other events change nothing in a phase, except that a command is stored
+    for the next step.
 
     Stamps begin with the wall clock, and grow by one period a step, also over a reset. In real time
     (`realtime_factor` 1) a pause or a slip leaves them `stamp_lag` behind the wall clock; a reset
@@ -352,7 +359,8 @@ class Stepper:
         deadline, self._undecided = self._undecided, None
         if not (deadline and self._pace):
             return
-        if not self._commands.answered:
+        is_missed = not self._commands.answered
+        if is_missed:
             if deadline == 'late':
                 # The machine held up the whole process, perhaps the controller, too: it gets
                 # another period to answer.
@@ -366,7 +374,7 @@ class Stepper:
                 ),
                 'missed deadlines',
             )
-        self._step()
+        self._step(missed=is_missed)
 
     def pause(self, *, on: bool) -> bool:
         """Pause simulated time, or resume it; return whether that is a change."""
@@ -417,8 +425,13 @@ class Stepper:
         if self._request == 'reset':
             self._restart()
 
-    def _step(self) -> None:
+    def _step(self, *, missed: bool = False) -> None:
         """Take the step to the next state, or do what was requested in its place."""
+        timed_out = self._commands.timed_out(self._clock())
+        command = self._braking_command() if timed_out else self._commands.latest or Command()
+        # Also where no step follows: then the records of a run are as many as its missed commands.
+        self._outputs.publish_applied(command, self.stamp, missed=missed)
+
         request, self._request = self._request, None
         if request == 'reset':
             self._restart()
@@ -427,22 +440,25 @@ class Stepper:
         if self._ends or plant.distance >= self.distance:
             self._end_lap()
             return
+
         if self._values:
             values, self._values = self._values, None
             retune(values, plant)
-        if self._commands.timed_out(self._clock()):
+        if timed_out:
             self._outputs.warn(
                 lambda: f'no command for {self._timeout:g} s: the car brakes',
                 'timeout',
             )
-            # As the driver's brake: half of what would stop the car in the relay's period.
-            motor = max(-self._braking, min(-10.0 * plant.state.v, self._braking))
-            plant.advance((self._commands.latest or Command())._replace(motor=motor))
-        else:
-            plant.advance(self._commands.latest or Command())
+        plant.advance(command)
         self._commands.next_step()
         self.stamp += self._period_ns
         self._publish()
+
+    def _braking_command(self) -> Command:
+        """Return the command while commands are lost: the driver's brake, steering as before."""
+        # Half of what would stop the car in the relay's period.
+        motor = max(-self._braking, min(-10.0 * self._plant.state.v, self._braking))
+        return (self._commands.latest or Command())._replace(motor=motor)
 
     def _end_lap(self) -> None:
         """Begin the next lap, or end the run after the last."""

@@ -129,7 +129,7 @@ def test_services_and_those_of_a_workspace_are_found(
     [
         ('ecu', ': did you mean ECU?'),
         ('barc_interfaces/Environmet', ': did you mean barc_interfaces/Environment'),
-        ('zzzz', ': barc_interfaces has ControllerState, ECU, EZDynBkMdl'),
+        ('zzzz', ': barc_interfaces has AppliedCommand, ControllerState, ECU, EZDynBkMdl'),
     ],
 )
 def test_a_wrong_name_is_one_sentence(name: str, ends: str) -> None:

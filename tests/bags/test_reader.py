@@ -23,7 +23,7 @@ from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR, PID
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.simulation.log import STATE, Log, TrackLog
+from barc_sim.simulation.log import APPLIED_COMMAND, STATE, Log, TrackLog
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.track import Track
 
@@ -66,6 +66,11 @@ def assert_same(read: Log, expected: Log) -> None:
 
 def test_a_run_is_read_back_bit_for_bit(run: Path, log: Log) -> None:
     assert_same(bag.read(run), log)
+
+
+def test_missed_commands_are_read_back(tmp_path: Path, log: Log) -> None:
+    late = replace(log, missed=np.arange(len(log)) % 7 == 3)
+    assert_same(bag.read(written(tmp_path, late)), late)
 
 
 def test_terms_that_are_no_pids_are_read_back_by_name(tmp_path: Path) -> None:
@@ -277,6 +282,11 @@ def command(k: int, published: int, motor: float = 0.0) -> Sample:
     return Sample(1 + k * PERIOD, published, (motor, 0.0))
 
 
+def applied(k: int, motor: float, *, missed: bool) -> Sample:
+    """Return the simulator's record of the command that acts from state `k` on."""
+    return Sample(1 + k * PERIOD, 100 * k + 99, (motor, 0.0, float(missed)))
+
+
 def unstamped(published: int, motor: float) -> Sample:
     return Sample(0, published, (motor, 0.0))
 
@@ -294,6 +304,7 @@ def test_every_topic_finds_its_state_by_the_stamp() -> None:
             samples[topic] = [
                 Sample(1 + k * PERIOD, 100 * k + 1, (10.0 * k,) * len(fields)) for k in (3, 1)
             ]
+    del samples['ecu']  # holds where a state has none
     log = join(samples)
     for values in (log.e_s, log.e_psi_dot, log.motor, log.servo, log.theta_deg, log.elevation):
         np.testing.assert_array_equal(values, [np.nan, 10.0, np.nan, 30.0])
@@ -318,7 +329,7 @@ def test_a_command_is_missed_unless_published_before_the_next_state() -> None:
     commands = [command(0, 99), command(1, 200, motor=3.0), command(3, 301)]
     log = join({STATE: states, 'ecu': commands})
     assert log.missed.tolist() == [False, True, True, False]
-    assert log.motor[1] == 3.0
+    assert log.motor.tolist() == [0.0, 0.0, 3.0, 0.0]  # the last one holds
 
 
 def test_the_last_state_is_missed_only_if_nothing_answers_it() -> None:
@@ -338,6 +349,25 @@ def test_a_command_without_a_stamp_holds_and_nothing_is_missed() -> None:
     log = join({STATE: states, 'ecu': [unstamped(150, 1.0), unstamped(350, 2.0)]})
     np.testing.assert_array_equal(log.motor, [np.nan, 1.0, 1.0, 2.0])
     assert log.missed.tolist() == [True, False, False, False]
+
+
+def test_the_simulators_record_decides_which_command_acts_and_what_is_missed() -> None:
+    """Under load an answer can be published before the next state, and still be too late."""
+    commands = [command(0, 50, motor=1.0), command(1, 199, motor=2.0), command(3, 350, motor=4.0)]
+    records = [
+        applied(0, 1.0, missed=False),
+        applied(1, 1.0, missed=True),
+        applied(2, 2.0, missed=True),
+    ]
+    log = join({STATE: [state(k) for k in range(4)], 'ecu': commands, APPLIED_COMMAND: records})
+    assert log.missed.tolist() == [False, True, True, False]
+    assert log.motor.tolist() == [1.0, 1.0, 2.0, 4.0]
+
+
+def test_a_state_without_a_record_had_no_deadline() -> None:
+    log = join({STATE: [state(0), state(1)], APPLIED_COMMAND: [applied(0, 1.0, missed=False)]})
+    assert log.missed.tolist() == [False, False]
+    np.testing.assert_array_equal(log.motor, [1.0, np.nan])
 
 
 @pytest.mark.parametrize(('far', 'refused'), [(0.9e9, False), (1.1e9, True)])

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
+from barc_interfaces.msg import ECU, AppliedCommand, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -134,6 +134,25 @@ def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: flo
     assert stamps(errors)[:20] == stamps(environments)[:20] == expected
     assert abs(begin - time.time_ns()) < 3600e9
     assert simulator.stepper.missed == 0
+
+
+def test_every_command_that_acts_is_published_and_those_that_were_missed_are_marked(
+    world: World,
+) -> None:
+    applied = world.received(AppliedCommand, 'applied_command')
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=1.0)
+    world.until(lambda: world.states)
+    first = world.states[0]
+    commands.publish(command(1.5, first))
+    world.until(lambda: simulator.stepper.missed >= 3)
+    simulator.stepper.pause(on=True)
+    world.until(lambda: len(world.states) == simulator.stepper.states == len(applied) + 1)
+    assert stamps(applied) == stamps(world.states)[:-1]
+    assert sum(each.missed for each in applied) == simulator.stepper.missed
+    # The last command holds where none arrived.
+    assert {each.motor for each in applied if each.missed} <= {0.0, 1.5}
+    assert applied[-1].motor == 1.5
 
 
 def test_the_place_on_the_track_waits_at_its_reader_when_the_state_comes(world: World) -> None:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
 
 COLUMNS = [name for name in barc_sim.simulation.log.COLUMNS if name != 'missed']
-TOPICS = ('/z_vhcl', '/ez_vhcl', '/environment', '/ecu', '/pid_state')
+TOPICS = ('/z_vhcl', '/ez_vhcl', '/environment', '/ecu', '/applied_command', '/pid_state')
 #: Publishes a speed as soon as anything subscribes, and ends.
 BRIEF = """
 import time
@@ -83,6 +83,37 @@ def test_run_in_real_time_is_the_rollout_as_far_as_no_deadline_was_missed(tmp_pa
             return
         assert_same(run, expected, rows=int(run.missed.argmax()))
     pytest.skip('this machine missed a deadline in each of 3 runs')
+
+
+#: Takes longer than a period from time to time.
+SLOW = """
+import time
+class PID:
+    def __init__(self, kp, ki, kd):
+        self.calls = 0
+    def acc_calculate(self, speed_reference, speed_current):
+        self.calls += 1
+        if self.calls % 10 == 3:
+            time.sleep(0.05)
+        return 10.0 * (speed_reference - speed_current)
+"""
+
+
+@pytest.mark.parametrize('engine', ['ros', 'local'])
+def test_the_missed_commands_of_the_bag_are_those_that_were_counted(
+    tmp_path: Path, engine: str
+) -> None:
+    (tmp_path / 'slow.py').write_text(SLOW)
+    options = ('--controller', str(tmp_path / 'slow.py'), '--distance', '10', '--engine', engine)
+    run = printed('acc', *options, '-q', '--bag-dir', str(tmp_path / 'bags')).strip()
+    info, log = bag.info(run), bag.read(run)
+    assert int(info['missed_deadlines']) + int(info['slipped_periods']) > 0
+    assert np.count_nonzero(log.missed) == int(info['missed_deadlines'])
+    assert info['lost_messages'] == '0'
+    # What acts while a command is missed is the command before.
+    late = np.flatnonzero(log.missed[1:]) + 1
+    assert set(log.motor[late]) <= {0.0, *log.motor[~log.missed]}
+    assert np.isfinite(log.motor).all()
 
 
 @pytest.mark.usefixtures('ros_domain')

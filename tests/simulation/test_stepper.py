@@ -82,6 +82,7 @@ class Engine:
         self.now = 100.0
         self.wall = START
         self.published: list[tuple[float, Observation, int]] = []
+        self.applied: list[tuple[Command, int, bool]] = []  #: with the state's stamp; missed
         self.deadlines = False
         self.starts = self.ends = 0
         self.warnings: list[str] = []
@@ -98,6 +99,9 @@ class Engine:
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         self.published.append((t, seen, stamp_ns))
+
+    def publish_applied(self, command: Command, stamp_ns: int, *, missed: bool) -> None:
+        self.applied.append((command, stamp_ns, missed))
 
     def run_deadlines(self, *, on: bool) -> None:
         self.deadlines = on
@@ -193,6 +197,8 @@ def test_missed_command_is_counted_and_the_last_one_holds() -> None:
     assert engine.speed == pytest.approx(0.04, rel=1e-3)
     assert engine.stepper.missed == 1
     assert engine.warnings == engine.limited == ['missed deadlines']
+    applied = [(GO, START, False), (GO, START + PERIOD, True)]
+    assert engine.applied == applied
 
 
 @pytest.mark.parametrize('factor', [0.0, 1.0])
@@ -545,6 +551,10 @@ class AnyEvents(RuleBasedStateMachine):
         stamps = [stamp for *_, stamp in self.engine.published]
         assert stamps == [START + k * PERIOD for k in range(len(stamps))]
         assert len(stamps) == self.stepper.states
+        # What acts is recorded once for each state, and so is each missed command.
+        applied = [stamp for _, stamp, _ in self.engine.applied]
+        assert applied == sorted({*applied} & {*stamps})
+        assert sum(missed for *_, missed in self.engine.applied) == self.stepper.missed
 
 
 TestAnyEvents = AnyEvents.TestCase
