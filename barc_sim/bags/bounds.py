@@ -26,6 +26,7 @@ MAX_SCHEMAS = 32  #: definitions that are parsed
 MAX_ARRAY = 1000  #: numbers in an array of fixed length
 MAX_MESSAGE = 64 << 10  #: bytes of a message that is decoded
 MAX_TERMS = 64  #: of a controller
+MAX_PARAMETERS = 20_000  #: of all nodes
 MAX_QOS = 50_000  #: characters of the QoS that a topic's publishers offer
 MAX_TEXT = 200_000  #: characters of an entry of the run's metadata
 MAX_NODES = 300  #: nodes and topics of a graph

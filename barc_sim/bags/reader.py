@@ -8,9 +8,10 @@ from array import array
 from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from struct import Struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
@@ -18,16 +19,19 @@ from rosbags.typesys import Stores, get_typestore
 from barc_sim.bags import bounds
 from barc_sim.bags.contents import Contents, types_of
 from barc_sim.bags.messages import store, to_nanoseconds
+from barc_sim.bags.parameters import EVENT_TYPE, EVENTS, ParameterHistory
 from barc_sim.bags.recording import TRACK_NAME
 from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import (
     APPLIED_COMMAND,
     COMMAND,
+    CONTROLLER,
     CONTROLLER_STATE,
     LANE_STATE,
     MESSAGE_TYPES,
     PID_STATE,
+    SIMULATOR,
     STATE,
     Flags,
     Floats,
@@ -37,17 +41,19 @@ from barc_sim.simulation.log import (
     log_of_columns,
     recordable,
 )
+from barc_sim.vehicle.parameters import LIVE
 from barc_sim.vehicle.road import STEEPEST_DEG
 from barc_sim.vehicle.track import Pose, Track
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from numpy.typing import NDArray
 
-    from barc_sim.bags.messages import Topic
+    from barc_sim.bags.messages import Message, Topic
 
 _logger = logging.getLogger(__name__)
+_LATEST = 2**64 - 1  #: [ns]
 #: The log's column for each field that is read, by topic.
 TOPICS = {topic: columns for topic in MESSAGE_TYPES if (columns := columns_of(topic))}
 
@@ -104,6 +110,7 @@ class Bag:
     attachments: dict[str, bytes] = field(default_factory=dict)  #: by name
     #: The messages, by namespace and topic.
     samples: defaultdict[str, dict[str, Samples]] = field(default_factory=lambda: defaultdict(dict))
+    parameters: ParameterHistory = field(default_factory=ParameterHistory)  #: of all nodes
 
     def log(self, namespace: str | None = None) -> Log:
         """Return the run of a car, as `read` does."""
@@ -127,7 +134,19 @@ class Bag:
             )
         log = join(samples[cars[0]])
         _check_log(self.path, log)
+        log = replace(log, parameters=self._parameters(cars[0], samples[cars[0]]))
         return replace(log, track=self._track()) if isinstance(log, TrackLog) else log
+
+    def _parameters(self, car: str, samples: Mapping[str, Samples]) -> dict[str, Floats]:
+        """Return the parameters of a log: their values when each state's command was computed."""
+        times = decided(samples)
+        columns = {}
+        for node, at in ((CONTROLLER, times.answered), (SIMULATOR, times.stepped)):
+            found = self.parameters.columns(f'{car.rstrip("/")}/{node}', at)
+            for name, values in found.items():
+                if node == CONTROLLER or name in LIVE:
+                    columns[f'{node}.{name}'] = values
+        return columns
 
     def _track(self) -> Track | None:
         """Return the track that the run has attached; None if it has none or an invalid one."""
@@ -147,19 +166,19 @@ def load(path: Path | str, *, messages: bool = True) -> Bag:
     bag = Bag(contents.path, contents.metadata, contents.attachments)
     if not messages:
         return bag
+    bag.parameters = ParameterHistory(contents.metadata.get('parameters', ''))
     decoders: dict[tuple[str, str], _Decoder | None] = {}  # by topic and definition
-    sinks: dict[str, tuple[Topic, _Decoder | None, Samples | None]] = {}  # by topic
+    sinks: dict[str, tuple[Topic, Callable[[Message], None] | None]] = {}  # by topic
     undecodable = 0
     for message in contents.messages():
         topic = message.topic
         if (sink := sinks.get(topic.name)) is None or sink[0] is not topic:
-            sink = sinks[topic.name] = (topic, *_sink(bag, topic, decoders))
-        _, decoder, samples = sink
-        if samples is None:
+            sink = sinks[topic.name] = (topic, _sink(bag, topic, decoders))
+        take = sink[1]
+        if take is None:
             continue
         try:
-            stamp, values, terms = decoder.decode(message.data)  # type: ignore[union-attr]
-            samples.add(stamp, message.published, values, terms)
+            take(message)
         except Exception:  # noqa: BLE001 (damage may raise anything)
             undecodable += 1
     for file in contents.files:
@@ -172,26 +191,43 @@ def load(path: Path | str, *, messages: bool = True) -> Bag:
 
 def _sink(
     bag: Bag, topic: Topic, decoders: dict[tuple[str, str], _Decoder | None]
-) -> tuple[_Decoder | None, Samples | None]:
-    """Return the decoder of a topic's messages and the samples that take them, or None for each."""
+) -> Callable[[Message], None] | None:
+    """Return what takes a topic's messages into the bag; None if they are not read."""
     namespace, _, name = topic.name.rpartition('/')
-    if topic.type != MESSAGE_TYPES.get(name):
-        return None, None
+    is_event = (topic.name, topic.type) == (EVENTS, EVENT_TYPE)
+    if not is_event and topic.type != MESSAGE_TYPES.get(name):
+        return None
     key = name, topic.definition
     if key not in decoders and len(decoders) < bounds.MAX_SCHEMAS:
         decoders[key] = None
         with suppress(Exception):  # damage may raise anything
-            decoders[key] = _Decoder(name, topic)
-    # The states of a PID and of other controllers fill the same columns.
-    name = PID_STATE if name == CONTROLLER_STATE else name
-    samples = bag.samples[namespace or '/']
-    return decoders.get(key), samples.setdefault(name, Samples(len(TOPICS[name])))
+            decoders[key] = _Decoder(topic) if is_event else _StateDecoder(name, topic)
+    decoder = decoders.get(key)
+    if isinstance(decoder, _StateDecoder):
+        # The states of a PID and of other controllers fill the same columns.
+        name = PID_STATE if name == CONTROLLER_STATE else name
+        samples = bag.samples[namespace or '/'].setdefault(name, Samples(len(TOPICS[name])))
+        return partial(_add_sample, samples, decoder)
+    return partial(_add_event, bag.parameters, decoder) if decoder else _refuse
+
+
+def _refuse(message: Message) -> None:
+    raise ValueError(message.topic.definition)
+
+
+def _add_event(parameters: ParameterHistory, decoder: _Decoder, message: Message) -> None:
+    parameters.add(decoder.decode(message.data), message.published)
+
+
+def _add_sample(samples: Samples, decoder: _StateDecoder, message: Message) -> None:
+    stamp, values, terms = decoder.decode_state(message.data)
+    samples.add(stamp, message.published, values, terms)
 
 
 class _Decoder:
     """Decodes the messages of a topic by the bag's definition, which must agree with barc_sim's."""
 
-    def __init__(self, name: str, topic: Topic) -> None:
+    def __init__(self, topic: Topic) -> None:
         types = types_of(topic)
         for kind, (_, described) in types.items():
             ours = dict(store().fielddefs.get(kind, ((), ()))[1])
@@ -200,15 +236,26 @@ class _Decoder:
         self._type = topic.type
         self._store = get_typestore(Stores.EMPTY)
         self._store.register(types)
+
+    def decode(self, data: bytes) -> Any:  # noqa: ANN401 (of the topic's type)
+        """Return a message."""
+        if len(data) > bounds.MAX_MESSAGE:
+            raise ValueError('message')
+        return self._store.deserialize_cdr(data, self._type)
+
+
+class _StateDecoder(_Decoder):
+    """Decodes the messages that a log is made of."""
+
+    def __init__(self, name: str, topic: Topic) -> None:
+        super().__init__(topic)
         #: The prefix in the log of terms that a message names; None: it names none.
         self._prefix = {CONTROLLER_STATE: '', LANE_STATE: LANE}.get(name)
         self._fields = [*TOPICS[PID_STATE if name == CONTROLLER_STATE else name]]
 
-    def decode(self, data: bytes) -> tuple[int, Iterable[float], Mapping[str, float]]:
+    def decode_state(self, data: bytes) -> tuple[int, Iterable[float], Mapping[str, float]]:
         """Return a message's stamp [ns], the values of its fields, and the terms that it names."""
-        if len(data) > bounds.MAX_MESSAGE:
-            raise ValueError('message')
-        decoded: Any = self._store.deserialize_cdr(data, self._type)
+        decoded = self.decode(data)
         terms: dict[str, float] = {}
         if self._prefix is not None:
             pairs = zip(decoded.names, decoded.values.tolist(), strict=True)
@@ -317,6 +364,29 @@ def join(samples: Mapping[str, Samples]) -> Log:
     for topic in samples:
         terms |= samples[topic].terms(places[topic])
     return log_of_columns(kind, terms | {name: columns[name] for name in kind.declared})
+
+
+class Decided(NamedTuple):
+    """When the command for each state was decided [ns], shape `(n,)`, by times of publication."""
+
+    answered: NDArray[np.uint64]  #: by the controller; without an answer, as `stepped`
+    stepped: NDArray[np.uint64]  #: by the simulator, which then takes the step
+
+
+def decided(samples: Mapping[str, Samples]) -> Decided:
+    """Return when the command for each state of a log was decided."""
+    states = samples[STATE].rows[samples[STATE].first()]
+    # At the latest the next state was published; nothing follows the last one.
+    times = np.append(states['published'][1:], np.uint64(_LATEST))
+    columns = []
+    for topic in (APPLIED_COMMAND, COMMAND):
+        if topic in samples:
+            at = samples[topic].at(states['stamp'])
+            published = np.append(samples[topic].rows['published'], np.uint64(0))[at]
+            times = np.where(at < 0, times, np.minimum(published, times))
+        columns.append(times)
+    stepped, answered = columns
+    return Decided(answered, stepped)
 
 
 @np.errstate(invalid='ignore')  # of infinite places

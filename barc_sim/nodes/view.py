@@ -19,8 +19,6 @@ from barc_sim.cli.parser import MAX_PORT
 from barc_sim.errors import Parameter, UserError
 from barc_sim.page.feed import DEPTH, SUBSCRIBED, Feed
 from barc_sim.page.protocol import (
-    CONTROLLER,
-    SIMULATOR,
     Pause,
     Press,
     RunFacts,
@@ -29,7 +27,7 @@ from barc_sim.page.protocol import (
 )
 from barc_sim.page.run_page import RunPage
 from barc_sim.ros.node_helpers import declare, to_twist
-from barc_sim.simulation.log import MESSAGE_TYPES
+from barc_sim.simulation.log import CONTROLLER, MESSAGE_TYPES, SIMULATOR
 
 if TYPE_CHECKING:
     from barc_sim.control.driver import DriverInput

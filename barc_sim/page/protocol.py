@@ -18,9 +18,11 @@ from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE, Gain
 from barc_sim.simulation.log import (
     COMMAND,
+    CONTROLLER,
     ENVIRONMENT,
     LANE_STATE,
     PID_STATE,
+    SIMULATOR,
     TRACK_STATE,
     columns_of,
 )
@@ -63,7 +65,6 @@ CAR = {
     'motor_delay': Gain(0.0, 's', 'delay of the motor', 0.5),
     'motor_limit': Gain(0.0, 'm/s²', 'limit of the motor, 0: none', 20.0),
 }
-CONTROLLER, SIMULATOR = 'controller', 'vehicle_simulator'
 _OF_RUN = ('road', 'distance', 'laps')
 #: Short names of the sliders, if they differ from the parameter's.
 _SHORT = {

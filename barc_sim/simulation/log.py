@@ -37,6 +37,8 @@ PID_STATE = 'pid_state'
 CONTROLLER_STATE = 'controller_state'
 #: the stamp of each state, where the real-time factor is not 1, and with --clock
 CLOCK = '/clock'
+#: The nodes whose parameters a log has.
+CONTROLLER, SIMULATOR = 'controller', 'vehicle_simulator'
 #: the true place on the track, where there is one
 TRACK_STATE = 'track_vhcl'
 LANE_STATE = 'lane_state'
@@ -139,11 +141,14 @@ class Log:
     #: The terms of a controller other than a PID [m/s²], by name, each of shape `(n,)`; and the
     #: terms of a steering law that a `TrackLog` lacks, whose names begin with 'lane.'.
     own_terms: Mapping[str, Floats] = field(default_factory=dict)
+    #: Parameters over time, each of shape `(n,)`, by node and name, such as 'controller.kp': those
+    #: of a recorded run that are numbers and can be changed while it drives.
+    parameters: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Raise ValueError unless every array has one dimension and as many elements as `t`."""
         expected = (np.size(self.t),)
-        for name, values in self.columns().items():
+        for name, values in {**self.columns(), **self.parameters}.items():
             if np.shape(values) != expected:
                 raise ValueError(f'{name} has shape {np.shape(values)}, expected {expected}')
 
@@ -152,14 +157,15 @@ class Log:
         return len(self.t)
 
     def columns(self) -> dict[str, Floats | Flags]:
-        """Return all arrays by name, those of `own_terms` last."""
+        """Return all arrays by name, those of `own_terms` last; `parameters` are apart."""
         return {name: getattr(self, name) for name in self.declared} | dict(self.own_terms)
 
     def map(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> Self:
         """Return a log of `function(column)` for each column, such as some of its rows."""
         own = {name: function(values) for name, values in self.own_terms.items()}
+        parameters = {name: function(values) for name, values in self.parameters.items()}
         columns = {name: function(getattr(self, name)) for name in self.declared}
-        return replace(self, **columns, own_terms=own)
+        return replace(self, **columns, own_terms=own, parameters=parameters)
 
     @property
     def terms(self) -> dict[str, Floats]:
@@ -200,14 +206,16 @@ class Log:
         return self.reference - self.speed
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a DataFrame of all columns; `attrs['units']` has their units by name.
+        """Return a DataFrame of all columns and parameters; `attrs['units']` has units by name.
 
         Raises
         ------
         UserError
             if pandas is not installed.
         """
-        frame: pd.DataFrame = extra('pandas', 'to_frame', 'pandas').DataFrame(self.columns())
+        frame: pd.DataFrame = extra('pandas', 'to_frame', 'pandas').DataFrame(
+            {**self.columns(), **self.parameters}
+        )
         units = {name: column.unit for name, column in self.declared.items()}
         own = {name: '' if name.startswith(LANE) else 'm/s²' for name in self.own_terms}
         frame.attrs['units'] = own | units
@@ -222,7 +230,10 @@ class Log:
         return barc_sim.plot(self, *others, labels=labels, ax=ax)
 
     def __eq__(self, other: object) -> bool:
-        """Return whether both have the same columns with the same values, NaN for NaN."""
+        """Return whether both have the same columns with the same values, NaN for NaN.
+
+        Parameters do not count: two runs are equal if the same happened in both.
+        """
         if not isinstance(other, Log):
             return NotImplemented
         ours, theirs = self.columns(), other.columns()
