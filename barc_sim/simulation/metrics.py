@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.control.lane import STEERING_LIMIT
+from barc_sim.control.cruise_control import LIMIT, PROFILE, SPEED
+from barc_sim.control.lane import LANE, STEERING_LIMIT
+from barc_sim.simulation.log import CONTROLLER, TrackLog
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from barc_sim.simulation.log import Log, TrackLog
+    from barc_sim.simulation.log import Log
 
     Floats = NDArray[np.float64]
 
@@ -33,6 +35,10 @@ _MAX_LAPS = 10_000  #: that are kept: those of three days
 _MAX_ROWS = 8  #: of a table of laps
 _MAX_INTERVAL = 1.0  #: [s] between two states of a recorded run, unless time was set anew
 _NEAR = 1e-6  #: [m], [m/s] within which the car is at rest at its start
+_SETTLED = 0.25  #: [s] that settings must hold to be shown for a lap
+_MAX_CHANGES = 3  #: values of a parameter that are shown for a lap
+#: Parameters of the controller that are no gains.
+_NO_GAINS = {each.name for each in (SPEED, LIMIT, *PROFILE)}
 #: Headings of a table of laps of a track, `TrackLap.cells`.
 LAP_HEADINGS = ('lap', 'time', 'RMS e_y', 'max |e_y|', 'steering')
 #: Time [s], distance along and across [m], speed [m/s].
@@ -180,6 +186,7 @@ class Laps:
         # Of each state t, distance, speed, reference and theta_deg.
         self._states = array('d')
         self._number = 0
+        self._is_over = False
         self._start: _Place = (nan, 0.0, 0.0, 0.0)
         self._before = self._start
 
@@ -215,10 +222,18 @@ class Laps:
         columns = np.frombuffer(self._states.tobytes()).reshape(-1, 5).T
         return Lap(self._number, start[0], end[0], start[1], end[1], _summary(*columns))
 
+    def end(self) -> None:
+        """End the run: from now on the present lap can be the best one, too."""
+        self._is_over = True
+
     @property
     def best(self) -> Lap | None:
-        """The finished lap with the minimum RMS error among those that are long enough."""
-        laps = [lap for lap in self.finished if isfinite(lap.summary.rms_error_after_run_up)]
+        """The lap with the minimum RMS error among those that are long enough.
+
+        The present lap counts only once the run has ended; a run of one lap has no best one.
+        """
+        candidates = [*self] if self._is_over and self.finished else self.finished
+        laps = [lap for lap in candidates if isfinite(lap.summary.rms_error_after_run_up)]
         longest = max((lap.length for lap in laps), default=0.0)
         whole = [lap for lap in laps if lap.length >= _WHOLE * longest]
         return min(whole, key=lambda lap: lap.summary.rms_error_after_run_up, default=None)
@@ -244,7 +259,93 @@ def laps_of(log: Log) -> tuple[Laps, list[int]]:
     laps = Laps(_MAX_INTERVAL)
     columns = (log.t, log.distance, log.across, log.speed, log.reference, log.theta_deg)
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    return laps, [laps.add(*row) for row in rows]
+    numbers = [laps.add(*row) for row in rows]
+    laps.end()
+    return laps, numbers
+
+
+class Setting(NamedTuple):
+    """Values of parameters, and when they held."""
+
+    values: Mapping[str, float]
+    start: float  #: [s] of the first state with them
+    end: float  #: [s] of the last one
+
+
+class LapSettings:
+    """Takes the settings at the states of a run, such as gains; gives those of each lap.
+
+    Settings that held for less than 0.25 s of a lap are left out, unless no other held longer: a
+    preset changes one gain after the other, and is chosen just before the next lap begins.
+    """
+
+    def __init__(self) -> None:
+        """Begin without laps."""
+        self._laps: dict[int, list[Setting]] = {}
+
+    def add(self, lap: int, t: float, values: Mapping[str, float]) -> None:
+        """Take the settings at a state of a lap, at `t` [s]; states without a change may lack."""
+        settings = self._laps.setdefault(lap, [])
+        if settings and settings[-1].values == values:
+            settings[-1] = settings[-1]._replace(end=t)
+        else:
+            settings.append(Setting(dict(values), t, t))
+
+    def of(self, lap: int) -> list[Mapping[str, float]]:
+        """Return the settings that a lap had, in their order."""
+        settings = self._laps.get(lap, [])
+        shortest = min(_SETTLED, max((each.end - each.start for each in settings), default=0.0))
+        kept = [each.values for each in settings if each.end - each.start >= shortest]
+        return [values for k, values in enumerate(kept) if k == 0 or values != kept[k - 1]]
+
+    def text(self, lap: int) -> str:
+        """Return the settings of a lap in words, such as `kp 2 → 4, ki 0`; empty if unknown."""
+        return settings_text(self.of(lap))
+
+
+def settings_text(settings: Sequence[Mapping[str, float]]) -> str:
+    """Return settings that followed one another in words, such as `kp 2 → 4, ki 0`."""
+    names = dict.fromkeys(name for values in settings for name in values)
+    parts = []
+    for name in names:
+        texts = [f'{values[name]:g}' for values in settings if name in values]
+        changes = [text for k, text in enumerate(texts) if k == 0 or text != texts[k - 1]]
+        if len(changes) > _MAX_CHANGES:
+            changes = [changes[0], '…', changes[-1]]
+        if changes:
+            parts.append(f'{name} {" → ".join(changes)}')
+    return ', '.join(parts)
+
+
+def settings_of(log: Log) -> dict[str, Floats]:
+    """Return the gains of a recorded run over time, by name, and what else was changed in it.
+
+    They are the gains of the speed controller, or on a track those of the steering law.
+    """
+    on_track = isinstance(log, TrackLog)
+    columns = {}
+    for full_name, values in log.parameters.items():
+        node, _, name = full_name.partition('.')
+        is_gain = node == CONTROLLER and name not in _NO_GAINS and name.startswith(LANE) == on_track
+        known = values[~np.isnan(values)]
+        if is_gain or (known.size and np.ptp(known) > 0.0):
+            columns[name.removeprefix(LANE)] = values
+    return columns
+
+
+def lap_settings_of(log: Log, numbers: Sequence[int]) -> LapSettings:
+    """Return the settings of each lap of a recorded run; `numbers` has the lap of each state."""
+    columns = settings_of(log)
+    rows = np.array([numbers, *columns.values()])
+    changes = (rows[:, 1:] != rows[:, :-1]) & ~(np.isnan(rows[:, 1:]) & np.isnan(rows[:, :-1]))
+    first = [0, *(np.flatnonzero(changes.any(axis=0)) + 1).tolist(), len(numbers)]
+    laps = LapSettings()
+    for begin, end in pairwise(first):
+        values = {name: float(column[begin]) for name, column in columns.items()}
+        known = {name: value for name, value in values.items() if not isnan(value)}
+        for k in (begin, end - 1):
+            laps.add(int(numbers[k]), float(log.t[k]), known)
+    return laps
 
 
 class TrackLap(NamedTuple):
