@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from io import BytesIO
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib import style
@@ -35,10 +35,14 @@ from barc_sim.figures.style import (
     speed_limits,
     use_measurement,
 )
-from barc_sim.figures.track_figure import track_figure
+from barc_sim.figures.track_figure import OTHER, draw_table, track_figure
 from barc_sim.simulation import metrics
 from barc_sim.simulation.log import COLUMNS, Log, TrackLog
-from barc_sim.simulation.metrics import laps_of
+from barc_sim.simulation.metrics import (
+    changes_of,
+    lap_settings_of,
+    laps_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,8 +52,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _POSITION = 'Position along the road [m]'
-JUMP = 5.0  #: [m] A car that moves more between two states was reset to the start.
 _SHOWN = 120  # maximum length of a setting
+_INCHES = 0.85  #: [inch] of a chart's share of the height
+_ROW_INCHES = 0.24  #: [inch] of a row of the table
+_TABLE_WIDTHS = (0.08, 0.1, 0.12, 0.12, 0.11, 0.11, 0.36)  #: shares
+_MAX_GAINS = 46  #: characters
 
 
 class NotebookFigure(Figure):
@@ -85,7 +92,8 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     names = [*labels, *(f'run {k}' for k in range(len(labels) + 1, len(logs) + 1))][: len(logs)]
     if ax is not None:
         for log, name, color in zip(logs, names, cycle(RUN_COLOURS), strict=False):
-            _draw_speed(ax, _broken(use_measurement(log)), name, color)
+            curve = _Line(_broken(use_measurement(log)), name, color, color)
+            _draw_speed(ax, curve, has_reference=True)
         ax.set_xlabel(_POSITION)
         ax.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
         return ax.figure
@@ -94,6 +102,25 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     if len(on_track) == len(logs):
         return track_figure(*on_track, labels=names, title=title, figure=NotebookFigure())
     return speed_figure(*logs, labels=names, title=title, figure=NotebookFigure())
+
+
+class _Line(NamedTuple):
+    """A run, a lap, or several laps as one broken line, in each of the charts."""
+
+    log: Log
+    name: str  #: in the legend
+    speed: str  #: colour of the line in the chart of speed and error
+    command: str  #: colour
+    width: float = 1.4  #: [pt] of the speed's line
+
+
+class _LapLines(NamedTuple):
+    """The laps of a run that has several."""
+
+    curves: list[_Line]  #: the others, the last one, and the best one
+    shown: Log  #: the best lap
+    rows: list[tuple[str, ...]]  #: of the table, its headings first
+    colors: dict[int, str]  #: of rows of the table
 
 
 @style.context(STYLE)
@@ -106,34 +133,49 @@ def speed_figure(
 ) -> Figure:
     """Draw speed, speed error, grade and command of runs over the position.
 
-    The error is drawn after the run-up, unless the run is shorter or has no reference (NaN).
-    Several runs have a line each, with their `labels`. `title` and `settings` are the two lines of
-    the heading. `figure` must be empty; its size is set here.
+    The error is drawn after the run-up, unless the run is shorter or has no reference (NaN). The
+    laps of a single run have their own lines, the best one and the last one in colour, and a table
+    with the errors and the gains of each. Several runs have a line each, with their `labels`.
+    `title` and `settings` are the two lines of the heading. `figure` must be empty; its size is set
+    here.
     """
-    runs = [_broken(use_measurement(log)) for log in logs]
+    runs = [use_measurement(log) for log in logs]
+    is_single = len(runs) == 1
+    laps = _laps_of(runs[0]) if is_single else None
+    if laps:
+        curves = laps.curves
+    elif is_single:
+        curves = [_Line(runs[0], 'speed', BLUE, GREEN, 2.0)]
+    else:
+        curves = [
+            _Line(_broken(log), name, color, color)
+            for log, name, color in zip(runs, labels, cycle(RUN_COLOURS), strict=False)
+        ]
     figure = figure or Figure()
-    figure.set_size_inches(9.6, 8.4)
-    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
-    heights = [4, 1.8, 1.4, 1.6] if any(map(_has_error, runs)) else [4, 1.4, 1.6]
-    speed, *error, grade, command = figure.subplots(
-        len(heights), 1, sharex=True, height_ratios=heights
-    )
-    looks: list[tuple[str, ...]] = [('', BLUE, MUTED, GREEN)]
-    if len(runs) > 1:
-        looks = [(name, *[color] * 3) for name, color in zip(labels, cycle(RUN_COLOURS))]
-    for log, (name, color, of_grade, of_command) in zip(runs, looks, strict=True):
+    speed, error, grade, command, table = _panels(figure, runs, len(laps.rows) if laps else 0)
+
+    for curve in curves:
+        log = curve.log
         steps: dict[str, Any] = {'where': 'post', 'marker': _marker(log), 'lw': 1.2}
-        _draw_speed(speed, log, name, color)
-        for axes in error:  # during the run-up it is too large for the chart
+        _draw_speed(speed, curve, has_reference=not (is_single or laps))
+        if error:
+            # During the run-up it is too large for the chart.
             values = np.where(log.distance >= metrics.RUN_UP, log.speed_error, np.nan)
-            axes.plot(log.distance, values, color=color, lw=1.4)
-            axes.axhline(0.0, color=GREY, lw=0.8)
-            axes.set_ylabel('Error [m/s]')
-        grade.step(log.distance, log.theta_deg, color=of_grade, **steps)
-        command.step(log.distance, log.motor, color=of_command, **steps)
-    if len(runs) == 1:
-        _add_details(runs[0], speed, grade, command)
+            error.plot(log.distance, values, color=curve.speed, lw=1.4)
+        grade.step(log.distance, log.theta_deg, color=MUTED if is_single else curve.speed, **steps)
+        command.step(log.distance, log.motor, color=curve.command, **steps)
+    if error:
+        error.axhline(0.0, color=GREY, lw=0.8)
+        error.set_ylabel('Error [m/s]')
+    if is_single:
+        shown = laps.shown if laps else runs[0]
+        _draw_reference(speed, _broken(runs[0]), 'reference', 1.2)
+        _add_details(runs[0], shown, speed, grade, command)
+    if laps and table:
+        draw_table(table, laps.rows, _TABLE_WIDTHS[: len(laps.rows[0])], laps.colors)
+    if is_single and not laps:
         figure.supxlabel(_caption(logs[0]), x=0.99, ha='right', fontsize=9, color=MUTED)
+
     _name_position(command, *runs)
     speed.set_ylabel('Speed [m/s]')
     grades = np.concatenate([log.theta_deg for log in runs])
@@ -143,9 +185,70 @@ def speed_figure(
     # The heading's second line and the legend are above the axes, the title is above both.
     speed.set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
     speed.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
-    speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.06), ncols=3, borderaxespad=0.0)
-    figure.align_ylabels()
+    speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.06), ncols=4, borderaxespad=0.0)
+    figure.align_ylabels([axes for axes in (speed, error, grade, command) if axes])
     return figure
+
+
+def _panels(
+    figure: Figure, runs: Sequence[Log], rows: int
+) -> tuple[Axes, Axes | None, Axes, Axes, Axes | None]:
+    """Return the charts of speed, error, grade and command, and a table of so many rows.
+
+    There is no chart of an error that is unknown, and no table without rows.
+    """
+    heights = [4.0, 1.8, 1.4, 1.6] if any(map(_has_error, runs)) else [4.0, 1.4, 1.6]
+    height = 0.9 + _INCHES * sum(heights)
+    count = len(heights)
+    if rows:
+        heights.append((_ROW_INCHES * rows + 0.1) / _INCHES)
+        height += _ROW_INCHES * rows + 0.3
+    figure.set_size_inches(9.6, height)
+    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    charts = [figure.add_subplot(grid[0])]
+    charts += [figure.add_subplot(grid[k], sharex=charts[0]) for k in range(1, count)]
+    for axes in charts[:-1]:
+        axes.tick_params(labelbottom=False)
+    speed, *error, grade, command = charts
+    table = figure.add_subplot(grid[count]) if rows else None
+    return speed, error[0] if error else None, grade, command, table
+
+
+def _laps_of(run: Log) -> _LapLines | None:
+    """Return the laps of a run; None if it has only one."""
+    laps, numbers = laps_of(run)
+    if not laps.finished:
+        return None
+    settings = lap_settings_of(run, numbers)
+    best, last = laps.best or laps.current, laps.current
+    of_lap = np.array(numbers)
+
+    def lap_of(number: int) -> Log:
+        return run.map(lambda column: column[of_lap == number])
+
+    words = ['best'] * bool(laps.best) + ['last'] * (best.number == last.number)
+    name = f'lap {best.number + 1}, {" and ".join(words)}'
+    curves = [_Line(lap_of(best.number), name, BLUE, BLUE, 2.0)]
+    colors = {best.number: BLUE}
+    if last.number != best.number:
+        name = f'lap {last.number + 1}, last'
+        curves.insert(0, _Line(lap_of(last.number), name, VERMILLION, VERMILLION))
+        colors[last.number] = VERMILLION
+    if not {*numbers} <= colors.keys():
+        others = _broken(run.map(lambda column: column[~np.isin(of_lap, [*colors])]))
+        name = 'other lap' if len({*numbers}) == len(colors) + 1 else 'other laps'
+        curves.insert(0, _Line(others, name, OTHER, OTHER, 1.0))
+
+    headings: tuple[str, ...] = metrics.ROAD_LAP_HEADINGS
+    rows = [lap.cells for lap in laps.rows]
+    gains = [settings.text(lap.number) for lap in laps.rows]
+    if any(gains):
+        texts = [textwrap.shorten(text, _MAX_GAINS, placeholder=' …') for text in gains]
+        headings = (*headings, 'gains')
+        rows = [(*cells, text) for cells, text in zip(rows, texts, strict=True)]
+    of_row = {k: colors[lap.number] for k, lap in enumerate(laps.rows, 1) if lap.number in colors}
+    return _LapLines(curves, curves[-1].log, [headings, *rows], of_row)
 
 
 def _name_position(axes: Axes, *logs: Log) -> None:
@@ -158,19 +261,21 @@ def _name_position(axes: Axes, *logs: Log) -> None:
 def run_figure(log: Log, info: Mapping[str, str], title: str, figure: Figure | None) -> Figure:
     """Draw a run with its metadata: over the road, on its track, or from above if by hand."""
     if isinstance(log, TrackLog):
-        return track_figure(log, title=title, settings=settings(info), figure=figure)
+        return track_figure(log, title=title, settings=settings(info, log), figure=figure)
     if is_by_hand(log):
         return drive_figure(log, title=title, figure=figure)
-    return speed_figure(log, title=title, settings=settings(info), figure=figure)
+    return speed_figure(log, title=title, settings=settings(info, log), figure=figure)
 
 
-def settings(info: Mapping[str, str]) -> str:
-    """Return road or track, and the gains in a run's metadata, in one line."""
-    return ' · '.join(
-        f'{key} {textwrap.shorten(info[key], _SHOWN, placeholder=" …")}'
+def settings(info: Mapping[str, str], log: Log) -> str:
+    """Return road or track, and the gains of a run with its metadata, in one line."""
+    texts = {
+        key: f'{key} {info[key]}'
         for key in ('track' if 'track' in info else 'road', 'lane', *GAINS)
         if key in info
-    )
+    }
+    texts |= changes_of(log)
+    return ' · '.join(textwrap.shorten(text, _SHOWN, placeholder=' …') for text in texts.values())
 
 
 @style.context(STYLE)
@@ -229,14 +334,26 @@ def _broken(log: Log) -> Log:
     )
 
 
-def _draw_speed(axes: Axes, log: Log, name: str, color: str) -> None:
-    """Draw the true speed and the reference; the reference has a label only in a single run."""
-    widths = (1.4, 0.8) if name else (2.0, 1.2)
-    line: dict[str, Any] = {'color': color, 'lw': widths[0], 'marker': _marker(log)}
-    axes.plot(log.distance, log.speed, label=name or 'speed', **line)
+def _draw_speed(axes: Axes, curve: _Line, *, has_reference: bool) -> None:
+    """Draw the true speed, and perhaps the reference, which then has no name in the legend."""
+    log = curve.log
+    axes.plot(
+        log.distance,
+        log.speed,
+        label=curve.name,
+        color=curve.speed,
+        lw=curve.width,
+        marker=_marker(log),
+    )
+    if has_reference:
+        _draw_reference(axes, log, '', 0.8)
+
+
+def _draw_reference(axes: Axes, log: Log, name: str, width: float) -> None:
+    """Draw the reference, if there is one."""
     if not np.all(np.isnan(log.reference)):
-        line |= {'color': INK, 'lw': widths[1], 'ls': DASHES}
-        axes.plot(log.distance, log.reference, label='' if name else 'reference', **line)
+        line: dict[str, Any] = {'color': INK, 'lw': width, 'ls': DASHES, 'marker': _marker(log)}
+        axes.plot(log.distance, log.reference, label=name, **line)
 
 
 def _has_error(log: Log) -> bool:
@@ -244,17 +361,17 @@ def _has_error(log: Log) -> bool:
     return bool(np.isfinite(log.speed_error[log.distance >= metrics.RUN_UP]).any())
 
 
-def _add_details(log: Log, speed: Axes, grade: Axes, command: Axes) -> None:
-    """Add the details of a single run: measured speed, ground and missed deadlines."""
-    if np.nan_to_num(log.e_v_x).any():  # NaN between two laps
+def _add_details(log: Log, shown: Log, speed: Axes, grade: Axes, command: Axes) -> None:
+    """Add the details of a single run; ground and measured speed are those of the `shown` lap."""
+    if np.any(shown.e_v_x):
         speed.plot(
-            log.distance, log.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured', zorder=1.9
+            shown.distance, shown.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured', zorder=1.9
         )
     if np.min(log.speed) < 0.0:
         speed.axhline(0.0, color=GREY, lw=0.8)
     if _has_error(log):
         speed.set_ylim(*speed_limits(log))
-    grade.fill_between(log.distance, log.theta_deg, step='post', color=EARTH)
+    grade.fill_between(shown.distance, shown.theta_deg, step='post', color=EARTH)
     if missed := np.count_nonzero(log.missed):
         label = f'{missed} missed deadline' + ('s' if missed > 1 else '')
         marks: dict[str, Any] = {
@@ -285,14 +402,16 @@ def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> 
     figure = figure or Figure()
     figure.set_size_inches(9.6, 9.6)
     figure.set_layout_engine('constrained')
-    jumps = np.hypot(np.diff(log.distance), np.diff(log.across)) > JUMP
-    speed = (_without_jumps(log.speed, jumps), BLUE, 'Speed [m/s]')
+    resets = np.diff(laps_of(log)[1]) > 0
+    speed = (_without_jumps(log.speed, resets), BLUE, 'Speed [m/s]')
     if np.nan_to_num(log.servo).any():
-        degrees = np.degrees(np.unwrap(np.nan_to_num(log.psi - log.e_epsi)))
-        heading = (_without_jumps(degrees, jumps), INK, 'Heading [°]')
+        turns = np.split(np.nan_to_num(log.psi - log.e_epsi), np.flatnonzero(resets) + 1)
+        # The heading is unwrapped from each reset on: a reset turns the car back to 0°.
+        degrees = np.degrees(np.concatenate([np.unwrap(each) for each in turns]))
+        heading = (_without_jumps(degrees, resets), INK, 'Heading [°]')
         drawn = [heading, speed, (np.degrees(log.servo), GREEN, 'Steering [°]')]
         top, *charts = figure.subplots(4, 1, height_ratios=[4.0, 1.4, 1.4, 1.4])
-        draw_path(top, *(_without_jumps(values, jumps) for values in (log.distance, log.across)))
+        draw_path(top, *(_without_jumps(values, resets) for values in (log.distance, log.across)))
     else:
         drawn = [speed, (log.motor, GREEN, 'Command [m/s²]')]
         top, _ = charts = [*figure.subplots(2, 1)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import cycle
+from textwrap import shorten
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -24,14 +25,15 @@ from barc_sim.figures.style import (
     MUTED,
     RUN_COLOURS,
     STYLE,
+    VERMILLION,
     limits,
     speed_limits,
     use_measurement,
 )
-from barc_sim.simulation.metrics import LAP_HEADINGS, track_laps_of
+from barc_sim.simulation.metrics import LAP_HEADINGS, lap_settings_of, track_laps_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
 
     from barc_sim.control.planning import Limits
     from barc_sim.simulation.log import TrackLog
-    from barc_sim.simulation.metrics import TrackLaps
+    from barc_sim.simulation.metrics import LapSettings, TrackLap, TrackLaps
     from barc_sim.vehicle.track import Track
 
     Floats = NDArray[np.float64]
@@ -48,8 +50,13 @@ if TYPE_CHECKING:
 TRACK_SIZE = (12.0, 7.6)  #: [inch]
 TRACK_GROUND = '#F1F1EE'
 _BENT = 0.9  #: If arcs fill at least this share of a lap, as on a racing line, none is shaded.
-_OTHER = '#A9B4BD'  #: colour of the laps beside the best one
-_SHOWN_LINE: dict[str, Any] = {'color': BLUE, 'lw': 1.8}
+OTHER = '#A9B4BD'  #: colour of the laps beside the best and the last one
+_BEST: dict[str, Any] = {'color': BLUE, 'lw': 1.8}
+_LAST: dict[str, Any] = {'color': VERMILLION, 'lw': 1.4}
+_OTHERS: dict[str, Any] = {'color': OTHER, 'lw': 1.0}
+_WIDTHS = (0.25, 0.15, 0.16, 0.17, 0.27)  #: of the table's columns, as shares
+_WIDTHS_WITH_GAINS = (0.1, 0.12, 0.13, 0.13, 0.21, 0.31)
+_MAX_GAINS = 28  #: characters
 _ARC: dict[str, Any] = {'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
 
 
@@ -71,22 +78,44 @@ _CHARTS: tuple[tuple[str, Callable[[TrackLog], Floats], float, float], ...] = (
 )
 
 
-def _laps_of(log: TrackLog) -> tuple[list[_Curve], TrackLaps]:
-    """Return the curves of a run, its best lap last, and the times and errors of its laps."""
+class _TrackRun(NamedTuple):
+    """A run on a track, as it is drawn."""
+
+    curves: list[_Curve]  #: the best lap is the last one
+    laps: TrackLaps
+    settings: LapSettings
+
+    @property
+    def shown(self) -> TrackLap:
+        """The lap in front: the best one, or the only one."""
+        return self.laps.best or self.laps.current
+
+
+def _laps_of(log: TrackLog) -> _TrackRun:
+    """Return a run's laps: the others in grey, the last finished one and the best in colour."""
     laps, numbers = track_laps_of(log)
+    settings = lap_settings_of(log, numbers)
     _, first = np.unique(numbers, return_index=True)
     start = np.fmin.reduceat(log.s, first)[numbers]  # of each lap, if the track is unknown
     if log.track:
         start = log.lap * (log.track.length if log.track.is_closed else 0.0)
     place: Floats = log.s - start
+
+    def curve(name: str, line: dict[str, Any], number: int) -> _Curve:
+        rows = np.equal(numbers, number)
+        return _Curve(name, line, log.map(partial(np.compress, rows)), place[rows])
+
     shown = laps.best or laps.current
-    is_shown = np.equal(numbers, shown.number)
-    name = f'{"best lap" if laps.best else "lap"}: {shown.number + 1}'
-    best = _Curve(name, _SHOWN_LINE, log.map(partial(np.compress, is_shown)), place[is_shown])
-    if np.count_nonzero(~is_shown) <= 1:  # a run ends with one state behind the line
-        return [best], laps
-    place[first[1:]] = np.nan
-    return [_Curve('other laps', {'color': _OTHER, 'lw': 1.0}, log, place), best], laps
+    best = curve(f'{"best lap" if laps.best else "lap"}: {shown.number + 1}', _BEST, shown.number)
+    if np.count_nonzero(np.not_equal(numbers, shown.number)) <= 1:
+        return _TrackRun([best], laps, settings)  # a run ends with one state behind the line
+    curves = [best]
+    if laps.finished and laps.finished[-1].number != shown.number:
+        last = laps.finished[-1].number
+        curves.insert(0, curve(f'last lap: {last + 1}', _LAST, last))
+    others = place.copy()
+    others[first[1:]] = np.nan
+    return _TrackRun([_Curve('other laps', _OTHERS, log, others), *curves], laps, settings)
 
 
 @style.context(STYLE)
@@ -99,26 +128,12 @@ def track_figure(
 ) -> Figure:
     """Draw the path of a run from above, and errors, speed and steering over the lap.
 
-    The best lap is in front; a table lists all laps. For several runs, with their `labels`, only
-    the best laps are drawn. `title` and `settings` are the two lines of the heading. `figure` must
-    be empty.
+    The best lap is in front; a table lists the laps, with the gains that each had. For several
+    runs, with their `labels`, only the best laps are drawn. `title` and `settings` are the two
+    lines of the heading. `figure` must be empty.
     """
     runs = [*map(use_measurement, logs)]
     results = [_laps_of(each) for each in runs]
-    bests = [laps.best or laps.current for _, laps in results]
-    is_single = len(runs) == 1
-    if is_single:
-        [(curves, laps)] = results
-        table = [LAP_HEADINGS, *(lap.cells for lap in laps.rows)]
-    else:
-        curves = [
-            own[-1]._replace(name=name, line={'color': color, 'lw': 1.6})
-            for (own, _), name, color in zip(results, labels, cycle(RUN_COLOURS), strict=False)
-        ]
-        table = [('best lap of', *LAP_HEADINGS[1:])]
-        for name, lap in zip(labels, bests, strict=True):
-            shown = name if lap.is_finished else f'{name}, not finished'
-            table.append((shown, *lap.cells[1:]))
     figure = figure or Figure()
     figure.set_size_inches(TRACK_SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.06)
@@ -127,8 +142,16 @@ def track_figure(
     charts = [figure.add_subplot(grid[0, 1])]
     charts += [figure.add_subplot(grid[row, 1], sharex=charts[0]) for row in (1, 2, 3)]
     track = next((log.track for log in runs if log.track), None)
+    if len(runs) == 1:
+        curves = results[0].curves
+        _draw_laps(below, results[0])
+    else:
+        curves = [
+            each.curves[-1]._replace(name=name, line={'color': color, 'lw': 1.6})
+            for each, name, color in zip(results, labels, cycle(RUN_COLOURS), strict=False)
+        ]
+        _draw_bests(below, results, labels)
     _draw_map(seen, track, curves)
-    _draw_table(below, table, bests[0].cells if is_single else ())
     _draw_charts(charts, curves, track)
     ends = [end for each in runs for end in speed_limits(each)]
     charts[2].set_ylim(min(ends), max(ends))
@@ -140,6 +163,35 @@ def track_figure(
     seen.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
     figure.align_ylabels(charts)
     return figure
+
+
+def _draw_laps(axes: Axes, result: _TrackRun) -> None:
+    """Draw the table of a run's laps."""
+    laps = result.laps.rows
+    rows = [lap.cells for lap in laps]
+    headings: tuple[str, ...] = LAP_HEADINGS
+    widths: tuple[float, ...] = _WIDTHS
+    gains = [result.settings.text(lap.number) for lap in laps]
+    if any(gains):
+        texts = [shorten(text, _MAX_GAINS, placeholder=' …') for text in gains]
+        headings, widths = (*headings, 'gains'), _WIDTHS_WITH_GAINS
+        rows = [(*cells, text) for cells, text in zip(rows, texts, strict=True)]
+    numbers = [lap.number for lap in laps]
+    colors = {}
+    if len(result.curves) > 2:  # noqa: PLR2004 (others, last, best)
+        colors[1 + numbers.index(result.laps.finished[-1].number)] = VERMILLION
+    if result.shown.number in numbers:
+        colors[1 + numbers.index(result.shown.number)] = BLUE
+    draw_table(axes, [headings, *rows], widths, colors)
+
+
+def _draw_bests(axes: Axes, results: Sequence[_TrackRun], labels: Sequence[str]) -> None:
+    """Draw the table of the best laps of several runs."""
+    rows = []
+    for name, each in zip(labels, results, strict=True):
+        shown = name if each.shown.is_finished else f'{name}, not finished'
+        rows.append((shown, *each.shown.cells[1:]))
+    draw_table(axes, [('best lap of', *LAP_HEADINGS[1:]), *rows], _WIDTHS, {})
 
 
 def _draw_map(axes: Axes, track: Track | None, curves: list[_Curve]) -> None:
@@ -216,7 +268,7 @@ def line_figure(track: Track, line: Track, limits: Limits, title: str = '') -> F
     seen, above, below = (figure.add_subplot(cell) for cell in (grid[:, 0], grid[0, 1], grid[1, 1]))
     draw_course(seen, track)
     seen.set_aspect('equal', adjustable='datalim')
-    for each, name, color in ((track, 'centre line', _OTHER), (line, 'racing line', BLUE)):
+    for each, name, color in ((track, 'centre line', OTHER), (line, 'racing line', BLUE)):
         places, profile = each.samples(), speed_profile(each, *limits)
         speeds, pose = [profile(0.0, s) for s in places.tolist()], each.place(places)
         # The horizontal axis is the position on the centre line beside each point.
@@ -238,19 +290,19 @@ def line_figure(track: Track, line: Track, limits: Limits, title: str = '') -> F
     return figure
 
 
-def _draw_table(axes: Axes, rows: Sequence[Sequence[str]], best: Sequence[str]) -> None:
-    """Draw a table of the laps, whose first row has the headings; `best` is bold."""
+def draw_table(
+    axes: Axes,
+    rows: Sequence[Sequence[str]],
+    widths: Sequence[float],
+    colors: Mapping[int, str],
+) -> None:
+    """Draw a table, whose first row has the headings; rows with a color are bold."""
     axes.set_axis_off()
     table = axes.table(
-        [*rows],
-        colWidths=(0.25, 0.15, 0.16, 0.17, 0.27),
-        cellLoc='right',
-        edges='open',
-        loc='upper center',
+        [*rows], colWidths=[*widths], cellLoc='right', edges='open', loc='upper center'
     )
     table.auto_set_font_size(False)
     table.set_fontsize(9)
     for (k, _), cell in table.get_celld().items():
-        is_best = rows[k] == best
-        cell.get_text().set_color(BLUE if is_best else INK if k else MUTED)
-        cell.get_text().set_fontweight('bold' if is_best else 'normal')
+        cell.get_text().set_color(colors.get(k, INK if k else MUTED))
+        cell.get_text().set_fontweight('bold' if k in colors else 'normal')

@@ -7,6 +7,7 @@ import sys
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from itertools import chain
+from math import isnan
 from shutil import which
 from typing import IO, TYPE_CHECKING, Any, ClassVar, cast
 
@@ -21,7 +22,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Affine2D
 
 from barc_sim.errors import UserError
-from barc_sim.figures.run_figures import JUMP, is_by_hand
+from barc_sim.figures.run_figures import is_by_hand
 from barc_sim.figures.style import (
     BLUE,
     DASHES,
@@ -40,7 +41,7 @@ from barc_sim.figures.style import (
 )
 from barc_sim.figures.track_figure import draw_course
 from barc_sim.simulation.log import TrackLog
-from barc_sim.simulation.metrics import track_laps_of
+from barc_sim.simulation.metrics import laps_of, settings_of, settings_text, track_laps_of
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH
 from barc_sim.vehicle.road import Road
 
@@ -126,6 +127,17 @@ class RunView(ABC):
         self.duration = float(log.t[-1])  #: [s] from the run's first state to its last
         self._log = use_measurement(log)
         self.charted = self._log.speed
+        # A return to the start begins a lap: nothing is drawn between the two states.
+        numbers = laps_of(self._log)[1]
+        self._starts = np.flatnonzero(np.diff(numbers, prepend=-1))
+        self._settings = settings_of(self._log)
+
+    def _note(self, k: int, number: int) -> str:
+        """Return what is written beside the chart: the lap, if there are several, and the gains."""
+        now = {name: float(values[k]) for name, values in self._settings.items()}
+        gains = settings_text([{name: value for name, value in now.items() if not isnan(value)}])
+        lap = f'lap {number + 1}' if len(self._starts) > 1 else ''
+        return ': '.join(text for text in (lap, gains) if text)
 
     @abstractmethod
     def _draw_scene(self, axes: Axes) -> list[Artist]:
@@ -144,16 +156,19 @@ class RunView(ABC):
         """Move the artists to their places at `t` [s]; return the readings."""
         log = self._log
         k = int(np.searchsorted(log.t, t + 1e-9, side='right')) - 1
+        if k + 1 in self._starts:
+            t = float(log.t[k])
         along, speed, charted, x, y = (
             float(np.interp(t, log.t, values))
             for values in (self.along, log.speed, self.charted, *self.course)
         )
-        if k + 1 < len(log) and abs(log.distance[k + 1] - log.distance[k]) > JUMP:
-            x, y = (float(values[k]) for values in self.course)  # reset to the start
         self._here.set_data([x], [y])
+        number = int(np.searchsorted(self._starts, k, side='right')) - 1
+        lap = slice(self._starts[number], k + 1)
         self._trace.set_data(
-            np.append(self.along[: k + 1], along), np.append(self.charted[: k + 1], charted)
+            np.append(self.along[lap], along), np.append(self.charted[lap], charted)
         )
+        self._about.set_text(self._note(k, number))
         self._cursor.set_xdata([along, along])
         self._dot.set_data([along], [charted])
         return {
@@ -167,12 +182,15 @@ class RunView(ABC):
     def _draw_course(self, axes: Axes) -> None:
         """Draw the whole course."""
 
-    def _draw_chart(self, axes: Axes) -> list[Line2D]:
+    def _draw_chart(self, axes: Axes) -> list[Artist]:
         """Draw the chart; return its moving lines: values so far, reference, and cursor."""
         log = self._log
-        axes.plot(self.along, self.charted, color=AHEAD, lw=1.5)
+        for along, charted in zip(
+            np.split(self.along, self._starts), np.split(self.charted, self._starts), strict=True
+        ):
+            axes.plot(along, charted, color=AHEAD, lw=1.5)
         (self._trace,) = axes.plot([], [], color=BLUE, lw=2.2, label='speed')
-        lines = [self._trace]
+        lines: list[Artist] = [self._trace]
         if self.charted_name == RunView.charted_name and not np.isnan(log.reference).all():
             lines += axes.plot(
                 self.along, log.reference, color=INK, lw=1.0, ls=DASHES, label='reference'
@@ -184,7 +202,10 @@ class RunView(ABC):
         axes.set_xlim(*limits(self.along, share=0.01, minimum=1.0))
         axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
         axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-        return [*lines, self._cursor, self._dot]
+        self._about = axes.text(
+            0.0, -0.2, '', transform=axes.transAxes, va='top', color=MUTED, fontsize=9
+        )
+        return [*lines, self._cursor, self._dot, self._about]
 
     def _draw_readings(self, axes: Axes, title: str) -> dict[str, Text]:
         axes.set_axis_off()
@@ -334,9 +355,7 @@ class TopView(RunView):
         super().read(log)
         x, y, self._psi = self._log.true_pose
         self._path = np.column_stack([x, y])
-        jumps = np.hypot(*np.diff(self._path, axis=0).T) > JUMP
-        # A jump is not drawn: the state after it begins a new line.
-        self._path[:-1][jumps] = np.nan
+        self._path[self._starts[1:] - 1] = np.nan  # so that the next state begins a new line
         self.course = x, y
         self._on_track = log if isinstance(log, TrackLog) else None
         self._track = log.track if isinstance(log, TrackLog) else None
@@ -391,7 +410,8 @@ class TopView(RunView):
         self._trail.set_data(*np.vstack([self._path[: k + 1], (x, y)]).T)
         self._body.clear().rotate(psi)
         self._steering.clear().rotate(np.nan_to_num(servo))
-        readings = {'Heading': reading(float(np.degrees(psi)) % 360.0, 0, '°')}
+        # Rounded first: 359.7° is shown as 0°.
+        readings = {'Heading': reading(round(float(np.degrees(psi))) % 360.0, 0, '°')}
         if self._on_track:
             readings = self._place_ghost(self._on_track, k, t, x, y)
         return {**readings, 'Steering': reading(float(np.degrees(servo)), 1, '°')}

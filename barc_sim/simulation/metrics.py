@@ -36,11 +36,14 @@ _MAX_ROWS = 8  #: of a table of laps
 _MAX_INTERVAL = 1.0  #: [s] between two states of a recorded run, unless time was set anew
 _NEAR = 1e-6  #: [m], [m/s] within which the car is at rest at its start
 _SETTLED = 0.25  #: [s] that settings must hold to be shown for a lap
+_MAX_GAINS = 4  #: that are shown although none was changed
 _MAX_CHANGES = 3  #: values of a parameter that are shown for a lap
 #: Parameters of the controller that are no gains.
 _NO_GAINS = {each.name for each in (SPEED, LIMIT, *PROFILE)}
 #: Headings of a table of laps of a track, `TrackLap.cells`.
 LAP_HEADINGS = ('lap', 'time', 'RMS e_y', 'max |e_y|', 'steering')
+#: Those of a road, `Lap.cells`; the errors are those beyond `RUN_UP`.
+ROAD_LAP_HEADINGS = ('lap', 'time', 'RMS error', 'maximum', 'overshoot', 'settling')
 #: Time [s], distance along and across [m], speed [m/s].
 _Place = tuple[float, float, float, float]
 
@@ -166,6 +169,23 @@ class Lap(NamedTuple):
         """The distance from its first state to its last [m]."""
         return abs(self.end_distance - self.start_distance)
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Its number and figures as the texts of a table with `ROAD_LAP_HEADINGS`."""
+        results = self.summary
+        return (
+            f'{self.number + 1}',
+            f'{self.end - self.start:.2f} s',
+            _cell(results.rms_error_after_run_up, '.3f', ' m/s'),
+            _cell(results.max_error_after_run_up, '.3f', ' m/s'),
+            _cell(100.0 * results.overshoot, '.1f', ' %'),
+            _cell(results.settling_time, '.2f', ' s'),
+        )
+
+
+def _cell(value: float, digits: str, unit: str) -> str:
+    return '\N{EN DASH}' if isnan(value) else f'{value:{digits}}{unit}'
+
 
 class Laps:
     """Takes a run's states one by one, and begins a lap wherever the car jumps.
@@ -237,6 +257,12 @@ class Laps:
         longest = max((lap.length for lap in laps), default=0.0)
         whole = [lap for lap in laps if lap.length >= _WHOLE * longest]
         return min(whole, key=lambda lap: lap.summary.rms_error_after_run_up, default=None)
+
+    @property
+    def rows(self) -> list[Lap]:
+        """The laps of a table: the last ones and the best."""
+        rows = [*self.finished[1 - _MAX_ROWS :], self.current]
+        return rows if self.best is None or self.best in rows else [self.best, *rows[1:]]
 
     def __iter__(self) -> Iterator[Lap]:
         """Yield the laps in their order, the present one last."""
@@ -320,17 +346,20 @@ def settings_text(settings: Sequence[Mapping[str, float]]) -> str:
 def settings_of(log: Log) -> dict[str, Floats]:
     """Return the gains of a recorded run over time, by name, and what else was changed in it.
 
-    They are the gains of the speed controller, or on a track those of the steering law.
+    They are the gains of the speed controller, or on a track those of the steering law; of many
+    gains, only those that were changed.
     """
-    on_track = isinstance(log, TrackLog)
-    columns = {}
+    gains, changed = {}, {}
     for full_name, values in log.parameters.items():
         node, _, name = full_name.partition('.')
-        is_gain = node == CONTROLLER and name not in _NO_GAINS and name.startswith(LANE) == on_track
+        of_lane = name.startswith(LANE)
+        short = name.removeprefix(LANE)
+        if node == CONTROLLER and name not in _NO_GAINS and of_lane == isinstance(log, TrackLog):
+            gains[short] = values
         known = values[~np.isnan(values)]
-        if is_gain or (known.size and np.ptp(known) > 0.0):
-            columns[name.removeprefix(LANE)] = values
-    return columns
+        if known.size and known.min() < known.max():
+            changed[short] = values
+    return gains | changed if len(gains) <= _MAX_GAINS else changed
 
 
 def lap_settings_of(log: Log, numbers: Sequence[int]) -> LapSettings:
@@ -346,6 +375,17 @@ def lap_settings_of(log: Log, numbers: Sequence[int]) -> LapSettings:
         for k in (begin, end - 1):
             laps.add(int(numbers[k]), float(log.t[k]), known)
     return laps
+
+
+def changes_of(log: Log) -> dict[str, str]:
+    """Return each parameter that was changed during a run in words, such as `kp 2 → 4`."""
+    run = lap_settings_of(log, [0] * len(log)).of(0)
+    texts = {}
+    for name in settings_of(log):
+        values = [{name: each[name]} for each in run if name in each]
+        if any(each != values[0] for each in values):
+            texts[name] = settings_text(values)
+    return texts
 
 
 class TrackLap(NamedTuple):

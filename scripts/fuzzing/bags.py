@@ -204,8 +204,10 @@ def _entries(data: bytes) -> list[tuple[bytes, bytes]]:
 
 
 def _plot(path: Path) -> None:
-    shown = run_figures.settings(reader.info(path))
-    run_figures.speed_figure(reader.read(path), title='', settings=shown, figure=Figure())
+    bag = reader.load(path)
+    log = bag.log()
+    shown = run_figures.settings(bag.info, log)
+    run_figures.speed_figure(log, title='', settings=shown, figure=Figure())
 
 
 def _replay(path: Path) -> None:
