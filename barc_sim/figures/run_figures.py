@@ -280,10 +280,12 @@ def settings(info: Mapping[str, str], log: Log) -> str:
 
 @style.context(STYLE)
 def terms_figure(log: Log) -> Figure | None:
-    """Draw the controller's terms over the position along the road; None if all are unknown."""
+    """Draw the controller's terms over the position along the road; None if all are unknown.
+
+    Several laps would hide one another: give one of them.
+    """
     if all(np.isnan(values).all() for values in log.terms.values()):
         return None
-    log = _broken(log)
     figure = Figure(figsize=(9.6, 3.6), layout='constrained')
     axes = figure.subplots()
     axes.step(log.distance, log.motor, where='post', color=GREEN, lw=2.0, label='command')
@@ -409,7 +411,8 @@ def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> 
         # The heading is unwrapped from each reset on: a reset turns the car back to 0°.
         degrees = np.degrees(np.concatenate([np.unwrap(each) for each in turns]))
         heading = (_without_jumps(degrees, resets), INK, 'Heading [°]')
-        drawn = [heading, speed, (np.degrees(log.servo), GREEN, 'Steering [°]')]
+        steering = (_without_jumps(np.degrees(log.servo), resets), GREEN, 'Steering [°]')
+        drawn = [heading, speed, steering]
         top, *charts = figure.subplots(4, 1, height_ratios=[4.0, 1.4, 1.4, 1.4])
         draw_path(top, *(_without_jumps(values, resets) for values in (log.distance, log.across)))
     else:

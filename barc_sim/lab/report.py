@@ -24,10 +24,16 @@ from barc_sim.figures.track_figure import track_figure
 from barc_sim.lab.pages import data_url, render
 from barc_sim.lab.user_code.code import attached
 from barc_sim.simulation.log import TrackLog
-from barc_sim.simulation.metrics import RUN_UP, SETTLING_BAND, laps_of
+from barc_sim.simulation.metrics import (
+    RUN_UP,
+    SETTLING_BAND,
+    changes_of,
+    lap_settings_of,
+    laps_of,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.figure import Figure
@@ -53,6 +59,7 @@ _SETTINGS = {
     'platform': 'Platform',
 }
 _MAX_STRETCHES = 40  #: in the table
+_MAX_CHANGES = 40  #: of parameters
 _MAX_SHOWN = 100_000  #: characters of code
 _VISIBLE = 0.01  #: [m] A car that leaves the road's axis by more has steered.
 _FORMATTER = HtmlFormatter(nowrap=True)
@@ -67,6 +74,7 @@ class Facts:
     log: Log
     info: Mapping[str, str]
     laps: Laps
+    numbers: Sequence[int]  #: of the lap of each state
     graph: NodeGraph | None
     sources: Mapping[str, str]  #: user code, by file name
 
@@ -80,11 +88,46 @@ class Facts:
         """The lap whose figures are shown: the best one, or the only one."""
         return self.laps.best or self.laps.current
 
+    @property
+    def shown_states(self) -> Log:
+        """The states of the shown lap."""
+        of_lap = np.array(self.numbers) == self.shown_lap.number
+        return self.log.map(lambda column: column[of_lap])
+
+    @property
+    def lap_gains(self) -> list[str]:
+        """The gains of each lap, in their order."""
+        settings = lap_settings_of(self.log, self.numbers)
+        return [settings.text(lap.number) for lap in self.laps]
+
+    @property
+    def settings(self) -> list[tuple[str, str]]:
+        """The settings of the run by name; a gain that was changed has all its values."""
+        changes = changes_of(self.log)
+        shown = []
+        for key, name in _SETTINGS.items():
+            if key in changes:
+                shown.append((name, changes.pop(key).removeprefix(f'{key} ')))
+            elif key in self.info:
+                shown.append((name, self.info[key]))
+        return [*shown, *((name, text.removeprefix(f'{name} ')) for name, text in changes.items())]
+
+    @property
+    def changes(self) -> list[tuple[float, str, float]]:
+        """Each change of a parameter during the run: time [s], parameter and new value."""
+        rows = [
+            (float(self.log.t[k]), name, float(values[k]))
+            for name, values in self.log.parameters.items()
+            for k in np.flatnonzero(np.diff(values)) + 1
+        ]
+        return sorted(rows)
+
 
 def read(path: Path, namespace: str | None = None) -> Facts:
     """Read the bag at `path`; a UserError if there is no bag, or it has no car, or several."""
     bag = reader.load(path)
     log, info = _drawable(bag.log(namespace)), bag.info
+    laps, numbers = laps_of(log)
     sources = attached(bag.attachments)
     directory = path if path.is_dir() else path.parent
     graph = None
@@ -94,7 +137,8 @@ def read(path: Path, namespace: str | None = None) -> Facts:
         name=directory.resolve().name,
         log=log,
         info=info,
-        laps=laps_of(log)[0],
+        laps=laps,
+        numbers=numbers,
         graph=graph,
         sources={name: data.decode(errors='replace') for name, data in sources.items()},
     )
@@ -125,16 +169,21 @@ def page(facts: Facts) -> str:
     with warnings.catch_warnings(), style.context(STYLE), looks:
         warnings.simplefilter('ignore')  # characters that the font lacks
         figures, graph = [*_figures(facts)], _graph(facts)
+    lap_gains = facts.lap_gains
     return render(
         'report',
         facts=facts,
         failure=facts.info.get('failure'),
-        settings=[(_SETTINGS[key], facts.info[key]) for key in _SETTINGS if key in facts.info],
+        settings=facts.settings,
+        lap_gains=lap_gains,
+        has_gains=any(lap_gains),
         figures=figures,
         held=facts.holds_speed,
         number=_number,
         run_up=RUN_UP,
         most_stretches=_MAX_STRETCHES,
+        changes=facts.changes,
+        most_changes=_MAX_CHANGES,
         settling_band=f'{SETTLING_BAND:.0%}',
         sources=[*_shown(facts.sources)],
         code_style=_FORMATTER.get_style_defs('.code'),  # type: ignore[no-untyped-call]
@@ -182,11 +231,12 @@ def _figures(facts: Facts) -> Iterator[_Figure]:
         speed_figure(log),
         'Speed, grade and command',
         "The speed over the position along the road; below it the road's grade and the commanded "
-        'acceleration.',
+        'acceleration; of several laps, a table of errors and gains.',
     )
-    if (terms := terms_figure(log)) is not None:
-        alt = f'The terms {", ".join(log.terms)} over the position along the road.'
-        yield _drawn(terms, "The controller's terms", alt)
+    if (terms := terms_figure(facts.shown_states)) is not None:
+        of_lap = f' in lap {facts.shown_lap.number + 1}' if facts.laps.finished else ''
+        alt = f'The terms {", ".join(log.terms)} over the position along the road{of_lap}.'
+        yield _drawn(terms, f"The controller's terms{of_lap}", alt)
 
 
 def _drawn(figure: Figure, caption: str, alt: str) -> _Figure:
