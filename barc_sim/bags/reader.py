@@ -112,15 +112,16 @@ class Bag:
     samples: defaultdict[str, dict[str, Samples]] = field(default_factory=lambda: defaultdict(dict))
     parameters: ParameterHistory = field(default_factory=ParameterHistory)  #: of all nodes
 
+    @property
+    def cars(self) -> list[str]:
+        """The namespaces of the cars, those with states; /car10 comes after /car2."""
+        cars = sorted(self.samples, key=lambda car: (len(car), car))
+        return [car for car in cars if len(self.samples[car].get(STATE, ()))]
+
     def log(self, namespace: str | None = None) -> Log:
         """Return the run of a car, as `read` does."""
         name, wanted = str(self.path), namespace and '/' + namespace.strip('/')
-        samples = {
-            car: {topic: each for topic, each in self.samples[car].items() if len(each)}
-            for car in sorted(self.samples, key=lambda car: (len(car), car))  # /car10 after /car2
-            if wanted in (None, car)
-        }
-        cars = [car for car in samples if STATE in samples[car]]
+        cars = [car for car in self.cars if wanted in (None, car)]
         if not cars:
             whose = 'of a car' if wanted is None else f'of the car {wanted}'
             raise UserError(
@@ -132,9 +133,10 @@ class Bag:
                 f'{name!r} has several cars, {", ".join(cars)}: name one, as in '
                 f'--namespace {cars[0]}'
             )
-        log = join(samples[cars[0]])
+        samples = {topic: each for topic, each in self.samples[cars[0]].items() if len(each)}
+        log = join(samples)
         _check_log(self.path, log)
-        log = replace(log, parameters=self._parameters(cars[0], samples[cars[0]]))
+        log = replace(log, parameters=self._parameters(cars[0], samples))
         return replace(log, track=self._track()) if isinstance(log, TrackLog) else log
 
     def _parameters(self, car: str, samples: Mapping[str, Samples]) -> dict[str, Floats]:

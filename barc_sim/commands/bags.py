@@ -190,7 +190,10 @@ def _damages(damages: dict[str, dict[str, int]]) -> Iterator[str]:
 
 def add_arguments_convert(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Convert an MCAP bag of any recorder to tables, a CSV file for each topic.'
+    parser.description = (
+        'Convert an MCAP bag of any recorder to tables, a CSV file for each topic; of a run, also '
+        'run.csv, with a row for each state, its lap and its parameters.'
+    )
     parser.epilog = 'Convert bags of ROS 1 and of sqlite3 with `rosbags-convert` first.'
     add_bag(parser)
     parser.add_argument('-o', '--output', type=Path, metavar='DIR', help='new folder (./BAG_csv)')
@@ -200,10 +203,13 @@ def add_arguments_convert(parser: Parser) -> None:
 def run_convert(options: Namespace) -> None:
     """Convert the bag, and print where it is."""
     from barc_sim.bags.convert import convert  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.bags.run_table import write_run_tables  # noqa: PLC0415
 
     bag = _bag(options)
     output = options.output or Path(f'{bag.resolve().stem}_csv')
     convert(bag, output, options.topics, options.exclude)
+    if not (options.topics or options.exclude):
+        write_run_tables(bag, output)
     print(output)  # noqa: T201
 
 

@@ -1,0 +1,57 @@
+"""Writes the run of each car in a bag as a table: a row for each state."""
+
+from __future__ import annotations
+
+import csv
+import logging
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from barc_sim.bags import reader
+from barc_sim.errors import UserError
+from barc_sim.simulation.log import TrackLog
+from barc_sim.simulation.metrics import laps_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from barc_sim.simulation.log import Log
+
+_logger = logging.getLogger(__name__)
+_NAME = 'run'
+
+
+def write_run_tables(path: Path, folder: Path) -> None:
+    """Write `run.csv` into `folder`, or of several cars one for each, such as `car1.run.csv`.
+
+    The columns are those of a log, the number of the lap from 0 on, and the parameters over time.
+    A bag without a car gets no table; of a car whose states no run can have, there is a warning.
+    """
+    bag = reader.load(path)
+    for car in bag.cars:
+        prefix = car.strip('/').replace('/', '.')
+        name = f'{prefix}.{_NAME}' if prefix else _NAME
+        while (folder / f'{name}.csv').exists():  # the table of a topic
+            name += '_'
+        try:
+            columns = _columns(bag.log(car))
+        except UserError as error:
+            _logger.warning('%s.csv is left out: %s', name, error)
+            continue
+        with (folder / f'{name}.csv').open('x', encoding='utf-8', newline='') as file:
+            table = csv.writer(file)
+            table.writerow(columns)
+            table.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+
+
+def _columns(log: Log) -> dict[str, NDArray[Any]]:
+    """Return the columns of a table."""
+    columns = dict(log.columns())
+    if not isinstance(log, TrackLog):  # which has the number of its lap
+        columns['lap'] = np.array(laps_of(log)[1])
+    columns |= log.parameters
+    flags = {name: each.astype(int) for name, each in columns.items() if each.dtype == np.bool_}
+    return columns | flags
