@@ -35,6 +35,7 @@ _MAX_LAPS = 10_000  #: that are kept: those of three days
 _MAX_ROWS = 8  #: of a table of laps
 _MAX_INTERVAL = 1.0  #: [s] between two states of a recorded run, unless time was set anew
 _NEAR = 1e-6  #: [m], [m/s] within which the car is at rest at its start
+_AWAY = 1e-3  #: [m] from its start: a car does not come back to rest there without a reset
 _SETTLED = 0.25  #: [s] that settings must hold to be shown for a lap
 _MAX_GAINS = 4  #: that are shown although none was changed
 _MAX_CHANGES = 3  #: values of a parameter that are shown for a lap
@@ -275,9 +276,10 @@ def _is_jump(before: _Place, now: _Place, max_interval: float) -> bool:
     passed = now[0] - before[0]
     moved = hypot(now[1] - before[1], now[2] - before[2])
     possible = max(abs(now[3]), abs(before[3])) * min(abs(passed), max_interval)
-    # The start, at rest: after a pause, `passed` is long, and much would be possible.
+    # The start, at rest: after a pause, `passed` is long, and much would be possible. A car that
+    # drives in a circle can be reset beside its start.
     is_start = max(map(abs, now[1:])) < _NEAR
-    return passed < 0.0 or moved > possible + _JUMP or (is_start and moved > _JUMP)
+    return passed < 0.0 or moved > possible + _JUMP or (is_start and moved > _AWAY)
 
 
 def laps_of(log: Log) -> tuple[Laps, list[int]]:
@@ -331,7 +333,7 @@ class LapSettings:
 
 def settings_text(settings: Sequence[Mapping[str, float]]) -> str:
     """Return settings that followed one another in words, such as `kp 2 → 4, ki 0`."""
-    names = dict.fromkeys(name for values in settings for name in values)
+    names = max(settings, key=len, default={})
     parts = []
     for name in names:
         texts = [f'{values[name]:g}' for values in settings if name in values]

@@ -18,13 +18,14 @@ from matplotlib.text import Text
 
 from barc_sim.control.driver import DriverInput
 from barc_sim.errors import UserError
-from barc_sim.figures.run_figures import drive_figure, plot, speed_figure
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.figures.run_figures import drive_figure, plot, run_figure, speed_figure
+from barc_sim.simulation.closed_loop import closed_loop, simulate
+from barc_sim.simulation.log import COLUMNS
 from barc_sim.vehicle.plant import NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from matplotlib.axes import Axes
 
@@ -94,7 +95,45 @@ def test_measurements_are_drawn_where_they_differ_from_the_truth() -> None:
 
 def test_laps_without_noise_have_no_line_of_measurements(log: Log) -> None:
     twice = log.map(lambda column: np.tile(column, 2))
-    assert set(lines(speed_figure(twice).axes[0])) == {'speed', 'reference'}
+    assert set(lines(speed_figure(twice).axes[0])) == {'lap 1, best', 'lap 2, last', 'reference'}
+
+
+def laps_of_gains(gains: Sequence[float], *, distance: float = 30.0) -> Log:
+    """Return a run whose laps had these gains kp, as its bag has it."""
+    logs = [simulate(kp=kp, ki=0.0, kd=0.0, distance=distance) for kp in gains]
+    shifts = np.cumsum([0.0, *(log.t[-1] + 0.02 for log in logs[:-1])])
+    parts = [replace(log, t=log.t + shift) for log, shift in zip(logs, shifts, strict=True)]
+    columns = {name: np.concatenate([part.columns()[name] for part in parts]) for name in COLUMNS}
+    kp = np.concatenate([np.full(len(log), kp) for log, kp in zip(logs, gains, strict=True)])
+    return replace(parts[0], **columns, parameters={'controller.kp': kp})
+
+
+def test_the_best_lap_and_the_last_are_in_colour_before_the_others() -> None:
+    figure = speed_figure(laps_of_gains([2.0, 20.0, 5.0, 1.0]))
+    speed, error, _, command, below = figure.axes
+    drawn = {line.get_label(): line for line in speed.lines}
+    assert [*drawn] == ['other laps', 'lap 4, last', 'lap 2, best', 'reference']
+    colors = [drawn[name].get_color() for name in [*drawn][:3]]
+    assert len({*colors}) == 3
+    assert [line.get_color() for line in command.lines] == colors
+    assert [line.get_color() for line in error.lines][:3] == colors
+    # Each is a lap alone; nothing joins two of the others.
+    alone = simulate(kp=20.0, ki=0.0, kd=0.0, distance=30.0)
+    assert np.array_equal(drawn['lap 2, best'].get_xydata()[:, 1], alone.speed)
+    assert np.count_nonzero(np.isnan(drawn['other laps'].get_xdata())) == 1
+
+    (table,) = below.tables
+    texts = {place: cell.get_text() for place, cell in table.get_celld().items()}
+    assert [texts[k, 6].get_text() for k in range(5)] == ['gains', 'kp 2', 'kp 20', 'kp 5', 'kp 1']
+    assert [texts[k, 0].get_color() for k in (4, 2)] == colors[1:]
+    assert not figure.get_supxlabel()
+
+
+def test_a_gain_that_changed_in_a_lap_has_both_values() -> None:
+    log = laps_of_gains([2.0])
+    kp = np.where(log.t < 3.0, 2.0, 4.0)
+    figure = run_figure(replace(log, parameters={'controller.kp': kp}), {'kp': '2.0'}, '', None)
+    assert 'kp 2 → 4' in {text.get_text() for text in figure.findobj(Text)}
 
 
 def test_without_controller_the_speed_stands_alone(log: Log) -> None:
@@ -182,6 +221,21 @@ def test_path_heading_speed_and_steering_are_drawn() -> None:
     np.testing.assert_array_equal(speed.lines[0].get_xydata(), np.c_[log.t, log.speed])
     assert steering.lines[0].get_ydata().max() == np.degrees(log.servo.max())
     assert 'Time [s]' in steering.get_xlabel()
+
+
+def test_the_heading_begins_anew_after_a_reset() -> None:
+    """A reset turns the car back to 0°, however far it had turned."""
+    left = drive_by_hand([(0.2 * k, DriverInput(forward=0.5, turn=0.8)) for k in range(30)], 6.0)
+    turned = np.degrees(left.psi[-1])
+    assert 180.0 < turned < 540.0
+    twice = left.map(lambda column: np.tile(column, 2))
+    twice = replace(twice, t=0.02 * np.arange(len(twice)))
+    _, heading, _, steering = drive_figure(twice).axes
+    degrees = heading.lines[0].get_ydata()
+    assert degrees[len(left) - 2] == pytest.approx(turned, abs=10.0)
+    assert degrees[len(left)] == 0.0
+    for axes in (heading, steering):
+        assert np.isnan(axes.lines[0].get_ydata()[len(left) - 1])
 
 
 def test_a_drive_straight_on_has_speed_and_command() -> None:

@@ -14,7 +14,7 @@ from matplotlib.text import Text
 
 from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
 from barc_sim.figures.run_figures import plot, run_figure
-from barc_sim.figures.style import BLUE
+from barc_sim.figures.style import BLUE, VERMILLION
 from barc_sim.figures.track_figure import draw_course, track_figure
 from barc_sim.figures.views import SIZE, TopView, view_of
 from barc_sim.simulation.closed_loop import lap
@@ -123,6 +123,20 @@ def test_every_run_has_a_figure(log: TrackLog) -> None:
     unknown = replace(log, track=None)
     assert '160 m' not in [text.get_text() for text in plot(unknown).axes[0].texts]
     view_of(unknown, Figure(figsize=SIZE, dpi=50)).update(5.0)
+
+
+def test_the_last_lap_has_its_colour_and_each_lap_its_gains(log: TrackLog) -> None:
+    numbers = np.array(track_laps_of(log)[1])
+    k = np.where(numbers == 0, 0.5, 1.5)
+    figure = track_figure(replace(log, parameters={'controller.lane.k': k}))
+    legend = [text.get_text() for text in figure.axes[2].get_legend().get_texts()]
+    assert legend == ['other laps', 'last lap: 3', 'best lap: 2']
+    (table,) = figure.axes[1].tables
+    texts = {place: cell.get_text() for place, cell in table.get_celld().items()}
+    assert [texts[row, 5].get_text() for row in range(4)] == ['gains', 'k 0.5', 'k 1.5', 'k 1.5']
+    colors = [to_hex(texts[row, 0].get_color()).upper() for row in range(1, 4)]
+    assert colors[1:] == [BLUE, VERMILLION]
+    assert colors[0] not in colors[1:]
 
 
 def test_the_pale_car_of_a_video_is_the_best_lap_at_the_same_time(log: TrackLog) -> None:

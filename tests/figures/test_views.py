@@ -19,6 +19,7 @@ from PIL import Image
 
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.figures.views import (
+    AHEAD,
     SIZE,
     SideView,
     TopView,
@@ -171,6 +172,23 @@ def test_the_path_leads_to_the_car_and_not_over_a_reset(by_hand: Log) -> None:
     path = np.column_stack(view._trail.get_data())  # type: ignore[attr-defined]  # noqa: SLF001
     assert np.nanmax(np.hypot(*np.diff(path, axis=0).T)) < 1.0
     assert np.isnan(path).any()
+
+
+def test_a_heading_just_below_a_whole_turn_is_0_degrees(by_hand: Log) -> None:
+    view = drawn(replace(by_hand, psi=np.full(len(by_hand), 2.0 * pi - 0.003)))
+    view.update(1.0)
+    assert '0°' in texts(view)
+    assert '360°' not in texts(view)
+
+
+def test_the_chart_draws_the_present_lap_alone(hills: Log) -> None:
+    twice = hills.map(lambda column: np.tile(column, 2))
+    view = drawn(replace(twice, t=0.02 * np.arange(len(twice))))
+    view.update(float(hills.t[-1]) + 2.0)
+    assert len(view._trace.get_xdata()) < 102  # noqa: SLF001
+    assert 'lap 2' in texts(view)
+    pale = [line for line in view.figure.axes[2].lines if line.get_color() == AHEAD]
+    assert [len(line.get_xdata()) for line in pale if len(line.get_xdata())] == [len(hills)] * 2
 
 
 def test_drives_by_hand_are_seen_from_above_and_others_from_the_side(by_hand: Log) -> None:

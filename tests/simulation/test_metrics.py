@@ -13,7 +13,17 @@ from barc_sim.control.speed import PID
 from barc_sim.page.protocol import lap_facts, stretch_facts
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import COLUMNS, Log
-from barc_sim.simulation.metrics import Laps, SegmentErrors, Summary, laps_of, summary
+from barc_sim.simulation.metrics import (
+    Laps,
+    LapSettings,
+    SegmentErrors,
+    Summary,
+    changes_of,
+    lap_settings_of,
+    laps_of,
+    settings_of,
+    summary,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -209,3 +219,78 @@ def test_reset_after_a_long_pause_begins_a_lap() -> None:
     assert laps.add(0.0, 0.0, 0.0, 0.0, 8.0, 0.0) == 0
     assert laps.add(4.0, 32.0, 0.0, 8.0, 8.0, 10.0) == 0
     assert laps.add(64.0, 0.0, 0.0, 0.0, 8.0, 0.0) == 1
+
+
+def test_the_last_lap_can_be_the_best_once_the_run_has_ended() -> None:
+    weak = closed_loop(controller=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
+    tuned = closed_loop()
+    laps, _ = laps_of(joined(weak, tuned))
+    assert laps.best == laps.current
+    cut_short = tuned.map(lambda column: column[:600])
+    laps, _ = laps_of(joined(weak, cut_short))
+    assert laps.best == laps.finished[0]
+    live = Laps()
+    columns = (weak.t, weak.distance, weak.across, weak.speed, weak.reference, weak.theta_deg)
+    for row in zip(*columns, strict=True):
+        live.add(*row)
+    assert live.best is None
+    live.end()
+    assert live.best is None  # of one lap
+
+
+def test_settings_of_a_moment_are_left_out() -> None:
+    """A preset changes one gain after the other, and is chosen before the next lap begins."""
+    settings = LapSettings()
+    first, second = {'kp': 2.0, 'ki': 0.0}, {'kp': 4.0, 'ki': 8.0}
+    for t in (0.0, 10.0):
+        settings.add(0, t, first)
+    settings.add(0, 10.02, {'kp': 4.0, 'ki': 0.0})
+    settings.add(0, 10.04, second)
+    for t in (10.06, 20.0):
+        settings.add(1, t, second)
+    assert [settings.text(lap) for lap in range(3)] == ['kp 2, ki 0', 'kp 4, ki 8', '']
+
+
+def test_settings_of_a_lap_are_in_their_order() -> None:
+    settings = LapSettings()
+    for t, kp in (
+        (0.0, 1.0),
+        (1.0, 1.0),
+        (2.0, 2.0),
+        (3.0, 2.0),
+        (3.02, 9.0),
+        (3.04, 2.0),
+        (4.0, 2.0),
+    ):
+        settings.add(0, t, {'kp': kp, 'ki': 0.5})
+    assert settings.text(0) == 'kp 1 → 2, ki 0.5'
+    for t, kp in ((5.0, 3.0), (6.0, 3.0), (7.0, 4.0), (8.0, 4.0)):
+        settings.add(0, t, {'kp': kp, 'ki': 0.5})
+    assert settings.text(0) == 'kp 1 → … → 4, ki 0.5'
+
+
+def test_a_lap_of_one_state_has_its_settings() -> None:
+    settings = LapSettings()
+    settings.add(0, 0.0, {'kp': 1.0})
+    assert settings.text(0) == 'kp 1'
+
+
+def test_gains_are_shown_and_other_parameters_where_they_were_changed() -> None:
+    log = closed_loop(distance=5.0)
+    n = len(log)
+    late = np.where(np.arange(n) < n // 2, np.nan, 3.0)
+    parameters = {
+        'controller.kp': np.full(n, 2.0),
+        'controller.ki': late,
+        'controller.speed_reference': np.full(n, 8.0),
+        'vehicle_simulator.noise_v_x': np.where(np.arange(n) < n // 2, 0.0, 0.1),
+        'controller.lane.k': np.full(n, 1.0),
+    }
+    found = replace(log, parameters=parameters)
+    assert [*settings_of(found)] == ['kp', 'ki', 'noise_v_x']
+    assert changes_of(found) == {'noise_v_x': 'noise_v_x 0 → 0.1'}
+    assert lap_settings_of(found, [0] * n).text(0) == 'kp 2, ki 3, noise_v_x 0 → 0.1'
+    many = {f'controller.k_{k}': np.full(n, 1.0) for k in range(5)}
+    many['controller.k_1'] = np.linspace(0.0, 1.0, n)
+    assert [*settings_of(replace(log, parameters=many))] == ['k_1']
+    assert changes_of(log) == {}
