@@ -26,7 +26,7 @@ from barc_sim.page.protocol import (
     stretch_facts,
     track_facts,
 )
-from barc_sim.page.server import HOUR, ViewServer, open_page
+from barc_sim.page.server import HOUR, ViewServer
 from barc_sim.simulation.log import TrackLog
 
 if TYPE_CHECKING:
@@ -253,7 +253,7 @@ def serve(log: Log, title: str, host: str, port: int, other: tuple[Log, str] | N
     try:
         with suppress(KeyboardInterrupt):
             print(server.url, flush=True)  # noqa: T201
-            open_page(server.url)
+            server.open_browser()
             while True:
                 time.sleep(HOUR)
     finally:

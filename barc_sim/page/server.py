@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-import webbrowser
 from http import HTTPStatus
 from ipaddress import ip_address
 from pathlib import Path
@@ -20,14 +19,16 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
 from barc_sim.cli.parser import warn
-from barc_sim.cli.process import is_at_desktop
 from barc_sim.errors import UserError
 from barc_sim.figures.style import style_sheet
+from barc_sim.page.access import own_hosts, refusal
+from barc_sim.page.opening import open_page
 from barc_sim.page.protocol import RequestError, parse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from barc_sim.page.opening import RedirectFile
     from barc_sim.page.protocol import Request
 
 _FILES = Path(__file__).with_name('web')
@@ -72,6 +73,7 @@ class ViewServer:
         self._greeting = greeting
         self._socket = _listen(address, port)
         self._token = token_urlsafe(16)
+        self._hosts = own_hosts(address)
         if not ip_address(self._socket.getsockname()[0]).is_loopback:
             warn(
                 'the link to the live page, with its token, is sent as plain text: in a network '
@@ -81,6 +83,7 @@ class ViewServer:
         name = f'[{name}]' if ':' in name else name
         self.url = f'http://{name}:{self._socket.getsockname()[1]}/{self._token}/'
         self.pages: set[ServerConnection] = set()  #: the open pages
+        self._redirect: RedirectFile | None = None  # until a page is open
         self._files = {
             path.name: path.read_bytes() for path in _FILES.iterdir() if path.suffix in _TYPES
         }
@@ -94,6 +97,10 @@ class ViewServer:
         """Start the thread."""
         self._thread.start()
         self._ready.wait()
+
+    def open_browser(self) -> None:
+        """Open the page in a browser if there is a desktop, without waiting."""
+        self._redirect = open_page(self.url)
 
     def greet(self) -> Iterable[str | bytes]:
         """Return the messages for a new page."""
@@ -123,6 +130,12 @@ class ViewServer:
         """Send the pending messages, close pages and port, and end the thread."""
         self.call(self._closing.set)
         self._thread.join()
+        self._remove_redirect()
+
+    def _remove_redirect(self) -> None:
+        if self._redirect:
+            self._redirect.remove()
+            self._redirect = None
 
     def _run_thread(self) -> None:
         try:
@@ -158,6 +171,8 @@ class ViewServer:
 
     def _answer(self, _: ServerConnection, request: HttpRequest) -> Response | None:
         """Return a file or an error as a response; None lets the websocket open."""
+        if why := refusal(request.headers, self._hosts):
+            return _refuse(HTTPStatus.FORBIDDEN, why)
         token, slash, name = request.path.partition('?')[0][1:].partition('/')
         if not compare_digest(token.encode(errors='replace'), self._token.encode()):
             return _refuse(
@@ -179,6 +194,7 @@ class ViewServer:
             for message in self.greet():
                 broadcast([connection], message)
             self.pages.add(connection)
+            self._remove_redirect()
             async for data in connection:
                 self.receive(connection, parse(data))
         except RequestError as error:
@@ -223,9 +239,3 @@ def _refuse(status: HTTPStatus, text: str) -> Response:
 def _response(status: HTTPStatus, kind: str, body: bytes) -> Response:
     headers = {'Content-Type': kind, 'Content-Length': str(len(body)), 'Connection': 'close'}
     return Response(status.value, status.phrase, Headers(headers | _HEADERS), body)
-
-
-def open_page(url: str) -> None:
-    """Open `url` in a browser if there is a desktop, without waiting."""
-    if is_at_desktop():
-        Thread(target=webbrowser.open, args=(url,), name='browser', daemon=True).start()

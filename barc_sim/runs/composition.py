@@ -237,7 +237,6 @@ class Run:
         """Serve the live page of a car."""
         from barc_sim.nodes.view import ViewNode  # noqa: PLC0415 (a server, only if wanted)
         from barc_sim.page.protocol import RunFacts, Status  # noqa: PLC0415
-        from barc_sim.page.server import open_page  # noqa: PLC0415
 
         options, simulator = self.options, self.simulators[number]
         namespace, stepper = simulator.get_namespace(), simulator.stepper
@@ -262,7 +261,7 @@ class Run:
         self._views.append(view)
         self._print(f'live page  {view.url}')
         if page_of(options) == 'web':
-            open_page(view.url)
+            view.page.open_browser()
 
     def _print(self, text: str) -> None:
         if not self.options.quiet:

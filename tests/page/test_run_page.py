@@ -24,6 +24,7 @@ from barc_sim.control.driver import COAST, FULL_BRAKE, STALE_AFTER, DriverInput
 from barc_sim.control.lane import Stanley
 from barc_sim.control.speed import PID
 from barc_sim.page import run_page
+from barc_sim.page.opening import RedirectFile
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.page.run_page import DriverArbiter, replay
 from barc_sim.page.server import ViewServer
@@ -140,6 +141,21 @@ def test_command_serves_the_bag(log: Log, tmp_path: Path, monkeypatch: pytest.Mo
     assert barc(['replay', str(tmp_path), str(other)]) == 0
     assert served[-1] == (log, 'other')
     assert barc(['replay', str(tmp_path), str(other), '--save', 'a.gif']) == 2
+
+
+@in_browser
+def test_browser_follows_the_private_file_to_the_page(log: Log, browser: Browser) -> None:
+    server = ViewServer(greeting=replay(log, 'my run'))
+    server.start()
+    with closing(server):
+        file = RedirectFile(server.url)
+        tab = browser.open('about:blank')
+        tab.ask('Page.navigate', url=file.address)
+        tab.until(f'location.href === {server.url!r}')
+        wait_until(lambda: tab.number('#time') > 0.2)
+        assert tab.problems == []
+        tab.close()
+        file.remove()
 
 
 @in_browser

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import http.client
+import json
+import os
+import re
 import socket
 import subprocess
 import sys
-from contextlib import ExitStack, suppress
+import tempfile
+import webbrowser
+from contextlib import ExitStack, closing, suppress
+from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -35,8 +41,8 @@ DEADLINE = 20.0
 class Recorder(ViewServer):
     """Records what happens."""
 
-    def __init__(self) -> None:
-        super().__init__(greeting=[encode('hello'), b'history'])
+    def __init__(self, address: str = '127.0.0.1') -> None:
+        super().__init__(address, greeting=[encode('hello'), b'history'])
         self.received: list[Request] = []
         self.left = 0
 
@@ -124,9 +130,136 @@ def test_nothing_else_is_served_and_nothing_without_the_token(
 ) -> None:
     path = path.format(token=token(server))
     with socket.create_connection(('127.0.0.1', urlsplit(server.url).port), DEADLINE) as client:
-        client.sendall(f'GET {path} HTTP/1.1\r\nHost: x\r\n\r\n'.encode())
+        client.sendall(f'GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n'.encode())
         answer = client.makefile('rb').read()
     assert answer.startswith(b'HTTP/1.1 %d ' % status)
+
+
+#: Headers of a request, where `{port}` is the server's, and whether it is answered.
+ORIGINS: list[tuple[list[str], bool]] = [
+    (['Host: 127.0.0.1:{port}'], True),
+    (['Host: 127.0.0.1:{port}', 'Origin: http://127.0.0.1:{port}'], True),
+    (['Host: localhost:9000', 'Origin: http://localhost:9000'], True),  # through a tunnel
+    (['Host: [::1]:9000', 'Origin: http://[::1]:9000'], True),
+    (['Host: 192.0.2.7', 'Origin: http://192.0.2.7'], True),
+    (['Host: LocalHost:9000', 'Origin: http://localhost:9000'], True),
+    (['Host: evil.example:{port}'], False),  # a name that its owner lets point here
+    (['Host: evil.example:{port}', 'Origin: http://evil.example:{port}'], False),
+    (['Host: 127.0.0.1.evil.example'], False),
+    (['Host: localhost.evil.example'], False),
+    (['Host: evil@127.0.0.1:{port}'], False),
+    (['Host: 127.0.0.1:x'], False),
+    (['Host: '], False),
+    ([], False),
+    (['Host: 127.0.0.1:{port}', 'Host: evil.example'], False),
+    (['Host: 127.0.0.1:{port}', 'Origin: http://evil.example'], False),
+    (['Host: 127.0.0.1:{port}', 'Origin: http://127.0.0.1:1'], False),  # another program here
+    (['Host: 127.0.0.1:{port}', 'Origin: null'], False),  # a file, or a sandbox
+    (['Host: 127.0.0.1:{port}', 'Origin: http://127.0.0.1:{port}', 'Origin: null'], False),
+]
+_UPGRADE = [
+    'Upgrade: websocket',
+    'Connection: Upgrade',
+    'Sec-WebSocket-Version: 13',
+    'Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==',
+]
+
+
+def answer_to(server: ViewServer, path: str, headers: list[str]) -> bytes:
+    """Return the first line of the answer to a request with these headers and no other."""
+    port = urlsplit(server.url).port or 0
+    lines = [f'GET /{token(server)}/{path} HTTP/1.1', *headers, '', '']
+    with socket.create_connection(('127.0.0.1', port), DEADLINE) as client:
+        client.sendall('\r\n'.join(lines).format(port=port).encode())
+        return client.makefile('rb').readline()
+
+
+@pytest.mark.parametrize(('headers', 'is_answered'), ORIGINS)
+def test_only_its_own_page_is_answered(
+    server: ViewServer, headers: list[str], is_answered: bool
+) -> None:
+    page_status = b'200' if is_answered else b'403'
+    assert answer_to(server, '', headers).split()[1] == page_status
+    socket_status = b'101' if is_answered else b'403'
+    assert answer_to(server, 'socket', [*headers, *_UPGRADE]).split()[1] == socket_status
+
+
+def test_the_name_given_with_view_host_is_the_servers_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(socket, 'gethostname', lambda: 'Lab3.uni.example')
+    server = Recorder('localhost')
+    server.start()
+    with closing(server):
+        for name in ('localhost', 'lab3.uni.example', 'lab3', 'lab3.local'):
+            assert b' 200 ' in answer_to(server, '', [f'Host: {name}:80'])
+        assert b' 403 ' in answer_to(server, '', ['Host: uni.example'])
+
+
+#: A browser that writes its arguments, and what it may read, as JSON into the file `SEEN`.
+BROWSER = """#!{python}
+import json, os, pathlib, sys, urllib.parse
+path = pathlib.Path(urllib.parse.unquote(urllib.parse.urlsplit(sys.argv[1]).path))
+seen = {{'arguments': sys.argv[1:], 'text': path.read_text(), 'path': str(path)}}
+seen['modes'] = [oct(each.stat().st_mode & 0o777) for each in (path, path.parent)]
+new = pathlib.Path(os.environ['SEEN'] + '.new')
+new.write_text(json.dumps(seen))
+new.rename(os.environ['SEEN'])
+"""
+
+
+@pytest.fixture
+def browser_stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Put a browser on PATH; return the file with what it has seen."""
+    program = tmp_path / 'stub-browser'
+    program.write_text(BROWSER.format(python=sys.executable))
+    program.chmod(0o755)
+    seen = tmp_path / 'seen.json'
+    home = tmp_path / 'my home'
+    home.mkdir()
+    for name in ('SSH_CONNECTION', 'BARC_SIM_NO_BROWSER', 'WSL_DISTRO_NAME'):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in (
+        ('PATH', f'{tmp_path}:{os.environ["PATH"]}'),
+        ('BROWSER', program.name),
+        ('DISPLAY', ':0'),
+        ('HOME', str(home)),
+        ('SEEN', str(seen)),
+    ):
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(webbrowser, '_tryorder', None)  # reads BROWSER again
+    return seen
+
+
+@pytest.mark.parametrize('page_opens', [True, False])
+def test_the_browsers_arguments_have_no_token_and_its_file_is_private_and_removed(
+    server: Recorder, browser_stub: Path, page_opens: bool
+) -> None:
+    server.open_browser()
+    wait_for(browser_stub.exists)
+    seen = json.loads(browser_stub.read_text('utf-8'))
+    assert token(server) not in ' '.join(seen['arguments'])
+    assert seen['modes'] == ['0o600', '0o700']
+    (link,) = re.findall(r'href="(.*?)"', seen['text'])
+    assert link == server.url
+    assert f'content="0; url={link}"' in seen['text']
+    folder = Path(seen['path']).parent
+    assert not folder.name.startswith('.')  # which a browser in a container could not read
+    if page_opens:
+        with page(server):
+            wait_for(lambda: not folder.exists())
+    server.close()
+    assert not folder.exists()
+
+
+def test_without_a_home_directory_the_file_is_in_the_temporary_one(
+    server: Recorder, browser_stub: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('HOME', str(tmp_path / 'missing'))
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    server.open_browser()
+    wait_for(browser_stub.exists)
+    assert Path(json.loads(browser_stub.read_text('utf-8'))['path']).parents[1] == tmp_path
 
 
 def test_page_is_greeted_receives_messages_and_is_answered(server: Recorder) -> None:
