@@ -297,6 +297,36 @@ class Tab:
                 return
         raise AssertionError(f'Tab does not reach {selector}')
 
+    def enter(self, selector: str, text: str) -> None:
+        """Type a text into a field in place of what it has, and press Enter."""
+        self.write(selector, text)
+        self.ask('Input.dispatchKeyEvent', type='keyDown', key='Enter', code='Enter', text='\r')
+        self.release('Enter')
+
+    def write(self, selector: str, text: str) -> None:
+        """Type a text into a field in place of what it has; the field keeps the focus."""
+        self.run(
+            f'(() => {{ const e = document.querySelector({selector!r});e.focus(); e.select(); }})()'
+        )
+        if text:
+            self.ask('Input.insertText', text=text)
+        else:
+            self.ask(
+                'Input.dispatchKeyEvent',
+                type='keyDown',
+                key='Backspace',
+                code='Backspace',
+                windowsVirtualKeyCode=8,
+            )
+
+    def drag(self, selector: str, by: float) -> None:
+        """Press the mouse on an element's middle, move it to the right [px], and release it."""
+        x, y = self.middle(selector)
+        self._mouse('mousePressed', x, y)
+        for share in (0.5, 1.0):
+            self._mouse('mouseMoved', x + share * by, y)
+        self._mouse('mouseReleased', x + by, y)
+
     def touch(self, kind: str, *points: tuple[float, float], at: float | None = None) -> None:
         """Put fingers on the screen ('touchStart'), move or lift them ('touchEnd'), `at` [s]."""
         time = {} if at is None else {'timestamp': at}

@@ -10,12 +10,22 @@ import json
 from dataclasses import asdict
 from functools import cache
 from math import isfinite
+from sys import float_info
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
-from barc_sim.control.cruise_control import DEFAULT_TYPE, LANE_TYPES, TERMS, TYPES
+from barc_sim.control.cruise_control import (
+    DEFAULT_TYPE,
+    LANE_TYPES,
+    LIMIT,
+    SPEED,
+    TERMS,
+    TYPES,
+)
 from barc_sim.control.driver import DriverInput
 from barc_sim.control.lane import LANE, LaneLaw
-from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE, Gain
+from barc_sim.control.speed import ACCELERATION_LIMIT, PID, Gain
+from barc_sim.errors import Parameter, UserError
+from barc_sim.simulation.closed_loop import check_ahead
 from barc_sim.simulation.log import (
     COMMAND,
     CONTROLLER,
@@ -28,6 +38,7 @@ from barc_sim.simulation.log import (
 )
 from barc_sim.simulation.metrics import TrackLap, TrackLaps
 from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.parameters import ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -54,16 +65,23 @@ COLUMNS = (
     *(name if name != 'lap' else 'track_lap' for t in TOPICS for name in columns_of(t).values()),
     *OTHER_TERMS,
 )
+
+
+def _slider(parameter: Parameter, unit: str, meaning: str, maximum: float) -> Gain:
+    """Return the slider of a parameter, from 0 to `maximum`; the limits are the parameter's."""
+    return Gain(float(parameter.default), unit, meaning, maximum, parameter.between)
+
+
 #: Sliders of every controller, in addition to its gains.
 OTHERS = {
-    'speed_reference': Gain(SPEED_REFERENCE, 'm/s', 'speed to hold', 20.0),
-    'acceleration_limit': Gain(ACCELERATION_LIMIT, 'm/s²', 'acceleration limit', 20.0),
+    'speed_reference': _slider(SPEED, 'm/s', 'speed to hold', 20.0),
+    'acceleration_limit': _slider(LIMIT, 'm/s²', 'acceleration limit', 20.0),
 }
 #: The sliders of the car: parameters of the simulator that may be set while it drives.
 CAR = {
-    'noise_v_x': Gain(0.0, 'm/s', 'noise of the measured speed', 1.0),
-    'motor_delay': Gain(0.0, 's', 'delay of the motor', 0.5),
-    'motor_limit': Gain(0.0, 'm/s²', 'limit of the motor, 0: none', 20.0),
+    'noise_v_x': _slider(ROWS['noise_v_x'], 'm/s', 'noise of the measured speed', 1.0),
+    'motor_delay': _slider(ROWS['motor_delay'], 's', 'delay of the motor', 0.5),
+    'motor_limit': _slider(ROWS['motor_limit'], 'm/s²', 'limit of the motor, 0: none', 20.0),
 }
 _OF_RUN = ('road', 'distance', 'laps')
 #: Short names of the sliders, if they differ from the parameter's.
@@ -90,7 +108,7 @@ class RequestError(ValueError):
 
 
 class Tune(NamedTuple):
-    """Set a parameter of the controller or the car; its node checks the value."""
+    """Set a parameter of the controller or the car; `RunFacts.check` has its limits."""
 
     name: str
     value: float
@@ -140,7 +158,7 @@ def parse(message: str | bytes) -> Request:
             raise RequestError('the brake is from 0 to 1')
         return drive
     if kind == 'tune' and set(fields) == {'name', 'value'} and isinstance(fields['name'], str):
-        return Tune(fields['name'], _number(fields['value'], 1e9))
+        return Tune(fields['name'], _number(fields['value'], float_info.max))
     if kind in [*BUTTONS] and not fields:
         return Press(kind)
     if kind == 'pause' and set(fields) == {'on'} and isinstance(fields['on'], bool):
@@ -189,6 +207,29 @@ class RunFacts(NamedTuple):
         return self.gains | others
 
     @property
+    def distance(self) -> float:
+        """The distance of a lap, on a track of the run [m]; 0: none."""
+        if self.track:
+            return float(self.simulator.get('laps', 0) * self.track.length)
+        return float(self.simulator.get('distance', 0.0))
+
+    def limits(self, name: str) -> tuple[float, float]:
+        """Return what a slider's parameter can be, ends included."""
+        low, high = self.sliders[name].between
+        if name == SPEED.name and self.distance:
+            low = 0.0
+        return low, high
+
+    def check(self, name: str, value: float) -> None:
+        """Raise UserError, as the command line does, if a slider's parameter cannot be `value`."""
+        slider = self.sliders.get(name)
+        if not slider:
+            raise UserError(f'{name}: this page has no such slider')
+        Parameter(name, slider.default, slider.meaning, slider.between).check(value)
+        if name == SPEED.name:
+            check_ahead(value, self.distance)
+
+    @property
     def values(self) -> dict[str, Any]:
         """The present values of the sliders, if known."""
         values = {**self.simulator, **(self.control.values if self.control else {})}
@@ -216,6 +257,8 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
                 'short': _short(name),
                 'unit': '' if gain.unit == '-' else gain.unit,
                 'max': gain.slider,
+                'limits': run.limits(name),
+                'expected': 'a number from {:g} to {:g}'.format(*run.limits(name)),
                 'node': node_of(name),
             }
             for name, gain in run.sliders.items()

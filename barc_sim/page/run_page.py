@@ -13,12 +13,14 @@ from websockets.asyncio.server import broadcast
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, STALE_AFTER, DriverInput
 from barc_sim.control.lane import LANE
+from barc_sim.errors import UserError
 from barc_sim.figures.style import driven_road
 from barc_sim.page.feed import columns_in, laps_in, rows_of
 from barc_sim.page.protocol import (
     Pause,
     Press,
     RunFacts,
+    Tune,
     encode,
     facts,
     lap_facts,
@@ -111,7 +113,8 @@ class RunPage(ViewServer):
         None of them blocks.
         """
         super().__init__(host, port)
-        self._mode, self._run = mode, run
+        self._mode = mode
+        self.run = run  #: what the page shows that no topic has
         self.feed = feed  #: with the laps so far
         self._drive, self._request = drive, request
         self._drivers = DriverArbiter()
@@ -146,7 +149,7 @@ class RunPage(ViewServer):
 
     def greet(self) -> Iterator[str | bytes]:
         """Yield the messages for a new page."""
-        yield encode('hello', **facts(self._mode, self._run))
+        yield encode('hello', **facts(self._mode, self.run))
         yield self.feed.history()
 
     def receive(self, page: ServerConnection, request: Request) -> None:
@@ -158,10 +161,23 @@ class RunPage(ViewServer):
                 if self._drivers.accepts(page, request, time.monotonic()):
                     self._drive(request)
             case Press('finish'):
-                if self._run.finish:
-                    self._run.finish()
+                if self.run.finish:
+                    self.run.finish()
+            case Tune(name, value):
+                self._tune(page, request, name, value)
             case _:
-                self._request(request, partial(self._on_done, page, request))
+                self._pass(page, request)
+
+    def _tune(self, page: ServerConnection, request: Tune, name: str, value: float) -> None:
+        try:
+            self.run.check(name, value)
+        except UserError as error:
+            broadcast([page], encode('refused', what=name, why=str(error)))
+        else:
+            self._pass(page, request)
+
+    def _pass(self, page: ServerConnection, request: Request) -> None:
+        self._request(request, partial(self._on_done, page, request))
 
     def leave(self, page: ServerConnection) -> None:
         """Release the keys of a page that has closed; brake if one was held."""
@@ -179,17 +195,17 @@ class RunPage(ViewServer):
             self.send(rows)
         if now >= self._next_status:
             self._next_status = now + _STATUS_PERIOD
-            if (values := self._run.values) != self._values:
+            if (values := self.run.values) != self._values:
                 self._values = values
-                self.send(encode('facts', **facts(self._mode, self._run)))
+                self.send(encode('facts', **facts(self._mode, self.run)))
             if self.pages:
                 self._send_status()
         return self.feed.until_next() if self.pages else _SLOW_PERIOD
 
     def _lap_facts(self) -> dict[str, Any]:
         """Return the laps, each with its gains."""
-        values = self._run.values
-        shown = {name: values[name] for name in self._run.gains if name in values}
+        values = self.run.values
+        shown = {name: values[name] for name in self.run.gains if name in values}
         now = ', '.join(f'{name.removeprefix(LANE)} {value:g}' for name, value in shown.items())
         laps = self.feed.track_laps or self.feed.laps
         of_lap = self._gains.setdefault(laps.current.number, [])
@@ -198,7 +214,7 @@ class RunPage(ViewServer):
         return lap_facts(laps, self._gains)
 
     def _send_status(self) -> None:
-        missed, paused = self._run.status()
+        missed, paused = self.run.status()
         self.send(
             encode(
                 'status',
@@ -211,12 +227,19 @@ class RunPage(ViewServer):
         )
 
     def _on_done(self, page: ServerConnection, request: Request, done: bool, why: str) -> None:
-        if done and isinstance(request, Pause):
-            self._paused = request.on
-            self._send_status()
-        if not done:
-            what = 'pause' if isinstance(request, Pause) else str(request[0])
-            broadcast([page], encode('refused', what=what.replace('reset_', 'reset the '), why=why))
+        match request:
+            case Tune(name, asked) if done:
+                value = self.run.values.get(name, asked)
+                broadcast([page], encode('tuned', name=name, value=value))
+            case Tune(name):
+                broadcast([page], encode('refused', what=name, why=f'{name}: {why}'))
+            case Pause(on) if done:
+                self._paused = on
+                self._send_status()
+            case _ if not done:
+                what = 'pause' if isinstance(request, Pause) else str(request[0])
+                what = what.replace('reset_', 'reset the ')
+                broadcast([page], encode('refused', what=what, why=why))
 
 
 def replay(log: Log, title: str, other: tuple[Log, str] | None = None) -> list[str | bytes]:

@@ -22,6 +22,7 @@ from std_srvs.srv import SetBool, Trigger
 from barc_sim.bags import names
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import PID
+from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
@@ -291,13 +292,220 @@ def test_sliders_work_by_keyboard_and_arrows_do_not_drive(acc: Acc, open_: Open)
     wait_until(lambda: car.paused and tab.text('#pause') == 'Resume')
     assert car.twists == []
     tab.select('#kd', -2e6)  # what is refused is explained, and replaced
-    tab.until("document.querySelector('#tuning-note').textContent.startsWith('kd was refused')")
+    tab.until("document.querySelector('#tuning-note').textContent.startsWith('kd: -2e+06 is not')")
     assert tab.run("document.querySelector('#kd').value") == '0.1'
     assert controller.get_parameter('kd').value == 0.1
     tab.select('#acceleration_limit', 1e6)  # no limit, as with a user's controller
     tab.until("document.querySelector('#acceleration_limit').value === '1e+6'")
     box = "document.querySelector('#acceleration_limit')"
     assert tab.run(f'{box}.scrollWidth <= {box}.clientWidth')
+
+
+def is_shown(tab: Tab, node: Node, name: str, value: float) -> bool:
+    """Return whether slider, number and node have a value, and can be used."""
+    shown = tab.run(
+        f"['{name}-slider', '{name}'].map((id) => document.getElementById(id))"
+        '.map((e) => e.disabled || e.valueAsNumber)'
+    )
+    return [*shown, node.get_parameter(name).value] == [value] * 3
+
+
+def note(tab: Tab) -> str:
+    return str(tab.run("document.querySelector('#tuning-note').textContent"))
+
+
+def test_slider_number_and_node_agree_whoever_sets_the_value(acc: Acc, open_: Open) -> None:
+    view, car, controller = acc
+    tab = open_(view.url)
+    wait_until(lambda: is_shown(tab, controller, 'speed_reference', 8.0))
+
+    def agree(value: float, name: str = 'speed_reference', node: Node = controller) -> None:
+        wait_until(lambda: is_shown(tab, node, name, value), f'{name} {value:g}')
+
+    tab.enter('#speed_reference', '12')
+    agree(12.0)
+    tab.run("document.querySelector('#speed_reference-slider').focus()")
+    tab.type('ArrowRight')
+    agree(12.1)
+    tab.type('ArrowLeft')
+    tab.type('ArrowLeft')
+    agree(11.9)
+    tab.enter('#speed_reference', '12.34')  # between two steps of the slider
+    tab.type('ArrowUp')  # in the number
+    agree(12.44)
+    controller.set_parameters(overrides(speed_reference=9.0))  # as `barc param set` does
+    agree(9.0)  # although the number has the focus
+    tab.write('#speed_reference', '77')  # but not what is being typed
+    controller.set_parameters(overrides(speed_reference=9.5))
+    tab.until("document.querySelector('#speed_reference-slider').valueAsNumber === 9.5")
+    assert tab.run("document.querySelector('#speed_reference').value") == '77'
+    tab.run("document.querySelector('#speed_reference').blur()")
+    agree(77.0)
+    tab.enter('#speed_reference', '8')
+    agree(8.0)
+
+    tab.enter('#kp', '150')  # beyond the slider's usual range
+    agree(150.0, 'kp')
+    tab.run("document.querySelector('#kp-slider').focus()")
+    tab.type('ArrowDown')
+    agree(149.25, 'kp')
+    tab.enter('#kp', '-2')
+    agree(-2.0, 'kp')
+    tab.enter('#kp', '30')
+    agree(30.0, 'kp')
+    for by, low, high in ((30, 30.5, 99.0), (-1000, 0.0, 0.0)):
+        tab.drag('#kp-slider', by)
+        wait_until(lambda low=low, high=high: low <= controller.get_parameter('kp').value <= high)
+        agree(controller.get_parameter('kp').value, 'kp')
+
+    tab.enter('#motor_delay', '0.123')
+    agree(0.123, 'motor_delay', car)
+    tab.click('#presets button:nth-child(2)')
+    for name, value in PID.presets['PI'].items():
+        agree(value, name)
+    agree(0.0, 'motor_delay', car)
+
+
+BEYOND = [
+    ('speed_reference', '-5'),
+    ('speed_reference', '101'),
+    ('acceleration_limit', '0'),
+    ('kd', '1e10'),
+    ('noise_v_x', '-1'),
+    ('motor_delay', '101'),
+    ('motor_limit', '-1'),
+]
+
+
+def test_a_number_beyond_its_limits_is_refused_in_the_command_lines_sentence(
+    acc: Acc, open_: Open
+) -> None:
+    view, car, controller = acc
+    tab = open_(view.url)
+    cases = []
+    for name, text in BEYOND:
+        with pytest.raises(UserError) as refusal:
+            view.page.run.check(name, float(text))
+        cases.append((name, text, str(refusal.value)))
+    not_a_number = 'kp: a number from -1e+06 to 1e+06 is expected'
+    for name, text, sentence in [
+        *cases,
+        ('kp', '', not_a_number),
+        ('ki', 'e', not_a_number.replace('kp', 'ki')),
+    ]:
+        node = car if name in CAR else controller
+        before = node.get_parameter(name).value
+        wait_until(lambda args=(tab, node, name, before): is_shown(*args))
+        tab.enter(f'#{name}', text)
+        wait_until(lambda sentence=sentence: note(tab) == sentence)
+        wait_until(lambda args=(tab, node, name, before): is_shown(*args))
+    assert tab.text('#state') == 'Live'
+
+
+#: Makes each new connection one that does not open, until `reconnect` is called.
+_NO_CONNECTION = """(() => {
+  const { WebSocket } = window;
+  window.WebSocket = class {
+    static OPEN = WebSocket.OPEN;
+    constructor() {
+      window.reconnect = () => {
+        window.WebSocket = WebSocket;
+        this.onclose({ code: 1006 });
+      };
+    }
+  };
+})()"""
+
+
+def disconnect(view: ViewNode, tab: Tab) -> None:
+    tab.run(_NO_CONNECTION)
+    page = view.page  # no page of a browser can cut its own connection
+    page.call(lambda: [each.transport.abort() for each in [*page.pages]])
+    tab.until(
+        "document.querySelector('#state').innerText === 'Reconnecting' && 'reconnect' in window"
+    )
+
+
+def test_nothing_can_be_set_while_disconnected(acc: Acc, open_: Open) -> None:
+    view, _, controller = acc
+    tab = open_(view.url)
+    wait_until(lambda: is_shown(tab, controller, 'kp', 30.0))
+    usable = (
+        "Array.from(document.querySelectorAll('.actions button, .tuning :is(input, button)'))"
+        '.filter((e) => !e.disabled && e.checkVisibility()).map((e) => e.id || e.textContent)'
+    )
+    connected = tab.run(usable)
+    tab.write('#kp', '77')
+    disconnect(view, tab)
+    assert tab.run(usable) == ['copy-command']
+    assert tab.run("['kp', 'kp-slider'].map((id) => document.getElementById(id).value)") == [
+        '30',
+        '30',
+    ]
+    controller.set_parameters(overrides(kp=20.0))
+    tab.run('reconnect()')
+    wait_until(lambda: is_shown(tab, controller, 'kp', 20.0))
+    assert tab.run(usable) == connected
+    tab.enter('#kp', '25')
+    wait_until(lambda: is_shown(tab, controller, 'kp', 25.0))
+
+
+def test_a_key_that_is_held_while_the_connection_breaks_is_released(
+    teleop: Teleop, open_: Open
+) -> None:
+    view, car = teleop
+    tab = open_(view.url)
+    tab.press('ArrowUp')
+    wait_until(lambda: car.state.v > 0.5)
+    disconnect(view, tab)
+    assert tab.run("document.querySelector('kbd.held')") is None
+    tab.press('ArrowLeft')
+    assert tab.run("document.querySelector('kbd.held')") is None
+    wait_until(lambda: car.braking)  # the run has noticed it, too
+    twists = len(car.twists)
+    tab.run('reconnect()')
+    wait_until(lambda: tab.text('#state') == 'Live')
+    tab.release('ArrowUp')
+    tab.press('ArrowDown')
+    wait_until(lambda: car.twists[-1] == (-1.0, 0.0))
+    assert (1.0, 0.0) not in car.twists[twists:]
+
+
+def test_a_value_that_is_asked_for_is_shown_until_its_node_answers(
+    teleop: Teleop, open_: Open
+) -> None:
+    tab = open_(teleop[0].url)
+    steps = tab.run(
+        """import('./parameters.js').then(async ({ Parameters }) => {
+          const sent = [];
+          const notes = [];
+          const parameters = new Parameters(
+            (name, value) => sent.push(value), () => {}, (text) => notes.push(text), 300,
+          );
+          const shown = [];
+          const note = () => shown.push(parameters.shown('kp') ?? null);
+          parameters.request('kp', 1); note();
+          parameters.connect(true);
+          parameters.receive({ kp: 0 }); note();
+          parameters.request('kp', 1);
+          parameters.request('kp', 2); note();
+          parameters.receive({ kp: 0.5 }); note();
+          parameters.accept('kp', 1); note();
+          while (sent.length < 2) await new Promise((done) => { setTimeout(done, 5); });
+          parameters.refuse('kp', 'why');
+          while (parameters.requests.size) await new Promise((done) => { setTimeout(done, 5); });
+          note();
+          parameters.request('kp', 3); note();
+          while (parameters.requests.size) await new Promise((done) => { setTimeout(done, 5); });
+          note();
+          parameters.request('kp', 4);
+          parameters.connect(false); note();
+          return { sent, shown, notes: notes.filter((text) => text) };
+        })"""
+    )
+    assert steps['sent'] == [1, 2, 3, 4]
+    assert steps['shown'] == [None, 0, 2, 2, 2, 1, 3, 1, 1]
+    assert steps['notes'] == ['why', 'kp: its node has not answered within 0.3 s']
 
 
 def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) -> None:

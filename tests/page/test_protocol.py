@@ -16,6 +16,7 @@ from barc_sim.control.driver import DriverInput
 from barc_sim.control.excitation import PRBS
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR, PID, Gain, as_controller, speed_controller
+from barc_sim.errors import UserError
 from barc_sim.page.protocol import (
     CAR,
     OTHERS,
@@ -54,7 +55,7 @@ MALFORMED = [
     '{"type":"drive","forward":true,"turn":0,"brake":0}',
     '{"type":"drive","forward":0,"turn":0,"brake":0,"more":0}',
     '{"type":"tune","name":["kp"],"value":1}',
-    '{"type":"tune","name":"kp","value":1e10}',
+    '{"type":"tune","name":"kp","value":1e999}',
     '{"type":"tune","name":"kp","value":' + '9' * 400 + '}',
     '{"type":"tune","name":"kp"}',
     '{"type":"pause","on":1}',
@@ -74,6 +75,7 @@ MALFORMED = [
         ('{"type":"drive","forward":0,"turn":0,"brake":1}', DriverInput(brake=1.0)),
         ('{"type":"tune","name":"kp","value":3}', Tune('kp', 3.0)),
         ('{"type":"tune","name":"motor_delay","value":0.1}', Tune('motor_delay', 0.1)),
+        ('{"type":"tune","name":"kp","value":1e10}', Tune('kp', 1e10)),  # a node's limits refuse it
         ('{"type":"finish"}', Press('finish')),
         ('{"type":"tune","name":"speed_reference","value":-2.5}', Tune('speed_reference', -2.5)),
         ('{"type":"reset"}', Press('reset')),
@@ -147,12 +149,65 @@ def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
         'short': 'observer gain',
         'unit': '',
         'max': 1.0,
+        'limits': (0.0, 1.0),
+        'expected': 'a number from 0 to 1',
         'node': 'controller',
     }
     assert facts('acc', driven(PID()))['sliders']['kp']['label'] == 'Proportional gain, kp [1/s]'
     values = {'observer_gain': 0.5, 'acceleration_limit': 8.0, 'motor_delay': 0.1}
     assert values.items() <= found['tuning'].items()
     assert found['controller_type'] == 'lqr'
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'argument'),
+    [
+        ('kp', 2e6, 'kp'),
+        ('kd', -1e10, 'kd'),
+        ('speed_reference', 101.0, 'speed_reference'),
+        ('speed_reference', -5.0, 'speed_reference'),
+        ('acceleration_limit', 0.0, 'acceleration_limit'),
+        ('noise_v_x', -0.1, 'noise'),
+        ('motor_delay', -0.1, 'delay'),
+    ],
+)
+def test_a_slider_refuses_what_python_does_in_the_same_sentence(
+    name: str, value: float, argument: str
+) -> None:
+    run = driven(PID())
+    run = run._replace(simulator={**run.simulator, 'distance': 180.0})
+    with pytest.raises(UserError) as refusal:
+        run.check(name, value)
+    with pytest.raises(UserError) as python:
+        simulate(**{argument: value})
+    assert str(refusal.value).replace(name, argument) == str(python.value)
+
+
+def test_a_slider_takes_its_limits_and_a_car_without_an_end_goes_backwards() -> None:
+    run = driven(PID())
+    for name, (low, high) in ((name, run.limits(name)) for name in run.sliders):
+        run.check(name, low)
+        run.check(name, high)
+    run.check('speed_reference', -5.0)
+    ahead = run._replace(simulator={'distance': 180.0})
+    assert ahead.limits('speed_reference') == (0.0, 100.0)
+    lap = driven(PID(), LaneLQR(), Track.named('L'))
+    lap.check('speed_reference', -5.0)
+    lap = lap._replace(simulator={'laps': 3})
+    with pytest.raises(UserError, match='leads away from the distance'):
+        lap.check('speed_reference', -5.0)
+    with pytest.raises(UserError, match='mass: this page has no such slider'):
+        run.check('mass', 1.0)
+
+
+@pytest.mark.parametrize(
+    'run', [driven(PID()), driven(LQR()), driven(PID(), LaneLQR(), Track.named('L'))]
+)
+def test_defaults_and_presets_are_within_the_limits(run: RunFacts) -> None:
+    found = facts('acc', run)
+    for values in (found['tuning'], *found['presets'].values()):
+        for name, value in values.items():
+            run.check(name, value)
 
 
 def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_motor() -> None:

@@ -23,7 +23,7 @@ const clip = (value) => Math.min(Math.max(value, -1), 1);
 export class Driving {
   /**
    * `send` takes forward and turn, from -1 to 1, and the brake, from 0 to 1. `enabled` returns
-   * whether keys drive now. While a control has the focus, the keys belong to it.
+   * whether keys and pads drive now. While a control has the focus, the keys belong to it.
    */
   constructor(send, enabled, commands) {
     this.send = send;
@@ -84,7 +84,7 @@ export class Driving {
   #listenToPad(name) {
     const pad = document.getElementById(name);
     const follow = (event) => {
-      if (!pad.hasPointerCapture(event.pointerId)) return;
+      if (!pad.hasPointerCapture(event.pointerId) || !pad.classList.contains('held')) return;
       const box = pad.getBoundingClientRect();
       const [x, y] = [
         clip((event.clientX - box.left - box.width / 2) / (0.4 * box.width)),
@@ -109,6 +109,7 @@ export class Driving {
     };
     pad.addEventListener('pointerdown', (event) => {
       event.preventDefault();
+      if (!this.enabled()) return;
       pad.setPointerCapture(event.pointerId);
       pad.classList.add('held');
       follow(event);

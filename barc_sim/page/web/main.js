@@ -31,7 +31,9 @@ const element = (id) => document.getElementById(id);
 const history = new History();
 const clock = new Clock();
 const top = new TopView();
-let facts = { mode: 'acc', axles: [-1.5, 1.5], mass: 2000, road: null, tuning: {} };
+let facts = {
+  mode: 'acc', axles: [-1.5, 1.5], mass: 2000, road: null, sliders: {}, tuning: {},
+};
 let road = new Road(null);
 let [paused, plan] = [false, []];
 let ended = false;
@@ -125,6 +127,7 @@ const connection = new Connection({
     this.facts(fields);
     document.body.toggleAttribute('data-replay', 'replay' in fields);
     if (fields.replay) player.begin(fields.replay);
+    setConnected(!fields.replay);
     if (fields.laps) showLaps(fields.laps);
   },
   facts(fields) {
@@ -137,8 +140,7 @@ const connection = new Connection({
     }
     document.body.dataset.mode = fields.mode;
     showTitle();
-    tuning.show(fields.sliders, fields.tuning);
-    tuning.offer(fields.presets);
+    tuning.receive(fields);
     commandChart.limit = fields.mode === 'acc' ? fields.tuning.motor_limit ?? 0 : 0;
     history.mass = fields.mass;
     element('finish').hidden = !fields.can_finish;
@@ -185,9 +187,12 @@ const connection = new Connection({
     element('pause').textContent = paused ? 'Resume' : 'Pause';
     showState();
   },
+  tuned({ name, value }) {
+    tuning.parameters.accept(name, value);
+  },
   refused({ what, why }) {
-    if (what === 'reset' || what === 'pause') showMessage(`Cannot ${what}: ${why}.`, 6);
-    else tuning.refuse(what, why);
+    if (what in facts.sliders) tuning.parameters.refuse(what, why);
+    else showMessage(`Cannot ${what}: ${why}.`, 6);
   },
   end(fields) {
     const { reason } = fields;
@@ -197,20 +202,34 @@ const connection = new Connection({
     document.body.toggleAttribute('data-ended', true);
     if (fields.laps) showLaps(fields.laps);
     lesson.end(fields, facts.mode === 'teleop' ? 'barc teleop' : tuning.command(facts.controller_type, facts.run));
-    for (const button of document.querySelectorAll('.actions button')) button.disabled = true;
+    setConnected(false);
   },
   lost() {
     received = null;
+    setConnected(false);
     setState('lost', 'Reconnecting');
     showMessage('The connection to the run was lost. This page reconnects by itself; a new run has a new address.');
   },
   closed(reason) {
     received = null;
+    setConnected(false);
     setState('refused', 'Disconnected');
     showMessage(`The run closed this connection (${reason}). Reload the page to try again.`);
   },
 });
 const tuning = new Tuning((name, value) => connection.send('tune', { name, value }));
+let connected = false;
+
+/** Enable the controls that act on the run, or disable them: what they do would be lost. */
+function setConnected(now) {
+  connected = now;
+  for (const button of document.querySelectorAll('.actions button, #reset-controller')) {
+    button.disabled = !now;
+  }
+  document.body.toggleAttribute('data-connected', now);
+  tuning.parameters.connect(now);
+  if (!now) driving.release();
+}
 const reset = () => connection.send('reset');
 const pause = () => connection.send('pause', { on: !paused });
 element('reset-controller').addEventListener('click', () => connection.send('reset_controller'));
@@ -237,9 +256,9 @@ addEventListener('afterprint', () => setTheme(''));
 element('reset').addEventListener('click', reset);
 element('pause').addEventListener('click', pause);
 element('finish').addEventListener('click', () => connection.send('finish'));
-new Driving(
+const driving = new Driving(
   (forward, turn, brake) => connection.send('drive', { forward, turn, brake }),
-  () => facts.mode === 'teleop' && !facts.replay && !ended,
+  () => facts.mode === 'teleop' && connected,
   { KeyR: reset, KeyP: pause },
 );
 
@@ -318,4 +337,5 @@ function drawNow(milliseconds) {
   };
 }
 setTheme('');
+setConnected(false);
 requestAnimationFrame(draw);

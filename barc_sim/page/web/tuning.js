@@ -1,9 +1,9 @@
 // Sliders that set parameters of the controller and the car while it drives.
 
+import { Control } from './control.js';
 import { make, quote, show } from './look.js';
+import { Parameters } from './parameters.js';
 
-const PERIOD = 100; // [ms] between two settings while a slider moves
-const STEPS = 200; // of a slider
 // The headings of other nodes' sliders, below the controller's.
 const TITLES = { vehicle_simulator: ['Car ', make('small', {}, '0: none')] };
 // What to see, and to try next, with each preset.
@@ -22,59 +22,28 @@ const USUAL = {
 };
 
 export class Tuning {
-  /** `set` takes a parameter's name and its value. */
-  constructor(set) {
+  /** `send` takes a parameter's name and its value. */
+  constructor(send) {
     this.presets = document.getElementById('presets');
-    this.note = document.getElementById('tuning-note');
-    this.set = set;
     this.form = document.getElementById('tuning');
+    this.note = document.getElementById('tuning-note');
+    this.offered = {}; // presets, {name: {parameter: value}}
+    this.sliders = {}; // {name: {label, short, unit, max, limits, expected, node}}
+    this.controls = {};
+    this.warn = (sentence) => show(this.note, sentence);
+    this.parameters = new Parameters(send, () => this.#render(), this.warn);
     this.form.addEventListener('submit', (event) => event.preventDefault());
     const more = document.getElementById('more'); // on a phone
     more.addEventListener('click', () => {
       more.ariaExpanded = this.form.classList.toggle('all');
     });
-    this.#build({});
   }
 
-  /** Show the sliders, {name: {label, max, node}}, and the values that they have. */
-  show(sliders, values) {
+  /** Show the sliders, the presets, and the values that the parameters have. */
+  receive({ sliders, presets, tuning }) {
     if (JSON.stringify(sliders) !== JSON.stringify(this.sliders)) this.#build(sliders);
-    for (const [name, value] of Object.entries(values)) {
-      this.values[name] = value;
-      const { slider, number } = this.inputs[name];
-      if (document.activeElement !== number && !slider.matches(':active')) this.#place(name, value);
-      slider.disabled = number.disabled = false;
-    }
-  }
-
-  /** Offer presets, {name: {gain: value}}; one that has the present values is pressed, and explained. */
-  offer(presets) {
-    const known = JSON.stringify(presets);
-    if (known !== this.offered) this.#offer(presets);
-    this.offered = known;
-    let shown;
-    for (const button of this.presets.children) {
-      const gains = Object.entries(presets[button.textContent]);
-      const pressed = gains.every(([gain, value]) => this.values[gain] === value);
-      button.ariaPressed = pressed;
-      if (pressed) shown = ABOUT[button.textContent];
-    }
-    show(document.getElementById('preset-note'), shown ?? '');
-  }
-
-  #offer(presets) {
-    this.presets.hidden = !Object.keys(presets).length;
-    this.presets.replaceChildren(...Object.entries(presets).map(([name, gains]) => make('button', {
-      type: 'button',
-      textContent: name,
-      title: Object.entries(gains).map(([gain, value]) => `${gain} ${value}`).join(', '),
-      onclick: () => {
-        for (const [gain, value] of Object.entries(gains)) {
-          this.#place(gain, value);
-          this.set(gain, value);
-        }
-      },
-    })));
+    if (JSON.stringify(presets) !== JSON.stringify(this.offered)) this.#offer(presets);
+    this.parameters.receive(tuning);
   }
 
   /** Return the command of such a `run` with the present values; `type` is the controller's. */
@@ -83,8 +52,8 @@ export class Tuning {
     const car = [];
     if (type !== 'pid') words.push(`--controller-type ${type}`);
     for (const [name, { node }] of Object.entries(this.sliders)) {
-      if (!(name in this.values)) continue;
-      const value = this.inputs[name].number.valueAsNumber;
+      const value = this.parameters.shown(name);
+      if (value === undefined) continue;
       if (node === 'vehicle_simulator') {
         if (value) car.push(`-p ${node}:${name}:=${Number.isInteger(value) ? value.toFixed(1) : value}`);
       } else if (name === 'speed_reference') {
@@ -104,65 +73,48 @@ export class Tuning {
     return words.join(' ');
   }
 
-  /** Show why a value was refused, and the present one. */
-  refuse(name, why) {
-    this.note.textContent = `${name} was refused: ${why}`;
-    if (name in this.values) this.#place(name, this.values[name]);
-  }
-
   #build(sliders) {
     this.sliders = sliders;
-    this.values = {};
-    this.inputs = {};
-    const rows = Object.entries(sliders).map(([name, facts]) => [facts.node, this.#row(name, facts)]);
-    const groups = Object.groupBy(rows, ([node]) => node);
-    this.form.replaceChildren(...Object.entries(groups).flatMap(([node, members]) => [
+    const enter = (name) => (value) => this.parameters.request(name, value);
+    this.controls = Object.fromEntries(Object.entries(sliders).map(
+      ([name, facts]) => [name, new Control(name, facts, enter(name), this.warn)],
+    ));
+    const groups = Object.groupBy(Object.keys(sliders), (name) => sliders[name].node);
+    this.form.replaceChildren(...Object.entries(groups).flatMap(([node, names]) => [
       ...(node in TITLES ? [make('h3', {}, ...TITLES[node])] : []),
-      ...members.map(([, row]) => row),
+      ...names.map((name) => this.controls[name].row),
     ]));
   }
 
-  #row(name, { label, short, unit, max }) {
-    const row = document.createElement('div');
-    row.className = 'tune';
-    const slider = Object.assign(document.createElement('input'), {
-      type: 'range', id: `${name}-slider`, min: 0, max, step: max / STEPS, disabled: true,
-    });
-    const number = Object.assign(document.createElement('input'), {
-      type: 'number', id: name, step: 'any', disabled: true,
-    });
-    const title = make('label', { htmlFor: name, title: label }, `${short} `, make('small', {}, unit));
-    for (const input of [slider, number]) input.ariaLabel = label;
-    this.inputs[name] = { slider, number };
-    let [timer, waiting] = [null, null];
-    const send = (value) => {
-      this.note.textContent = '';
-      waiting = value;
-      if (timer !== null) return;
-      this.set(name, value);
-      waiting = null;
-      timer = setTimeout(() => {
-        timer = null;
-        if (waiting !== null) send(waiting);
-      }, PERIOD);
-    };
-    slider.addEventListener('input', () => {
-      number.value = slider.value;
-      send(Number(slider.value));
-    });
-    number.addEventListener('change', () => {
-      const value = number.valueAsNumber;
-      if (Number.isFinite(value)) send(value);
-      else this.#place(name, this.values[name]);
-    });
-    row.append(title, slider, number);
-    return row;
+  #offer(presets) {
+    this.offered = presets;
+    this.presets.hidden = !Object.keys(presets).length;
+    this.presets.replaceChildren(...Object.entries(presets).map(([name, values]) => make('button', {
+      type: 'button',
+      textContent: name,
+      title: Object.entries(values).map(([parameter, value]) => `${parameter} ${value}`).join(', '),
+      onclick: () => {
+        for (const [parameter, value] of Object.entries(values)) {
+          this.parameters.request(parameter, value);
+        }
+      },
+    })));
   }
 
-  #place(name, value) {
-    const { slider, number } = this.inputs[name];
-    slider.value = value; // the slider ends where its range does; the number shows all
-    const shown = Number(value.toPrecision(6));
-    number.value = Math.abs(shown) < 1e6 ? shown : shown.toExponential(); // what the box holds
+  /** Show every value; a preset whose values all are set is pressed, and explained. */
+  #render() {
+    const { parameters } = this;
+    for (const [name, control] of Object.entries(this.controls)) {
+      control.show(parameters.shown(name), parameters.isEnabled(name));
+    }
+    let explanation = '';
+    for (const button of this.presets.children) {
+      const values = Object.entries(this.offered[button.textContent]);
+      const isSet = values.every(([name, value]) => parameters.values[name] === value);
+      button.ariaPressed = isSet;
+      button.disabled = !parameters.connected;
+      if (isSet) explanation = ABOUT[button.textContent] ?? '';
+    }
+    show(document.getElementById('preset-note'), explanation);
   }
 }
