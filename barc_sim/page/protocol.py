@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from functools import cache
+from itertools import takewhile
 from math import isfinite
 from sys import float_info
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
@@ -320,12 +321,15 @@ def road_facts(road: Road) -> dict[str, list[float]]:
 
 
 def lap_facts(
-    laps: Laps | TrackLaps, gains: Mapping[int, Sequence[str]] | None = None
+    laps: Laps | TrackLaps,
+    gains: Mapping[int, Sequence[str]] | None = None,
+    first: int = 0,
 ) -> dict[str, Any]:
     """Return the present lap, the last one, the best one, and the number of laps.
 
-    On a track, only finished laps are counted, and a table of laps is added. `gains` has the gains
-    of each lap, by its number, in the order in which they were set.
+    `finished` has the laps from the number `first` on that have ended. On a track, only finished
+    laps are counted, and a table of laps is added. `gains` has the gains of each lap, by its
+    number, in the order in which they were set.
     """
 
     def fields(lap: Lap | TrackLap | None) -> dict[str, Any] | None:
@@ -334,6 +338,9 @@ def lap_facts(
     last = laps.finished[-1] if laps.finished else None
     shown = {'current': laps.current, 'last': last, 'best': laps.best}
     facts: dict[str, Any] = {name: fields(lap) for name, lap in shown.items()}
+    finished: Sequence[Lap | TrackLap] = laps.finished
+    new = takewhile(lambda lap: lap.number >= first, reversed(finished))
+    facts['finished'] = [fields(lap) for lap in new]
     if isinstance(laps, TrackLaps):
         table = [fields(lap) for lap in laps.rows]
         return {'count': len(laps.finished), 'table': table, **facts}

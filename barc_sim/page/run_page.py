@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from barc_sim.page.feed import Feed
     from barc_sim.page.protocol import Request
     from barc_sim.simulation.log import Log
+    from barc_sim.simulation.metrics import Laps, TrackLaps
 
     #: Gets whether the request succeeded, and if not, the reason.
     OnDone = Callable[[bool, str], None]
@@ -119,7 +120,8 @@ class RunPage(ViewServer):
         self._drive, self._request = drive, request
         self._drivers = DriverArbiter()
         self._values = run.values  # of the sliders, as last sent to the pages
-        self._gains: dict[int, list[str]] = {}  # by lap, in the order in which they were set
+        self._gains: dict[int, list[str]] = {}  # by lap, the last two in their order
+        self._next_lap = 0  # the first whose results the pages do not have
         self._paused = False
         self._has_ended = False
         self._next_status = 0.0
@@ -136,9 +138,10 @@ class RunPage(ViewServer):
         def end() -> None:
             if rows := self.feed.poll():
                 self.send(rows)
+            self._send_status()
             self._has_ended = True
             stretches = stretch_facts(self.feed.laps.best or self.feed.laps.current)
-            laps = self._lap_facts()
+            laps = self._lap_facts(self._next_lap)
             self.send(encode('end', reason=reason, bag=bag, laps=laps, stretches=stretches))
             done.set()
 
@@ -149,7 +152,7 @@ class RunPage(ViewServer):
 
     def greet(self) -> Iterator[str | bytes]:
         """Yield the messages for a new page."""
-        yield encode('hello', **facts(self._mode, self.run))
+        yield encode('hello', **facts(self._mode, self.run), laps=self._lap_facts())
         yield self.feed.history()
 
     def receive(self, page: ServerConnection, request: Request) -> None:
@@ -200,27 +203,39 @@ class RunPage(ViewServer):
                 self.send(encode('facts', **facts(self._mode, self.run)))
             if self.pages:
                 self._send_status()
+            else:
+                self._note_gains()
         return self.feed.until_next() if self.pages else _SLOW_PERIOD
 
-    def _lap_facts(self) -> dict[str, Any]:
-        """Return the laps, each with its gains."""
+    @property
+    def _laps(self) -> Laps | TrackLaps:
+        return self.feed.track_laps or self.feed.laps
+
+    def _note_gains(self) -> None:
+        """Add the present gains to those of the present lap."""
         values = self.run.values
         shown = {name: values[name] for name in self.run.gains if name in values}
         now = ', '.join(f'{name.removeprefix(LANE)} {value:g}' for name, value in shown.items())
-        laps = self.feed.track_laps or self.feed.laps
-        of_lap = self._gains.setdefault(laps.current.number, [])
+        of_lap = self._gains.setdefault(self._laps.number, [])
         if now and of_lap[-1:] != [now]:
             of_lap.append(now)
-        return lap_facts(laps, self._gains)
+            del of_lap[:-2]
+
+    def _lap_facts(self, first: int = 0) -> dict[str, Any]:
+        """Return the laps, each with its gains; of those that have ended, from `first` on."""
+        self._note_gains()
+        return lap_facts(self._laps, self._gains, first)
 
     def _send_status(self) -> None:
         missed, paused = self.run.status()
+        laps = self._lap_facts(self._next_lap)
+        self._next_lap = self._laps.number
         self.send(
             encode(
                 'status',
                 factor=self.feed.realtime_factor(),
                 missed=missed,
-                laps=self._lap_facts(),
+                laps=laps,
                 plan=self.feed.plan,
                 paused=self._paused if paused is None else paused,
             )

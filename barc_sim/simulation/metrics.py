@@ -237,6 +237,11 @@ class Laps:
         return self._number
 
     @property
+    def number(self) -> int:
+        """The number of the present lap."""
+        return self._number
+
+    @property
     def current(self) -> Lap:
         """The present lap; may be read from any thread."""
         start, end = self._start, self._before
@@ -443,6 +448,11 @@ class TrackLaps:
         self._squares += e_y * e_y
         self._maximum = max(self._maximum, abs(e_y))
         self._at_limit += abs(servo) >= STEERING_LIMIT
+        return self._number
+
+    @property
+    def number(self) -> int:
+        """The number of the present lap."""
         return self._number
 
     @property

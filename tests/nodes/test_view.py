@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,7 +14,7 @@ from command_line import spinning, wait_for
 from geometry_msgs.msg import Point, Pose, PoseStamped
 from nav_msgs.msg import Path
 from node_bench import overrides
-from page_client import connect_page, rows, wait
+from page_client import PATIENCE, connect_page, rows, wait
 from rclpy.node import Node
 
 from barc_sim.bags import names
@@ -23,11 +24,12 @@ from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
-from barc_sim.page.protocol import RunFacts, encode
+from barc_sim.page.protocol import RunFacts, Status, encode
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from rclpy.context import Context
+    from websockets.sync.client import ClientConnection
 
 
 @pytest.mark.parametrize(('kind', 'gain'), [('pid', 'kp'), ('lqr', 'observer_gain')])
@@ -57,6 +59,31 @@ def test_every_state_reaches_the_page_with_its_messages(ros: Context, kind: str,
     total = sum(table[term][shown] for term in law.terms)
     np.testing.assert_allclose(np.clip(total, -8.0, 8.0), table['motor'][shown])
     assert table['reference'][-1] == 8.0
+
+
+def test_the_pages_missed_deadlines_are_the_simulators_to_the_end(ros: Context) -> None:
+    driven = overrides(realtime_factor=50.0, wait_for_controller=False)
+    simulator = VehicleSimulator(context=ros, parameter_overrides=driven)
+    stepper = simulator.stepper
+    run = RunFacts(simulator.values, status=lambda: Status(stepper.missed, stepper.paused))
+    view = ViewNode(context=ros, run=run)
+    with spinning(ros, view, simulator), connect_page(view.url) as socket:
+        wait(socket, lambda each: bool(each.get('missed')))
+        seen = stepper.missed
+        wait_for(lambda: stepper.missed > seen)  # perhaps after the last status
+        stepper.pause(on=True)
+        view.page.end('The run has ended.')
+        missed = []
+        while (message := json.loads(text_of(socket)))['type'] != 'end':
+            missed += [message['missed']] if message['type'] == 'status' else []
+    assert missed[-1] == stepper.missed > 0
+
+
+def text_of(socket: ClientConnection) -> str:
+    """Return the next message that is no row of states."""
+    while not isinstance(message := socket.recv(timeout=PATIENCE), str):
+        pass
+    return message
 
 
 def test_plan_of_the_steering_reaches_the_page(ros: Context) -> None:

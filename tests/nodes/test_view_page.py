@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from browser import Browser, Tab
     from rclpy.context import Context
 
+    from barc_sim.simulation.metrics import Lap
+
     Open = Callable[..., Tab]
     Acc = tuple[ViewNode, 'Car', CruiseController]
     Teleop = tuple[ViewNode, 'Car']
@@ -275,6 +277,31 @@ def test_goal_counts_the_cones_that_are_touched(teleop: Teleop, open_: Open) -> 
     wait_until(lambda: tab.text('#goal-touched') == '1')
     tab.release('ArrowUp')
     assert tab.run(OVERFLOW) == []
+
+
+def test_the_goals_clock_starts_when_it_is_switched_on(teleop: Teleop, open_: Open) -> None:
+    view, car = teleop
+    tab = open_(view.url)
+
+    def pause() -> float:
+        car.paused = True
+        end = view.page.feed.laps
+        wait_until(lambda: tab.text('#state') == 'Paused')
+        wait_until(lambda: tab.number('#time') == pytest.approx(end.current.end, abs=0.051))
+        return end.current.end
+
+    car.state = State(v=2.0)
+    wait_until(lambda: car.state.x > 1.0)
+    on = pause()
+    tab.click('#goal')
+    car.paused = False
+    wait_until(lambda: tab.number('#goal-time') > 0.2)
+    driven = pytest.approx(pause() - on, abs=0.051)
+    wait_until(lambda: tab.number('#goal-time') == driven)
+    tab.select('#seek', 0.5 * on, 'input')  # before it was on, nothing counts
+    wait_until(lambda: tab.text('#goal-time') == '0.0')
+    tab.click('#play')
+    wait_until(lambda: tab.number('#goal-time') == driven)
 
 
 def test_sliders_work_by_keyboard_and_arrows_do_not_drive(acc: Acc, open_: Open) -> None:
@@ -614,6 +641,55 @@ def test_reset_begins_a_lap_and_the_last_one_stays_as_a_ghost(acc: Acc, open_: O
     assert laps['current']['start'] == pytest.approx(laps['last']['end'] + TS)
 
 
+def test_an_earlier_state_is_shown_beside_the_laps_of_its_time(acc: Acc, open_: Open) -> None:
+    view, car, controller = acc
+    laps = view.page.feed.laps
+    tab = open_(view.url)
+    wait_until(lambda: is_shown(tab, controller, 'kp', 30.0))
+    for speed, gain in ((6.0, 30.0), (7.0, 20.0), (8.0, 10.0)):
+        number = laps.number
+        controller.set_parameters(overrides(kp=gain))
+        car.state = State(x=11.0, v=speed)  # a jump begins a lap
+        wait_until(lambda number=number: laps.number > number and laps.current.length > 4.0)
+        wait_until(lambda gain=gain: f'kp {gain:g}, ' in tab.text('#lap-gains'))
+    car.paused = True
+    wait_until(lambda: tab.text('#state') == 'Paused')
+
+    def rms(each: Lap) -> str:
+        return f'{each.summary.rms_error_after_run_up:.3f}'
+
+    cells = "Array.from(document.querySelectorAll('[data-figure=rms] td'), (c) => c.textContent)"
+    first, second, third = [*laps][-3:]
+    for each, before in ((third, second), (second, first)):
+        tab.select('#seek', 0.5 * (each.start + each.end), 'input')
+        shown = [rms(each), rms(before)]
+        wait_until(lambda shown=shown: tab.run(cells)[:2] == shown)
+    gains = tab.text('#lap-gains')
+    assert 'kp 20, ' in gains.partition('this lap: ')[2]
+    assert 'kp 10, ' not in gains.partition('this lap: ')[2]
+    tab.click('#play')  # back to live
+    wait_until(lambda: tab.run(cells)[0] == rms(third))
+
+
+def test_the_parameters_of_an_earlier_state_are_those_of_its_time(
+    teleop: Teleop, open_: Open
+) -> None:
+    tab = open_(teleop[0].url)
+    found = tab.run(
+        """import('./settings.js').then(({ Settings }) => {
+          const settings = new Settings();
+          const none = settings.at(1).limit ?? null;
+          settings.add(-Infinity, { limit: 0 });
+          settings.add(2, { limit: 6 });
+          settings.add(5, { limit: 7 });
+          const before = [1, 2, 4.9, 5, 9].map((t) => settings.at(t).limit);
+          settings.add(3, { limit: 8 }); // time went back
+          return [none, before, settings.at(9).limit, settings.at(2.5).limit];
+        })"""
+    )
+    assert found == [None, [0, 6, 6, 7, 7], 8, 6]
+
+
 def test_buttons_pause_and_reset(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     car.state = State(x=50.0)
@@ -751,7 +827,14 @@ def test_laps_of_a_track_are_those_of_the_log(ros: Context, open_: Open) -> None
         assert tab.run(cells) == pytest.approx(expected, abs=0.006)
         wait_until(lambda: tab.number('#e-y') == pytest.approx(log.e_y[-1], abs=6e-4))
         assert tab.number('#e-psi') == pytest.approx(math.degrees(log.e_psi[-1]), abs=0.06)
-        assert tab.number('#term-servo') == pytest.approx(log.servo[-1], abs=6e-4)
+        assert tab.number('#term-servo') == pytest.approx(math.degrees(log.servo[-1]), abs=6e-4)
+        # The chart and its legend have the unit of all other angles, too.
+        assert tab.text('#command-heading') == 'Error e_psi °'
+        legend = tab.text('#command-legend').replace('\N{MINUS SIGN}', '-').split()
+        assert legend[::2] == ['e_psi', 'steering']
+        shown = [float(value) for value in legend[1::2]]
+        expected = [math.degrees(each[-1]) for each in (log.e_psi, log.servo)]
+        assert shown == pytest.approx(expected, abs=6e-4)
         seconds = time.monotonic() - began
         assert all(count <= seconds + 1.0 for count in tab.run('Object.values(announced)'))
         tab.until("document.getElementById('lane.q_e_y').value === '0.05'")

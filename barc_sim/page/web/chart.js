@@ -10,8 +10,8 @@ const SAMPLES = 4096; // rows that the limits are taken from
 
 export class Chart {
   /**
-   * `lines`: {column, colour, width, dash, hidden, leads}, the first one at the bottom; the limits
-   * follow those that lead. `span`: the minimum difference of the limits; `widest`: the maximum.
+   * `lines`: {column, scale, colour, width, dash, hidden, leads}, the first one at the bottom; the
+   * limits follow those that lead. `span`: the minimum difference of the limits; `widest`: the maximum.
    */
   constructor(surface, lines, span, widest) {
     this.surface = surface;
@@ -102,8 +102,8 @@ export class Chart {
       const stride = Math.max(1, Math.floor((part.last - part.first) / SAMPLES));
       for (let row = part.first; row <= part.last; row += stride) {
         if (behind && rows.at(row, 'place') < view.from) continue;
-        for (const { column } of lines) {
-          const value = rows.at(row, column);
+        for (const { column, scale = 1 } of lines) {
+          const value = scale * rows.at(row, column);
           if (value < low) low = value;
           if (value > high) high = value;
         }
@@ -156,6 +156,7 @@ function drawLine(context, history, { first, last }, line, axis, x, y, dash, sta
   const { data, index } = history;
   const [at, column, lap] = [index[axis], index[line.column], index.lap];
   if (column === undefined) return;
+  const { scale = 1 } = line;
   context.strokeStyle = colours[line.colour];
   context.lineWidth = line.width;
   context.lineJoin = 'round';
@@ -167,7 +168,7 @@ function drawLine(context, history, { first, last }, line, axis, x, y, dash, sta
   const dense = axis === 't' && last - first > DENSE * Math.max(span, 1);
   let [pixel, low, high] = [NaN, Infinity, -Infinity];
   for (let row = first; row <= last; row += 1) {
-    const value = data[row * width + column];
+    const value = scale * data[row * width + column];
     const now = data[row * width + lap];
     if (now !== before) pen = false; // a new lap: no line from the last one
     before = now;
@@ -196,7 +197,7 @@ function drawLine(context, history, { first, last }, line, axis, x, y, dash, sta
     pen = true;
   }
   const until = state && state[axis];
-  if (pen && state && last === history.row(state.t)) context.lineTo(x(until), y(state[line.column]));
+  if (pen && state && last === history.row(state.t)) context.lineTo(x(until), y(scale * state[line.column]));
   context.stroke();
   context.setLineDash([]);
 }

@@ -17,8 +17,8 @@ export class Explorer {
     this.window = WINDOW; // [s]
     this.range = null; // [m] that is zoomed into, on the axis of position
     this.hover = null; // a value on the axis
-    this.laps = null;
-    this.other = null; // {history, name}: a second run
+    this.laps = null; // beside the shown state: {last, best}
+    this.other = null; // {history, laps, name}: a second run
     this.hidden = new Set(); // ghosts
     for (const { chart } of charts) this.#listen(chart);
     const on = (id, call) => document.getElementById(id).addEventListener('click', call);
@@ -84,8 +84,8 @@ export class Explorer {
       : this.history.at(row, 't') - lap_time;
     const ghosts = [];
     if (this.other?.history.count) {
-      const { history } = this.other;
-      const [start, end] = [history.at(0, 't'), history.last('t')];
+      const { history, laps } = this.other;
+      const { start, end } = laps.get(state.lap) ?? laps.latest.current;
       ghosts.push({ name: 'other', history, start, end, shift: began - start });
       return ghosts;
     }
@@ -109,7 +109,8 @@ export class Explorer {
     const at = this.hover === null ? state : this.#stateAt(view);
     for (const { chart } of this.charts) {
       for (const line of chart.lines) {
-        show(line.output, reading(at[line.column], line.column === 'reference' ? 2 : 3));
+        const value = at[line.column] * (line.scale ?? 1);
+        show(line.output, reading(value, line.column === 'reference' ? 2 : 3));
       }
     }
   }

@@ -33,9 +33,10 @@ function isInBox({ x, y, psi }, middle) {
 }
 
 export class Goal {
-  /** `changed` is called after a change. */
-  constructor(changed = () => {}) {
+  /** `now` returns the time [s] from which attempts count; `changed` is called after a change. */
+  constructor(now, changed) {
     this.on = false;
+    this.since = NaN; // [s] when it was switched on
     this.time = '0.0'; // [s] of the attempt
     this.best = null; // {start, end, faults} of an attempt
     this.attempt = null;
@@ -47,6 +48,7 @@ export class Goal {
       this.button.setAttribute('aria-pressed', this.on);
       this.panel.hidden = !this.on;
       this.attempt = null;
+      this.since = now();
       changed();
     });
   }
@@ -56,11 +58,15 @@ export class Goal {
     if (!this.on || !history.count) return;
     const last = history.row(t);
     const lap = history.at(last, 'lap');
+    if (this.since > history.last('t')) this.since = -Infinity; // a new run
     if (!this.attempt || this.attempt.lap !== lap || this.attempt.at > history.at(last, 't')) {
       this.attempt = { lap, at: -Infinity, start: null, end: null, inBox: null, touched: new Set(), missed: new Set() };
     }
-    const first = this.attempt.at < history.at(0, 't') ? history.lapStart(last) : history.row(this.attempt.at) + 1;
-    for (let row = first; row <= last; row += 1) this.#step(history, row, middle);
+    const { at } = this.attempt;
+    const first = at < history.at(0, 't') ? history.lapStart(last) : history.row(at) + 1;
+    for (let row = first; row <= last; row += 1) {
+      if (history.at(row, 't') >= this.since) this.#step(history, row, middle);
+    }
     this.#show(history.at(last, 't'));
   }
 

@@ -1,7 +1,7 @@
 // The lesson beside the picture: forces, the controller's equation, laps, and the end.
 
 import {
-  copy, make, QUANTITIES, quote, reading, show, termColour,
+  copy, DEGREES, make, QUANTITIES, quote, reading, show, termColour,
 } from './look.js';
 
 const NAMES = { motor: 'Motor', gravity: 'Gravity', drag: 'Drag', friction: 'Friction' };
@@ -47,7 +47,7 @@ export class Lesson {
     ));
     this.equation.replaceChildren(
       ...(mode === 'track'
-        ? [part('servo', 'steering', QUANTITIES.servo), make('small', {}, 'rad')]
+        ? [part('servo', 'steering', QUANTITIES.servo), make('small', {}, '°')]
         : [part('motor', 'command', QUANTITIES.motor), make('small', {}, 'm/s²')]),
       this.limited,
       ...this.parts,
@@ -58,7 +58,8 @@ export class Lesson {
     for (const [name, force] of Object.entries(forcesOf(state, mass))) {
       if (name in this.force) show(this.force[name], reading(force, Math.abs(force) < 10 ? 2 : 0));
     }
-    for (const [name, output] of Object.entries(this.term)) show(output, reading(state[name], 3));
+    const scale = mode === 'track' ? DEGREES : 1;
+    for (const [name, output] of Object.entries(this.term)) show(output, reading(scale * state[name], 3));
     const unknown = this.terms.some((name) => !Number.isFinite(state[name])); // as in a user's own law
     for (const each of this.parts) each.hidden = unknown;
     const limits = [
@@ -79,16 +80,19 @@ export class Lesson {
     another.textContent = 'other run';
     another.title = title;
     for (const cell of table.querySelectorAll(':is(th, td):nth-child(4)')) cell.hidden = true;
-    if (this.shown) this.showLaps(this.shown);
+    this.shown = null;
   }
 
-  /** Show the results of the present lap beside the last and the best one. */
-  showLaps(laps) {
-    this.shown = laps;
+  /** Show the results of lap `number`, `laps.current`, beside the one before and the best one. */
+  showLaps(laps, number) {
+    const shown = JSON.stringify(laps);
+    if (shown === this.shown) return;
+    this.shown = shown;
+    const other = this.other && (this.other.get(number) ?? this.other.latest.current);
     for (const row of this.laps) {
       const { figure, digits, scale } = row.dataset;
       [...row.querySelectorAll('td')].forEach((cell, i) => {
-        const value = (this.other ? [laps.current, this.other.current] : [laps.current, laps.last, laps.best])[i]?.[figure];
+        const value = (other ? [laps.current, other] : [laps.current, laps.last, laps.best])[i]?.[figure];
         show(cell, reading(value == null ? value : value * (scale ?? 1), Number(digits)));
       });
     }

@@ -12,6 +12,8 @@ export const QUANTITIES = {
   motor: 'green', acting: 'green', servo: 'green', e_y: 'blue', e_psi: 'blue',
   gravity: 'muted', drag: 'muted', friction: 'muted', // named beside their arrows
 };
+/** Degrees in a radian: all angles of the page are shown in degrees. */
+export const DEGREES = 180 / Math.PI;
 export const termColour = (i) => `term-${i % 4}`;
 
 export const colours = {};

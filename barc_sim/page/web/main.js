@@ -7,12 +7,14 @@ import { Driving } from './drive.js';
 import { Explorer } from './explorer.js';
 import { Goal } from './goal.js';
 import { History } from './history.js';
+import { Laps } from './laps.js';
 import { Lesson } from './lesson.js';
 import {
-  copy, make, QUANTITIES, reading, show, Surface, termColour, watchColours,
+  copy, DEGREES, make, QUANTITIES, reading, show, Surface, termColour, watchColours,
 } from './look.js';
 import { Player } from './player.js';
 import { Road } from './road.js';
+import { Settings } from './settings.js';
 import { drawCourse, drawSide } from './side.js';
 import { TopView } from './top.js';
 import { aimOf, showTrackLaps, Track } from './track.js';
@@ -20,7 +22,7 @@ import { Tuning } from './tuning.js';
 
 const TITLES = { acc: 'cruise control', teleop: 'teleoperation', track: 'lane keeping' };
 const HEADINGS = {
-  track: [['Error e_y', 'm'], ['Error e_psi', 'rad']],
+  track: [['Error e_y', 'm'], ['Error e_psi', '°']],
   else: [['Speed', 'm/s'], ['Acceleration', 'm/s²']],
 };
 const CHART_PERIOD = 0.033; // [s] between two drawings of the charts
@@ -46,14 +48,16 @@ const surface = (id) => new Surface(element(id), stale);
 const [scene, course] = ['scene', 'course'].map(surface);
 const speedChart = new Chart(surface('speed-chart'), [], 1, [-150, 150]);
 const commandChart = new Chart(surface('command-chart'), [], 4, [-100, 100]);
-const SPANS = { track: [0.1, 0.1], else: [1, 4] }; // of the charts' scales, at least
+const SPANS = { track: [0.1, 5], else: [1, 4] }; // of the charts' scales, at least
 const speedPart = { chart: speedChart, legend: element('speed-legend') };
 const commandPart = { chart: commandChart, legend: element('command-legend') };
 const readColours = watchColours(stale);
 const player = new Player(history);
 const explorer = new Explorer(history, player, [speedPart, commandPart], stale);
 const lesson = new Lesson();
-const goal = new Goal(stale);
+const laps = new Laps();
+const settings = new Settings();
+const goal = new Goal(() => (facts.replay ? -Infinity : history.last('t')), stale);
 
 /** Prepare the charts for a mode and a controller's terms. */
 function prepareCharts({ mode, terms }) {
@@ -67,7 +71,10 @@ function prepareCharts({ mode, terms }) {
   }
   if (onTrack) {
     speedChart.lines = [line('e_y', 2.5)];
-    commandChart.lines = [line('servo', 1.5, { name: 'steering', dash: [6, 4] }), line('e_psi', 2.5)];
+    commandChart.lines = [
+      line('servo', 1.5, { name: 'steering', dash: [6, 4], scale: DEGREES }),
+      line('e_psi', 2.5, { scale: DEGREES }),
+    ];
   } else if (acc) {
     speedChart.lines = [
       line('measured_speed', 1, { name: 'measured', hidden: true }),
@@ -128,7 +135,7 @@ const connection = new Connection({
     document.body.toggleAttribute('data-replay', 'replay' in fields);
     if (fields.replay) player.begin(fields.replay);
     setConnected(!fields.replay);
-    if (fields.laps) showLaps(fields.laps);
+    if (fields.laps) laps.update(fields.laps);
   },
   facts(fields) {
     const way = JSON.stringify(fields.track ?? fields.road);
@@ -141,7 +148,7 @@ const connection = new Connection({
     document.body.dataset.mode = fields.mode;
     showTitle();
     tuning.receive(fields);
-    commandChart.limit = fields.mode === 'acc' ? fields.tuning.motor_limit ?? 0 : 0;
+    settings.add(history.count ? history.last('t') : -Infinity, fields.tuning);
     history.mass = fields.mass;
     element('finish').hidden = !fields.can_finish;
     const prepared = JSON.stringify([fields.mode, fields.terms]);
@@ -158,14 +165,16 @@ const connection = new Connection({
     stale();
   },
   /** Prepare for the rows of a second run, which come next. */
-  other({ title, columns, laps }) {
+  other({ title, columns, laps: lapsOfOther }) {
     const second = new History();
     second.mass = facts.mass;
     second.track = history.track;
     second.name(columns, false);
-    explorer.other = { history: second, name: title, loading: true };
+    const other = new Laps();
+    other.update(lapsOfOther);
+    explorer.other = { history: second, laps: other, name: title, loading: true };
     showTitle();
-    lesson.compareWith(title, laps);
+    lesson.compareWith(title, other);
   },
   rows(rows) {
     if (explorer.other?.loading) {
@@ -179,7 +188,8 @@ const connection = new Connection({
   },
   status(status) {
     ({ paused, plan } = status);
-    showLaps(status.laps);
+    laps.update(status.laps);
+    stale();
     element('factor').textContent = reading(status.factor, 2);
     element('missed').textContent = status.missed ?? '–';
     element('missed-fact').classList.toggle('bad', status.missed > 0);
@@ -200,7 +210,8 @@ const connection = new Connection({
     setState('ended', 'Ended');
     showMessage(reason, 8);
     document.body.toggleAttribute('data-ended', true);
-    if (fields.laps) showLaps(fields.laps);
+    if (fields.laps) laps.update(fields.laps);
+    stale();
     lesson.end(fields, facts.mode === 'teleop' ? 'barc teleop' : tuning.command(facts.controller_type, facts.run));
     setConnected(false);
   },
@@ -262,12 +273,13 @@ const driving = new Driving(
   { KeyR: reset, KeyP: pause },
 );
 
-const degrees = (radians) => (radians * 180) / Math.PI;
+const degrees = (radians) => radians * DEGREES;
 
-function showLaps(laps) {
-  explorer.laps = laps;
-  if (laps.table) showTrackLaps(laps);
-  else lesson.showLaps(laps);
+/** Show the laps that belong to a state: its own, the one before, and the best. */
+function showLaps(state) {
+  if (!laps.latest) return;
+  if (laps.latest.table) showTrackLaps(laps.latest, state.lap);
+  else lesson.showLaps(laps.beside(state.lap), state.lap);
 }
 
 function showReadings(state) {
@@ -307,16 +319,18 @@ function drawNow(milliseconds) {
   if (state) road.learn(state);
   if (drawn.time === time && drawn.count === history.count && drawn.settled) return;
   const charts = !(now < drawn.next);
+  const tuningThen = state && settings.at(state.t);
+  if (state) explorer.laps = laps.beside(state.lap);
   if (facts.mode === 'teleop') {
     if (state) goal.update(history, state.t, (facts.axles[0] + facts.axles[1]) / 2);
     top.draw(scene, history, facts.axles, state, goal, state && goal.ghost(history, state.t));
   } else if (facts.mode === 'track') {
     const [ghost] = state ? explorer.ghosts(state) : [];
     const then = ghost && state.t - ghost.shift <= ghost.end ? ghost.history.state(state.t - ghost.shift) : null;
-    top.draw(scene, history, facts.axles, state, goal, then, road, state && aimOf(facts.tuning, state.speed), plan);
+    top.draw(scene, history, facts.axles, state, goal, then, road, state && aimOf(tuningThen, state.speed), player.held ? [] : plan);
   } else {
     const ghosts = state ? explorer.ghosts(state).map(({ name, history: rows, shift, end }) => (
-      { ...rows.state(Math.min(state.t - shift, end)), name: name === 'other' ? 'other run' : [`${name} lap`, explorer.laps[name].gains].filter(Boolean).join(': ') }
+      { ...rows.state(Math.min(state.t - shift, end)), name: name === 'other' ? 'other run' : [`${name} lap`, laps.beside(state.lap)[name].gains].filter(Boolean).join(': ') }
     )) : [];
     drawSide(scene, road, facts, state, ghosts);
   }
@@ -324,9 +338,11 @@ function drawNow(milliseconds) {
   if (charts) {
     const began = performance.now();
     if (facts.mode === 'acc') drawCourse(course, road, state);
+    commandChart.limit = (facts.mode === 'acc' && tuningThen?.motor_limit) || 0;
     explorer.draw(state, road);
     if (state) showReadings(state);
-    if (state && facts.mode !== 'teleop') lesson.update(state, facts);
+    if (state) showLaps(state);
+    if (state && facts.mode !== 'teleop') lesson.update(state, { ...facts, tuning: tuningThen });
     // Long charts take long to draw: most frames draw only the picture.
     next = now + Math.max(CHART_PERIOD, (4 * (performance.now() - began)) / 1000);
   }

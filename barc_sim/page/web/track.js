@@ -122,17 +122,21 @@ export function aimOf(tuning, speed) {
   return of('look_ahead') + of('look_ahead_time') * v + of('preview') * v;
 }
 
-/** Show the laps in the table, the best one in bold. */
-export function showTrackLaps({ table, current, best }) {
+/** Show the laps in the table, the best one in bold, and mark the one with the number `shown`. */
+export function showTrackLaps({ table, current, best }, shown) {
   const isNew = current.end - current.start > BEGUN && !table.some(({ number }) => number === current.number);
   const rows = isNew ? [...table, current] : table;
-  const text = JSON.stringify([rows, best]);
+  const text = JSON.stringify([rows, best, shown]);
   const body = document.getElementById('track-laps');
   if (body.dataset.shown === text) return;
   body.dataset.shown = text;
   const cell = (value, digits) => make('td', {}, reading(value, digits));
   body.replaceChildren(...rows.map((lap) => make(
-    'tr', { className: lap.number === best?.number ? 'best' : '', title: lap.gains },
+    'tr', {
+      className: lap.number === best?.number ? 'best' : '',
+      title: lap.gains,
+      ariaCurrent: lap.number === shown,
+    },
     make('th', { scope: 'row' }, `${lap.number + 1}`),
     cell(lap.time, 2), cell(lap.rms, 3), cell(lap.maximum, 3), cell(100 * lap.at_limit, 1),
   )));
