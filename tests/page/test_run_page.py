@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
-from contextlib import closing, contextmanager
+import zlib
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +33,7 @@ from barc_sim.page.run_page import DriverArbiter, replay
 from barc_sim.page.server import ViewServer
 from barc_sim.simulation import metrics
 from barc_sim.simulation.closed_loop import closed_loop, lap
+from barc_sim.simulation.log import Log
 from barc_sim.simulation.metrics import track_laps_of
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.plant import Actuator, Plant
@@ -39,8 +43,6 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from browser import Browser, Tab
-
-    from barc_sim.simulation.log import Log
 
     Played = Callable[..., AbstractContextManager[Tab]]
 
@@ -255,6 +257,75 @@ def test_second_run_is_drawn_beside_the_first(log: Log, played: Played) -> None:
         tab.run("import('./explorer.js').then((m) => { m.Explorer.prototype.ghosts = () => []; })")
         _seek(tab, 12.02)
         wait_until(lambda: tab.changed('#speed-chart') > 100)
+
+
+_STREAM = re.compile(rb'<<((?:(?!endobj).)*?)>>\s*stream\r?\n(.*?)endstream', re.DOTALL)
+_SCALE = re.compile(rb'(-?[\d.]+) 0 0 (-?[\d.]+) -?[\d.]+ -?[\d.]+ cm')
+
+
+def scales(pdf: bytes) -> list[float]:
+    """Return by how much each thing in a PDF is scaled to the right, per scale downwards."""
+    found = []
+    for header, data in _STREAM.findall(pdf):
+        if b'/FlateDecode' in header and b'/FontFile' not in header:
+            with suppress(zlib.error):
+                for along, down in _SCALE.findall(zlib.decompress(data)):
+                    found.append(abs(float(along) / float(down)))
+    return found
+
+
+@in_browser
+def test_a_print_keeps_the_shapes_and_the_chosen_colours(log: Log, played: Played) -> None:
+    with played(log, width=1440, height=900) as tab:
+        tab.dark(on=False)
+        tab.click('#theme')
+        wait_until(lambda: tab.text('#theme') == 'Light')
+        pdf = base64.b64decode(tab.ask('Page.printToPDF')['data'])
+        found = scales(pdf)
+        assert len(found) >= 4  # the canvases, at least
+        assert found == pytest.approx([1.0] * len(found), rel=0.01)
+        assert tab.text('#theme') == 'Light'
+        box = "document.querySelector('#speed-chart').getBoundingClientRect()"
+        canvas = "document.querySelector('#speed-chart')"
+        tab.until(f'Math.abs({canvas}.width / {canvas}.height - {box}.width / {box}.height) < 0.02')
+
+
+@in_browser
+def test_the_laps_of_a_replay_are_those_of_the_shown_time(played: Played) -> None:
+    parts = [closed_loop(controller=PID(kp, 8.0, 0.0), distance=40.0) for kp in (4.0, 6.0, 8.0)]
+    log = joined(*parts)
+    laps = [*metrics.laps_of(log)[0]]
+    assert len(laps) == 3
+    other = joined(*parts[1:])
+    cells = "Array.from(document.querySelectorAll('[data-figure=rms] td'), (c) => c.innerText)"
+
+    def rms(lap: metrics.Lap) -> str:
+        return f'{lap.summary.rms_error_after_run_up:.3f}'
+
+    with played(log) as tab:
+        tab.click('#play')
+        for k in (2, 0, 1):
+            _seek(tab, 0.5 * (laps[k].start + laps[k].end))
+            expected = [rms(laps[k]), rms(laps[k - 1]) if k else '\N{EN DASH}']
+            wait_until(lambda expected=expected: tab.run(cells)[:2] == expected)
+    with played(log, other) as tab:
+        tab.click('#play')
+        for k, beside in ((0, 0), (1, 1), (2, 1)):  # the same lap of the other run, or its last
+            _seek(tab, 0.5 * (laps[k].start + laps[k].end))
+            expected = [rms(laps[k]), rms([*metrics.laps_of(other)[0]][beside])]
+            wait_until(lambda expected=expected: tab.run(cells)[:2] == expected)
+
+
+def joined(*logs: Log) -> Log:
+    """Return a run that begins anew between the logs."""
+    columns: dict[str, list[np.ndarray]] = {}
+    start = 0.0
+    for log in logs:
+        shifted = replace(log, t=log.t + start)
+        start = shifted.t[-1] + 0.02
+        for name, values in shifted.columns().items():
+            columns.setdefault(name, []).append(values)
+    return Log(**{name: np.concatenate(values) for name, values in columns.items()})
 
 
 @in_browser

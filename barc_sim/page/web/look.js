@@ -58,12 +58,30 @@ export class Surface {
     this.canvas = canvas;
     this.context = canvas.getContext('2d');
     this.width = this.height = 0;
+    this.isOnPaper = false;
     new ResizeObserver(() => {
-      const box = canvas.getBoundingClientRect();
-      this.width = box.width;
-      this.height = box.height;
+      if (!this.isOnPaper) this.#measure();
       changed();
     }).observe(canvas);
+  }
+
+  /** Use a size [px] for paper, whose own size is not known before it is printed. */
+  putOnPaper(width, height) {
+    this.isOnPaper = true;
+    this.width = width;
+    this.height = height;
+  }
+
+  /** Follow the size on the page again. */
+  putOnScreen() {
+    this.isOnPaper = false;
+    this.#measure();
+  }
+
+  #measure() {
+    const box = this.canvas.getBoundingClientRect();
+    this.width = box.width;
+    this.height = box.height;
   }
 
   begin() {

@@ -49,6 +49,10 @@ const [scene, course] = ['scene', 'course'].map(surface);
 const speedChart = new Chart(surface('speed-chart'), [], 1, [-150, 150]);
 const commandChart = new Chart(surface('command-chart'), [], 4, [-100, 100]);
 const SPANS = { track: [0.1, 5], else: [1, 4] }; // of the charts' scales, at least
+const PAPER_WIDTH = 720; // [px] of all canvases; the printer scales them, without stretching
+const PAPER = [ // the canvases, each with its height [px]
+  [scene, 260], [course, 60], [speedChart.surface, 200], [commandChart.surface, 200],
+];
 const speedPart = { chart: speedChart, legend: element('speed-legend') };
 const commandPart = { chart: commandChart, legend: element('command-legend') };
 const readColours = watchColours(stale);
@@ -259,11 +263,17 @@ function setTheme(theme) {
 element('theme').addEventListener('click', () => setTheme(element('theme').textContent.toLowerCase()));
 dark.addEventListener('change', () => setTheme(document.documentElement.dataset.theme ?? ''));
 // On paper: light, and drawn before the page is printed.
+let themeOnScreen = '';
 addEventListener('beforeprint', () => {
+  themeOnScreen = document.documentElement.dataset.theme ?? '';
+  for (const [surface, height] of PAPER) surface.putOnPaper(PAPER_WIDTH, height);
   setTheme('light');
   drawNow(performance.now());
 });
-addEventListener('afterprint', () => setTheme(''));
+addEventListener('afterprint', () => {
+  for (const [surface] of PAPER) surface.putOnScreen();
+  setTheme(themeOnScreen);
+});
 element('reset').addEventListener('click', reset);
 element('pause').addEventListener('click', pause);
 element('finish').addEventListener('click', () => connection.send('finish'));
