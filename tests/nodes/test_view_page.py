@@ -408,7 +408,7 @@ def test_a_number_beyond_its_limits_is_refused_in_the_command_lines_sentence(
     acc: Acc, open_: Open
 ) -> None:
     view, car, controller = acc
-    tab = open_(view.url)
+    tab = open_(view.url, width=1280, height=720)
     cases = []
     for name, text in BEYOND:
         with pytest.raises(UserError) as refusal:
@@ -427,6 +427,8 @@ def test_a_number_beyond_its_limits_is_refused_in_the_command_lines_sentence(
         wait_until(lambda sentence=sentence: note(tab) == sentence)
         wait_until(lambda args=(tab, node, name, before): is_shown(*args))
     assert tab.text('#state') == 'Live'
+    bottom = tab.run("document.querySelector('#tuning-note').getBoundingClientRect().bottom")
+    assert bottom <= 720
 
 
 #: Makes each new connection one that does not open, until `reconnect` is called.

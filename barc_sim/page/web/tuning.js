@@ -30,7 +30,10 @@ export class Tuning {
     this.offered = {}; // presets, {name: {parameter: value}}
     this.sliders = {}; // {name: {label, short, unit, max, limits, expected, node}}
     this.controls = {};
-    this.warn = (sentence) => show(this.note, sentence);
+    this.warn = (sentence) => {
+      show(this.note, sentence);
+      if (sentence) this.note.scrollIntoView({ block: 'nearest' }); // it is below the sliders
+    };
     this.parameters = new Parameters(send, () => this.#render(), this.warn);
     this.form.addEventListener('submit', (event) => event.preventDefault());
     const more = document.getElementById('more'); // on a phone
@@ -112,7 +115,7 @@ export class Tuning {
       const values = Object.entries(this.offered[button.textContent]);
       const isSet = values.every(([name, value]) => parameters.values[name] === value);
       button.ariaPressed = isSet;
-      button.disabled = !parameters.connected;
+      button.disabled = !values.every(([name]) => parameters.isEnabled(name));
       if (isSet) explanation = ABOUT[button.textContent] ?? '';
     }
     show(document.getElementById('preset-note'), explanation);
