@@ -37,8 +37,8 @@ def refusal(headers: Headers, hosts: Collection[str]) -> str:
     Its Host must be an IP address, localhost or one of `hosts`, with any port: a tunnel may have
     another one. Its Origin, if it has one, must be the page itself. Programs send none.
     """
-    given = headers.get_all('Host')
-    host = given[0].lower() if len(given) == 1 else ''
+    hosts_sent = headers.get_all('Host')
+    host = hosts_sent[0].lower() if len(hosts_sent) == 1 else ''
     if not _is_own(_name_of(host), hosts):
         return _WRONG_HOST
     if any(_host_of(origin) != host for origin in headers.get_all('Origin')):

@@ -262,6 +262,19 @@ def test_without_a_home_directory_the_file_is_in_the_temporary_one(
     assert Path(json.loads(browser_stub.read_text('utf-8'))['path']).parents[1] == tmp_path
 
 
+def test_a_browser_of_windows_receives_the_address_itself(
+    server: Recorder, browser_stub: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It cannot open a file of Linux; the machine is its user's own."""
+    opened: list[str] = []
+    monkeypatch.setenv('WSL_DISTRO_NAME', 'Ubuntu')
+    monkeypatch.setattr(webbrowser, 'open', opened.append)
+    server.open_browser()
+    wait_for(lambda: opened)
+    assert opened == [server.url]
+    assert not browser_stub.exists()
+
+
 def test_page_is_greeted_receives_messages_and_is_answered(server: Recorder) -> None:
     with page(server) as one, page(server) as two:
         for client in (one, two):

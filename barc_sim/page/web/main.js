@@ -40,6 +40,7 @@ let road = new Road(null);
 let [paused, plan] = [false, []];
 let ended = false;
 let drawn = {}; // the last drawing
+let shown = null; // the state in it
 let message_timer = null;
 let received = null; // [ms] when the last state arrived, null where none is expected
 
@@ -193,7 +194,7 @@ const connection = new Connection({
   status(status) {
     ({ paused, plan } = status);
     laps.update(status.laps);
-    stale();
+    if (shown) showLaps(shown);
     element('factor').textContent = reading(status.factor, 2);
     element('missed').textContent = status.missed ?? '–';
     element('missed-fact').classList.toggle('bad', status.missed > 0);
@@ -326,6 +327,7 @@ function drawNow(milliseconds) {
   const newest = history.last('t');
   const time = player.advance(now, facts.replay ? NaN : clock.advance(now, newest));
   const state = history.state(time);
+  shown = state;
   if (state) road.learn(state);
   if (drawn.time === time && drawn.count === history.count && drawn.settled) return;
   const charts = !(now < drawn.next);
