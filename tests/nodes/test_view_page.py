@@ -692,6 +692,17 @@ def test_the_parameters_of_an_earlier_state_are_those_of_its_time(
     assert found == [None, [0, 6, 6, 7, 7], 8, 6]
 
 
+HEADINGS = {0.3: 0, -179.7: 180, 179.7: 180, -179.4: -179, 359.6: 0, 540.0: 180, -90.0: -90}
+
+
+def test_a_heading_has_one_number(teleop: Teleop, open_: Open) -> None:
+    view, car = teleop
+    tab = open_(view.url)
+    for degrees, shown in HEADINGS.items():
+        car.state = State(psi=math.radians(degrees))
+        wait_until(lambda shown=shown: tab.number('#heading') == shown, f'heading {degrees}')
+
+
 def test_buttons_pause_and_reset(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     car.state = State(x=50.0)

@@ -293,6 +293,12 @@ function showLaps(state) {
   else lesson.showLaps(laps.beside(state.lap), state.lap);
 }
 
+/** Return a heading in whole degrees, from −179 to 180. */
+function headingOf(psi) {
+  const behind = (180 - Math.round(degrees(psi))) % 360;
+  return 180 - (behind < 0 ? behind + 360 : behind);
+}
+
 function showReadings(state) {
   const teleop = facts.mode === 'teleop';
   if (teleop) show(element('speed-label'), state.speed < -0.005 ? 'Speed |v|, in reverse' : 'Speed |v|');
@@ -307,7 +313,7 @@ function showReadings(state) {
     error: reading(state.reference - state.speed, 3),
     position: reading(state.x, 1),
     grade: reading(state.theta_deg, 0),
-    heading: reading(((degrees(state.psi) % 360) + 540) % 360 - 180, 0),
+    heading: reading(headingOf(state.psi), 0),
     steering: reading(degrees(state.servo), 1),
     place: `${reading(state.x, 1)}, ${reading(state.y, 1)}`,
     command: reading(state.motor, 2),
