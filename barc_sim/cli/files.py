@@ -10,8 +10,9 @@ from __future__ import annotations
 import os
 import stat
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import ExitStack, contextmanager, suppress
+from errno import ENOTDIR
+from pathlib import Path, PurePath
 from secrets import token_hex
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from matplotlib.figure import Figure
+    from typing_extensions import Self
 
 FIGURES = ('png', 'pdf', 'svg')  #: suffixes of a figure's file
 FIGURE_DPI = 150
@@ -42,6 +44,9 @@ def _flags(*names: str) -> int:
     return flags
 
 
+_OPEN_REGULAR = os.O_RDONLY | _flags('O_NONBLOCK', 'O_NOCTTY')
+
+
 def _check_regular(path: Path, status: os.stat_result) -> None:
     if not stat.S_ISREG(status.st_mode):
         kind = _KINDS.get(stat.S_IFMT(status.st_mode), 'something else')
@@ -56,14 +61,90 @@ def open_regular(path: Path, *, follow: bool = True) -> BinaryIO:
     """
     # Checked before the opening, which can act on a device, and after it, for a change meanwhile.
     _check_regular(path, path.stat(follow_symlinks=follow))
-    flags = _flags('O_NONBLOCK', 'O_NOCTTY', *(() if follow else ('O_NOFOLLOW',)))
-    descriptor = os.open(path, os.O_RDONLY | flags)
+    flags = _OPEN_REGULAR if follow else _OPEN_REGULAR | _flags('O_NOFOLLOW')
+    return _regular_file(path, os.open(path, flags))
+
+
+def _regular_file(path: Path, descriptor: int) -> BinaryIO:
+    """Return the file of a descriptor; UserError: it is no regular file."""
     try:
         _check_regular(path, os.fstat(descriptor))
     except UserError:
         os.close(descriptor)
         raise
     return os.fdopen(descriptor, 'rb')
+
+
+#: Where a folder is: its descriptor, or its path on a system without such descriptors.
+_Place = int | Path
+_HAS_DESCRIPTORS = {os.open, os.stat} <= os.supports_dir_fd and os.scandir in os.supports_fd
+_TOP = PurePath()
+
+
+class HeldFolder:
+    """A folder that is held open, so that all that is read is really in it.
+
+    Somebody else can exchange a folder for a link while it is read. So each file is opened from the
+    descriptor of the folder that it is in, down from this one, and no link is followed. Windows has
+    no such descriptors: there each folder is checked just before it is used.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open the folder at `path`; OSError: it is none, or a link."""
+        self.path = path
+        self._place = _open_folder(path)
+
+    def __enter__(self) -> Self:
+        """Return it."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        _close_folder(self._place)
+
+    def entries(self, folder: PurePath = _TOP) -> dict[str, os.stat_result]:
+        """Return what is in a folder below it, by name; OSError: it is unreadable, or a link."""
+        found = {}
+        with self._at(folder) as place, os.scandir(place) as entries:
+            for entry in entries:
+                with suppress(FileNotFoundError):  # it has just been removed
+                    found[entry.name] = entry.stat(follow_symlinks=False)
+        return found
+
+    def open(self, file: PurePath) -> BinaryIO:
+        """Open a regular file below it, as `open_regular` does."""
+        with self._at(file.parent) as place:
+            if isinstance(place, Path):
+                return open_regular(place / file.name, follow=False)
+            path = self.path / file
+            _check_regular(path, os.stat(file.name, dir_fd=place, follow_symlinks=False))
+            descriptor = os.open(file.name, _OPEN_REGULAR | _flags('O_NOFOLLOW'), dir_fd=place)
+            return _regular_file(path, descriptor)
+
+    @contextmanager
+    def _at(self, folder: PurePath) -> Iterator[_Place]:
+        """Give the place of a folder below it."""
+        with ExitStack() as places:
+            place = self._place
+            for name in folder.parts:
+                place = _open_folder(name, place)
+                places.callback(_close_folder, place)
+            yield place
+
+
+def _open_folder(name: str | Path, place: _Place | None = None) -> _Place:
+    """Open a folder at a place; OSError: it is none, or a link."""
+    if isinstance(place, int) or (place is None and _HAS_DESCRIPTORS):
+        return os.open(name, os.O_RDONLY | _flags('O_DIRECTORY', 'O_NOFOLLOW'), dir_fd=place)
+    path = Path(name) if place is None else place / name
+    if not stat.S_ISDIR(path.lstat().st_mode):
+        raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR), str(path))
+    return path
+
+
+def _close_folder(place: _Place) -> None:
+    if isinstance(place, int):
+        os.close(place)
 
 
 def read_regular(path: Path, limit: int, *, follow: bool = True) -> bytes:
@@ -167,7 +248,7 @@ def make_folder(path: Path, within: Path) -> Path:
         with suppress(FileExistsError):
             folder.mkdir()
         if not stat.S_ISDIR(folder.lstat().st_mode):
-            raise NotADirectoryError(20, f'{str(folder)!r} is not a plain folder')
+            raise NotADirectoryError(ENOTDIR, f'{str(folder)!r} is not a plain folder')
     return path
 
 

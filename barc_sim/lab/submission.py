@@ -10,14 +10,13 @@ import io
 import os
 import stat
 import zipfile
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
-from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path, PurePath, PurePosixPath
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
-from barc_sim.cli.files import open_regular
+from barc_sim.cli.files import HeldFolder, open_regular
 from barc_sim.errors import UserError, escaped, one_line
 from barc_sim.lab.files import FILES, files_in, names_of
 
@@ -65,12 +64,12 @@ def find(path: Path, *, is_class: bool = False) -> list[Path]:
     and lists of the class. Only `path` itself may be a link, because the instructor has typed it.
     """
     if not path.is_dir():
-        if path.exists() and _is_archive(path):
+        if path.exists() and _is_archive(path.name):
             return [path.resolve()]
         fault = f'{str(path)!r} is a file' if path.exists() else f'there is no folder {str(path)!r}'
         raise UserError(f'{fault}: name one submission (a folder or a .zip), or a folder of them')
     entries = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
-    packed = [entry for entry in entries if entry.is_dir() or _is_archive(entry)]
+    packed = [entry for entry in entries if entry.is_dir() or _is_archive(entry.name)]
     names = [entry.name for entry in entries]
     is_one = any(name in names for name in FILES.values()) if packed else names_of(names)
     if is_one or (len(packed) == 1 and files_in(packed[0]) and not is_class):
@@ -88,18 +87,15 @@ def read(path: Path) -> Submission:
     files: dict[str, bytes] = {}
     notes: list[str] = []
     try:
-        if fault := _unreadable(path):
+        status = path.lstat()
+        if stat.S_ISDIR(status.st_mode):
+            with HeldFolder(path) as folder:
+                files, notes = _of_folder(folder)
+        elif fault := _unreadable(path.name, status):
             notes.append(fault)
         else:
-            with _members(path) as members:
-                near = (each for each in members if not _is_left_out(each))
-                first = [*islice(near, MAX_ENTRIES)]
-                files, left_out = take(_beside_the_code(first, notes))
-            # Moodle packs each student's archive in a folder.
-            packed = [] if names_of(files) else [*filter(_is_archive, path.glob('*'))]
-            if len(packed) == 1:
-                return replace(read(packed[0]), name=escaped(path.name))
-            notes += left_out
+            with open_regular(path, follow=False) as file:
+                files, notes = _of_archive(file)
     except Exception as error:  # noqa: BLE001 (a damaged submission can raise any exception)
         notes.append(f'it cannot be read: {_reason_of(error)}')
     if not files and not notes:
@@ -109,22 +105,52 @@ def read(path: Path) -> Submission:
     return Submission(escaped(path.name), files, tuple(notes))
 
 
-def _unreadable(path: Path) -> str:
-    """Return why a submission cannot be opened; empty for a folder or an archive."""
-    status = path.lstat()
-    if stat.S_ISDIR(status.st_mode):
-        return ''
+def _unreadable(name: str, status: os.stat_result) -> str:
+    """Return why a file is no archive that can be opened; empty if it is one."""
     if fault := _fault_of(status.st_mode):
         return f'it {fault}: hand in a .zip or a folder'
-    if not _is_archive(path):
-        return f'a single {path.suffix} file cannot be graded: hand in a .zip or a folder'
+    if not _is_archive(name):
+        return f'a single {Path(name).suffix} file cannot be graded: hand in a .zip or a folder'
     too_big = f'it is larger than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
     return too_big if status.st_size > MAX_ARCHIVE else ''
 
 
-def _is_archive(path: Path) -> bool:
-    """Return whether the name of `path` ends with .zip."""
-    return path.name.lower().endswith('.zip')
+def _is_archive(name: str) -> bool:
+    """Return whether a name ends with .zip."""
+    return name.lower().endswith('.zip')
+
+
+def _of_folder(folder: HeldFolder) -> tuple[dict[str, bytes], list[str]]:
+    """Return the files of a folder, or of the only archive in one without code, and notes."""
+    files, notes = _taken(listed(folder))
+    # Moodle packs each student's archive in a folder.
+    packed = {name: status for name, status in folder.entries().items() if _is_archive(name)}
+    if names_of(files) or len(packed) != 1:
+        return files, notes
+    ((name, status),) = packed.items()
+    if fault := _unreadable(name, status):
+        return {}, [fault]
+    with folder.open(PurePath(name)) as file:
+        return _of_archive(file)
+
+
+def _of_archive(file: BinaryIO) -> tuple[dict[str, bytes], list[str]]:
+    """Return the files of an archive, and notes; a damaged one can raise any exception."""
+    with (
+        _Bounded(file.fileno(), closefd=False) as bounded,
+        zipfile.ZipFile(bounded) as archive,
+    ):
+        members = [_zipped(archive, info) for info in archive.infolist() if not info.is_dir()]
+        return _taken(sorted(members, key=lambda each: len(PurePosixPath(each.path).parts)))
+
+
+def _taken(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
+    """Return the files beside the code among members, those nearest to the top first, and notes."""
+    notes: list[str] = []
+    near = (each for each in members if not _is_left_out(each))
+    first = [*islice(near, MAX_ENTRIES)]
+    files, left_out = take(_beside_the_code(first, notes))
+    return files, notes + left_out
 
 
 class Member(NamedTuple):
@@ -135,45 +161,36 @@ class Member(NamedTuple):
     fault: str = ''  #: why it is not read, as the rest of a sentence
 
 
-@contextmanager
-def _members(path: Path) -> Iterator[Iterable[Member]]:
-    """Give the files of a folder or an archive, those nearest to its top first.
-
-    A damaged archive can raise any exception.
-    """
-    if path.is_dir():
-        yield listed(path)
-        return
-    with (
-        open_regular(path, follow=False) as file,
-        _Bounded(file.fileno(), closefd=False) as bounded,
-        zipfile.ZipFile(bounded) as archive,
-    ):
-        members = [_zipped(archive, info) for info in archive.infolist() if not info.is_dir()]
-        yield sorted(members, key=lambda each: len(PurePosixPath(each.path).parts))
-
-
-def listed(folder: Path) -> Iterator[Member]:
-    """Yield the files of a folder, those nearest to its top first."""
-    folders = [folder]
+def listed(folder: HeldFolder) -> Iterator[Member]:
+    """Yield the files of a folder, those nearest to its top first; read them while it is held."""
+    folders = [PurePosixPath()]
     for directory in folders:  # the loop adds folders
-        _, inner, names = next(os.walk(directory), ('', [], []))
-        for name in sorted([*inner, *names]):
-            path = directory / name
-            mode = path.lstat().st_mode
+        try:
+            entries = folder.entries(directory)
+        except OSError as error:
+            if directory == folders[0]:
+                raise
+            # Unreadable, or exchanged for a link meanwhile.
+            yield Member(str(directory), _nothing, f'cannot be read: {_reason_of(error)}')
+            continue
+        for name, status in sorted(entries.items()):
             if _is_of_tools(name):
                 continue
-            if stat.S_ISDIR(mode):
+            path = directory / name
+            if not stat.S_ISDIR(status.st_mode):
+                yield Member(str(path), partial(_data, folder, path), _fault_of(status.st_mode))
+            elif len(folders) < MAX_ENTRIES and len(os.fsencode(path)) < _MAX_PATH:
                 folders.append(path)
-            else:
-                relative = path.relative_to(folder).as_posix()
-                yield Member(relative, partial(_data, path), _fault_of(mode))
 
 
-def _data(path: Path, size: int) -> bytes:
+def _data(folder: HeldFolder, path: PurePosixPath, size: int) -> bytes:
     """Return at most `size` bytes of a regular file."""
-    with open_regular(path, follow=False) as file:
+    with folder.open(path) as file:
         return file.read(size)
+
+
+def _nothing(_: int) -> bytes:
+    return b''
 
 
 class _Bounded(io.FileIO):

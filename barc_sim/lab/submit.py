@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from barc_sim.bags import contents, reader
-from barc_sim.cli.files import open_regular
+from barc_sim.cli.files import HeldFolder, open_regular
 from barc_sim.errors import UserError
 from barc_sim.lab.files import files_in, handout_of, names_of
 from barc_sim.lab.report import page, read
@@ -94,7 +94,8 @@ def _is_by_hand(bag: Path) -> bool:
 
 def _code(folder: Path) -> Iterator[Part]:
     """Yield the code that `grade` reads, and a line for each file that is still to be written."""
-    files, notes = take(listed(folder))
+    with HeldFolder(folder.resolve()) as held:
+        files, notes = take(listed(held))
     names = [name for name in files if name.endswith('.py')]
     others = len(files) - len(names)
     text = ', '.join(names) + (f', other files: {others}' if others else '')

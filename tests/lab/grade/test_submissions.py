@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 import resource
+import threading
 import zipfile
 from typing import TYPE_CHECKING
 
 import pytest
 from bombs import BOMBS
 
+from barc_sim.cli.files import HeldFolder
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade, load
-from barc_sim.lab.submission import MAX_ENTRIES, MAX_FILE, MAX_FILES, find, read
+from barc_sim.lab.submission import MAX_ENTRIES, MAX_FILE, MAX_FILES, find, listed, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -296,3 +298,75 @@ def test_a_name_cannot_steer_a_terminal(tmp_path: Path) -> None:
     path.mkdir()
 
     assert read(path).name == '\\x1b[2Jeve'
+
+
+def exchange(folder: Path, other: Path) -> None:
+    """Put a link to `other` in the place of a folder, or the folder in the place of the link."""
+    real = folder.with_name(f'{folder.name}.real')
+    if folder.is_symlink():
+        folder.unlink()
+        real.rename(folder)
+    else:
+        folder.rename(real)
+        folder.symlink_to(other)
+
+
+@pytest.fixture
+def secret(tmp_path: Path) -> Path:
+    """Return a folder of the grader, with the names of a submission's files."""
+    secret = tmp_path / 'secret'
+    secret.mkdir()
+    (secret / 'relay.py').write_text('secret')
+    zipped(secret / 'lab.zip', **{'relay.py': b'secret'})
+    return secret
+
+
+def test_a_folder_that_becomes_a_link_while_it_is_read_shows_no_other_file(
+    tmp_path: Path, secret: Path
+) -> None:
+    lab = tmp_path / 'ada' / 'lab'
+    lab.mkdir(parents=True)
+    (lab.parent / 'a.py').touch()
+    (lab / 'relay.py').write_text('own')
+    with HeldFolder(lab.parent) as held:
+        members = listed(held)
+        assert next(members).path == 'a.py'
+        exchange(lab, secret)
+        (member,) = members
+        assert (member.path, member.fault) == ('lab', 'cannot be read: Not a directory')
+        exchange(lab, secret)
+        _, member = listed(held)
+        assert (member.path, member.read(9)) == ('lab/relay.py', b'own')
+        exchange(lab, secret)
+        with pytest.raises(OSError, match='Not a directory'):
+            member.read(9)
+        exchange(lab.parent, secret)  # the folder that is held stays the same
+        assert [each.path for each in listed(held)] == ['a.py', 'lab', 'lab.real/relay.py']
+
+
+def test_folders_that_are_exchanged_all_the_time_show_no_other_file(
+    tmp_path: Path, secret: Path
+) -> None:
+    folder = tmp_path / 'class' / 'ada'
+    (folder / 'lab').mkdir(parents=True)
+    (folder / 'lab' / 'relay.py').write_text('own')
+    packed = tmp_path / 'class' / 'eve'
+    packed.mkdir()
+    zipped(packed / 'lab.zip', **{'relay.py': b'own'})
+    over = threading.Event()
+
+    def exchange_all() -> None:
+        while not over.is_set():
+            for each in (folder / 'lab', folder, packed):
+                exchange(each, secret)
+                exchange(each, secret)
+
+    thread = threading.Thread(target=exchange_all)
+    thread.start()
+    try:
+        found = [read(path).files.get('relay.py') for _ in range(400) for path in (folder, packed)]
+    finally:
+        over.set()
+        thread.join()
+    assert {*found} <= {b'own', None}
+    assert b'own' in found
