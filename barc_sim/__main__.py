@@ -5,15 +5,21 @@ Only the chosen command's module is imported, so that `--help` is quick.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
+
+if __name__ == '__main__' and sys.path[0] == os.getcwd() and not __file__.startswith(sys.path[0]):  # noqa: PTH109
+    # `python -m` puts the working directory first, where anyone's `socket.py` would be imported.
+    del sys.path[0]
+
+import argparse
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from barc_sim import __version__
 from barc_sim.cli.parser import ROS_ARGS, Parser, call, check_arguments, did_you_mean
+from barc_sim.cli.python import ignore_working_directory
 from barc_sim.commands import COMMANDS, GROUPS, NODES, SHARED
 
 if TYPE_CHECKING:
@@ -35,6 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run(name: str, words: Sequence[str]) -> int | None:
     """Run the command `name` with the arguments `words`, and return its exit code."""
+    ignore_working_directory()
     check_arguments(words)
     _, run_command = functions(name)
     return run_command(parse(name, words))

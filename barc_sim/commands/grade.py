@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.cli.files import make_folder, saving
 from barc_sim.cli.parser import INTERRUPTED, number, whole
 from barc_sim.cli.process import StopSignals
+from barc_sim.cli.python import working_in
 from barc_sim.errors import UserError
 from barc_sim.lab.files import BY_HAND, RUBRICS, handout_of, names_of
 
@@ -93,7 +94,7 @@ def run(options: Namespace) -> int:
     if out.resolve() == options.submissions.resolve():
         raise UserError(f'{str(options.out)!r} has the submissions: name another folder with --out')
     submissions = submission.find(options.submissions, is_class=bool(options.roster))
-    paths = [path for path in submissions if path.absolute() != out]
+    paths = [path for path in map(Path.absolute, submissions) if path != out]
     points = grade.load(options.rubric or _rubric_of(paths))
     points.lab.ready()
     # Gradescope looks for the files of a single submission in the folder itself.
@@ -193,11 +194,16 @@ def processes(jobs: int | None) -> Iterator[Executor]:
     """Use `jobs` worker processes, by default one for each core.
 
     At the end of the block, workers that still run end, and their folders are removed; they also
-    end with this process, however it ends.
+    end with this process, however it ends. Within the block this process works in an empty folder,
+    as its workers do.
     """
     # New processes: a fork would copy the locks of other threads, but not the threads.
     context = multiprocessing.get_context('spawn')
-    with tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder:
+    with (
+        tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder,
+        # They would import a submission's `socket.py` from the working directory.
+        working_in(Path(folder)),
+    ):
         pool = ProcessPoolExecutor(jobs, context, _begin_worker, (folder,))
         try:
             yield pool

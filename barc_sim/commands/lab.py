@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import shlex
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments, barc_path
+from barc_sim.cli.python import python_command
 from barc_sim.errors import UserError, escaped
 from barc_sim.lab.files import HANDOUTS, HILLS, Handout, files_in, find_files, handout_of
 from barc_sim.lab.submission import MAX_ARCHIVE
@@ -150,11 +150,12 @@ def run_submit(options: Namespace) -> None:
 def _drive(folder: Path, bags: Path) -> tuple[Path | None, str]:
     """Drive over the course with a folder's files; return the bag, and why it failed, if it did."""
     words = handout_of(files_in(folder)).drive.split()
-    options = [str(folder), '--realtime-factor', 'max', '--engine', 'local']
+    options = [str(folder.absolute()), '--realtime-factor', 'max', '--engine', 'local']
     try:
         # In a process of its own, which the files can end.
         done = subprocess.run(  # noqa: S603 (our own command)
-            [sys.executable, '-m', 'barc_sim', *words, *options, '-q', '--bag-dir', str(bags)],
+            python_command('barc_sim', *words, *options, '-q', '--bag-dir', str(bags)),
+            cwd=bags,
             env=os.environ | {'PYTHONIOENCODING': 'utf-8'},
             capture_output=True,
             encoding='utf-8',

@@ -59,6 +59,8 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     if network:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    # No settings of Fast DDS from the working directory, which can be anyone's.
+    os.environ.setdefault('SKIP_DEFAULT_XML_FILE', '1')
     use_profiles()
     sweep()
     if sys.stderr.isatty():

@@ -14,6 +14,7 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+from barc_sim.cli.python import python_command
 from barc_sim.errors import UserError
 from barc_sim.lab import files
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
@@ -47,7 +48,7 @@ def judge_composition(file: Path) -> Verdict:
     import pty  # noqa: PLC0415 (of Unix)
 
     ours, theirs = pty.openpty()  # a keyboard needs a terminal
-    command = [sys.executable, '-m', __name__, str(file.resolve())]
+    command = python_command(__name__, str(file.resolve()))
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
         try:
             code = subprocess.run(  # noqa: S603 (the user's own file)
@@ -107,7 +108,8 @@ def _run_here(file: str) -> None:
 
     signal.signal(signal.SIGALRM, poll)
     signal.setitimer(signal.ITIMER_REAL, _PERIOD, _PERIOD)
-    sys.argv, sys.path[0] = [file], str(Path(file).parent)
+    sys.argv = [file]
+    sys.path.insert(0, str(Path(file).parent))  # as for any script
     try:
         runpy.run_path(file, run_name='__main__')
     finally:

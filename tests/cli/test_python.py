@@ -1,0 +1,71 @@
+"""Where helper processes start, and what of the working directory decides nothing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import barc_sim
+from barc_sim.cli.python import ignore_working_directory, python_command, working_in
+
+PACKAGES = str(Path(barc_sim.__file__).parents[1])
+#: Python itself imports these before a program's first line; the others are in a stranger's folder.
+HELP = ('barc_sim', '--version')
+
+
+@pytest.fixture
+def trap(tmp_path: Path) -> Path:
+    """Return a folder with a module for each name of the standard library; each fails."""
+    folder = tmp_path / 'stranger'
+    folder.mkdir()
+    for name in sys.stdlib_module_names | {'sitecustomize', 'numpy', 'barc_sim'}:
+        (folder / f'{name}.py').write_text('raise SystemExit("a stranger\'s code has run")')
+    return folder
+
+
+def test_a_helper_starts_in_a_strangers_folder_all_the_same(trap: Path) -> None:
+    done = subprocess.run(
+        python_command(*HELP), cwd=trap, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == f'barc {barc_sim.__version__}\n', done.stderr
+
+
+def test_a_helper_gets_words_as_they_are(tmp_path: Path) -> None:
+    (tmp_path / 'shown.py').write_text('import sys; print(__name__, sys.argv[1:])')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(tmp_path)
+        command = python_command('shown', 'a b', '', '--x=:')
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == "__main__ ['a b', '', '--x=:']\n"
+
+
+def test_the_path_loses_the_working_directory_but_not_that_of_barc_sim(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = tmp_path / 'link'
+    link.symlink_to(tmp_path)
+    monkeypatch.setattr(sys, 'path', ['', str(tmp_path), str(link), PACKAGES])
+    with working_in(tmp_path):
+        ignore_working_directory()
+        assert sys.path == [PACKAGES]
+    with working_in(Path(PACKAGES)):
+        ignore_working_directory()
+        assert sys.path == [PACKAGES]
+
+
+def test_a_working_directory_that_is_gone_is_no_obstacle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, 'path', ['', PACKAGES])
+    gone = tmp_path / 'gone'
+    gone.mkdir()
+    with working_in(gone):
+        gone.rmdir()
+        ignore_working_directory()
+        with working_in(tmp_path):
+            assert Path.cwd() == tmp_path
+        assert not Path().exists() or not [*os.scandir()]
