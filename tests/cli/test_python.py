@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,8 +14,6 @@ import barc_sim
 from barc_sim.cli.python import ignore_working_directory, python_command, working_in
 
 PACKAGES = str(Path(barc_sim.__file__).parents[1])
-#: Python itself imports these before a program's first line; the others are in a stranger's folder.
-HELP = ('barc_sim', '--version')
 
 
 @pytest.fixture
@@ -29,8 +28,21 @@ def trap(tmp_path: Path) -> Path:
 
 def test_a_helper_starts_in_a_strangers_folder_all_the_same(trap: Path) -> None:
     done = subprocess.run(
-        python_command(*HELP), cwd=trap, capture_output=True, text=True, check=False
+        python_command('barc_sim', '--version'),
+        cwd=trap,
+        capture_output=True,
+        text=True,
+        check=False,
     )
+    assert done.stdout == f'barc {barc_sim.__version__}\n', done.stderr
+
+
+def test_the_script_that_starts_runs_imports_nothing_there(trap: Path) -> None:
+    script = Path(__file__).parents[2] / 'scripts' / 'run'
+    found = re.search('^start="(.*?)"$', script.read_text(), re.DOTALL | re.MULTILINE)
+    assert found
+    command = [sys.executable, '-c', found[1], '--version']
+    done = subprocess.run(command, cwd=trap, capture_output=True, text=True, check=False)
     assert done.stdout == f'barc {barc_sim.__version__}\n', done.stderr
 
 
