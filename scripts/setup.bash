@@ -149,7 +149,7 @@ check_machine() {
   local lacking='' packages=''
   lack() { lacking+="${lacking:+ and }$1" packages+=" $2"; }
   if [[ -n $ros ]]; then
-    "$base" -c 'import rclpy' 2>/dev/null || die "Python $version ($base) cannot import the rclpy" \
+    (cd "$root" && "$base" -c 'import rclpy') 2>/dev/null || die "Python $version ($base) cannot import the rclpy" \
       "of $ros: set BARC_PYTHON to the Python that it was built for (usually /usr/bin/python3)."
   fi
   [[ $source == none ]] ||
