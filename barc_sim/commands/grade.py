@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import re
 import shutil
 import signal
 import sys
@@ -12,6 +13,7 @@ import threading
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from functools import partial
+from hashlib import sha256
 from multiprocessing import connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +22,7 @@ from barc_sim.cli.files import make_folder, saving
 from barc_sim.cli.parser import INTERRUPTED, number, whole
 from barc_sim.cli.process import StopSignals
 from barc_sim.cli.python import working_in
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, escaped
 from barc_sim.lab.files import BY_HAND, RUBRICS, handout_of, names_of
 
 if TYPE_CHECKING:
@@ -32,7 +34,11 @@ if TYPE_CHECKING:
 
     _Outcome = tuple[Path, Grade | str]
 
-_CLASS_FILES = {'class.csv', 'class.html', 'canvas.csv'}
+#: The files of a class, and what submissions of these names get.
+_OF_CLASS = re.compile(r'(class\.csv|class\.html|canvas\.csv)(\.submission)*')
+_MAX_NAME = 255  # bytes of a folder's name
+_KEPT, _DIGITS = 50, 32  # characters of a longer one, and of its hash
+_SHORTENED = re.compile(f'~[0-9a-f]{{{_DIGITS}}}$')
 
 
 def add_arguments(parser: Parser) -> None:
@@ -110,11 +116,16 @@ def run(options: Namespace) -> int:
         stop.then(partial(stopped.set_result, None))
         outcomes = grade_all(executor, stopped, hands, points, limits)
         grades, failures = _collect(outcomes, out, folders, empty)
+    names = {path: folder.name for path, folder in folders.items()}
     if (graded := len(grades) + len(failures)) < len(paths):
         text = f'{graded} of {len(paths)} are graded; the files of the class stay as they were'
         print(f'barc grade: interrupted: {text}', file=sys.stderr)  # noqa: T201
         return INTERRUPTED
-    entries = classroom.entries(grades, failures, students)
+    entries = classroom.entries(
+        {names[path]: grade for path, grade in grades.items()},
+        {names[path]: failure for path, failure in failures.items()},
+        students,
+    )
     files = {}
     if not alone:  # then the files of a class may be there
         files['class.csv'] = classroom.as_csv(entries, points)
@@ -124,8 +135,9 @@ def run(options: Namespace) -> int:
         _write(out, out / name, text.encode())
     lines = classroom.summary([*grades.values()], points)
     print('\n'.join([*lines, str(out if alone else out / 'class.html')]))  # noqa: T201
-    for name, failure in failures.items():
-        print(f'barc grade: {name} could not be graded: {failure}', file=sys.stderr)  # noqa: T201
+    for path in sorted(failures):
+        text = f'{escaped(path.name)} could not be graded: {failures[path]}'
+        print(f'barc grade: {text}', file=sys.stderr)  # noqa: T201
     return INTERRUPTED if stopped.done() else 1 if failures else 0
 
 
@@ -138,15 +150,23 @@ def _rubric_of(paths: Iterable[Path]) -> str:
 
 
 def _folder(out: Path, submission: Path) -> Path:
-    """Return the folder for a submission's reports, with a name that no file of the class has."""
-    name = submission.name.encode(errors='backslashreplace').decode()  # one may not be UTF-8
-    return out / (f'{name}.submission' if name in _CLASS_FILES else name)
+    """Return the folder for a submission's reports; no other submission, and no class, has it.
+
+    It depends on the submission's name alone, so that points by hand stay with their submission.
+    """
+    # A backslash stands for a byte that is not UTF-8, so one in a name is doubled.
+    name = submission.name.replace('\\', r'\\').encode(errors='backslashreplace').decode()
+    if _OF_CLASS.fullmatch(name):
+        name += '.submission'
+    if len(name.encode()) > _MAX_NAME or _SHORTENED.search(name):
+        name = f'{name[:_KEPT]}~{sha256(name.encode()).hexdigest()[:_DIGITS]}'
+    return out / name
 
 
 def _collect(
     outcomes: Iterable[_Outcome], out: Path, folders: dict[Path, Path], empty: bytes
-) -> tuple[dict[str, Grade], dict[str, str]]:
-    """Write the files of each submission as it finishes; return grades and failures by folder.
+) -> tuple[dict[Path, Grade], dict[Path, str]]:
+    """Write the files of each submission as it finishes; return grades and failures.
 
     The file for points by hand is written `empty` if there is none.
     """
@@ -154,8 +174,8 @@ def _collect(
     from rich.progress import track  # noqa: PLC0415
 
     stderr = Console(stderr=True)
-    grades: dict[str, Grade] = {}
-    failures: dict[str, str] = {}
+    grades: dict[Path, Grade] = {}
+    failures: dict[Path, str] = {}
     for path, outcome in track(
         outcomes,
         'Grading',
@@ -166,14 +186,14 @@ def _collect(
     ):
         folder = folders[path]
         if isinstance(outcome, str):
-            failures[folder.name] = outcome
+            failures[path] = outcome
             continue
         grade, files = outcome._replace(files={}), {**outcome.files}
         if folder != out and not (folder / BY_HAND).exists():  # not of a submission alone
             files[BY_HAND] = empty
         for name, data in files.items():
             _write(out, folder / name, data)
-        grades[folder.name] = grade
+        grades[path] = grade
     return grades, failures
 
 

@@ -285,9 +285,56 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
     assert [file.name for file in (tmp_path / 'out').iterdir()] == ['ada']  # no part of a class
 
 
-def test_a_name_that_is_no_utf_8_has_a_folder_and_a_row(tmp_path: Path) -> None:
-    folder = grade._folder(tmp_path, Path(os.fsdecode(b'ren\xe9')))  # noqa: SLF001 (of one of a class)
-    assert folder.name.encode() == b'ren\\udce9'
+#: Each pair would share a folder if a name were only made plain.
+_NAMES = [
+    *(b'class.csv', b'class.csv.submission', b'class.csv.submission.submission'),
+    *(b'ren\xe9', rb'ren\udce9', rb'ren\\udce9', b'ren\xc3\xa9', b'ren\xe8'),
+    *(b'\xe9' * 250, b'\xe9' * 249 + b'\xe8', b'x' * 255, b'\\' * 254, b'\\' * 255),
+]
+
+
+@pytest.fixture
+def quick_grading(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Grade in this process, and fail for a submission whose name begins with `class`."""
+
+    @contextmanager
+    def processes(_: object) -> Iterator[Executor]:
+        with ThreadPoolExecutor(1) as pool:
+            yield pool
+
+    def graded(path: Path, *_: object) -> Grade:
+        if path.name.startswith('class'):
+            raise UserError('it is late')
+        return Grade(path.name, Rubric({'model.x': 1.0}), (), files={'report.html': b'1'})
+
+    monkeypatch.setattr(grade, 'processes', processes)
+    monkeypatch.setattr(grade, '_grade', graded)
+
+
+@pytest.mark.usefixtures('graded', 'quick_grading')  # where code can be confined
+def test_each_submission_has_a_folder_of_its_own_and_messages_name_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in _NAMES:
+        (tmp_path / 'in' / os.fsdecode(name)).mkdir(parents=True)
+    out = tmp_path / 'out'
+    for _ in range(2):  # again, beside the files of the first time
+        assert barc(['grade', str(tmp_path / 'in'), '--out', str(out)]) == 1
+        reports = [path for path in out.iterdir() if (path / 'report.html').exists()]
+        assert len(reports) == len(_NAMES) - 3
+        rows = [*csv.DictReader(io.StringIO((out / 'class.csv').read_text()))]
+        assert len({row['name'] for row in rows}) == len(rows) == len(_NAMES)
+        assert capsys.readouterr().err.splitlines() == [
+            f'barc grade: class.csv{end} could not be graded: it is late'
+            for end in ('', '.submission', '.submission.submission')
+        ]
+
+
+def test_a_name_that_looks_like_a_shortened_one_is_shortened_itself(tmp_path: Path) -> None:
+    long = grade._folder(tmp_path, Path('x' * 300))  # noqa: SLF001 (longer than this system allows)
+    forged = grade._folder(tmp_path, Path(long.name))  # noqa: SLF001
+    assert forged != long
+    assert forged.name.startswith(long.name[:50])
 
 
 def test_what_is_entered_while_a_class_is_graded_stays(tmp_path: Path) -> None:
