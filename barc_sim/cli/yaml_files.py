@@ -87,7 +87,7 @@ def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
     except (yaml.YAMLError, AttributeError, TypeError, LookupError) as error:
-        raise ValueError(f'it is not YAML that can be read: {error}') from None
+        raise ValueError(f'it is not YAML: {error}') from None
 
 
 def read_yaml(path: Path) -> Any:  # noqa: ANN401 (any YAML)
