@@ -14,7 +14,7 @@ from collections import defaultdict
 from contextlib import AbstractContextManager, suppress
 from importlib.util import find_spec
 from itertools import count
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,11 +22,13 @@ import numpy as np
 
 from barc_sim.errors import UserError, one_line, without_addresses
 from barc_sim.lab.confined.child import NO_PIPES, abi
+from barc_sim.lab.confined.replies import RESULTS, WrongReply, max_size, parsed
 from barc_sim.lab.files import ChosenGains, UserCodeError, files_in
-from barc_sim.lab.user_code.code import CALLED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from barc_sim.lab.confined.replies import Shape
 
 _SCRIPT = Path(__file__).with_name('child.py')
 _PACKAGES = Path(__file__).parents[3]
@@ -38,7 +40,6 @@ _ENVIRONMENT = {
     'OPENBLAS_NUM_THREADS': '1',
     'OMP_NUM_THREADS': '1',
 }
-_MAX_LINE = 16 << 20  # bytes of a reply
 _POLL = 0.05  # [s] between two checks of the deadline
 _LAST_WORDS = 5.0  # [s] for a process that has closed its pipes to end by itself
 
@@ -87,7 +88,7 @@ class Process:
         self._printing.start()
         threading.Thread(target=self._watch, daemon=True).start()
         try:
-            self._reply(b'', limits.start)
+            self._reply(b'', limits.start, RESULTS['']())
         except Failed as error:
             self.close()
             raise Unconfined(str(error)) from None
@@ -95,10 +96,14 @@ class Process:
             raise Unconfined(f'the process {error}') from None
 
     def request(self, do: str, *arguments: object, wait: float) -> Any:  # noqa: ANN401 (JSON)
-        """Return the reply to a request within `wait` [s]: any value of JSON."""
+        """Return the result of a request, which comes within `wait` [s], as `RESULTS` has it.
+
+        Its exceptions are Failed, Ended and WrongReply.
+        """
         self._serial += 1
         request = {'serial': self._serial, 'do': do, 'arguments': arguments}
-        return self._reply(json.dumps(request).encode() + b'\n', wait)
+        line = json.dumps(request).encode() + b'\n'
+        return self._reply(line, wait, RESULTS[do](*arguments))
 
     def close(self) -> None:
         """End the process and its child processes, and read its output."""
@@ -134,30 +139,29 @@ class Process:
             while data := os.read(self._output.fileno(), 1 << 16):
                 self.printed += data[: keep - len(self.printed)]
 
-    def _reply(self, request: bytes, wait: float) -> Any:  # noqa: ANN401 (JSON)
-        """Send a request, and return the reply; kill the process if none comes in `wait` [s]."""
+    def _reply(self, request: bytes, wait: float, shape: Shape) -> Any:  # noqa: ANN401 (JSON)
+        """Send a request, and return its result; kill the process if none comes in `wait` [s]."""
         self._deadline = time.monotonic() + wait
         line = b''
         try:
             with suppress(OSError):
                 self._requests.write(request)
                 self._requests.flush()
-                line = self._replies.readline(_MAX_LINE)
+                line = self._replies.readline(max_size(shape))
         except BaseException:
             self.close()
             raise
         finally:
             self._deadline = inf
         try:
-            reply = json.loads(line)
-            serial, error, result = reply['serial'], reply.get('error'), reply.get('result')
-        except (ValueError, TypeError, LookupError, AttributeError, RecursionError):
-            serial = None
-        if serial != self._serial or self._is_late:
+            result, error = parsed(line, self._serial)
+        except ValueError:
+            raise Ended(self._end(line)) from None
+        if self._is_late:
             raise Ended(self._end(line))
         if error is not None:
-            raise Failed(one_line(str(error)))
-        return result
+            raise Failed(one_line(error))
+        return shape.checked(result)
 
     def _end(self, line: bytes) -> str:
         """End the process; return the reason, which continues the sentence "the process …"."""
@@ -207,7 +211,6 @@ def _start(folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
 
 
 _USUAL = Limits()
-_MAX_PHRASES = 20
 _REQUESTS = 10  # for all rows of a function; each has its own time limit
 _MAX_ENDS = 3  # A function that ended its process, or looped, so often is not called again.
 _numbers = count()  # of the objects that are made
@@ -242,8 +245,7 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
         results: list[Any] = []
         while left := rows[len(results) :]:
             some = left[: max(len(rows) // _REQUESTS, 1)]
-            reply = self.call('functions', name, some)
-            results += rows_of(name, reply, len(some), CALLED[name].numbers)
+            results += map(tuple, self.call('functions', name, some))
         return results
 
     def make(self, name: str, *arguments: Any) -> int:  # noqa: ANN401 (JSON)
@@ -257,22 +259,19 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
 
     def steps(self, name: str, number: int, rows: Sequence[Sequence[float]]) -> list[float]:
         """Return the outputs of an object for the rows of inputs in turn."""
-        return numbers_of(name, self.call('steps', name, number, rows), len(rows))
+        outputs: list[float] = self.call('steps', name, number, rows)
+        return outputs
 
     def chosen_gains(self) -> ChosenGains | None:
         """Return the gains that `controller.py` chooses; None if it is not loaded or has none."""
-        with suppress(KeyError, TypeError, ValueError, OverflowError):
-            kp, ki, kd, origin = self._notes()['gains']
-            gains = ChosenGains(float(kp), float(ki), float(kd), one_line(str(origin), 100))
-            if all(map(isfinite, gains[:3])):
-                self._gains = gains  # kept for when the process has ended
+        if found := self._notes().get('gains'):
+            kp, ki, kd, origin = found
+            self._gains = ChosenGains(kp, ki, kd, one_line(origin))  # kept: the process may end
         return self._gains
 
     def tolerated(self) -> tuple[str, ...]:
         """Return the faults of the loaded files that cost nothing, a phrase each."""
-        phrases = self._notes().get('tolerated')
-        first = phrases[:_MAX_PHRASES] if isinstance(phrases, (list, tuple)) else ()
-        return tuple(one_line(str(phrase)) for phrase in first)
+        return tuple(map(one_line, self._notes().get('tolerated', ())))
 
     def line_of(
         self, do: str, arguments: Sequence[Any], values: Iterable[float], others: Iterable[float]
@@ -283,20 +282,20 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
         returns; empty if that is unknown.
         """
         try:
-            lines = [(str(at), float(value)) for at, value in self.call('lines', do, *arguments)]
-        except (UserCodeError, TypeError, ValueError):
+            lines = self.call('lines', do, *arguments)
+        except UserCodeError:
             return ''
         usual = np.array([0.0, 1.0, *others])
         wrong = np.array([v for v in values if not np.isclose(v, usual, 1e-12, 0.0).any()])
         near = (at for at, value in lines if np.isclose(value, wrong, 1e-9, 0.0).any())
-        return one_line(next(near, lines[-1][0] if lines else ''), 100)
+        return one_line(next(near, lines[-1][0] if lines else ''))
 
     def _notes(self) -> dict[str, Any]:
         try:
-            notes = self.call('notes')
+            notes: dict[str, Any] = self.call('notes')
         except UserCodeError:
             return {}
-        return notes if isinstance(notes, dict) else {}
+        return notes
 
     @property
     def printed(self) -> str:
@@ -322,6 +321,8 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
             if 'is there an endless loop' in str(error):  # such a call uses up its time limit
                 ends.append(str(error))
             raise UserCodeError(str(error)) from None
+        except WrongReply as error:
+            raise UserCodeError(f'{function} returned something other than {error}') from None
         except Ended as error:
             self.close()
             if time.monotonic() - began >= self._left:
@@ -349,22 +350,6 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
             self._process.close()
             self._printed += self._process.printed
             self._process = None
-
-
-def rows_of(function: str, reply: Any, rows: int, columns: int) -> list[Any]:  # noqa: ANN401
-    """Return a reply that must be rows of finite numbers; the process can send anything."""
-    if not isinstance(reply, list) or len(reply) != rows:
-        raise UserCodeError(f'{function} returned something other than {rows} rows of numbers')
-    return [tuple(numbers_of(function, row, columns)) for row in reply]
-
-
-def numbers_of(function: str, reply: Any, size: int) -> list[float]:  # noqa: ANN401
-    """Return a reply that must be `size` finite numbers."""
-    if not isinstance(reply, (list, tuple)) or len(reply) != size:
-        raise UserCodeError(f'{function} returned something other than {size} numbers')
-    if not all(type(value) is float and isfinite(value) for value in reply):
-        raise UserCodeError(f'{function} returned numbers that are not finite')
-    return [*reply]
 
 
 def check(limits: Limits) -> None:

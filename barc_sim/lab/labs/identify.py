@@ -14,7 +14,6 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab import files
-from barc_sim.lab.confined.process import JudgedCode, numbers_of
 from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, share
 from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.adapters import COMMANDS
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from barc_sim.lab.confined.process import JudgedCode
     from barc_sim.lab.judge import Settings, Trial
     from barc_sim.lab.law import Floats
 
@@ -133,8 +133,9 @@ LAW = read_law(
 
 
 def car_of(name: str) -> Car:
-    """Return the car of the student with this name."""
-    drawn = LAW.situations['estimate'][0].inputs(name, 1)
+    """Return the car of the student with this name, which can have any characters."""
+    seed = name.encode(errors='backslashreplace').decode()
+    drawn = LAW.situations['estimate'][0].inputs(seed, 1)
     return Car(*(float(values[0]) for values in drawn.values()))
 
 
@@ -177,7 +178,7 @@ def _figure(
 
 def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield a finding for each criterion; the cars follow from the seed and the name."""
-    car = car_of(str(code.call('name')))
+    car = car_of(code.call('name'))
     findings, (trial,) = FUNCTIONS.judge(code, f'{settings.seed} {car}')
     yield from findings
     score, text = (0.0, trial.failure) if trial.failure else _judge_intervals(trial)
@@ -192,7 +193,7 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
 
 def _commands(code: JudgedCode) -> tuple[float, ...]:
     """Return the commands [m/s²] of 60 s; a UserError if no car can drive with them."""
-    commands = numbers_of('command', code.call('functions', 'command', [[t] for t in _T]), len(_T))
+    commands: list[float] = code.call('functions', 'command', [[t] for t in _T])
     if (size := max(map(abs, commands))) > _MAX_OUTPUT:
         raise UserError(f'command returned {size:.3g} m/s²; expected at most {_MAX_OUTPUT:g}')
     return tuple(commands)

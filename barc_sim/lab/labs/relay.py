@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.errors import UserError
-from barc_sim.lab.confined.process import rows_of
 from barc_sim.lab.judge import Finding
-from barc_sim.lab.user_code.folder import BY_EYE, MAX_COMMANDS, NOT_WRITTEN, Command, TimedTwist
+from barc_sim.lab.user_code.folder import BY_EYE, NOT_WRITTEN, Command, TimedTwist
 from barc_sim.vehicle.parameters import PARAMETERS
 
 if TYPE_CHECKING:
@@ -45,8 +44,7 @@ def relay_commands(
 ) -> list[Command]:
     """Return the commands of a new relay from 0 to `duration` [s], while it gets `twists`."""
     reply = code.call('relay_commands', twists, duration, _relay_calls(twists, duration))
-    rows = min(len(reply), MAX_COMMANDS) if isinstance(reply, list) else -1
-    return [Command(*row) for row in rows_of('relay', reply, rows, len(Command._fields))]
+    return [Command(*row) for row in reply]
 
 
 def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwist]:

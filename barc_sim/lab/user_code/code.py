@@ -30,6 +30,7 @@ from barc_sim.lab.files import (
 from barc_sim.lab.user_code.folder import (
     BUDGET,
     BY_EYE,
+    MAX_PHRASES,
     SECOND,
     Budget,
     Called,
@@ -55,7 +56,9 @@ if TYPE_CHECKING:
 
 #: Prefix of the names of user files among the attachments of a bag.
 _ATTACHED = 'student/'
-_MAX_VALUES = 5000  # assigned values that `UserCode.lines` collects
+MAX_LINES = 5000  #: assigned values that `UserCode.lines` collects
+MAX_PLACE = 100  #: characters of a file and its line, where the grader asks for it
+MAX_NAME = 200  #: characters of the `NAME` in `identify.py`
 #: [s] Time budget to load a file: it might import SciPy.
 _LOADING = 20.0
 _PERIOD = SECOND // 50  #: [ns] between two calls of an object that is judged
@@ -271,11 +274,11 @@ class UserCode:
 
     @property
     def name(self) -> str:
-        """The `NAME` in `identify.py`; empty if it has none."""
+        """The first characters of the `NAME` in `identify.py`; empty if it has none."""
         if not self.identify:
             return ''
         module = self.identify.folder.load(self.paths['identify'])
-        return guarded(lambda: str(getattr(module, 'NAME', '')), default='')
+        return guarded(lambda: str(getattr(module, 'NAME', ''))[:MAX_NAME], default='')
 
     @property
     def tolerated(self) -> tuple[str, ...]:
@@ -355,7 +358,7 @@ class UserCode:
 
         def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any] | None:
             file = names.get(frame.f_code.co_filename)
-            if file is None or len(assigned) > _MAX_VALUES:
+            if file is None or len(assigned) > MAX_LINES:
                 return None
             own = getattr(frame.f_locals.get('self'), '__dict__', {})
             values = {**frame.f_locals, **{f'self.{name}': value for name, value in own.items()}}
@@ -376,11 +379,14 @@ class UserCode:
             getattr(self, do)(*arguments)
         finally:
             sys.settrace(usual)
-        return assigned
+        return [(place[-MAX_PLACE:], value) for place, value in assigned[:MAX_LINES]]
 
     def notes(self) -> dict[str, Any]:
-        """Return the chosen gains and the tolerated faults."""
-        return {'gains': self.gains, 'tolerated': self.tolerated}
+        """Return the chosen gains and the first tolerated faults."""
+        gains = self.gains
+        if gains:
+            gains = gains._replace(origin=gains.origin[-MAX_PLACE:])
+        return {'gains': gains, 'tolerated': self.tolerated[:MAX_PHRASES]}
 
 
 class UserObject:

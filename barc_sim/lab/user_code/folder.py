@@ -48,6 +48,7 @@ SECOND = 10**9  #: [ns]
 NOT_WRITTEN = 'is not written yet (TODO)'
 #: Part of the error of a relay that only a person can judge.
 BY_EYE = 'a person judges it'
+MAX_PHRASES = 20  #: on faults that cost nothing, of those that are reported
 MAX_COMMANDS = 8000  #: of a relay's run; 20 a second are usual
 _SHOWN = 120
 _REPR = Repr()

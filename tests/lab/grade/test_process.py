@@ -22,7 +22,9 @@ from barc_sim.errors import UserError
 from barc_sim.lab.confined import process
 from barc_sim.lab.confined.child import MACHINES, call_filter, call_numbers
 from barc_sim.lab.confined.process import JudgedCode, Limits, check
+from barc_sim.lab.grade.grade import grade, gradescope, load
 from barc_sim.lab.labs.relay import relay_commands
+from barc_sim.lab.submission import read
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -352,7 +354,7 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
 """
     with (
         JudgedCode(folder(bike_model=text), QUICK) as code,
-        pytest.raises(UserError, match='not finite'),
+        pytest.raises(UserError, match='bikeFE returned something other than finite numbers'),
     ):
         code.rows('bikeFE', [ROW])
 
@@ -401,6 +403,10 @@ def test_a_function_that_keeps_ending_its_process_is_not_called_again(
         'relay_commands = lambda self, *_: [[0.1, 0.2, 0.3]] * 10**5',
         "relay_commands = lambda self, *_: [[0, 'x', None]]",
         "relay_commands = lambda self, *_: {'x': 1}",
+        'relay_commands = lambda self, *_: [[10**400, 0.0, 0.0]]',
+        "relay_commands = lambda self, *_: eval('[' * 50 + ']' * 50)",
+        "notes = lambda self: {'gains': [10**400, 1.0, 1.0, ''], 'tolerated': []}",
+        "notes = lambda self: {'gains': [1.0, 1.0, 1.0, '\\ud800'], 'tolerated': ['\\ud800']}",
     ],
 )
 def test_forged_answers_of_any_shape_and_size_are_sentences(
@@ -416,3 +422,23 @@ def test_forged_answers_of_any_shape_and_size_are_sentences(
 
         assert len(str(code.chosen_gains())) < 500
         assert sum(map(len, code.tolerated())) < 10_000
+
+
+def test_a_forged_list_of_lines_is_not_read(folder: Callable[..., Path]) -> None:
+    text = f"""
+import sys
+code = sys.modules['barc_sim.lab.user_code.code'].UserCode
+code.lines = lambda *_: [['a', 1.0]] * 1_000_000
+{BIKE_FE}
+"""
+    with JudgedCode(folder(bike_model=text)) as code:
+        code.rows('bikeFE', [ROW])
+        assert not code.line_of('functions', ('bikeFE', [ROW]), [3.0], [])
+
+
+def test_a_name_that_no_file_can_hold_is_graded(folder: Callable[..., Path]) -> None:
+    text = "NAME = '\\ud800' * 1000\ndef command(t):\n    return 1.0\n"
+    graded = grade(read(folder(identify=text)), load('identify'), Limits())
+    points = graded.points
+    assert points['commands.limits'] > 0.0
+    gradescope(graded).encode()
