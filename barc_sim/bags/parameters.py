@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from barc_sim.bags import bounds
+from barc_sim.cli.yaml_files import from_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -71,7 +72,7 @@ class ParameterHistory:
 def _described(text: str) -> Iterator[tuple[str, str, float]]:
     """Yield node, name and value of each number in a description."""
     try:
-        nodes = bounds.from_yaml(text)
+        nodes = from_yaml(text)
     except ValueError:
         return
     for node, described in (nodes if isinstance(nodes, dict) else {}).items():
