@@ -144,6 +144,13 @@ class Feed:
             *(value for topic in TOPICS for value in self._latest[topic]),
         )
 
+    @property
+    def time(self) -> float | None:
+        """The time of the newest row [s]; None: there is none."""
+        if self._first is None or self._newest is None:
+            return None
+        return (self._newest[1] - self._first) / NANOSECONDS
+
     def history(self) -> bytes:
         """Return the rows of the last minute."""
         return b''.join(self._history)

@@ -321,19 +321,17 @@ def road_facts(road: Road) -> dict[str, list[float]]:
 
 
 def lap_facts(
-    laps: Laps | TrackLaps,
-    gains: Mapping[int, Sequence[str]] | None = None,
-    first: int = 0,
+    laps: Laps | TrackLaps, settings: Callable[[int], str] = lambda _: '', first: int = 0
 ) -> dict[str, Any]:
     """Return the present lap, the last one, the best one, and the number of laps.
 
     `finished` has the laps from the number `first` on that have ended. On a track, only finished
-    laps are counted, and a table of laps is added. `gains` has the gains of each lap, by its
-    number, in the order in which they were set.
+    laps are counted, and a table of laps is added. `settings` returns the gains of a lap in words,
+    by its number.
     """
 
     def fields(lap: Lap | TrackLap | None) -> dict[str, Any] | None:
-        return lap and {**_lap(lap), 'gains': ' → '.join((gains or {}).get(lap.number, ())[-2:])}
+        return lap and {**_lap(lap), 'gains': settings(lap.number)}
 
     last = laps.finished[-1] if laps.finished else None
     shown = {'current': laps.current, 'last': last, 'best': laps.best}

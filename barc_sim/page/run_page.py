@@ -30,6 +30,7 @@ from barc_sim.page.protocol import (
 )
 from barc_sim.page.server import HOUR, ViewServer
 from barc_sim.simulation.log import TrackLog
+from barc_sim.simulation.metrics import LapSettings, lap_settings_of, settings_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -120,7 +121,9 @@ class RunPage(ViewServer):
         self._drive, self._request = drive, request
         self._drivers = DriverArbiter()
         self._values = run.values  # of the sliders, as last sent to the pages
-        self._gains: dict[int, list[str]] = {}  # by lap, the last two in their order
+        self._settings = LapSettings()  # values of the sliders in each lap
+        self._at_start: dict[str, float] = {}
+        self._changed: set[str] = set()  # names of sliders that have been changed
         self._next_lap = 0  # the first whose results the pages do not have
         self._paused = False
         self._has_ended = False
@@ -140,6 +143,7 @@ class RunPage(ViewServer):
                 self.send(rows)
             self._send_status()
             self._has_ended = True
+            self.feed.laps.end()
             stretches = stretch_facts(self.feed.laps.best or self.feed.laps.current)
             laps = self._lap_facts(self._next_lap)
             self.send(encode('end', reason=reason, bag=bag, laps=laps, stretches=stretches))
@@ -196,6 +200,7 @@ class RunPage(ViewServer):
             self._drive(FULL_BRAKE)
         if rows := self.feed.poll():
             self.send(rows)
+        self._note_settings()
         if now >= self._next_status:
             self._next_status = now + _STATUS_PERIOD
             if (values := self.run.values) != self._values:
@@ -203,28 +208,33 @@ class RunPage(ViewServer):
                 self.send(encode('facts', **facts(self._mode, self.run)))
             if self.pages:
                 self._send_status()
-            else:
-                self._note_gains()
         return self.feed.until_next() if self.pages else _SLOW_PERIOD
 
     @property
     def _laps(self) -> Laps | TrackLaps:
         return self.feed.track_laps or self.feed.laps
 
-    def _note_gains(self) -> None:
-        """Add the present gains to those of the present lap."""
-        values = self.run.values
-        shown = {name: values[name] for name in self.run.gains if name in values}
-        now = ', '.join(f'{name.removeprefix(LANE)} {value:g}' for name, value in shown.items())
-        of_lap = self._gains.setdefault(self._laps.number, [])
-        if now and of_lap[-1:] != [now]:
-            of_lap.append(now)
-            del of_lap[:-2]
+    def _note_settings(self) -> None:
+        """Add the present values of the sliders to the settings of the present lap."""
+        values = {name.removeprefix(LANE): value for name, value in self.run.values.items()}
+        self._at_start = self._at_start or values
+        self._changed |= {name for name in values if values[name] != self._at_start.get(name)}
+        if self.feed.time is not None:
+            self._settings.add(self._laps.number, self.feed.time, values)
+
+    def _settings_of(self, lap: int) -> str:
+        """Return the gains of a lap in words, and what else has been changed in the run."""
+        gains = {name.removeprefix(LANE) for name in self.run.gains}
+        shown = gains | self._changed
+        settings = [
+            {name: value for name, value in each.items() if name in shown}
+            for each in self._settings.of(lap)
+        ]
+        return settings_text(settings)
 
     def _lap_facts(self, first: int = 0) -> dict[str, Any]:
         """Return the laps, each with its gains; of those that have ended, from `first` on."""
-        self._note_gains()
-        return lap_facts(self._laps, self._gains, first)
+        return lap_facts(self._laps, self._settings_of, first)
 
     def _send_status(self) -> None:
         missed, paused = self.run.status()
@@ -272,16 +282,20 @@ def replay(log: Log, title: str, other: tuple[Log, str] | None = None) -> list[s
         'terms': list(log.terms),
         **(track_facts(track) if track else {}),
         'replay': {'title': title, 'missed': int(np.count_nonzero(log.missed))},
-        'laps': lap_facts(laps_in(log)[0]),
+        'laps': recorded_laps(log),
     }
     messages: list[str | bytes] = [encode('hello', **fields)]
     if other:
         second, name = other
-        more = encode(
-            'other', title=name, columns=columns_in(second), laps=lap_facts(laps_in(second)[0])
-        )
+        more = encode('other', title=name, columns=columns_in(second), laps=recorded_laps(second))
         messages += [more, rows_of(second)]
     return [*messages, rows_of(log)]
+
+
+def recorded_laps(log: Log) -> dict[str, Any]:
+    """Return the laps of a recorded run, each with its gains."""
+    laps, numbers = laps_in(log)
+    return lap_facts(laps, lap_settings_of(log, numbers).text)
 
 
 def serve(log: Log, title: str, host: str, port: int, other: tuple[Log, str] | None = None) -> None:
