@@ -37,17 +37,31 @@ _OURS = 'barc_interfaces'
 _FIELD = re.compile(r'\s*([a-zA-Z]\w*(?:/\w+)?)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+\b(?!\s*=)')
 _COMMENT = re.compile(r'\s*#.*')
 _DELIMITER = '=' * 80
+IDL = f'{_DELIMITER}\nIDL: '  #: begins a `ros2idl` definition
+#: The field that rosidl adds to a type without fields, as DDS allows none.
+_PLACEHOLDER = 'uint8 structure_needs_at_least_one_member'
+CDR = 'cdr'  #: the encoding of ROS's messages
+ROS2MSG, ROS2IDL = 'ros2msg', 'ros2idl'  #: the encodings of ROS's definitions
 
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A bag's record of a topic."""
+    """A bag's record of a topic; a topic with messages of two types has two records."""
 
     name: str
-    type: str  #: as in `std_msgs/msg/Header`
-    definition: str  #: `ros2msg` schema with dependencies
+    type: str  #: as in `std_msgs/msg/Header`; empty without a schema
+    definition: str  #: of the type with all types that it uses; bytes without UTF-8 are surrogates
     type_hash: str  #: as in `RIHS01_…`
     offered_qos: Sequence[Mapping[str, Any]]  #: of each publisher, in rosbag2's terms
+    schema_encoding: str | None = ROS2MSG  #: of the definition; None without a schema
+    message_encoding: str = CDR
+    #: All metadata of the channel, as a bag has it; None: it has type hash and QoS.
+    metadata: Mapping[str, str] | None = None
+
+
+def is_empty(text: str) -> bool:
+    """Return whether a message definition has no field; constants and comments are no fields."""
+    return not any(_FIELD.match(_COMMENT.sub('', line)) for line in text.splitlines())
 
 
 @cache
@@ -55,8 +69,10 @@ def definition(type_name: str) -> str:
     """Return the `ros2msg` schema of a type: its definition and those of all types that it uses.
 
     The layout is rosbag2's: the type's own text first; then, depth first and by name, each
-    dependency once, under a line of 80 `=` and its name as `MSG: std_msgs/Header`. LookupError: a
-    type is not installed.
+    dependency once, under a line of 80 `=` and its name as `MSG: std_msgs/Header`. A type without
+    fields has the field that it has in CDR; other readers need it.
+
+    LookupError: a type is not installed.
     """
     paths, seen = installed(), {type_name}
 
@@ -66,6 +82,8 @@ def definition(type_name: str) -> str:
         if full not in paths:
             raise LookupError(f'the definition of {name!r} is not installed')
         text = paths[full].read_text(encoding='utf-8')
+        if is_empty(text):
+            text = f'{text.rstrip()}\n{_PLACEHOLDER}\n'.lstrip('\n')
         names = set(_FIELD_TYPE.findall(text)) - PRIMITIVES
         for dependency in sorted(each if '/' in each else f'{package}/{each}' for each in names):
             if dependency not in seen:
@@ -84,7 +102,7 @@ def shipped() -> Iterator[tuple[str, Path]]:
 
 
 def installed() -> dict[str, Path]:
-    """Return the file of each message and service type: the installed one, or else barc_sim's."""
+    """Return the file of each message, service and action: the installed, or else barc_sim's."""
     return _files(os.environ.get('AMENT_PREFIX_PATH', ''))
 
 
@@ -97,7 +115,7 @@ def _files(prefixes: str) -> dict[str, Path]:
         roots += [root for each in above if (root := each / 'share') and (root / _OURS).is_dir()]
     paths = dict(shipped())
     for root in reversed(roots):
-        for kind in ('msg', 'srv'):
+        for kind in ('msg', 'srv', 'action'):
             for path in root.glob(f'*/{kind}/*.{kind}'):
                 paths[f'{path.parents[1].name}/{kind}/{path.stem}'] = path
     return dict(sorted(paths.items()))
@@ -118,7 +136,9 @@ def find_type(name: str) -> str:
     same = [each for each in names if each.lower() == name.lower()]
     hint = f': did you mean {same[0]}?' if same else did_you_mean(name, names)
     listed = ', '.join(_short_names(full)[0] for full in types if full.startswith(f'{_OURS}/'))
-    raise UserError(f'there is no message or service {name!r}{hint or f": {_OURS} has {listed}"}')
+    raise UserError(
+        f'there is no message, service or action {name!r}{hint or f": {_OURS} has {listed}"}'
+    )
 
 
 def _short_names(full: str) -> tuple[str, str]:

@@ -36,7 +36,7 @@ GROUPS = {
         'topics': 'list topics, their types, publishers and subscribers',
         'echo': 'print the messages of a topic',
         'param': 'list, read and set the parameters of running nodes',
-        'show': 'print the definition of a message or service',
+        'show': 'print the definition of a message, service or action',
         'graph': 'draw nodes and topics, running or in a bag',
         'node': 'run one node alone in this process',
     },

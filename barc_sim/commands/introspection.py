@@ -155,8 +155,8 @@ def _graph_of_system() -> tuple[NodeGraph, str]:
 def add_arguments_show(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Print the definition of a message or service, as `ros2 interface show` does; it needs '
-        'neither ROS nor a run.'
+        'Print the definition of a message, service or action, as `ros2 interface show` does; it '
+        'needs neither ROS nor a run.'
     )
     parser.add_argument(
         'type', metavar='TYPE', help='such as ECU, std_msgs/Header or barc_interfaces/msg/ECU'

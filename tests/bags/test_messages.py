@@ -12,7 +12,9 @@ from command_line import barc
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags import messages
+from barc_sim.bags.contents import types_of
 from barc_sim.bags.messages import (
+    Topic,
     definition,
     installed,
     leading_time,
@@ -21,6 +23,7 @@ from barc_sim.bags.messages import (
 )
 from barc_sim.bags.messages import definition_lines as lines
 from barc_sim.bags.messages import find_type as find
+from barc_sim.bags.schemas import schema
 from barc_sim.cli.process import has_ros
 from barc_sim.errors import UserError
 
@@ -55,6 +58,47 @@ def test_definition_and_hash_are_those_of_ros(name: str, path: Path) -> None:
     types = get_typestore(Stores.EMPTY)
     types.register(get_types_from_msg(definition(name), name))
     assert types.hash_rihs01(name) == hashes[name]
+
+
+@needs_ros
+def test_parts_of_services_and_actions_have_the_hashes_of_ros() -> None:
+    checked = 0
+    for name, path in installed().items():
+        if path.suffix == '.msg':
+            continue
+        content = json.loads(path.with_suffix('.json').read_text())
+        hashes = {each['type_name']: each['hash_string'] for each in content['type_hashes']}
+        services = {name, f'{name}_SendGoal', f'{name}_GetResult'}
+        for part in {each for each in hashes if each.startswith(f'{name}_')} - services:
+            text, encoding = schema(part)
+            types = get_typestore(Stores.EMPTY)
+            types.register(
+                types_of(
+                    Topic(
+                        name='/part',
+                        type=part,
+                        definition=text,
+                        schema_encoding=encoding,
+                        type_hash='',
+                        offered_qos=[],
+                    )
+                )
+            )
+            assert types.hash_rihs01(part) == hashes[part]
+            checked += 1
+    assert checked > 50
+
+
+@needs_ros
+def test_a_type_without_fields_has_the_field_of_its_cdr() -> None:
+    text = definition('std_msgs/msg/Empty')
+    assert text == 'uint8 structure_needs_at_least_one_member\n'
+
+
+def test_a_schema_that_is_not_installed_is_named() -> None:
+    for name in ('nobody/msg/A', 'nobody/srv/A_Event', 'a_b', 'std_msgs/msg/A_B', ''):
+        with pytest.raises(LookupError):
+            schema(name)
 
 
 @needs_ros
@@ -136,4 +180,4 @@ def test_a_wrong_name_is_one_sentence(name: str, ends: str) -> None:
     done = barc('show', name)
 
     assert done.returncode == 2
-    assert f'there is no message or service {name!r}{ends}' in done.stderr
+    assert f'there is no message, service or action {name!r}{ends}' in done.stderr

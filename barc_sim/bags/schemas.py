@@ -1,0 +1,146 @@
+"""Schemas of all types, also of those that rosidl makes of services and actions.
+
+Definitions of the latter, such as `std_srvs/srv/SetBool_Event`, are IDL. In the text of a `.msg`
+file they would be types of another name: `std_srvs/msg/SetBool_Event`.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import get_types_from_msg
+
+from barc_sim.bags.messages import IDL, ROS2IDL, ROS2MSG, definition, installed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    Fields = Sequence[tuple[str, Any]]
+
+_SECTION = re.compile(r'^---[ \t]*$', re.MULTILINE)
+#: The names in IDL of types whose name in a `.msg` file is another one.
+_IDL_NAMES = {
+    'bool': 'boolean',
+    'byte': 'octet',
+    'char': 'uint8',
+    'float32': 'float',
+    'float64': 'double',
+}
+
+
+def schema(name: str) -> tuple[str, str]:
+    """Return the definition of a type with all types that it uses, and its encoding.
+
+    LookupError: a type is not installed.
+    """
+    is_part = '_' in name.rpartition('/')[2] and name not in installed()
+    return (part_definition(name), ROS2IDL) if is_part else (definition(name), ROS2MSG)
+
+
+def part_definition(name: str) -> str:
+    """Return the `ros2idl` schema of a part of a service or an action, with all that it uses.
+
+    LookupError: the service or action, or a type that it uses, is not installed.
+    """
+    package, kind, base = name.split('/') if name.count('/') == 2 else ('', '', '')  # noqa: PLR2004
+    whole = base.partition('_')[0]
+    path = installed().get(f'{package}/{kind}/{whole}')
+    if not path:
+        raise LookupError(f'the definition of {name!r} is not installed')
+    sections = [each.strip() for each in _SECTION.split(path.read_text(encoding='utf-8'))]
+    parts_of = _service if kind == 'srv' else _action
+    parts = parts_of(f'{package}/{whole}_', *sections)
+
+    types: dict[str, Fields] = {}
+    waiting = [f'{package}/msg/{base}']
+    while waiting:
+        used = waiting.pop()
+        if used in types:
+            continue
+        short = used.replace('/msg/', '/')
+        text = parts[short] if short in parts else definition(used)
+        for each, (_, fields) in get_types_from_msg(text, used).items():
+            types[each] = fields
+        waiting += _used(types[used])
+
+    prefix = f'{package}/msg/{whole}_'
+    renamed = {
+        each: each.replace('/msg/', f'/{kind}/') for each in types if each.startswith(prefix)
+    }
+    return '\n'.join(_idl(each, types[each], renamed) for each in types)
+
+
+def _service(prefix: str, request: str, response: str) -> dict[str, str]:
+    """Return the definition of each part of a service, as in a `.msg` file."""
+    return {
+        f'{prefix}Request': request,
+        f'{prefix}Response': response,
+        f'{prefix}Event': f'service_msgs/ServiceEventInfo info\n{prefix}Request[<=1] request\n'
+        f'{prefix}Response[<=1] response',
+    }
+
+
+def _action(prefix: str, goal: str, result: str, feedback: str) -> dict[str, str]:
+    """Return the definition of each part of an action, as in a `.msg` file."""
+    identity = 'unique_identifier_msgs/UUID goal_id'
+    return {
+        f'{prefix}Goal': goal,
+        f'{prefix}Result': result,
+        f'{prefix}Feedback': feedback,
+        f'{prefix}FeedbackMessage': f'{identity}\n{prefix}Feedback feedback',
+        **_service(
+            f'{prefix}SendGoal_',
+            request=f'{identity}\n{prefix}Goal goal',
+            response='bool accepted\nbuiltin_interfaces/Time stamp',
+        ),
+        **_service(
+            f'{prefix}GetResult_',
+            request=identity,
+            response=f'int8 status\n{prefix}Result result',
+        ),
+    }
+
+
+def _used(fields: Fields) -> Iterator[str]:
+    """Yield the names of the types that fields have, without numbers and texts."""
+    for _, (node, described) in fields:
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            node, described = described[0]  # noqa: PLW2901 (of its elements)
+        if node == Nodetype.NAME and not described.endswith('/wstring'):
+            yield described
+
+
+def _idl(name: str, fields: Fields, renamed: dict[str, str]) -> str:
+    """Return a type's part of the schema; `renamed` has the names of parts."""
+    full = renamed.get(name, name)
+    package, kind, base = full.split('/')
+    definitions = []
+    members = []
+    for field, (node, described) in fields:
+        if node == Nodetype.ARRAY:
+            element, size = described
+            array = f'{base}__{field}'
+            definitions.append(f'typedef {_type(element, renamed)} {array}[{size}];')
+            members.append(f'{array} {field};')
+        elif node == Nodetype.SEQUENCE:
+            element, bound = described
+            limit = f', {bound}' if bound else ''
+            members.append(f'sequence<{_type(element, renamed)}{limit}> {field};')
+        else:
+            members.append(f'{_type((node, described), renamed)} {field};')
+    body = '\n  '.join(members or ['uint8 structure_needs_at_least_one_member;'])
+    text = '\n'.join([*definitions, f'struct {base} {{\n  {body}\n}};'])
+    return f'{IDL}{full}\nmodule {package} {{ module {kind} {{\n{text}\n}}; }};\n'
+
+
+def _type(element: tuple[Nodetype, Any], renamed: dict[str, str]) -> str:
+    """Return the IDL of a type that is neither an array nor a sequence."""
+    node, described = element
+    if node == Nodetype.NAME and described.endswith('/wstring'):
+        return 'wstring'
+    if node == Nodetype.NAME:
+        return str(renamed.get(described, described)).replace('/', '::')
+    kind, bound = described
+    return f'{_IDL_NAMES.get(kind, kind)}<{bound}>' if bound else _IDL_NAMES.get(kind, kind)
