@@ -30,8 +30,16 @@ from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from barc_sim.bags import bounds
 from barc_sim.bags.bounds import MAX_RECORD, Budget
-from barc_sim.bags.messages import Message, Topic, definition
+from barc_sim.bags.messages import (
+    CDR,
+    IDL,
+    ROS2IDL,
+    ROS2MSG,
+    Message,
+    Topic,
+)
 from barc_sim.bags.recording import METADATA_NAME, Span
+from barc_sim.bags.schemas import schema
 from barc_sim.bags.writer import MAGIC
 from barc_sim.cli.files import open_regular
 from barc_sim.cli.yaml_files import from_yaml
@@ -107,7 +115,7 @@ class McapFile:
         self.damage = Damage()  #: `messages` adds the damage of chunks
         self._bag = bag
         self._budget = budget
-        self._schemas: dict[int, tuple[str, str]] = {}  # type and definition
+        self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Topic] = {}
         self._whole = 0  # the end of the last whole record
         with self._records(messages=False) as records:
@@ -183,19 +191,10 @@ class McapFile:
         bag, keep = self._bag, self._budget.keep
         if isinstance(record, Schema):
             keep(body)
-            text = record.data.decode(errors='replace')
-            self._schemas[record.id] = record.name, bag.definitions.setdefault(text, text)
-        elif isinstance(record, Channel) and (schema := self._schemas.get(record.schema_id)):
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel):
             keep(body)
-            self._channels[record.id] = bag.add(
-                Topic(
-                    name=record.topic,
-                    type=schema[0],
-                    definition=schema[1],
-                    type_hash=record.metadata.get('topic_type_hash', ''),
-                    offered_qos=_offered_qos(record.metadata.get('offered_qos_profiles', '')),
-                )
-            )
+            self._channels[record.id] = bag.topic(record, self._schemas.get(record.schema_id))
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
             keep(body)
             bag.metadata |= _checked(self.path, record.metadata)
@@ -286,7 +285,7 @@ def _offered_qos(text: str) -> list[dict[str, Any]]:
 _ZSTD = b'\x28\xb5\x2f\xfd'  # begins a message that rosbag2 has compressed; CDR begins with a zero
 #: [ns] by which a message may stand behind later messages in a file.
 _DISORDER = 2_000_000_000
-_IDL = '=' * 80 + '\nIDL: '
+_NO_FIELDS = [('structure_needs_at_least_one_member', (Nodetype.BASE, ('uint8', 0)))]
 _LOSSES = ('lost ', 'lost_messages', 'not recorded ')
 
 
@@ -296,11 +295,9 @@ class Contents:
     Attributes
     ----------
     topics
-        The topics by name.
+        The topics, in the order of the bag; a name with messages of two types has two.
     files
         The bag's files.
-    counts
-        The number of messages that were read, by topic.
     span
         The time span of all messages, or of the messages that were read.
     metadata, attachments
@@ -315,9 +312,10 @@ class Contents:
         UserError: there is no bag, it cannot be read, or it exceeds a bound.
         """
         self.path = path
-        self.topics: dict[str, Topic] = {}
-        self.definitions: dict[str, str] = {}  #: of types; equal texts of all files are stored once
-        self.counts: Counter[str] = Counter()
+        self.topics: list[Topic] = []
+        self._by_content: dict[tuple[Any, ...], Topic] = {}  # equal topics of all files are one
+        self._definitions: dict[bytes, str] = {}  # equal schemas of all topics are stored once
+        self._counts: Counter[int] = Counter()  # number of messages read, by identity of the topic
         self.span = Span()
         self.metadata: dict[str, str] = {}
         self.attachments: dict[str, bytes] = {}
@@ -330,11 +328,41 @@ class Contents:
         """The damage of each damaged file, by the file's name."""
         return {file.path.name: file.damage for file in self.files if file.damage}
 
-    def add(self, topic: Topic) -> Topic:
-        """Add a topic; return it, or its equal in another file."""
-        if self.topics.get(topic.name) != topic:
-            self.topics[topic.name] = topic
-        return self.topics[topic.name]
+    def topic(self, channel: Channel, schema: Schema | None) -> Topic:
+        """Return the topic of a channel, the same one for equal channels of all files."""
+        described = (schema.name, schema.encoding, schema.data) if schema else None
+        metadata = tuple(channel.metadata.items())
+        content = channel.topic, channel.message_encoding, described, metadata
+        if content not in self._by_content:
+            self._by_content[content] = self._add(channel, schema)
+        return self._by_content[content]
+
+    def _add(self, channel: Channel, schema: Schema | None) -> Topic:
+        data = schema.data if schema else b''
+        text = self._definitions.setdefault(data, data.decode(errors='surrogateescape'))
+        topic = Topic(
+            name=channel.topic,
+            type=schema.name if schema else '',
+            definition=text,
+            type_hash=channel.metadata.get('topic_type_hash', ''),
+            offered_qos=_offered_qos(channel.metadata.get('offered_qos_profiles', '')),
+            schema_encoding=schema.encoding if schema else None,
+            message_encoding=channel.message_encoding,
+            metadata=channel.metadata,
+        )
+        self.topics.append(topic)
+        return topic
+
+    @property
+    def names(self) -> list[str]:
+        """The topics' names, each once."""
+        return [*dict.fromkeys(topic.name for topic in self.topics)]
+
+    @property
+    def counted(self) -> list[tuple[Topic, int]]:
+        """The topics with the number of messages that were read, by name."""
+        topics = sorted(self.topics, key=lambda topic: topic.name)
+        return [(topic, self._counts[id(topic)]) for topic in topics]
 
     def complete(self) -> None:
         """Read all messages if a file has no summary, to find the topics and the span."""
@@ -343,10 +371,10 @@ class Contents:
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in the order of the bag, up to its damage."""
-        self.counts, self.span = Counter(), Span()
+        self._counts, self.span = Counter(), Span()
         self._budget.renew()
         for message in chain.from_iterable(file.messages() for file in self.files):
-            self.counts[message.topic.name] += 1
+            self._counts[id(message.topic)] += 1
             self.span.add(message.received)
             if message.data.startswith(_ZSTD):
                 yield message._replace(data=self._unpacked(message.data))
@@ -374,12 +402,16 @@ class Contents:
 
 
 def types_of(topic: Topic) -> dict[str, Any]:
-    """Return the types in a topic's definition; ValueError: it exceeds a bound."""
-    text = topic.definition or definition(topic.type)
+    """Return the types in a topic's definition.
+
+    ValueError: its messages or its definition have another encoding than ROS's, or the definition
+    exceeds a bound. LookupError: it has no definition, and its type is not installed.
+    """
+    text, encoding = _definition(topic)
     if len(text) > bounds.MAX_SCHEMA:
         raise ValueError(f'its definition has {len(text)} characters')
     types: dict[str, Any] = {}
-    if text.startswith(_IDL):
+    if encoding == ROS2IDL or text.startswith(IDL):
         for part in text.split('=' * 80 + '\n')[1:]:
             types |= get_types_from_idl(part.partition('\n')[2])
     else:
@@ -390,7 +422,30 @@ def types_of(topic: Topic) -> dict[str, Any]:
     written = [n for (node, of), n in arrays if node == Nodetype.NAME or of[0] == 'string']
     if sum(written) > bounds.MAX_ARRAY:
         raise ValueError(f'its arrays have {sum(written)} elements')
-    return types
+    # A message without fields has a byte in CDR.
+    return {name: (constants, fields or _NO_FIELDS) for name, (constants, fields) in types.items()}
+
+
+def _definition(topic: Topic) -> tuple[str, str]:
+    """Return a topic's definition, by default the installed one, and its encoding."""
+    if topic.message_encoding != CDR:
+        raise ValueError(f'its messages are {topic.message_encoding!r}, and not {CDR!r}')
+    if not topic.type:
+        raise ValueError('it has no schema')
+    if topic.definition:
+        if topic.schema_encoding not in (ROS2MSG, ROS2IDL):
+            raise ValueError(
+                f'its schema is {topic.schema_encoding!r}, and not {ROS2MSG!r} or {ROS2IDL!r}'
+            )
+        # Bytes that are no UTF-8 cannot be printed.
+        data = topic.definition.encode(errors='surrogateescape')
+        return data.decode(errors='replace'), topic.schema_encoding
+    try:
+        return schema(topic.type)
+    except LookupError:
+        if topic.schema_encoding == ROS2MSG:  # rosbag2 writes so a type without fields
+            return '', ROS2MSG
+        raise
 
 
 def describe(path: Path) -> dict[str, Any]:
@@ -409,8 +464,13 @@ def describe(path: Path) -> dict[str, Any]:
         'duration': span.duration / 1e9,
         'messages': span.count,
         'topics': [
-            {'name': name, 'type': topic.type, 'messages': contents.counts[name]}
-            for name, topic in sorted(contents.topics.items())
+            {
+                'name': topic.name,
+                'type': topic.type,
+                'encoding': topic.message_encoding,
+                'messages': count,
+            }
+            for topic, count in contents.counted
         ],
         'losses': losses,
         'damages': {name: vars(damage) for name, damage in contents.damages.items()},

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
+    from barc_sim.bags.messages import Topic
+
 _logger = logging.getLogger(__name__)
 _MAX_NAME = 60  #: characters of a topic in the name of its table: at most 240 bytes
 
@@ -43,67 +45,87 @@ def convert(
     the bag, that time in nanoseconds since 1970, and each field, such as `header.stamp.sec`. A list
     is JSON in its cell. A topic whose messages cannot be decoded is left out, with a warning.
 
-    UserError: the bag cannot be read, no topic is selected, or the output exists.
+    A topic with messages of two types has two tables.
+
+    UserError: the bag cannot be read, no selected topic has messages that can be decoded, or the
+    output exists.
     """
     contents = Contents(path)
     contents.complete()
-    names = selected([*contents.topics], topics, exclude)
+    names = selected(contents.names, topics, exclude)
     if not names:
-        present = ', '.join(sorted(contents.topics))
+        present = ', '.join(sorted(contents.names))
         advice = f'choose --topics of {present}' if present else 'name another bag'
         raise UserError(f'{str(path)!r} has no topic to convert: {advice}')
     if output.exists() or output.is_symlink():
         raise UserError(f'{str(output)!r} exists: name a new --output')
     output.mkdir(parents=True)
-    paths = dict(zip(names, _file_names(names), strict=True))
-    tables: dict[str, Any] = {}
+    chosen = [topic for topic in contents.topics if topic.name in names]
+    file_names = dict(zip(map(id, chosen), _file_names(chosen), strict=True))
+    tables: dict[int, Any] = {}  # by identity of the topic
     with ExitStack() as files:
-        for topic, cells in _rows(contents, names):
-            if topic not in tables:
-                file = (output / paths[topic]).open('x', encoding='utf-8', newline='')
-                tables[topic] = csv.writer(files.enter_context(file))
-                tables[topic].writerow(cells)
-            tables[topic].writerow(
+        for topic, cells in _rows(contents, chosen):
+            table = tables.get(id(topic))
+            if table is None:
+                file = (output / file_names[id(topic)]).open('x', encoding='utf-8', newline='')
+                table = tables[id(topic)] = csv.writer(files.enter_context(file))
+                table.writerow(cells)
+            table.writerow(
                 json.dumps(each) if isinstance(each, list) else each for each in cells.values()
             )
+    if not tables:
+        output.rmdir()
+        raise UserError(
+            f'{str(path)!r} has no message that can be converted of {", ".join(names)}: choose '
+            'other --topics, or name another bag'
+        )
 
 
-def _file_names(topics: Sequence[str]) -> Iterator[str]:
+def _file_names(topics: Sequence[Topic]) -> Iterator[str]:
     """Yield the file name of each topic's table; a name that is taken gets a `_` more.
 
     Upper and lower case count as the same, as on a Mac.
     """
     used = set()
     for topic in topics:
-        name = re.sub(r'[^\w.]', '_', topic.strip('/').replace('/', '.')).lstrip('.')[:_MAX_NAME]
+        dotted = topic.name.strip('/').replace('/', '.')
+        name = re.sub(r'[^\w.]', '_', dotted).lstrip('.')[:_MAX_NAME]
         while name.casefold() in used:
             name += '_'
         used.add(name.casefold())
         yield f'{name}.csv'
 
 
-def _rows(contents: Contents, names: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the topic and the cells of each message."""
-    stores: dict[str, Typestore] = {}
-    broken: set[str] = set()
+def _rows(contents: Contents, topics: Sequence[Topic]) -> Iterator[tuple[Topic, dict[str, Any]]]:
+    """Yield the topic and the cells of each message of `topics`, which are of `contents`."""
+    wanted = {id(topic) for topic in topics}
+    stores: dict[int, Typestore] = {}
+    broken: set[int] = set()
     start = contents.span.start or 0
     for topic, data, received, *_ in contents.in_order():
-        name = topic.name
-        if name not in names or (name in broken and name not in stores):
+        identity = id(topic)
+        if identity not in wanted or (identity in broken and identity not in stores):
             continue
         try:
-            if name not in stores:
+            if identity not in stores:
                 store = get_typestore(Stores.EMPTY)
                 store.register(types_of(topic))
-                stores[name] = store
-            kind = normalize_msgtype(topic.type)  # as rosbags names the part of a service
-            read = dict(_cells('', stores[name].deserialize_cdr(data, kind)))
+                stores[identity] = store
+            store, kind = stores[identity], topic.type
+            if kind not in store.fielddefs:  # rosbags has its own name for a part of a service
+                kind = normalize_msgtype(kind)
+            read = dict(_cells('', store.deserialize_cdr(data, kind)))
         except Exception as error:  # noqa: BLE001 (damage may raise anything)
-            if name not in broken:
-                _logger.warning('messages of %s [%s] are left out: %s', name, topic.type, error)
-            broken.add(name)
+            if identity not in broken:
+                _logger.warning(
+                    'messages of %s [%s] are left out: %s',
+                    topic.name,
+                    topic.type or 'no schema',
+                    error,
+                )
+            broken.add(identity)
         else:
-            yield name, {'t': (received - start) / 1e9, 'received': received, **read}
+            yield topic, {'t': (received - start) / 1e9, 'received': received, **read}
 
 
 def _cells(prefix: str, message: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (any type)
@@ -140,16 +162,17 @@ def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
     contents = Contents(path)
     wanted = {column: text.partition('.')[::2] for column, text in fields.items()}
     rows: dict[str, tuple[list[float], list[Any]]] = {column: ([], []) for column in wanted}
-    for topic, cells in _rows(contents, [topic for topic, _ in wanted.values()]):
+    names = {name for name, _ in wanted.values()}
+    for topic, cells in _rows(contents, [each for each in contents.topics if each.name in names]):
         for column, (name, field) in wanted.items():
-            if name == topic and field in cells:
+            if name == topic.name and field in cells:
                 rows[column][0].append(cells['t'])
                 rows[column][1].append(cells[field])
     for column, (times, values) in rows.items():
         if len(times) < 2 or not isinstance(values[0], (int, float)):  # noqa: PLR2004
             raise UserError(
                 f'{column}={fields[column]}: {str(path)!r} has no numbers in this field; '
-                f'`barc convert` shows the fields of its topics {", ".join(contents.topics)}'
+                f'`barc convert` shows the fields of its topics {", ".join(contents.names)}'
             )
     speed_times, speeds = (np.array(each, np.float64) for each in rows['v_x'])
     ts = float(np.median(np.diff(speed_times)))
@@ -165,6 +188,8 @@ def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
 
 def recover(path: Path, output: Path) -> Contents:
     """Copy all readable messages of a bag to the new directory `output`; return what was read.
+
+    Schemas, channels and encodings are written as they were read.
 
     UserError: there is no bag, nothing in it can be read, or the output exists or cannot be
     written.

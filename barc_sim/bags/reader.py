@@ -169,7 +169,7 @@ def load(path: Path | str, *, messages: bool = True) -> Bag:
     if not messages:
         return bag
     bag.parameters = ParameterHistory(contents.metadata.get('parameters', ''))
-    decoders: dict[tuple[str, str], _Decoder | None] = {}  # by topic and definition
+    decoders: dict[tuple[str, ...], _Decoder | None] = {}  # by topic, encoding and definition
     sinks: dict[str, tuple[Topic, Callable[[Message], None] | None]] = {}  # by topic
     undecodable = 0
     for message in contents.messages():
@@ -192,14 +192,14 @@ def load(path: Path | str, *, messages: bool = True) -> Bag:
 
 
 def _sink(
-    bag: Bag, topic: Topic, decoders: dict[tuple[str, str], _Decoder | None]
+    bag: Bag, topic: Topic, decoders: dict[tuple[str, ...], _Decoder | None]
 ) -> Callable[[Message], None] | None:
     """Return what takes a topic's messages into the bag; None if they are not read."""
     namespace, _, name = topic.name.rpartition('/')
     is_event = (topic.name, topic.type) == (EVENTS, EVENT_TYPE)
     if not is_event and topic.type != MESSAGE_TYPES.get(name):
         return None
-    key = name, topic.definition
+    key = name, topic.message_encoding, topic.definition
     if key not in decoders and len(decoders) < bounds.MAX_SCHEMAS:
         decoders[key] = None
         with suppress(Exception):  # damage may raise anything

@@ -13,10 +13,11 @@ import yaml
 
 from barc_sim.cli.files import replacing
 from barc_sim.errors import Parameter, UserError
+from barc_sim.simulation.log import CLOCK
 
 if TYPE_CHECKING:
     import re
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from barc_sim.bags.messages import Topic
@@ -55,7 +56,11 @@ class Recording:
     exclude: Sequence[re.Pattern[str]] = field(default_factory=list)
     depth: int = 10_000  #: queue length of a subscription: one second at 10,000 messages a second
     min_free_space: float = 64.0  #: [MiB] to leave free on the disk
-    use_sim_time: bool = False  #: stamp messages with `/clock`
+    use_sim_time: bool = False  #: stamp messages with `/clock`; record none before the first one
+
+    def needs(self, topic: str) -> bool:
+        """Return whether to subscribe to a topic: to record it, or for its time."""
+        return self.wants(topic) or (self.use_sim_time and topic == CLOCK)
 
     def wants(self, topic: str) -> bool:
         """Return whether to record a topic, given its full name."""
@@ -124,7 +129,7 @@ def information(
                 'topic_metadata': {
                     'name': topic.name,
                     'type': topic.type,
-                    'serialization_format': 'cdr',
+                    'serialization_format': topic.message_encoding,
                     'offered_qos_profiles': [dict(qos) for qos in topic.offered_qos],
                     'type_description_hash': topic.type_hash,
                 },
@@ -224,7 +229,7 @@ class Losses:
 
     A publisher numbers its messages one by one. So a gap is a loss, wherever it happened: in the
     subscription, on the way, or in a publisher whose queue was too short. Losses before a
-    publisher's first received message, or after its last one, are not counted.
+    publisher's first received message, or after its last one, are no gap.
     """
 
     def __init__(self) -> None:
@@ -242,40 +247,47 @@ class Losses:
             self.by_publisher[publisher] = self.by_publisher.get(publisher, 0) + lost
 
 
-def losses_as_metadata(
-    lost: Mapping[str, Mapping[str, int] | None], left_out: Mapping[str, str]
-) -> dict[str, str]:
-    """Return the metadata entries of a bag about lost messages and topics left out.
+@dataclass(frozen=True, kw_only=True)
+class Missing:
+    """The messages that a bag is known to lack."""
 
-    Parameters
-    ----------
-    lost
-        Number of lost messages, by topic and by the publisher's node; None where the middleware
-        does not number messages.
-    left_out
-        Why a topic cannot be recorded, by its name.
-    """
-    total = sum(sum(by_node.values()) for by_node in lost.values() if by_node)
-    entries = {'lost_messages': str(total)}
-    for topic, by_node in sorted(lost.items()):
-        if by_node is None:
-            entries[f'lost {topic}'] = 'unknown: the middleware does not number its messages'
-        elif by_node:
-            parts = ', '.join(f'{count} of {node}' for node, count in sorted(by_node.items()))
-            entries[f'lost {topic}'] = f'{sum(by_node.values())} ({parts})'
-    return entries | {f'not recorded {topic}': why for topic, why in sorted(left_out.items())}
+    lost: Mapping[str, Mapping[str, int]]  #: number of lost messages, by topic and publishing node
+    unknown: Mapping[str, str] = field(default_factory=dict)  #: why more may be lost, by topic
+    left_out: Mapping[str, str] = field(default_factory=dict)  #: why it is not recorded, by topic
+    before_clock: int = 0  #: number of messages left out, as they came before the first `/clock`
 
+    @property
+    def total(self) -> int:
+        """The number of messages that are known to be lost."""
+        return sum(sum(by_node.values()) for by_node in self.lost.values())
 
-def summary(
-    counts: Mapping[str, int],
-    lost: Mapping[str, Mapping[str, int] | None],
-    left_out: Mapping[str, str],
-) -> str:
-    """Return lines with the numbers of recorded and lost messages, and the topics left out."""
-    entries = losses_as_metadata(lost, left_out)
-    total = entries.pop('lost_messages')
-    first = f'recorded {sum(counts.values())} messages, lost {total}'
-    return '\n'.join([first, *(f'{topic}: {what}' for topic, what in entries.items())])
+    def as_metadata(self) -> dict[str, str]:
+        """Return the entries of a bag's metadata."""
+        return {'lost_messages': str(self.total), **dict(self._entries())}
+
+    def _entries(self) -> Iterator[tuple[str, str]]:
+        for topic in sorted({*self.lost, *self.unknown}):
+            known = []
+            if by_node := self.lost.get(topic):
+                parts = ', '.join(f'{count} of {node}' for node, count in sorted(by_node.items()))
+                known.append(f'{sum(by_node.values())} ({parts})')
+            if topic in self.unknown:
+                known.append(f'unknown: {self.unknown[topic]}')
+            if known:
+                yield f'lost {topic}', '; '.join(known)
+        for topic, why in sorted(self.left_out.items()):
+            yield f'not recorded {topic}', why
+        if self.before_clock:
+            yield 'not recorded before /clock', f'{self.before_clock} messages'
+
+    def summary(self, counts: Mapping[str, int]) -> str:
+        """Return lines with the numbers of recorded and lost messages, and what is left out.
+
+        `counts` has the number of recorded messages, by topic.
+        """
+        more = ' or more' if self.unknown else ''
+        first = f'recorded {sum(counts.values())} messages, lost {self.total}{more}'
+        return '\n'.join([first, *(f'{name}: {text}' for name, text in self._entries())])
 
 
 def track_file(track: Track) -> dict[str, bytes]:

@@ -6,9 +6,11 @@ The records follow https://mcap.dev/spec. mcap's writer takes 2.5 us for a messa
 
 from __future__ import annotations
 
+import errno
 import os
 import time
 import zlib
+from array import array
 from collections import Counter, defaultdict
 from struct import Struct
 from typing import TYPE_CHECKING
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import MessageFields, Topic
 
 
+CHANGED = 'another process has changed its file'
 MAGIC = b'\x89MCAP0\r\n'  #: begins and ends a file
 #: [B] The maximum size of a chunk, as in rosbag2. A file's summary, in memory until the file is
 #: closed, needs about 140 bytes for each chunk. zstd reduces a chunk to 40 %, in 0.6 us a message.
@@ -62,7 +65,8 @@ _INDEX = Struct('<BQHI')
 class AtomicAppender:
     """Collects a block in memory, and appends it to a new file, whole or not at all.
 
-    If `commit` fails, the file is as before, the block is kept, and `commit` can be tried again.
+    If `commit` fails, the file is as before, the block is kept, and `commit` can be tried again. It
+    fails for good once another process has changed the file's size.
 
     OSError: the file exists or cannot be made.
     """
@@ -72,7 +76,8 @@ class AtomicAppender:
         self._waiting: list[bytes] = []
         self._size = 0  # of the file
         self.position = 0  #: [B] the length of the file with the block
-        self._file = path.open('xb', buffering=0)
+        # In this mode a file that another process has truncated gets no hole.
+        self._file = open(path, 'xb', buffering=0, opener=_open_to_append)  # noqa: SIM115
         self._status = os.fstat(self._file.fileno())
 
     def write(self, data: bytes) -> None:
@@ -89,11 +94,12 @@ class AtomicAppender:
         """Append the block to the file."""
         block = b''.join(self._waiting)
         self._waiting = [block]
+        if not self.is_whole:
+            raise OSError(errno.ESTALE, CHANGED)
         try:
             self.put(block)
         except OSError:
-            self._file.seek(self._size)
-            self._file.truncate()
+            self._file.truncate(self._size)
             raise
         self._size += len(block)
         self._waiting = []
@@ -112,9 +118,23 @@ class AtomicAppender:
         except OSError:
             return False
 
+    @property
+    def size_on_disk(self) -> int:
+        """The size of the file [B], which another process can have changed."""
+        return self._path.stat().st_size
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the file has the size that was written."""
+        return os.fstat(self._file.fileno()).st_size == self._size
+
     def close(self) -> None:
         """Close the file; a block that was not committed is dropped."""
         self._file.close()
+
+
+def _open_to_append(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_APPEND, 0o666)
 
 
 class ChunkBuilder:
@@ -210,13 +230,16 @@ class BagWriter:
         self.directory = directory
         self.file = directory / f'{directory.absolute().name}_0.mcap'
         self.closed = False
-        self.counts: Counter[str] = Counter()  #: number of messages in finished chunks, by topic
-        self._committed: Counter[str] = Counter()  # number of messages in the file, by topic
+        self._counts: Counter[int] = Counter()  # number of messages in chunks, by channel
+        self._committed: Counter[int] = Counter()  # number of messages in the file, by channel
+        self._committed_size = 0  # [B] of the file
+        #: Three numbers in turn: the end of a chunk [B], a channel, its number of messages there.
+        self._ledger = array('Q')
         self._span = Span()
         self._metadata: dict[str, str] = {}
         self._topics: dict[int, Topic] = {}  # by the ID of their channel
-        self._channels: dict[str, int] = {}  # by topic
-        self._schemas: dict[tuple[str, str], int] = {}
+        self._channels: dict[int, int] = {}  # by the identity of those topics
+        self._schemas: dict[tuple[str, str | None, str], int] = {}
         self._chunk = ChunkBuilder()
         self._summary: defaultdict[int, list[bytes]] = defaultdict(list)  # records by opcode
         self._checksum = 0
@@ -239,9 +262,38 @@ class BagWriter:
         return self._appender.in_place
 
     @property
+    def is_whole(self) -> bool:
+        """Whether the file has the size that was written."""
+        return self._appender.is_whole
+
+    @property
     def on_disk(self) -> dict[str, int]:
-        """The number of messages in the file, if it is still where it was made, by topic."""
-        return dict(self._committed) if self.in_place else {}
+        """The number of messages in the file, if it is still where it was made, by topic.
+
+        In a file that another process has truncated, those of the chunks that are left.
+        """
+        if not self.in_place:
+            return {}
+        size = self._appender.size_on_disk
+        if size >= self._committed_size:
+            return self._by_name(self._committed)
+        left: Counter[int] = Counter()
+        for end, channel, count in zip(*[iter(self._ledger.tolist())] * 3, strict=True):
+            if end <= size:
+                left[channel] += count
+        return self._by_name(left)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The number of messages in finished chunks, by topic."""
+        return self._by_name(self._counts)
+
+    def _by_name(self, counts: Mapping[int, int]) -> dict[str, int]:
+        """Return the numbers of messages by topic, given by channel."""
+        by_name: Counter[str] = Counter()
+        for channel, count in counts.items():
+            by_name[self._topics[channel].name] += count
+        return dict(by_name)
 
     def add_metadata(self, entries: Mapping[str, str]) -> None:
         """Add metadata of the run; an entry replaces one of the same name."""
@@ -272,12 +324,12 @@ class BagWriter:
         self.flush()
 
     def write(self, messages: Iterable[MessageFields]) -> None:
-        """Append messages; all messages with one topic's name have the same `Topic`.
+        """Append messages.
 
         MCAP has no times before 1970, which another machine's clock may show: they become zero.
         """
         for topic, data, received, published, number in messages:
-            channel = self._channels.get(topic.name) or self._register(topic)
+            channel = self._channels.get(id(topic)) or self._channel_of(topic)
             times = received, published
             if received < 0 or published < 0:
                 times = max(received, 0), max(published, 0)
@@ -297,7 +349,7 @@ class BagWriter:
             return
         try:
             self._end_chunk()
-            counted = [(topic, self.counts[topic.name]) for topic in self._topics.values()]
+            counted = [(topic, self._counts[id_]) for id_, topic in self._topics.items()]
             about = information(self.file.name, self._span, counted, self._metadata)
             self._put_metadata('rosbag2', {'serialized_metadata': to_yaml(about)})
             self._put(to_bytes(DataEnd(self._checksum)))
@@ -323,32 +375,48 @@ class BagWriter:
         self._list(MetadataIndex(offset=self._appender.position, length=len(data), name=name))
         self._put(data)
 
+    def _channel_of(self, topic: Topic) -> int:
+        """Return the ID of an equal topic's channel, or of a new one."""
+        for id_, known in self._topics.items():
+            if known == topic:
+                return id_
+        return self._register(topic)
+
     def _register(self, topic: Topic) -> int:
         """Return the ID of a new channel."""
-        schema = topic.type, topic.definition
+        id_ = self._channels[id(topic)] = len(self._topics) + 1
+        self._topics[id_] = topic
+        metadata = topic.metadata
+        if metadata is None:
+            qos = to_yaml([dict(qos) for qos in topic.offered_qos]).rstrip()
+            metadata = {'offered_qos_profiles': qos, 'topic_type_hash': topic.type_hash}
+        self._describe(
+            Channel(
+                id=id_,
+                topic=topic.name,
+                message_encoding=topic.message_encoding,
+                schema_id=self._schema(topic),
+                metadata=dict(metadata),
+            )
+        )
+        return id_
+
+    def _schema(self, topic: Topic) -> int:
+        """Return the ID of a topic's schema; 0: it has none."""
+        if topic.schema_encoding is None:
+            return 0
+        schema = topic.type, topic.schema_encoding, topic.definition
         if schema not in self._schemas:
             self._schemas[schema] = len(self._schemas) + 1
             self._describe(
                 Schema(
                     id=self._schemas[schema],
                     name=topic.type,
-                    encoding='ros2msg' if topic.definition else '',
-                    data=topic.definition.encode(),
+                    encoding=topic.schema_encoding,
+                    data=topic.definition.encode(errors='surrogateescape'),
                 )
             )
-        id_ = self._channels[topic.name] = len(self._channels) + 1
-        self._topics[id_] = topic
-        qos = to_yaml([dict(qos) for qos in topic.offered_qos]).rstrip()
-        self._describe(
-            Channel(
-                id=id_,
-                topic=topic.name,
-                message_encoding='cdr',
-                schema_id=self._schemas[schema],
-                metadata={'offered_qos_profiles': qos, 'topic_type_hash': topic.type_hash},
-            )
-        )
-        return id_
+        return self._schemas[schema]
 
     def _describe(self, record: Schema | Channel) -> None:
         self._chunk.add_record(record)
@@ -362,14 +430,18 @@ class BagWriter:
             self._list(index)
             start, end = index.message_start_time, index.message_end_time
             self._span += Span(start, end, sum(counts.values()))
-            self.counts.update({self._topics[id_].name: count for id_, count in counts.items()})
+            self._counts.update(counts)
+            end = index.chunk_start_offset + index.chunk_length
+            for channel, count in counts.items():
+                self._ledger.extend((end, channel, count))
             self._chunk = ChunkBuilder()
 
     def _commit(self) -> None:
         """Write the finished chunks."""
         if self._appender.waiting:
             self._appender.commit()
-            self._committed = self.counts.copy()  # a new object, as other threads read it
+            self._committed = self._counts.copy()  # a new object, as other threads read it
+            self._committed_size = self._appender.position
 
     def _put_summary(self) -> None:
         """Write the summary, grouped by kind of record, and the offset of each group."""
@@ -378,9 +450,7 @@ class BagWriter:
             Statistics(
                 attachment_count=listed[Opcode.ATTACHMENT_INDEX],
                 channel_count=listed[Opcode.CHANNEL],
-                channel_message_counts={
-                    id_: self.counts[topic.name] for id_, topic in self._topics.items()
-                },
+                channel_message_counts={id_: self._counts[id_] for id_ in self._topics},
                 chunk_count=listed[Opcode.CHUNK_INDEX],
                 message_count=self._span.count,
                 metadata_count=listed[Opcode.METADATA_INDEX],

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.bags.messages import leading_time
 from barc_sim.bags.recording import short_of_space
+from barc_sim.bags.writer import CHANGED
 from barc_sim.simulation.log import CLOCK
 
 if TYPE_CHECKING:
@@ -59,6 +60,9 @@ class WriterThread:
         self._lock = threading.RLock()
         self.paused = False
         self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
+        self.waits_for_clock = False  #: whether messages before the first `/clock` are left out
+        self.writes_clock = True  #: whether `/clock` itself is written
+        self.before_clock = 0  #: number of messages left out before the first `/clock`
         self._now: int | None = None  # [ns] of the latest `/clock`
         self._late: list[MessageFields] = []  # for the next poll
         self.unwritten: dict[str, int] = {}  #: number of lost messages by topic, after `close`
@@ -129,27 +133,35 @@ class WriterThread:
     def _stamped(self, messages: Iterable[MessageFields]) -> list[MessageFields]:
         """Set the time of reception of each message to the latest `/clock` before it.
 
-        The messages are in order of reception. Messages before the first `/clock` keep their time.
-        When the clock jumps back, the times do, too. `ros2 bag record --use-sim-time` does the
-        same, but in the order of its executor.
+        The messages are in order of reception. Messages before the first `/clock` keep their time,
+        or are left out. When the clock jumps back, the times do, too. `ros2 bag record
+        --use-sim-time` does the same, but in the order of its executor.
         """
         now = self._now
         stamped: list[MessageFields] = []
         for topic, data, received, published, number in messages:
             if topic.name == CLOCK:
                 now = leading_time(data)
-            at = received if now is None else now
-            stamped.append((topic, data, at, published, number))
+                if not self.writes_clock:
+                    continue
+            if now is not None:
+                stamped.append((topic, data, now, published, number))
+            elif not self.waits_for_clock:
+                stamped.append((topic, data, received, published, number))
+            elif not self.paused:
+                self.before_clock += 1
         self._now = now
         return stamped
 
     def _check_disk(self) -> None:
-        """Raise an OSError if the bag was removed or the disk is short of space.
+        """Raise an OSError if the bag was removed or truncated, or the disk is short of space.
 
-        The system does not report the one, and reports the other too late.
+        The system does not report the former, and reports the latter too late.
         """
         if not self._writer.in_place:
             raise OSError(errno.ENOENT, 'it was removed while recording')
+        if not self._writer.is_whole:
+            raise OSError(errno.ESTALE, CHANGED)
         if short := short_of_space(self._writer.directory, self._reserve):
             raise OSError(errno.ENOSPC, short)
 

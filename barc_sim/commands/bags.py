@@ -9,6 +9,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from barc_sim.bags.messages import CDR
 from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number
 from barc_sim.errors import UserError, escaped
 from barc_sim.runs.options import add_recording_options, add_topic_choice, recording
@@ -39,7 +40,7 @@ def add_arguments_record(parser: Parser) -> None:
     parser.add_argument(
         '--use-sim-time',
         action='store_true',
-        help='stamp received messages with the time on /clock, once it is published',
+        help='stamp messages with the time on /clock; record none before its first message',
     )
     add_recording_options(parser)
     accept_ros_args(parser)
@@ -47,8 +48,7 @@ def add_arguments_record(parser: Parser) -> None:
 
 def run_record(options: Namespace) -> int:
     """Record until a signal or a service stops it; return the exit code."""
-    from barc_sim.bags.recording import summary  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415
+    from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
     settings, command = recording(options), shlex.join(['barc', *options.argv])
@@ -57,7 +57,7 @@ def run_record(options: Namespace) -> int:
         options.ros_args,
     )
     lines = [f'{count:9} {topic}' for topic, count in sorted(recorder.counts.items())]
-    lines.append(summary(recorder.counts, recorder.lost, recorder.left_out))
+    lines.append(recorder.summary)
     lines.append(f'bag {recorder.path}')
     print('\n'.join(lines))  # noqa: T201
     return 1 if recorder.failure else 0
@@ -173,11 +173,16 @@ def _described(contents: dict[str, Any]) -> Iterator[str]:
     yield f'Start:     {start:%b %d %Y %H:%M:%S.%f} ({contents["start"]:.9f})'
     yield f'Messages:  {contents["messages"]}'
     for topic in contents['topics']:
-        yield f'{topic["messages"]:9} {topic["name"]} [{topic["type"]}]'
+        yield _topic_line(topic['name'], topic['type'], topic['encoding'], topic['messages'])
     yield from _damages(contents['damages'])
     for name, text in (*contents['losses'].items(), *contents['metadata'].items()):
         if name not in ('parameters', 'graph'):  # long
             yield f'{name}: {" ".join(text.split())}'
+
+
+def _topic_line(name: str, type_name: str, encoding: str, count: int) -> str:
+    other = '' if encoding == CDR else f' in {encoding or "an unknown encoding"}'
+    return f'{count:9} {name} [{type_name or "no schema"}]{other}'
 
 
 def _damages(damages: dict[str, dict[str, int]]) -> Iterator[str]:
@@ -244,6 +249,6 @@ def run_recover(options: Namespace) -> None:
 def _recovered(contents: Contents) -> Iterator[str]:
     """Yield the lines of the summary: damages, messages by topic."""
     yield from _damages({name: vars(damage) for name, damage in contents.damages.items()})
-    for name, count in sorted(contents.counts.items()):
-        yield f'{count:9} {name}'
+    for topic, count in contents.counted:
+        yield _topic_line(topic.name, topic.type, topic.message_encoding, count)
     yield f'{contents.span.count:9} messages in {contents.span.duration / 1e9:.3f} s'

@@ -316,7 +316,7 @@ def diagnose(facts: Facts, before: Facts, factor: float | None = None) -> list[D
     }
     statuses = [_status('timing', level, message, values)]
     if facts.recorded is not None:
-        level, message = _OK, 'nothing is lost'
+        level, message = _OK, 'no lost message is counted'
         if facts.failure:
             level, message = _ERROR, facts.failure
         elif facts.lost:

@@ -11,6 +11,7 @@ from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import count, islice
+from operator import attrgetter
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,12 +21,14 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from barc_sim.bags.bounds import MAX_GAP
 from barc_sim.bags.contents import Contents
+from barc_sim.bags.messages import CDR
 from barc_sim.bags.recording import selected
 from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import to_header
 from barc_sim.ros.peers import others_here
-from barc_sim.ros.topics import message_class, offer
+from barc_sim.ros.topics import latch, message_class, offer
 
 if TYPE_CHECKING:
     import re
@@ -34,7 +37,7 @@ if TYPE_CHECKING:
 
     from rclpy.publisher import Publisher
 
-    from barc_sim.bags.messages import Message
+    from barc_sim.bags.messages import Message, Topic
 
 _SHOW_PERIOD = 0.1  #: [s]
 #: [s] without a new subscription after which matching counts as complete; its maximum time.
@@ -42,6 +45,9 @@ _MATCHING, _MAX_MATCHING = 1.0, 5.0
 _ACK_TIMEOUT = 3.0  #: [s] to wait until the last messages are acknowledged
 _SPIN = 2e-4  #: [s] of busy waiting before a message: a sleep ends late
 _BATCH, _BATCHES = 20, 16  #: messages read at a time, and how many batches ahead
+_MAX_GAP = int(MAX_GAP * 1e9)  #: [ns] between two messages; a longer gap is skipped
+#: [B] of a latched topic's earlier messages: DDS does not announce how many a publisher holds.
+_MAX_HELD = 1 << 20
 _SWITCH = 1e-4  #: [s] after which another thread gives up the interpreter's lock to the player
 
 
@@ -50,7 +56,7 @@ class Playback(NamedTuple):
 
     rate: float = 1.0
     loop: bool = False
-    start_offset: float = 0.0  #: [s]
+    start_offset: float = 0.0  #: [s]; earlier messages of latched topics are published first, once
     start_paused: bool = False
     topics: Sequence[re.Pattern[str]] = ()  #: see `selected`
     exclude: Sequence[re.Pattern[str]] = ()
@@ -65,6 +71,58 @@ def _ahead(messages: Iterator[Message]) -> Iterator[Message]:
         while batch := ahead.popleft().result():
             ahead.append(next(batches))
             yield from batch
+
+
+class LatchedMessages:
+    """Holds the last messages of latched topics before a time, as their publishers did then."""
+
+    def __init__(self, start: int) -> None:
+        """Hold what a subscription of the bag's time `start` [ns] would receive at once."""
+        self._start = start
+        self._queues: dict[int, _Queue | None] = {}  # by the identity of the topic
+
+    def add(self, message: Message) -> None:
+        """Add a message received before the start; the messages come in order."""
+        identity = id(message.topic)
+        if identity not in self._queues:
+            queue = None
+            if latched := latch(message.topic.offered_qos):
+                queue = _Queue(*latched, len(message.topic.offered_qos))
+            self._queues[identity] = queue
+        if queue := self._queues[identity]:
+            queue.add(message)
+
+    def held(self) -> list[Message]:
+        """Return the messages, in order of reception."""
+        queues = [queue for queue in self._queues.values() if queue]
+        held = [
+            message
+            for queue in queues
+            for message in queue.messages
+            if message.received >= self._start - queue.lifespan
+        ]
+        return sorted(held, key=attrgetter('received'))
+
+
+class _Queue:
+    """The queues of all publishers of a topic as one: a bag does not have the publishers."""
+
+    def __init__(self, depth: int, lifespan: float, publishers: int) -> None:
+        """Hold at most `depth` messages for `lifespan` [ns]."""
+        self.lifespan = lifespan
+        self.messages: deque[Message] = deque(maxlen=depth)
+        self._publishers = publishers
+        self._size = 0
+
+    def add(self, message: Message) -> None:
+        """Add a message; large messages are held only once for each publisher."""
+        messages = self.messages
+        if len(messages) == messages.maxlen:
+            self._size -= len(messages.popleft().data)
+        messages.append(message)
+        self._size += len(message.data)
+        while self._size > _MAX_HELD and len(messages) > self._publishers:
+            self._size -= len(messages.popleft().data)
 
 
 class BagPlayer(Node):
@@ -112,29 +170,51 @@ class BagPlayer(Node):
         self._paused, self._steps = playback.start_paused, 0  # messages to publish while paused
         self._keys: SimpleQueue[str] = SimpleQueue()
         self._set_time(self._first)
-        names = selected([*self._contents.topics], playback.topics, playback.exclude)
+        names = selected(self._contents.names, playback.topics, playback.exclude)
         if playback.clock and '/clock' in names:
             names.remove('/clock')
-        self._topic_publishers = {name: each for name in names if (each := self._publisher(name))}
+        self._topic_publishers: dict[int, Publisher] = {}  # by the identity of the topic
+        for name in names:
+            self._add_publisher(name)
         if not self._topic_publishers:
             self.destroy_node()
             raise UserError(f'{str(path)!r} has no topic that can be played: give other --topics')
-        clock = self.create_publisher(ClockMessage, '/clock', 10) if playback.clock else None
-        self._clock_publisher = clock
+        self._clock_publisher: Publisher | None = None
+        self._poll: float | None = None  # [s] of waiting for a key while paused; None: no limit
+        self._clock_period = 0  # [ns] of the bag's time
+        if playback.clock:
+            self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
+            self._poll = 1.0 / playback.clock
+            self._clock_period = max(1, int(1e9 * playback.rate / playback.clock))
+        self._has_begun = False  # whether messages have been played
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_SHOW_PERIOD, lambda: show(self.progress), clock=steady)
         self._thread = threading.Thread(target=self._run, name='player', daemon=True)
         self._thread.start()
 
-    def _publisher(self, name: str) -> Publisher | None:
-        topic = self._contents.topics[name]
-        try:
-            kind, qos = message_class(topic.type), offer(topic.offered_qos)
-            return self.create_publisher(kind, name, qos)
-        except Exception as error:  # noqa: BLE001 (a bag can have any names and types)
-            reason = str(error).partition('\n')[0]
-            self.get_logger().warning(f'{name} is not played: {reason}')
-            return None
+    def _add_publisher(self, name: str) -> None:
+        """Add the publisher of a topic: of its first type that can be played."""
+        played: Topic | None = None
+        for topic in self._contents.topics:
+            if topic.name != name:
+                continue
+            try:
+                self._topic_publishers[id(topic)] = self._publisher(topic, played)
+                played = topic
+            except Exception as error:  # noqa: BLE001 (a bag can have any names and types)
+                reason = str(error).partition('\n')[0]
+                what = f'{name} as {topic.type}' if played else name
+                self.get_logger().warning(f'{what} is not played: {reason}')
+
+    def _publisher(self, topic: Topic, played: Topic | None) -> Publisher:
+        if played:  # DDS accepts one type of a topic in a participant
+            raise UserError(f'{played.type} is played')
+        if topic.message_encoding != CDR:
+            raise UserError(f'its messages are {topic.message_encoding!r}, and not {CDR!r}')
+        if not topic.type:
+            raise UserError('the bag does not have its type')
+        kind, qos = message_class(topic.type), offer(topic.offered_qos)
+        return self.create_publisher(kind, topic.name, qos)
 
     @property
     def progress(self) -> str:
@@ -164,8 +244,11 @@ class BagPlayer(Node):
         while True:
             left = None if self._paused else (at - self._now) / self._playback.rate / 1e9
             key = ''
-            with suppress(Empty):
-                key = self._keys.get(timeout=left and max(0.0, left - _SPIN))
+            try:
+                key = self._keys.get(timeout=self._poll if left is None else max(0.0, left - _SPIN))
+            except Empty:
+                if left is None:  # nodes that begin during a pause need the time, too
+                    self._publish_clock(self._now)
             if key == 'quit':
                 return False
             if key == 'space':
@@ -213,27 +296,58 @@ class BagPlayer(Node):
                 seen, changed = counts, now
             time.sleep(0.02)
 
+    def _messages(self) -> Iterator[Message]:
+        """Yield the messages to play; before the first time, those that latched topics hold."""
+        latched = None if self._has_begun else LatchedMessages(self._first)
+        self._has_begun = True
+        for message in self._contents.in_order():
+            if id(message.topic) not in self._topic_publishers:
+                continue
+            if message.received >= self._first:
+                if latched:
+                    yield from latched.held()
+                    latched = None
+                yield message
+            elif latched:
+                latched.add(message)
+        if latched:
+            yield from latched.held()
+
     def _play(self) -> bool:
         """Play the bag once; return whether it came to its end."""
-        tick, publishers = self._first, self._topic_publishers
-        wanted = (
-            message
-            for message in self._contents.in_order()
-            if message.topic.name in publishers and message.received >= self._first
-        )
-        for number, message in enumerate(_ahead(wanted)):
-            if not number:  # to read the first message took time
-                self._set_time(self._first)
-            while self._clock_publisher and self._playback.clock and tick <= message.received:
-                if not self._wait_until(tick, is_message=False):
+        before, tick = None, self._first
+        for message in _ahead(self._messages()):
+            if message.received >= self._first:
+                if before is None:  # to read the first message took time
+                    self._set_time(self._first)
+                    before = self._first
+                if abs(message.received - before) > _MAX_GAP:
+                    self._jump(before, message.received)
+                    tick = message.received
+                before = message.received
+                while self._clock_publisher and tick <= message.received:
+                    if not self._wait_until(tick, is_message=False):
+                        return False
+                    self._publish_clock(tick)
+                    tick += self._clock_period
+                if not self._wait_until(message.received):
                     return False
-                self._clock_publisher.publish(ClockMessage(clock=to_header(tick).stamp))
-                tick += max(1, int(1e9 * self._playback.rate / self._playback.clock))
-            if not self._wait_until(message.received):
-                return False
-            publishers[message.topic.name].publish(message.data)
+            self._topic_publishers[id(message.topic)].publish(message.data)
             self.played += 1
         return True
+
+    def _jump(self, before: int, to: int) -> None:
+        """Continue with the bag's time `to` [ns], and warn of it."""
+        self._set_time(to)
+        self.get_logger().warning(
+            f'the bag has a gap of {(to - before) / 1e9:.0f} s after '
+            f'{(before - self._start) / 1e9:.1f} s: skipped'
+        )
+
+    def _publish_clock(self, at: int) -> None:
+        """Publish the bag's time `at` [ns] on `/clock`, if the player has it."""
+        if self._clock_publisher:
+            self._clock_publisher.publish(ClockMessage(clock=to_header(at).stamp))
 
     def destroy_node(self) -> None:
         """End the playback and destroy the node."""

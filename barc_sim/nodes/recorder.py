@@ -14,9 +14,9 @@ from std_srvs.srv import Trigger
 from barc_sim.bags import names
 from barc_sim.bags.recording import (
     BAG_DIR,
+    Missing,
     Recording,
     check_space,
-    losses_as_metadata,
     make_directory,
 )
 from barc_sim.bags.writer import BagWriter
@@ -40,7 +40,7 @@ class BagRecorder(Node):
     nodes' constructors on.
 
     A thread of its own writes the messages. Spinning the node discovers topics, and serves
-    `bag_recorder/pause` and `resume`: rosbag2's names, with the type Trigger.
+    `bag_recorder/pause` and `resume`, of the type Trigger.
 
     UserError: the bag cannot be made.
 
@@ -103,6 +103,8 @@ class BagRecorder(Node):
         if not has_dds():
             self._topics.on_full = self._thread.write_now
         self._thread.use_sim_time = recording.use_sim_time
+        self._thread.waits_for_clock = recording.use_sim_time
+        self._thread.writes_clock = recording.wants(names.CLOCK)
         self._thread.start()
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
@@ -159,23 +161,28 @@ class BagRecorder(Node):
         return self._writer.on_disk
 
     @property
-    def lost(self) -> dict[str, dict[str, int] | None]:
-        """Number of lost messages, by topic and node; None where the number is unknown.
+    def missing(self) -> Missing:
+        """The messages that the bag is known to lack.
 
         A message that could not be written counts as lost by the recorder.
         """
-        lost: dict[str, dict[str, int] | None] = self._topics.lost()
+        lost = self._topics.lost()
         for topic, count in self._thread.unwritten.items():
-            lost[topic] = (lost.get(topic) or {}) | {self._own_name: count}
-        return lost
+            lost[topic] = lost.get(topic, {}) | {self._own_name: count}
+        return Missing(
+            lost=lost,
+            unknown=self._topics.unknown(),
+            left_out=dict(self._topics.left_out),
+            before_clock=self._thread.before_clock,
+        )
 
     @property
-    def left_out(self) -> dict[str, str]:
-        """Topics that cannot be recorded, and why."""
-        return dict(self._topics.left_out)
+    def summary(self) -> str:
+        """Lines with the numbers of recorded and lost messages, and what is left out."""
+        return self.missing.summary(self.counts)
 
     def stamp_with_clock(self) -> None:
-        """Stamp messages with `/clock`, once there is one."""
+        """Stamp messages with `/clock`, once there is one; earlier messages keep their time."""
         self._thread.use_sim_time = True
 
     def add_metadata(self, entries: Mapping[str, str]) -> None:
@@ -195,8 +202,12 @@ class BagRecorder(Node):
         """Record the waiting messages and finish the bag; a second call does nothing."""
         if not self._writer.closed:
             self._add_graph()
-        self._thread.close(lambda: losses_as_metadata(self.lost, self.left_out))
+        self._thread.close(self._losses)
         self._topics.close()
+
+    def _losses(self) -> dict[str, str]:
+        """Return the entries of the bag's metadata about missing messages."""
+        return self.missing.as_metadata()
 
     def destroy_node(self) -> None:
         """Close the bag and destroy the node."""

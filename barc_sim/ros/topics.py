@@ -10,12 +10,13 @@ from contextlib import suppress
 from ctypes import c_size_t, c_void_p
 from dataclasses import dataclass, field
 from enum import Enum
+from math import inf
 from struct import Struct
 from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.event_handler import QoSSubscriptionEventType, SubscriptionEventCallbacks
 from rclpy.qos import (
     DurabilityPolicy,
     QoSProfile,
@@ -23,13 +24,15 @@ from rclpy.qos import (
 )
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 
-from barc_sim.bags.messages import Topic, definition
+from barc_sim.bags.messages import Topic
 from barc_sim.bags.recording import Losses
+from barc_sim.bags.schemas import schema
 from barc_sim.errors import UserError
 from barc_sim.ros.peers import of_participant
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from types import ModuleType
 
     from rclpy.node import Node
     from rclpy.subscription import Subscription
@@ -57,12 +60,23 @@ def message_class(type_name: str) -> type[Any]:
     kind: Any = None
     if len(rest) == 2 and rest[0] in _INTERFACES:  # noqa: PLR2004
         with suppress(AttributeError, ImportError, TypeError, ValueError):
-            kind = getattr(importlib.import_module(f'{package}.{rest[0]}'), rest[1])
+            kind = _generated(importlib.import_module(f'{package}.{rest[0]}'), rest[1])
     if not hasattr(kind, 'get_fields_and_field_types'):  # a bag can name any class
         raise UserError(
             f'the type {type_name} is not installed here: source the workspace of {package}'
         )
     return kind  # type: ignore[no-any-return]
+
+
+def _generated(package: ModuleType, name: str) -> Any:  # noqa: ANN401 (any attribute)
+    """Return the class of a type, also of a part of an action, such as `Fibonacci_FeedbackMessage`.
+
+    The package exports the action itself, but not all of its parts.
+    """
+    if hasattr(package, name):
+        return getattr(package, name)
+    whole = getattr(package, name.partition('_')[0])
+    return getattr(importlib.import_module(whole.__module__), name)
 
 
 def request(endpoints: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
@@ -96,6 +110,27 @@ def offer(recorded: Sequence[Mapping[str, Any]]) -> QoSProfile:
         raise UserError(f'{[*recorded]!r} is not a quality of service: {error}') from None
 
 
+def latch(recorded: Sequence[Mapping[str, Any]]) -> tuple[int, float] | None:
+    """Return how many messages a latched topic's publishers hold, and for how long [ns].
+
+    None: the topic is not latched. `recorded` is as for `offer`.
+    """
+    profiles = [each for each in recorded if each.get('durability') in _LATCHED]
+    if not profiles:
+        return None
+    lifespans = [each.get('lifespan') for each in profiles]
+    longest = max(map(_nanoseconds, lifespans))
+    return offer(profiles).depth * len(profiles), longest
+
+
+def _nanoseconds(duration: object) -> float:
+    """Return a duration [ns] in rosbag2's terms; infinity if it is none."""
+    try:
+        return float(duration['sec'] * 10**9 + duration['nsec'])  # type: ignore[index]
+    except (KeyError, OverflowError, TypeError):
+        return inf
+
+
 def _profile(depth: int, *, reliable: bool, latched: bool) -> QoSProfile:
     return QoSProfile(
         depth=depth,
@@ -111,13 +146,16 @@ def _strength(end: TopicEndpointInfo | Subscription) -> tuple[Any, Any]:
 
 def describe(name: str, endpoints: Sequence[TopicEndpointInfo]) -> Topic:
     """Return a bag's record of the topic, from its publishers or else its subscriptions."""
-    type_name, text = endpoints[0].topic_type, ''
-    with suppress(LookupError):  # not installed here, but perhaps where the bag is read
-        text = definition(type_name)
+    type_name = endpoints[0].topic_type
+    try:
+        text, encoding = schema(type_name)
+    except LookupError:  # not installed here, but perhaps where the bag is read
+        text, encoding = '', ''
     return Topic(
         name=name,
         type=type_name,
         definition=text,
+        schema_encoding=encoding,
         type_hash=str(endpoints[0].topic_type_hash),
         offered_qos=[
             {policy: _plain(getattr(each.qos_profile, policy)) for policy in _QOS}
@@ -145,16 +183,49 @@ class RecordedTopic:
     route: dict[bytes, int] = field(default_factory=dict)
     losses: Losses = field(default_factory=Losses)
     names: dict[bytes, str] = field(default_factory=dict)  # of the publishers' nodes
+    best_effort: set[bytes] = field(default_factory=set)  # publishers that send nothing again
+    types: list[str] = field(default_factory=list)  # of all publishers and subscriptions
+    undelivered: int = 0  #: number of messages that the middleware could not deliver
 
-    def lost(self) -> dict[str, int] | None:
-        """Return the number of lost messages, by the publisher's node; None if unknown."""
-        if self.losses.unnumbered:
-            return None
+    def add_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
+        """Add the names and reliability of publishers."""
+        for publisher in publishers:
+            identity = bytes(publisher.endpoint_gid)
+            self.names[identity] = publisher.node_name
+            if publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+                self.best_effort.add(identity)
+
+    def lost(self) -> dict[str, int]:
+        """Return the number of messages that are known to be lost, by the publisher's node."""
         by_node: dict[str, int] = {}
         for publisher, count in self.losses.by_publisher.items():
-            node = self.names.get(publisher, publisher.hex())
+            node = self._node(publisher)
             by_node[node] = by_node.get(node, 0) + count
+        gaps = sum(by_node.values())
+        if self.undelivered > gaps:  # before a publisher's first message, or after its last one
+            node = ' or '.join(sorted({*self.names.values()}))
+            by_node[node] = by_node.get(node, 0) + self.undelivered - gaps
         return by_node
+
+    def unknown(self) -> str | None:
+        """Return why more messages may be lost; None: no reason is known."""
+        if self.losses.unnumbered:
+            return 'the middleware does not number its messages'
+        if silent := self.best_effort - self.route.keys():
+            nodes = ', '.join(sorted({self._node(publisher) for publisher in silent}))
+            return f'no message arrived from {nodes}, which sends with best effort'
+        return None
+
+    def _node(self, publisher: bytes) -> str:
+        return self.names.get(publisher, publisher.hex())
+
+    def count_undelivered(self) -> None:
+        """Ask the middleware for the number of messages that it could not deliver.
+
+        Not with several subscriptions: what one of them has lost, another one can have received.
+        """
+        if len(self.subscriptions) == 1:
+            self.undelivered = undelivered(self.subscriptions[0])
 
 
 class TopicSubscriptions:
@@ -168,11 +239,15 @@ class TopicSubscriptions:
 
     def __init__(self, node: Node, recording: Recording) -> None:
         self._node = node
-        self._wants, self._depth = recording.wants, recording.depth
+        self._wants, self._depth = recording.needs, recording.depth
         self._taker = Taker()
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`
+        self._closed = False
+        self._undefined: set[str] = set()  # topics without a definition
         self.left_out: dict[str, str] = {}  #: why a topic cannot be recorded, by its name
+        self._refused: dict[str, list[str]] = {}  # types of the topics that cannot be recorded
+        self._turn = 0  # the place of the topic of which each publisher is looked at
         self._unexpected: set[str] = set()  # topics that cannot be recorded yet: no publisher
 
     def expect(self, name: str, message_type: type[Any]) -> None:
@@ -186,10 +261,16 @@ class TopicSubscriptions:
         Subscribe also to each topic with its first subscription. For a topic that cannot be
         recorded, warn once.
         """
-        for name, _ in self._node.get_topic_names_and_types():
+        present = self._node.get_topic_names_and_types()
+        self._turn = (self._turn + 1) % max(1, len(present))
+        for turn, (name, types) in enumerate(present):
             recorded = self._topics.get(name)
             count = self._node.count_publishers(name)
-            if name in self.left_out or (recorded and recorded.publishers == count):
+            if self._refused.get(name) == types:
+                continue
+            # To look at each publisher takes long: without a sign of a new one, one topic a call.
+            is_known = recorded and recorded.publishers == count and recorded.types == types
+            if is_known and turn != self._turn:
                 continue
             if self._wants(name):
                 if publishers := self._node.get_publishers_info_by_topic(name):
@@ -198,6 +279,10 @@ class TopicSubscriptions:
                     recorded.publishers = 0
                 elif name not in self._unexpected and self._follow(name):
                     self._unexpected.add(name)  # its first publisher causes the warning
+            if recorded:
+                recorded.types = types
+            if name in self.left_out:
+                self._refused[name] = types
 
     def _follow(self, name: str) -> Exception | None:
         """Subscribe to a topic with the QoS of its subscribers; return why it is impossible."""
@@ -257,16 +342,29 @@ class TopicSubscriptions:
         recorded = recorded or RecordedTopic(describe(name, publishers))
         if not (recorded.topic.offered_qos or recorded.route):  # it has had no publisher
             recorded.topic = describe(name, publishers)
+        self._check_definition(recorded.topic)
         missing = {*map(_strength, publishers)} - {*map(_strength, recorded.subscriptions)}
         for reliability, durability in sorted(missing):  # the strongest first
             qos = QoSProfile(depth=self._depth, reliability=reliability, durability=durability)
             subscription = self._create(name, message_class(recorded.topic.type), qos)
             with self._lock:
                 recorded.subscriptions.append(subscription)
-        recorded.names |= {bytes(each.endpoint_gid): each.node_name for each in publishers}
+        recorded.add_publishers(publishers)
         with self._lock:
             self._topics[name] = recorded
         return recorded
+
+    def _check_definition(self, topic: Topic) -> None:
+        """Warn once of a topic whose definition the bag does not have."""
+        if topic.definition or topic.name in self._undefined:
+            return
+        self._undefined.add(topic.name)
+        package = topic.type.partition('/')[0]
+        self._node.get_logger().warning(
+            f'{topic.name} is recorded without the definition of {topic.type}, which is not '
+            f'installed here: only a reader with this type can decode it; source the workspace of '
+            f'{package}'
+        )
 
     def _create(self, name: str, message_type: type[Any], qos: QoSProfile) -> Subscription:
         return self._node.create_subscription(
@@ -275,7 +373,10 @@ class TopicSubscriptions:
             lambda _: None,
             qos,
             callback_group=PolledCallbackGroup(),
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            event_callbacks=SubscriptionEventCallbacks(
+                message_lost=lambda _: None,  # for `undelivered`
+                use_default_callbacks=False,
+            ),
             raw=True,
         )
 
@@ -298,21 +399,46 @@ class TopicSubscriptions:
                 recorded.losses.count(publisher, counted)
         return messages
 
-    def lost(self) -> dict[str, dict[str, int] | None]:
-        """Return the number of lost messages by topic and publishing node; None if unknown.
+    def lost(self) -> dict[str, dict[str, int]]:
+        """Return the number of messages known to be lost, by topic and publishing node.
 
         A publisher that ended before its node was discovered is listed by its GID.
         """
         with self._lock:
+            self._count_undelivered()
             return {name: recorded.lost() for name, recorded in self._topics.items()}
 
-    def close(self) -> None:
-        """Destroy the subscriptions; `lost` stays available."""
+    def unknown(self) -> dict[str, str]:
+        """Return why more messages of a topic may be lost, by topic."""
         with self._lock:
+            reasons = {name: recorded.unknown() for name, recorded in self._topics.items()}
+        return {name: reason for name, reason in reasons.items() if reason}
+
+    def _count_undelivered(self) -> None:
+        if not self._closed:
+            for recorded in self._topics.values():
+                recorded.count_undelivered()
+
+    def close(self) -> None:
+        """Destroy the subscriptions; `lost` and `unknown` stay available."""
+        with self._lock:
+            self._count_undelivered()
+            self._closed = True
             for recorded in self._topics.values():
                 for subscription in recorded.subscriptions:
                     self._node.destroy_subscription(subscription)
         self._taker.close()
+
+
+def undelivered(subscription: Subscription) -> int:
+    """Return the number of messages that the middleware could not deliver, as it counts them."""
+    for handler in subscription.event_handlers:
+        if handler.event_type == QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST:
+            # `handler.take_data` takes only what an executor has waited for.
+            event = handler._EventHandler__event  # noqa: SLF001
+            with event:
+                return int(event.take_event().total_count)
+    return 0
 
 
 class PolledCallbackGroup(CallbackGroup):

@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from barc_sim import __version__
-from barc_sim.bags.recording import summary, track_file
+from barc_sim.bags.recording import track_file
 from barc_sim.cli.parser import barc_path, report, warn
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
@@ -371,7 +371,7 @@ def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:
     facts = Facts(stepper.missed, stepper.slipped, stamp_lag=lag)
     if not recorder:
         return facts
-    lost = sum(sum(by_node.values()) for by_node in recorder.lost.values() if by_node)
+    lost = recorder.missing.total
     recorded, failure = sum(recorder.counts.values()), recorder.failure
     return facts._replace(recorded=recorded, lost=lost, failure=failure)
 
@@ -408,7 +408,7 @@ def _description(argv: list[str], nodes: list[Node]) -> dict[str, str]:
 def _print_commands(recorder: BagRecorder) -> None:
     """Print the bag's path, and the commands that read it."""
     barc, path = barc_path(), shlex.quote(str(recorder.path))
-    print(summary(recorder.counts, recorder.lost, recorder.left_out))  # noqa: T201
+    print(recorder.summary)  # noqa: T201
     print(f'bag     {path}')  # noqa: T201
     print(f'plot    {barc} plot {path}')  # noqa: T201
     print(f'replay  {barc} replay {path}')  # noqa: T201

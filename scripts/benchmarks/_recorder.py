@@ -75,8 +75,7 @@ def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
         timing = run.timing()
     counted = 0
     if recorder := run.run.recorder:
-        lost = recorder.lost.values()
-        counted = sum(sum(by_node.values()) for by_node in lost if by_node)
+        counted = recorder.missing.total
     return {
         'sent': sent[0],
         'lost': sent[0] - (_kept(folder) if recorder else 0),

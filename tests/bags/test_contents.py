@@ -65,9 +65,9 @@ def test_the_messages_of_any_recorder_are_read_in_order(path: Path) -> None:
     contents = Contents(path)
     contents.complete()
     assert (contents.span.start, contents.span.end) == (10**9, 10**9 + 10**7 * 399)
-    assert {each.type for each in contents.topics.values()} == {'std_msgs/msg/Header'}
+    assert {each.type for each in contents.topics} == {'std_msgs/msg/Header'}
     read = [*contents.in_order()]
-    assert contents.counts == COUNTS
+    assert {topic.name: count for topic, count in contents.counted} == COUNTS
     stamps = [each.received for each in read if each.topic.name == '/a']
     assert stamps == [10**9 + 10**7 * k for k in range(400)]
     assert all(

@@ -11,6 +11,8 @@ import pytest
 import yaml
 from command_line import printed, refused
 from made_bags import VALUE
+from mcap.reader import SeekingReader
+from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -116,6 +118,105 @@ def test_what_cannot_be_converted_is_one_sentence(robot: Path, tmp_path: Path) -
     assert not (tmp_path / 'out').exists()
 
 
+def others(path: Path) -> list[Any]:
+    """Return each channel of a file with its schema, and the data of its messages."""
+    with path.open('rb') as stream:
+        read = SeekingReader(stream, validate_crcs=True)
+        summary = read.get_summary()
+        assert summary
+        data: dict[int, list[bytes]] = {}
+        for _, channel, message in read.iter_messages():
+            data.setdefault(channel.id, []).append(message.data)
+    found = []
+    for channel in summary.channels.values():
+        schema = summary.schemas.get(channel.schema_id)
+        of = (schema.name, schema.encoding, schema.data) if schema else None
+        found.append(
+            (channel.topic, channel.message_encoding, channel.metadata, of, data.get(channel.id))
+        )
+    return sorted(found, key=str)
+
+
+IDL = (
+    b'=' * 80 + b'\nIDL: a/msg/Level\nmodule a { module msg { struct Level { double level; }; }; };'
+)
+
+
+@pytest.fixture
+def foreign(tmp_path: Path) -> Path:
+    """Return a bag whose channels have schemas and encodings of all kinds, and two types."""
+    folder = tmp_path / 'foreign'
+    folder.mkdir()
+    level = b'\0\1\0\0' + np.float64(2.0).tobytes()
+    with (folder / 'foreign_0.mcap').open('wb') as stream:
+        writer = Writer(stream)
+        writer.start('', '')
+        schemas = {
+            'idl': writer.register_schema('a/msg/Level', 'ros2idl', IDL),
+            'json': writer.register_schema('Pose', 'jsonschema', b'{"type": "object"}'),
+            'protobuf': writer.register_schema('Pose', 'protobuf', bytes(range(256))),
+            'empty': writer.register_schema('a/msg/Halt', 'ros2msg', b''),
+            'none': 0,
+        }
+        for topic, encoding, schema, data in (
+            ('/idl', 'cdr', 'idl', level),
+            ('/json', 'json', 'json', b'{"x": 1}'),
+            ('/protobuf', 'protobuf', 'protobuf', b'\x08\1'),
+            ('/halt', 'cdr', 'empty', b'\0\1\0\0\0'),
+            ('/no_schema', 'cdr', 'none', level),
+            ('/no_schema', '', 'none', b''),
+            ('/two', 'cdr', 'empty', b'\0\1\0\0\0'),
+            ('/two', 'cdr', 'idl', level),
+        ):
+            of = {'offered_qos_profiles': '', 'by': topic}
+            channel = writer.register_channel(topic, encoding, schemas[schema], of)
+            for k in range(3):
+                writer.add_message(channel, 10 + k, data, 10 + k)
+        writer.finish()
+    return folder
+
+
+def test_recover_writes_what_it_read_as_it_was(foreign: Path, tmp_path: Path) -> None:
+    printed('recover', str(foreign), '-o', str(tmp_path / 'whole'))
+    file = tmp_path / 'whole' / 'whole_0.mcap'
+    assert others(file) == others(foreign / 'foreign_0.mcap')
+    mcap_doctor.check(file)
+    information = yaml.safe_load((tmp_path / 'whole' / 'metadata.yaml').read_text())
+    listed = information['rosbag2_bagfile_information']['topics_with_message_count']
+    types = [each['topic_metadata']['type'] for each in listed]
+    assert types == [
+        'a/msg/Level',
+        'Pose',
+        'Pose',
+        'a/msg/Halt',
+        '',
+        '',
+        'a/msg/Halt',
+        'a/msg/Level',
+    ]
+
+
+def test_info_and_convert_name_what_they_cannot_decode(
+    foreign: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    lines = printed('info', str(foreign)).splitlines()
+    assert '        3 /json [Pose] in json' in lines
+    assert '        3 /no_schema [no schema] in an unknown encoding' in lines
+    assert '        3 /two [a/msg/Level]' in lines
+    printed('convert', str(foreign), '-o', str(tmp_path / 'out'))
+    assert "messages of /json [Pose] are left out: its messages are 'json'" in caplog.text
+    assert 'messages of /no_schema [no schema] are left out' in caplog.text
+    names = {path.name for path in (tmp_path / 'out').iterdir()}
+    assert names == {'idl.csv', 'halt.csv', 'two.csv', 'two_.csv'}
+    assert (tmp_path / 'out' / 'two_.csv').read_text().startswith('t,received,level\n0.0,10,2.0\n')
+
+
+def test_nothing_to_convert_is_an_error(foreign: Path, tmp_path: Path) -> None:
+    line = refused('convert', str(foreign), '-o', str(tmp_path / 'out'), '--topics', 'json')
+    assert 'has no message that can be converted of /json: choose other --topics' in line
+    assert not (tmp_path / 'out').exists()
+
+
 ATTACHED = {'student/a.py': b'x = 1\n'}
 
 
@@ -196,7 +297,7 @@ def test_full_disk_leaves_nothing_behind(killed: Path, monkeypatch: pytest.Monke
 def test_command_prints_what_was_recovered(killed: Path) -> None:
     assert printed('recover', str(killed)).splitlines() == [
         'run_0.mcap is unfinished or damaged: 0 bytes at its end are unread',
-        '     1000 /value',
+        '     1000 /value [std_msgs/msg/Float64]',
         '     1000 messages in 0.000 s',
         f'{killed}_recovered',
     ]

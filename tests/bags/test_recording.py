@@ -11,11 +11,10 @@ import pytest
 from barc_sim.bags.recording import (
     UNNUMBERED,
     Losses,
+    Missing,
     check_root,
     check_space,
-    losses_as_metadata,
     make_directory,
-    summary,
 )
 from barc_sim.errors import UserError
 
@@ -86,18 +85,29 @@ def test_middleware_without_numbers_is_detected() -> None:
 
 
 def test_metadata_have_the_losses_by_topic_and_node() -> None:
-    lost = {'/b': {'talker': 3, 'other': 2}, '/a': {}, '/c': None}
-    assert losses_as_metadata(lost, {}) == {
+    unknown = {'/b': 'nobody counts', '/c': 'nobody counts'}
+    missing = Missing(lost={'/b': {'talker': 3, 'other': 2}, '/a': {}}, unknown=unknown)
+    assert missing.as_metadata() == {
         'lost_messages': '5',
-        'lost /b': '5 (2 of other, 3 of talker)',
-        'lost /c': 'unknown: the middleware does not number its messages',
+        'lost /b': '5 (2 of other, 3 of talker); unknown: nobody counts',
+        'lost /c': 'unknown: nobody counts',
     }
 
 
 def test_summary_has_a_line_for_each_topic_with_losses_or_left_out() -> None:
     left_out = {'/b as Text': 'its type is Number'}
-    assert summary({'/a': 3}, {'/a': {'talker': 1}}, left_out).splitlines() == [
+    missing = Missing(lost={'/a': {'talker': 1}}, left_out=left_out, before_clock=4)
+    assert missing.summary({'/a': 3}).splitlines() == [
         'recorded 3 messages, lost 1',
         'lost /a: 1 (1 of talker)',
         'not recorded /b as Text: its type is Number',
+        'not recorded before /clock: 4 messages',
+    ]
+
+
+def test_summary_claims_no_more_than_is_known() -> None:
+    missing = Missing(lost={'/a': {}}, unknown={'/a': 'nobody counts'})
+    assert missing.summary({}).splitlines() == [
+        'recorded 0 messages, lost 0 or more',
+        'lost /a: unknown: nobody counts',
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import struct
 import time
@@ -162,6 +163,28 @@ def test_messages_of_a_removed_bag_are_lost(
     assert thread.unwritten == {'/value': 3}
 
 
+@pytest.mark.parametrize('share', [0.0, 0.5, 0.9, 2.0])
+def test_what_another_process_truncates_is_lost_and_the_rest_is_read(
+    idle: WriterThread, source: Source, failures: list[str], tmp_path: Path, share: float
+) -> None:
+    file = tmp_path / 'run' / 'run_0.mcap'
+    for first in range(0, 1000, 100):
+        source.put(*range(first, first + 100))
+        idle._chunk_due = 0.0  # noqa: SLF001 (as if time had passed)
+        idle.write_now()
+    os.truncate(file, int(share * file.stat().st_size))
+    source.put(1000, 1001)
+    idle.close()
+
+    assert failures == [
+        f"writing to '{tmp_path / 'run'}' failed: another process has changed its file"
+    ]
+    left = len(recorded(tmp_path)) if share else 0
+    assert left == (1000 if share > 1 else left)
+    assert idle._writer.on_disk == ({'/value': left} if left else {})  # noqa: SLF001
+    assert idle.unwritten == {'/value': 1002 - left}
+
+
 @pytest.mark.parametrize('reserve', [2**70], indirect=True)
 def test_shortage_of_space_is_reported_while_there_is_enough_to_finish(
     thread: WriterThread, source: Source, failures: list[str], tmp_path: Path
@@ -210,6 +233,28 @@ def test_messages_have_the_time_of_the_latest_clock_before_them(
         idle.write_now()
     idle.close()
     assert times_of(tmp_path) == [1, 7 * SECOND, 7 * SECOND, 8 * SECOND + 5, 8 * SECOND + 5]
+
+
+def test_messages_before_the_first_clock_are_left_out_and_counted(
+    idle: WriterThread, tmp_path: Path, source: Source
+) -> None:
+    idle.use_sim_time = idle.waits_for_clock = True
+    for waiting in ([message(1), message(2)], [message(3), clock(4, 7), message(5)]):
+        source.extend(waiting)
+        idle.write_now()
+    idle.close()
+    assert times_of(tmp_path) == [7 * SECOND, 7 * SECOND]
+    assert idle.before_clock == 3
+
+
+def test_a_clock_that_is_not_recorded_still_gives_the_time(
+    idle: WriterThread, tmp_path: Path, source: Source
+) -> None:
+    idle.use_sim_time = True
+    idle.writes_clock = False
+    source.extend([clock(1, 7), message(2)])
+    idle.close()
+    assert times_of(tmp_path) == [7 * SECOND]
 
 
 def test_time_goes_on_during_a_pause(idle: WriterThread, tmp_path: Path, source: Source) -> None:

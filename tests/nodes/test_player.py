@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 from dataclasses import replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -24,7 +25,7 @@ from barc_sim.nodes.player import BagPlayer, Playback
 from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from rclpy.context import Context
@@ -93,7 +94,7 @@ def play(
     monkeypatch.setattr('barc_sim.nodes.player._MATCHING', 0.2)
     made: list[Played] = []
 
-    def begin(**settings: Any) -> Played:  # noqa: ANN401
+    def begin(bag: Path = bag, **settings: Any) -> Played:  # noqa: ANN401
         made.append(Played(ros, bag, **settings))
         return made[-1]
 
@@ -125,6 +126,101 @@ def test_topics_offset_and_clock(
     )
     assert played.arrived == {'a': [5, 6, 7, 8, 9]}
     assert sorted(played.clocks) == [5 * SECOND + SECOND // 100 * ms for ms in range(45, 91, 10)]
+
+
+LATCHED_QOS = {'durability': 'transient_local', 'reliability': 'reliable', 'depth': 0}
+
+
+def written(directory: Path, messages: Sequence[tuple[Topic, int, int]]) -> Path:
+    """Return a bag of messages, each with its topic, its number and time of reception."""
+    directory.mkdir()
+    writer = BagWriter(directory)
+    for each, number, received in messages:
+        data = bytes([0, 1, 0, 0, number, *bytes(7), 1, 0, 0, 0, 0])
+        writer.write([Message(each, data, received, received, number)])
+    writer.close()
+    return directory
+
+
+def header_topic(name: str, *qos: dict[str, Any]) -> Topic:
+    return replace(topic(name, 'std_msgs/msg/Header'), offered_qos=qos)
+
+
+def test_an_offset_begins_with_what_latched_topics_hold_once(
+    play: Callable[..., Played], spin_until: Callable[..., None], tmp_path: Path
+) -> None:
+    static = header_topic('/a', *[LATCHED_QOS] * 2)  # of two publishers
+    log = header_topic('/b', LATCHED_QOS | {'lifespan': {'sec': 1, 'nsec': 0}, 'depth': 2})
+    plain = topic('/moved', 'std_msgs/msg/Header')
+    times = [(static, 1, 0), (static, 2, SECOND), (log, 1, SECOND)]
+    times += [(log, k, 9 * SECOND + k) for k in (2, 3, 4)]
+    times += [(plain, k, k * SECOND) for k in range(12)] + [(static, 9, 11 * SECOND)]
+    latched = written(tmp_path / 'latched', sorted(times, key=itemgetter(2)))
+    played = play(bag=latched, start_offset=10.0, rate=20.0, loop=True)
+    spin_until(played.executor, lambda: len(played.arrived.get('moved', [])) >= 4)
+    played.player.on_key('quit')
+    spin_until(played.executor, played.player.finished.done)
+    assert played.arrived['moved'][:4] == [10, 11] * 2
+    assert played.arrived['a'][:4] == [1, 2, 9, 9]
+    assert played.arrived['b'] == [3, 4]
+
+
+def test_large_latched_messages_are_held_once_for_each_publisher() -> None:
+    from barc_sim.nodes.player import LatchedMessages  # noqa: PLC0415
+
+    maps = header_topic('/map', *[LATCHED_QOS] * 2)
+    latched = LatchedMessages(SECOND)
+    sent = [Message(maps, bytes(1 << 20), k, k, k) for k in range(5)]
+    for each in sent:
+        latched.add(each)
+    assert latched.held() == sent[3:]
+
+
+@pytest.mark.parametrize('clock', [None, 40.0], ids=['no clock', 'clock'])
+def test_a_gap_of_years_is_skipped_with_a_warning(
+    play: Callable[..., Played],
+    spin_until: Callable[..., None],
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    clock: float | None,
+) -> None:
+    plain, year = topic('/a', 'std_msgs/msg/Header'), 31_536_000 * SECOND
+    times = [4 * SECOND, 5 * SECOND, 57 * year, 57 * year + SECOND]
+    early = written(tmp_path / 'early', [(plain, k, at) for k, at in enumerate(times)])
+    played = play(bag=early, rate=20.0, clock=clock)
+    spin_until(played.executor, played.player.finished.done)
+    spin_until(played.executor, lambda: len(played.arrived.get('a', [])) == 4)
+    assert played.arrived == {'a': [0, 1, 2, 3]}
+    assert 'the bag has a gap of 1797551995 s after 1.0 s: skipped' in capfd.readouterr().err
+
+
+def test_the_clock_is_published_during_a_pause(
+    play: Callable[..., Played], spin_until: Callable[..., None]
+) -> None:
+    played = play(rate=10.0, start_paused=True, clock=40.0)
+    spin_until(played.executor, lambda: len(played.clocks) >= 3)
+    assert {*played.clocks} == {5 * SECOND}
+
+
+def test_of_two_types_of_a_topic_the_first_is_played(
+    play: Callable[..., Played],
+    spin_until: Callable[..., None],
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    plain, other = topic('/a', 'std_msgs/msg/Header'), topic('/a', 'std_msgs/msg/Float64')
+    foreign = replace(plain, name='/b', message_encoding='json')
+    nameless = replace(plain, name='/c', type='', schema_encoding=None)
+    messages = [(plain, 1, 1), (other, 2, 2), (foreign, 3, 3), (nameless, 4, 4), (plain, 5, 5)]
+    played = play(bag=written(tmp_path / 'two', messages))
+    spin_until(played.executor, played.player.finished.done)
+    spin_until(played.executor, lambda: len(played.arrived.get('a', [])) == 2)
+    assert played.arrived == {'a': [1, 5]}
+    assert played.player.played == 2
+    err = capfd.readouterr().err
+    assert '/a as std_msgs/msg/Float64 is not played: std_msgs/msg/Header is played' in err
+    assert "/b is not played: its messages are 'json', and not 'cdr'" in err
+    assert '/c is not played: the bag does not have its type' in err
 
 
 def test_excluded_topics_are_not_played_and_a_loop_begins_again(

@@ -13,6 +13,7 @@ pytest.importorskip('rclpy')
 
 import yaml
 from barc_interfaces.msg import ECU
+from builtin_interfaces.msg import Time
 from command_line import wait_for
 from mcap.reader import SeekingReader
 from rcl_interfaces.msg import Log, ParameterEvent
@@ -27,6 +28,7 @@ from rclpy.qos import (
 )
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import ColorRGBA, Float64
 from std_srvs.srv import Trigger
 
@@ -137,7 +139,7 @@ def test_a_topic_without_a_definition_or_a_type(
     def missing(name: str) -> type[Any]:
         raise UserError(f'{name} is missing')
 
-    monkeypatch.setattr('barc_sim.ros.topics.definition', {}.__getitem__)
+    monkeypatch.setattr('barc_sim.ros.topics.schema', {}.__getitem__)
     publisher = talker.create_publisher(Float64, 'value', LATCHED)
     recorder.discover()
     spin_until(executor, publisher.get_subscription_count)
@@ -153,6 +155,8 @@ def test_a_topic_without_a_definition_or_a_type(
         assert reader.topics['/value'].msgcount == 1
     texts = [deserialize_message(m.data, Log).msg for m in messages(recorder.path, '/rosout')]
     assert texts.count(f'/color is not recorded: {why}') == 1
+    without = '/value is recorded without the definition of std_msgs/msg/Float64'
+    assert sum(text.startswith(without) for text in texts) == 1
 
 
 def test_parameter_overrides_the_folder(ros: Context, tmp_path: Path) -> None:
@@ -183,7 +187,7 @@ def test_what_a_full_disk_refuses_is_lost_also_after_the_node_is_destroyed(
         publisher.publish(Float64())
     recorder.destroy_node()
     assert recorder.counts == {'/value': 1}
-    assert recorder.lost['/value'] == {'bag_recorder': 7}
+    assert recorder.missing.lost['/value'] == {'bag_recorder': 7}
 
 
 @recording(depth=5)
@@ -204,7 +208,7 @@ def test_losses_are_counted_for_each_publisher_and_kept(
     other.destroy_node()
     lost = 505 - recorder.counts['/value']
     assert lost > 0
-    assert recorder.lost['/value'] == {'talker': lost}
+    assert recorder.missing.lost['/value'] == {'talker': lost}
     text = (recorder.path / 'metadata.yaml').read_text()
     custom = yaml.safe_load(text)['rosbag2_bagfile_information']['custom_data']
     for kept in (bag.info(recorder.path), custom):
@@ -234,7 +238,7 @@ def test_losses_have_the_name_of_a_node_that_is_discovered_after_its_publisher(
     for _ in range(500):
         publisher.publish(Float64())
     recorder.close()
-    assert recorder.lost['/value'] == {'talker': 501 - recorder.counts['/value']}
+    assert recorder.missing.lost['/value'] == {'talker': 501 - recorder.counts['/value']}
 
 
 def test_late_publisher_that_offers_less_costs_the_others_nothing(
@@ -252,7 +256,7 @@ def test_late_publisher_that_offers_less_costs_the_others_nothing(
     late.publish(Float64(data=-1.0))
     values = [message.data for message in kept(recorder, '/value', Float64)]
     assert sorted(values) == [-1.0, *map(float, range(50))]
-    assert recorder.lost['/value'] == {}
+    assert recorder.missing.lost['/value'] == {}
 
 
 def test_a_topic_is_recorded_before_it_has_a_publisher(
@@ -294,13 +298,113 @@ def test_a_topic_is_recorded_as_its_publishers_offer_it(
     publisher.publish(Float64(data=2.0))
     wait_for(lambda: recorder.counts.get('/value') == 2)
     recorder.close()
-    assert recorder.lost['/value'] == {}
+    assert recorder.missing.lost['/value'] == {}
     with AnyReader([recorder.path]) as reader:
         (connection,) = reader.topics['/value'].connections
         (offered,) = connection.ext.offered_qos_profiles
         expected = publisher.qos_profile
         assert offered.durability.name == expected.durability.name
         assert offered.reliability.name == expected.reliability.name
+
+
+def test_a_type_that_replaces_another_between_two_searches_is_named(
+    recorder: BagRecorder, stranger: Node
+) -> None:
+    first = stranger.create_publisher(Float64, 'value', 10)
+    wait_for(lambda: recorder.discover() or first.get_subscription_count() == 1)
+    stranger.destroy_publisher(first)
+    stranger.create_publisher(ColorRGBA, 'value', 10)
+    type_names = {'std_msgs/msg/Float64', 'std_msgs/msg/ColorRGBA'}
+    wait_for(lambda: {*dict(recorder.get_topic_names_and_types())['/value']} == type_names)
+    wait_for(lambda: recorder.discover() or bool(recorder.missing.left_out))
+    why = 'its type is std_msgs/msg/Float64'
+    assert recorder.missing.left_out == {'/value as std_msgs/msg/ColorRGBA': why}
+
+
+def test_a_publisher_that_replaces_another_between_two_searches_is_recorded(
+    recorder: BagRecorder, stranger: Node
+) -> None:
+    first = stranger.create_publisher(Float64, 'value', 10)
+    wait_for(lambda: recorder.discover() or first.get_subscription_count() == 1)
+    wait_for(lambda: recorder.discover() or recorder._topics._topics['/value'].publishers == 1)  # noqa: SLF001
+    stranger.destroy_publisher(first)
+    second = stranger.create_publisher(Float64, 'value', BEST_EFFORT)
+    infos = recorder.get_publishers_info_by_topic
+    wait_for(
+        lambda: (
+            [each.qos_profile.reliability for each in infos('/value')] == [BEST_EFFORT.reliability]
+        )
+    )
+    wait_for(lambda: recorder.discover() or second.get_subscription_count() == 1)
+    second.publish(Float64(data=2.0))
+    wait_for(lambda: recorder.counts.get('/value') == 1)
+
+
+def test_nothing_from_a_best_effort_publisher_is_an_unknown_loss(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    for name, qos in (('silent', BEST_EFFORT), ('idle', 10), ('heard', BEST_EFFORT)):
+        publisher = talker.create_publisher(Float64, name, qos)
+    recorder.discover()
+    publisher.publish(Float64())
+    wait_for(lambda: recorder.counts.get('/heard') == 1)
+    recorder.close()
+    why = 'no message arrived from talker, which sends with best effort'
+    assert recorder.missing.unknown == {'/silent': why}
+    assert bag.info(recorder.path)['lost /silent'] == f'unknown: {why}'
+    assert recorder.summary.splitlines()[0].endswith('lost 0 or more')
+
+
+def test_what_the_middleware_could_not_deliver_is_lost(
+    recorder: BagRecorder, talker: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('barc_sim.ros.topics.undelivered', lambda _: 18)
+    talker.create_publisher(Float64, 'image', BEST_EFFORT)
+    recorder.discover()
+    recorder.close()
+    assert recorder.missing.lost['/image'] == {'talker': 18}
+
+
+def test_the_feedback_of_an_action_is_recorded_with_its_definition(
+    ros: Context, tmp_path: Path
+) -> None:
+    from test_msgs.action import Fibonacci  # noqa: PLC0415
+
+    kind = Fibonacci.Impl.FeedbackMessage
+    hidden = Recording(topics=[re.compile('feedback')])
+    recorder, talker = BagRecorder(tmp_path, hidden, context=ros), Node('talker', context=ros)
+    publisher = talker.create_publisher(kind, 'count/_action/feedback', 10)
+    recorder.discover()
+    sent = kind(feedback=Fibonacci.Feedback(sequence=[1, 1, 2]))
+    publisher.publish(sent)
+    recorder.destroy_node()
+    talker.destroy_node()
+    with AnyReader([recorder.path]) as reader:
+        ((connection, _, data),) = reader.messages()
+        assert connection.msgtype == 'test_msgs/action/Fibonacci_FeedbackMessage'
+        read: Any = reader.deserialize(data, connection.msgtype)
+    assert read.feedback.sequence.tolist() == [1, 1, 2]
+    assert recorder.missing.left_out == {}
+
+
+@recording(use_sim_time=True, exclude=(re.compile('clock'),))
+def test_nothing_before_the_first_clock_is_recorded_and_its_number_is_kept(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 10)
+    clock = talker.create_publisher(Clock, '/clock', 10)
+    recorder.discover()
+    publisher.publish(Float64(data=1.0))
+    clock.publish(Clock(clock=Time(sec=7)))
+    publisher.publish(Float64(data=2.0))
+    recorder.close()
+    ((value),) = messages(recorder.path, '/value')
+    assert value.log_time == 7 * 10**9
+    assert recorder.counts == {'/value': 1}
+    left_out = recorder.missing.before_clock
+    assert left_out >= 1
+    assert f'not recorded before /clock: {left_out} messages' in recorder.summary
+    assert bag.info(recorder.path)['not recorded before /clock'] == f'{left_out} messages'
 
 
 @pytest.mark.parametrize('expected', [True, False], ids=['expected', 'found'])
@@ -312,9 +416,9 @@ def test_a_second_type_of_a_topic_is_named_and_costs_the_first_nothing(
         recorder.expect({'value': Float64})
     # DDS accepts one type of a topic in a participant, which is the recorder's, too.
     talker.create_subscription(Float64, 'value', lambda _: None, 10)
-    wait_for(lambda: recorder.discover() or bool(recorder.left_out))
+    wait_for(lambda: recorder.discover() or bool(recorder.missing.left_out))
     why = 'its type is std_msgs/msg/Float64'
-    assert recorder.left_out == {'/value as std_msgs/msg/ColorRGBA': why}
+    assert recorder.missing.left_out == {'/value as std_msgs/msg/ColorRGBA': why}
     publisher = talker.create_publisher(Float64, 'value', 10)
     wait_for(lambda: recorder.discover() or publisher.get_subscription_count() == 2)
     other.publish(ColorRGBA())
@@ -337,7 +441,7 @@ def test_of_two_publishers_types_that_of_the_same_process_is_recorded(
     publisher.publish(Float64())
     wait_for(lambda: recorder.discover() or recorder.counts.get('/value') == 1)
     why = 'its type is std_msgs/msg/Float64'
-    assert recorder.left_out == {'/value as std_msgs/msg/ColorRGBA': why}
+    assert recorder.missing.left_out == {'/value as std_msgs/msg/ColorRGBA': why}
 
 
 def test_what_a_publisher_has_kept_is_recorded_beside_one_that_keeps_nothing(
@@ -395,7 +499,7 @@ def test_services_pause_and_resume(
     wait_for(lambda: recorder.counts.get('/value') == 1)
     recorder.close()
     assert recorder.counts['/value'] == 1
-    assert recorder.lost['/value'] == {}
+    assert recorder.missing.lost['/value'] == {}
 
 
 def test_a_write_error_ends_the_run(recorder: BagRecorder) -> None:

@@ -468,7 +468,7 @@ class LocalSubscriptions:
     """
 
     def __init__(self, node: Node, recording: Recording) -> None:
-        self._node, self._wants, self._depth = node, recording.wants, recording.depth
+        self._node, self._wants, self._depth = node, recording.needs, recording.depth
         self._subscriptions: dict[str, Subscription] = {}
         self._messages: deque[MessageFields] = deque()
         self.left_out: Mapping[str, str] = {}
@@ -498,9 +498,13 @@ class LocalSubscriptions:
         """Return the messages since the last call; for one thread at a time."""
         return [self._messages.popleft() for _ in range(len(self._messages))]
 
-    def lost(self) -> dict[str, dict[str, int] | None]:
+    def lost(self) -> dict[str, dict[str, int]]:
         """Return the number of lost messages by topic: none."""
         return {name: {} for name in self._subscriptions}
+
+    def unknown(self) -> dict[str, str]:
+        """Return why more messages of a topic may be lost, by topic: none may."""
+        return {}
 
     def close(self) -> None:
         """Destroy the subscriptions."""
