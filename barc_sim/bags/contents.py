@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 import zlib
 from collections import Counter, deque
 from contextlib import contextmanager, suppress
@@ -85,14 +84,9 @@ def files(path: Path) -> list[Path]:
     present = [*path.iterdir()] if path.is_dir() else [path]
     mcap = [file for file in present if file.suffix == '.mcap' and not file.name.startswith('.')]
     if not mcap and any(file.suffix in _CONVERTIBLE for file in present):
-        # rosbags-convert reads a folder with metadata.yaml, or uncompressed files one by one.
-        is_whole = path.is_dir() and (path / 'metadata.yaml').exists()
-        plain = [] if is_whole else sorted(file for file in present if file.suffix == '.db3')
-        sources = plain or [path if path.is_dir() else path.parent]
-        raise UserError(
-            f'{str(path)!r} is a bag of sqlite3, or of compressed files: convert it to MCAP with '
-            f'`rosbags-convert --src {shlex.join(map(str, sources))} --dst NEW --dst-storage mcap`'
-        )
+        from barc_sim.bags.sqlite import conversion  # noqa: PLC0415 (slow: for few bags)
+
+        raise UserError(conversion(path, present))
     if not path.is_dir():
         return [path.resolve() if path.is_symlink() else path]
     if not mcap:

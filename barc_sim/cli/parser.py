@@ -155,10 +155,16 @@ def did_you_mean(name: str, names: Iterable[str], prefix: str = '') -> str:
 
 def barc_path() -> str:
     """Return the command `barc` as a user can type it in this shell and directory."""
-    program, on_path = Path(sys.executable).with_name('barc'), shutil.which('barc')
-    if not program.exists():  # for example under colcon
-        return f'{_quoted(Path(sys.executable))} -m barc_sim'
-    return 'barc' if on_path and program.samefile(on_path) else _quoted(program)
+    # Under colcon, for example, there is no such program.
+    return program_path('barc') or f'{_quoted(Path(sys.executable))} -m barc_sim'
+
+
+def program_path(name: str) -> str | None:
+    """Return a program of this environment as a user can type it here; None: there is none."""
+    program, on_path = Path(sys.executable).with_name(name), shutil.which(name)
+    if not program.exists():
+        return None
+    return name if on_path and program.samefile(on_path) else _quoted(program)
 
 
 def _quoted(path: Path) -> str:
