@@ -1,9 +1,11 @@
 """Damaged bags: any bytes, and each field of each kind of record of the file's format, MCAP.
 
 Message definitions are changed as texts of their own: types, lengths, names, types within types.
+Some bags have channels with schemas and encodings of all kinds; of these, whole ones must be
+recovered as they were.
 In some folders links, named pipes, sockets, devices and folders stand in place of files.
 
-Each bag goes through one of `plot`, `replay`, `report` and `graph`, and through
+Each bag goes through one of `plot`, `replay`, `report`, `graph`, `info` and `convert`, and through
 `recover`; what that leaves is read again. Nothing outside of the bag may change.
 """
 
@@ -23,6 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from _bytes import damage, number, text
+from _channels import channels, check_same
 from _mcap import FIELDS, Record, assemble, pack_chunk, records, with_length, without_length
 from matplotlib.figure import Figure
 from mcap.data_stream import RecordBuilder
@@ -31,7 +34,7 @@ from mcap.records import Attachment
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
-from barc_sim.bags.convert import recover
+from barc_sim.bags.convert import convert, recover
 from barc_sim.errors import UserError
 from barc_sim.figures import run_figures, views
 from barc_sim.lab.report import page, read
@@ -44,6 +47,8 @@ if TYPE_CHECKING:
 _ANYWHERE, _FINISHED, _MENDED = 0.2, 0.7, 0.8
 #: Shares of bags: with other definitions of messages, and in a folder of more than plain files.
 _DEFINED, _SURROUNDED = 0.3, 0.2
+#: Shares of bags: with channels of other encodings, and of these: not damaged.
+_FOREIGN, _WHOLE = 0.3, 0.5
 #: Shares of fields: with a wrong length, and of chunks: with a checksum that is right.
 _LYING, _CHECKED = 0.2, 0.8
 _MOST = 16 << 20  # bytes that a record is repeated to
@@ -82,7 +87,13 @@ def original() -> bytes:
 def damaged(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a file, what is damaged in it, and its content."""
     finished = chance.random() < _FINISHED
-    found = list(records(original()))
+    base = original()
+    if chance.random() < _FOREIGN:
+        whole = chance.random() < _WHOLE
+        base = channels(chance, whole=whole)
+        if whole:
+            return '.mcap', 'none: channels', base
+    found = list(records(base))
     if not finished:
         found = found[: next(k for k, each in enumerate(found) if each.kind == Opcode.DATA_END)]
     if chance.random() < _ANYWHERE:
@@ -112,11 +123,13 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
 def _redefine(found: list[Record], chance: Random) -> None:
     """Change the definition of a type, in the chunks and in the summary."""
     schemas = [each for outer in found for each in (outer, *outer.inner) if each.kind == _SCHEMA]
+    if not schemas:
+        return
     of = chance.choice(schemas).fields()['name']
     for record in schemas:
         fields = record.fields()
         if fields['name'] == of:
-            text = without_length('d', fields['definition']).decode()
+            text = without_length('d', fields['definition']).decode(errors='replace')
             changed = definition(text, chance).encode()
             record.body = b''.join((fields | {'definition': with_length('d', changed)}).values())
     for outer in found:
@@ -271,9 +284,18 @@ def _command(name: str, path: Path) -> None:
         raise UserError(error.getvalue())
 
 
+def _info(path: Path) -> None:
+    _command('info', path)
+
+
+def _convert(path: Path) -> None:
+    convert(path, path.with_name('tables'))
+
+
 def _recover(path: Path) -> None:
     whole = path.parent / 'whole'
     recover(path, whole)
+    check_same(path, whole / 'whole_0.mcap')
     reader.read(whole)
 
 
@@ -287,4 +309,4 @@ def uses(chance: Random) -> list[Callable[[Path], object]]:
             *(partial(_command, name) for name in commands),
             _unchanged,
         ]
-    return [chance.choice((_plot, _replay, _report, _graph)), _recover]
+    return [chance.choice((_plot, _replay, _report, _graph, _info, _convert)), _recover]
