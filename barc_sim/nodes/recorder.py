@@ -123,7 +123,8 @@ class BagRecorder(Node):
         """Log the bag's path, once; a run calls this when all its nodes have been made."""
         if not self._is_announced:
             self._is_announced = True
-            self.get_logger().info(f'recording to {str(self.path)!r}')
+            start = ', from the first message on /clock' if self._thread.waits_for_clock else ''
+            self.get_logger().info(f'recording to {str(self.path)!r}{start}')
 
     def _add_graph(self) -> None:
         """Add the graph to the bag whenever it has grown, unless the run adds it."""

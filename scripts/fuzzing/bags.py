@@ -139,7 +139,7 @@ def _redefine(found: list[Record], chance: Random) -> None:
 
 def definition(text: str, chance: Random) -> str:
     """Return a changed message definition."""
-    lines = [line.partition('#')[0].rstrip() for line in text.splitlines()]
+    lines = [line.partition('#')[0].rstrip() for line in text.splitlines()] or ['']
     for _ in range(chance.choice((1, 1, 1, 2, 5, 20))):
         at = chance.randrange(len(lines))
         kind = chance.choice(_TYPES) + chance.choice(_SIZES)

@@ -210,7 +210,7 @@ BEHIND = 'stamps are 6.1 s behind the wall clock: reset, or use --clock'
             'simulated time has fallen behind by 3 periods',
         ),
         (Facts(stamp_lag=6.1), 'timing', DiagnosticStatus.WARN, BEHIND),
-        (Facts(2, 1, 100, 0), 'bag', DiagnosticStatus.OK, 'nothing is lost'),
+        (Facts(2, 1, 100, 0), 'bag', DiagnosticStatus.OK, 'no lost message is counted'),
         (Facts(2, 1, 100, 7), 'bag', DiagnosticStatus.WARN, '7 messages are lost'),
         (Facts(2, 1, 100, 7, 'disk full'), 'bag', DiagnosticStatus.ERROR, 'disk full'),
     ],
