@@ -95,7 +95,7 @@ def test_a_description_of_something_else_is_left_out(text: str) -> None:
 
 
 def test_an_integer_beyond_all_floats_is_left_out() -> None:
-    text = '/controller: {ros__parameters: {kp: 1' + '0' * 400 + ', ki: 2.0}}'
+    text = '/controller: {ros__parameters: {kp: 1' + '0' * 350 + ', ki: 2.0}}'
     columns = ParameterHistory(text).columns('/controller', np.array([0], np.uint64))
     assert columns.keys() == {'ki'}
 
