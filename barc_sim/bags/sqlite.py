@@ -15,10 +15,10 @@ from urllib.parse import quote
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags import bounds
 from barc_sim.bags.messages import definition, installed
 from barc_sim.cli.files import open_regular
 from barc_sim.cli.parser import program_path
+from barc_sim.cli.yaml_files import MAX_YAML, from_yaml
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -86,8 +86,8 @@ def conversion(path: Path, present: Iterable[Path]) -> str:
 def _of_metadata(folder: Path) -> tuple[str | None, list[str]]:
     """Return a bag's distribution, None if it has definitions, and types, by metadata.yaml."""
     with open_regular(folder / 'metadata.yaml', follow=False) as stream:
-        text = stream.read(bounds.MAX_TEXT + 1).decode()
-    information: Any = bounds.from_yaml(text)['rosbag2_bagfile_information']
+        text = stream.read(MAX_YAML + 1).decode()
+    information: Any = from_yaml(text)['rosbag2_bagfile_information']
     types = [
         str(each['topic_metadata']['type']) for each in information['topics_with_message_count']
     ]

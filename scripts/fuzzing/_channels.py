@@ -31,7 +31,7 @@ _TEXTS = (
     b'\xff' * 40,
 )
 _DATA = (b'', b'\0\1\0\0' + bytes(8), b'{"x": 1}', b'\x28\xb5\x2f\xfd', b'\0\3\0\0' + bytes(300))
-_METADATA = (
+_METADATA: tuple[dict[str, str], ...] = (
     {},
     {'offered_qos_profiles': '- {durability: 1, depth: 1}', 'topic_type_hash': 'RIHS01_0'},
     {'offered_qos_profiles': '[[[', 'é': '\0'},
@@ -54,7 +54,7 @@ def channels(chance: Random, *, whole: bool) -> bytes:
         for sequence in range(chance.randint(1, 20)):
             received = chance.choice((0, 10**18, 10**18 + sequence, 2**63))
             writer.add_message(channel, received, chance.choice(_DATA), sequence, sequence)
-    writer.finish()
+    writer.finish()  # type: ignore[no-untyped-call]
     return stream.getvalue()
 
 
