@@ -337,6 +337,11 @@ def is_shown(tab: Tab, node: Node, name: str, value: float) -> bool:
     return [*shown, node.get_parameter(name).value] == [value] * 3
 
 
+def slid(tab: Tab) -> float:
+    """Return where the slider of kp is."""
+    return float(tab.run("document.querySelector('#kp-slider').valueAsNumber"))
+
+
 def note(tab: Tab) -> str:
     return str(tab.run("document.querySelector('#tuning-note').textContent"))
 
@@ -382,8 +387,8 @@ def test_slider_number_and_node_agree_whoever_sets_the_value(acc: Acc, open_: Op
     agree(30.0, 'kp')
     for by, low, high in ((30, 30.5, 99.0), (-1000, 0.0, 0.0)):
         tab.drag('#kp-slider', by)
-        wait_until(lambda low=low, high=high: low <= controller.get_parameter('kp').value <= high)
-        agree(controller.get_parameter('kp').value, 'kp')
+        wait_until(lambda low=low, high=high: low <= slid(tab) <= high)
+        wait_until(lambda: is_shown(tab, controller, 'kp', slid(tab)))
 
     tab.enter('#motor_delay', '0.123')
     agree(0.123, 'motor_delay', car)
