@@ -55,8 +55,8 @@ _BEST: dict[str, Any] = {'color': BLUE, 'lw': 1.8}
 _LAST: dict[str, Any] = {'color': VERMILLION, 'lw': 1.4}
 _OTHERS: dict[str, Any] = {'color': OTHER, 'lw': 1.0}
 _WIDTHS = (0.25, 0.15, 0.16, 0.17, 0.27)  #: of the table's columns, as shares
-_WIDTHS_WITH_GAINS = (0.1, 0.12, 0.13, 0.13, 0.21, 0.31)
-_MAX_GAINS = 28  #: characters
+_WIDTHS_WITH_GAINS = (0.13, 0.13, 0.14, 0.14, 0.23, 0.23)
+_MAX_GAINS = 22  #: characters
 _ARC: dict[str, Any] = {'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
 
 
