@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import logging
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 _logger = logging.getLogger(__name__)
 _NAME = 'run'
+_MAX_NAME = 60  #: characters of a namespace in the name of its table: at most 240 bytes
 
 
 def write_run_tables(path: Path, folder: Path) -> None:
@@ -32,8 +34,7 @@ def write_run_tables(path: Path, folder: Path) -> None:
     """
     bag = reader.load(path)
     for car in bag.cars:
-        prefix = car.strip('/').replace('/', '.')
-        name = f'{prefix}.{_NAME}' if prefix else _NAME
+        name = _file_name(car)
         while (folder / f'{name}.csv').exists():  # the table of a topic
             name += '_'
         try:
@@ -45,6 +46,12 @@ def write_run_tables(path: Path, folder: Path) -> None:
             table = csv.writer(file)
             table.writerow(columns)
             table.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+
+
+def _file_name(car: str) -> str:
+    """Return the name of a car's table without suffix, whatever characters its namespace has."""
+    prefix = re.sub(r'[^\w.]', '_', car.strip('/').replace('/', '.')).lstrip('.')[:_MAX_NAME]
+    return f'{prefix}.{_NAME}' if prefix else _NAME
 
 
 def _columns(log: Log) -> dict[str, NDArray[Any]]:

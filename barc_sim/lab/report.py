@@ -115,11 +115,11 @@ class Facts:
     @property
     def changes(self) -> list[tuple[float, str, float]]:
         """Each change of a parameter during the run: time [s], parameter and new value."""
-        rows = [
-            (float(self.log.t[k]), name, float(values[k]))
-            for name, values in self.log.parameters.items()
-            for k in np.flatnonzero(np.diff(values)) + 1
-        ]
+        rows = []
+        for name, values in self.log.parameters.items():
+            is_change = (values[1:] != values[:-1]) & ~np.isnan(values[1:])
+            for k in np.flatnonzero(is_change) + 1:
+                rows.append((float(self.log.t[k]), name, float(values[k])))  # noqa: PERF401
         return sorted(rows)
 
 
