@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from barc_sim.bags.messages import definition, installed
 from barc_sim.cli.files import open_regular
 from barc_sim.cli.parser import program_path
-from barc_sim.cli.yaml_files import MAX_YAML, from_yaml
+from barc_sim.cli.yaml_files import from_yaml
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 _DISTRIBUTIONS = {'foxy': Stores.ROS2_FOXY, 'humble': Stores.ROS2_HUMBLE}
 _FIRST_WITH_DEFINITIONS = 6  # version of metadata.yaml: that of Iron
 _VERSION_OF_HUMBLE = 5
+_MAX_METADATA = 1 << 20  # bytes of metadata.yaml
 _MAX_STEPS = 1_000_000  # of sqlite, for a query
 
 
@@ -86,7 +87,7 @@ def conversion(path: Path, present: Iterable[Path]) -> str:
 def _of_metadata(folder: Path) -> tuple[str | None, list[str]]:
     """Return a bag's distribution, None if it has definitions, and types, by metadata.yaml."""
     with open_regular(folder / 'metadata.yaml', follow=False) as stream:
-        text = stream.read(MAX_YAML + 1).decode()
+        text = stream.read(_MAX_METADATA).decode()
     information: Any = from_yaml(text)['rosbag2_bagfile_information']
     types = [
         str(each['topic_metadata']['type']) for each in information['topics_with_message_count']
