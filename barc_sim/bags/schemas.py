@@ -10,12 +10,12 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import get_types_from_msg
+from rosbags.typesys import TypesysError, get_types_from_msg
 
 from barc_sim.bags.messages import IDL, ROS2IDL, ROS2MSG, definition, installed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     Fields = Sequence[tuple[str, Any]]
 
@@ -44,17 +44,29 @@ def part_definition(name: str) -> str:
 
     LookupError: the service or action, or a type that it uses, is not installed.
     """
-    package, kind, base = name.split('/') if name.count('/') == 2 else ('', '', '')  # noqa: PLR2004
+    package, _, rest = name.partition('/')
+    kind, _, base = rest.partition('/')
     whole = base.partition('_')[0]
     path = installed().get(f'{package}/{kind}/{whole}')
-    if not path:
+    if not path or kind not in _PARTS_OF:
         raise LookupError(f'the definition of {name!r} is not installed')
     sections = [each.strip() for each in _SECTION.split(path.read_text(encoding='utf-8'))]
-    parts_of = _service if kind == 'srv' else _action
-    parts = parts_of(f'{package}/{whole}_', *sections)
+    try:
+        parts = _PARTS_OF[kind](f'{package}/{whole}_', *sections)
+        types = _types(f'{package}/msg/{base}', parts)
+    except (TypeError, TypesysError) as error:
+        raise LookupError(f'the definition of {name!r} cannot be read: {error}') from None
 
+    prefix = f'{package}/msg/{whole}_'
+    own = [each for each in types if each.startswith(prefix)]
+    renamed = {each: each.replace('/msg/', f'/{kind}/') for each in own}
+    return '\n'.join(_idl(each, types[each], renamed) for each in types)
+
+
+def _types(name: str, parts: dict[str, str]) -> dict[str, Fields]:
+    """Return the fields of a part, and of each type that it uses, by the type's name."""
     types: dict[str, Fields] = {}
-    waiting = [f'{package}/msg/{base}']
+    waiting = [name]
     while waiting:
         used = waiting.pop()
         if used in types:
@@ -64,12 +76,7 @@ def part_definition(name: str) -> str:
         for each, (_, fields) in get_types_from_msg(text, used).items():
             types[each] = fields
         waiting += _used(types[used])
-
-    prefix = f'{package}/msg/{whole}_'
-    renamed = {
-        each: each.replace('/msg/', f'/{kind}/') for each in types if each.startswith(prefix)
-    }
-    return '\n'.join(_idl(each, types[each], renamed) for each in types)
+    return types
 
 
 def _service(prefix: str, request: str, response: str) -> dict[str, str]:
@@ -101,6 +108,9 @@ def _action(prefix: str, goal: str, result: str, feedback: str) -> dict[str, str
             response=f'int8 status\n{prefix}Result result',
         ),
     }
+
+
+_PARTS_OF: dict[str, Callable[..., dict[str, str]]] = {'srv': _service, 'action': _action}
 
 
 def _used(fields: Fields) -> Iterator[str]:

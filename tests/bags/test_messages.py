@@ -96,7 +96,7 @@ def test_a_type_without_fields_has_the_field_of_its_cdr() -> None:
 
 
 def test_a_schema_that_is_not_installed_is_named() -> None:
-    for name in ('nobody/msg/A', 'nobody/srv/A_Event', 'a_b', 'std_msgs/msg/A_B', ''):
+    for name in ('nobody/msg/A', 'nobody/srv/A_Event', 'a_b', 'std_msgs/msg/Header_B', ''):
         with pytest.raises(LookupError):
             schema(name)
 
