@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from typing import TYPE_CHECKING
 
 import pytest
@@ -52,7 +53,7 @@ def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
         env=os.environ | {'TRAP': str(folder.parent / 'caught')},
         capture_output=True,
         text=True,
-        timeout=120.0,
+        timeout=1200.0,
         check=False,
     )
     caught = folder.parent / 'caught'
@@ -121,3 +122,93 @@ def test_python_m_imports_nothing_more_of_the_working_directory(ada: Path) -> No
     )
     assert not caught.exists(), caught.read_text()
     assert 'criteria are met in full' in done.stdout, done.stderr
+
+
+#: Honest submissions, right and wrong ones.
+HONEST = {
+    **{f'right_{k}': {'bike_model': MODEL, 'controller': CONTROLLER} for k in range(6)},
+    **{f'model_{k}': {'bike_model': MODEL} for k in range(5)},
+    **{f'controller_{k}': {'controller': CONTROLLER} for k in range(4)},
+    'wrong_sign': {'bike_model': MODEL.replace('ts * (a', 'ts * (-a')},
+    'syntax_error': {'bike_model': 'def bikeFE(:', 'controller': CONTROLLER},
+    'template': {'bike_model': 'def bikeFE(x, y):\n    raise NotImplementedError'},
+    'half': {'controller': CONTROLLER.replace('self.ki', '0.5 * self.ki')},
+    'prints': {'controller': CONTROLLER.replace('error =', 'print(dt); error =')},
+}
+_FORGED = """
+import sys
+code = sys.modules['barc_sim.lab.user_code.code'].UserCode
+code.{} = lambda *_: {}
+"""
+#: What strangers hand in, by the name of its folder.
+STRANGE: dict[bytes, dict[str, str]] = {
+    b'socket': {'__init__': TRAP, 'bike_model': MODEL},
+    b'json': {'__init__': TRAP},
+    b'signal': {'__init__': TRAP},
+    b'modules': {**dict.fromkeys(sorted(NAMES)[:100], TRAP), 'bike_model': MODEL},
+    b'class.csv': {'bike_model': MODEL},
+    b'class.csv.submission': {'controller': CONTROLLER},
+    b'ren\xe9': {'bike_model': MODEL},
+    rb'ren\udce9': {'controller': CONTROLLER},
+    b'\xff' * 250: {'bike_model': MODEL},
+    b'lines': {'bike_model': _FORGED.format('lines', "[['a', 1.0]] * 2_000_000") + 'bikeFE = min'},
+    b'beyond': {'bike_model': _FORGED.format('functions', '[[10**400] * 4] * 10') + MODEL},
+    b'nested': {'bike_model': _FORGED.format('functions', "eval('[' * 90 + ']' * 90)") + MODEL},
+    b'notes': {'controller': _FORGED.format('notes', "{'gains': [10**400] * 4}") + CONTROLLER},
+    b'half_a_pair': {'bike_model': "raise ValueError('\\ud800')"},
+    b'pair_printed': {'bike_model': "print(repr('\\ud800'))\n" + MODEL},
+    b'loop': {'bike_model': 'while True: pass'},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)  # 60 gradings
+def test_twenty_of_a_class_of_forty_get_what_they_get_alone(tmp_path: Path) -> None:
+    try:
+        check(Limits())
+    except UserError as error:
+        pytest.skip(str(error))
+    folder = tmp_path / 'class'
+    everybody = {os.fsencode(name): files for name, files in HONEST.items()} | STRANGE
+    for name, files in everybody.items():
+        (folder / os.fsdecode(name)).mkdir(parents=True)
+        for stem, text in files.items():
+            (folder / os.fsdecode(name) / f'{stem}.py').write_text(text)
+    os.mkfifo(folder / 'matplotlibrc')
+    (folder / 'sitecustomize.py').write_text(TRAP)
+    (folder / 'DEFAULT_FASTRTPS_PROFILES.xml').write_text('<dds><nothing/>')
+    secret = tmp_path / 'secret'
+    secret.mkdir()
+    (secret / 'bike_model.py').write_text('the_secret = 1\n' + MODEL)
+    exchanged = folder / 'exchanged'
+    (exchanged / 'lab').mkdir(parents=True)
+    (exchanged / 'lab' / 'bike_model.py').write_text(MODEL)
+    assert len([*folder.iterdir()]) == 2 * len(HONEST) == 40
+
+    over = threading.Event()
+
+    def exchange() -> None:
+        real = exchanged / 'real'
+        while not over.is_set():
+            (exchanged / 'lab').rename(real)
+            (exchanged / 'lab').symlink_to(secret)
+            (exchanged / 'lab').unlink()
+            real.rename(exchanged / 'lab')
+
+    thread = threading.Thread(target=exchange)
+    thread.start()
+    try:
+        done = run(folder, 'grade', '.', '--out', '../grades', '--jobs', '2', '--time-limit', '30')
+    finally:
+        over.set()
+        thread.join()
+
+    assert (done.returncode, done.stderr) == (0, '')
+    out = tmp_path / 'grades'
+    assert len([path for path in out.iterdir() if (path / 'report.html').exists()]) == 40
+    assert 'the_secret' not in (out / 'exchanged' / 'report.html').read_text()
+    for name in HONEST:
+        alone = tmp_path / 'alone' / name
+        assert barc('grade', str(folder / name), '--out', str(alone)).returncode == 0
+        for file in ('results.json', 'report.html'):
+            assert (alone / file).read_bytes() == (out / name / file).read_bytes()

@@ -32,6 +32,11 @@ SOAK = 'BARC_SIM_SOAK' in os.environ
     ('kind', 'count'),
     [
         ('zips', 5),
+        ('texts', 20),
+        ('replies', 20),
+        pytest.param('texts', 2_000 if SOAK else 200, marks=pytest.mark.slow),
+        pytest.param('replies', 2_000 if SOAK else 200, marks=pytest.mark.slow),
+        pytest.param('folders', 2_000 if SOAK else 5, marks=pytest.mark.slow),
         pytest.param('links', 1_000 if SOAK else 8, marks=pytest.mark.slow),
         pytest.param('limits', 1_000 if SOAK else 8, marks=pytest.mark.slow),
         pytest.param('zips', 5_000 if SOAK else 200, marks=pytest.mark.slow),
