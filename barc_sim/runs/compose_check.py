@@ -14,9 +14,11 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+from barc_sim.cli.files import read_regular
 from barc_sim.cli.python import python_command
 from barc_sim.errors import UserError
 from barc_sim.lab import files
+from barc_sim.lab.confined.replies import Fields, ListOf, Row, Text, max_size
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
 
 #: The minimum number of nodes: a simulator, a relay, a driver and a recorder.
@@ -25,6 +27,9 @@ _SIMULATOR = '/vehicle_simulator'
 #: Topics of the drive by hand; each has one publisher.
 _TOPICS = ('/cmd_vel', '/ecu', '/z_vhcl')
 _RESULT = 'nodes.json'
+_NAMES = ListOf(Text(300), 300, or_fewer=True)
+#: The nodes, the publishers by topic, and the nodes without an executor.
+_REPORT = Row((_NAMES, Fields(dict.fromkeys(_TOPICS, _NAMES)), _NAMES))
 _DEADLINE = 60.0  #: [s] for the whole check, on a busy machine
 _PERIOD = 1.0  #: [s] without a new node, after which all nodes are made
 
@@ -66,14 +71,25 @@ def judge_composition(file: Path) -> Verdict:
         finally:
             os.close(ours)
             os.close(theirs)
-        if (result := Path(folder, _RESULT)).exists():
-            return _verdict(*json.loads(result.read_text(encoding='utf-8')))
+        result = Path(folder, _RESULT)
+        if os.path.lexists(result):
+            return _reported(result)
         output.seek(0)
         text = output.read().decode(errors='replace').strip()
     why = text.rpartition('\n')[2][:200] if code else 'is main called, and does an executor spin?'
     lines = re.findall(rf'File "{re.escape(str(file.resolve()))}", line (\d+)', text)
     place = f'{file.name}, line {lines[-1]}: ' if lines else ''
     return Verdict(False, f'{place}it has ended with exit code {code}: {why}'.rstrip(': '))
+
+
+def _reported(result: Path) -> Verdict:
+    """Judge what the script's process has written; the script can write there, too."""
+    try:
+        data = read_regular(result, max_size(_REPORT), follow=False)
+        nodes, publishers, idle = _REPORT.checked(json.loads(data))
+    except (OSError, ValueError, RecursionError):
+        return Verdict(False, f'it has written {_RESULT}, which barc check needs: write another')
+    return _verdict(nodes, publishers, idle)
 
 
 def _is_unwritten(file: Path) -> bool:

@@ -81,3 +81,8 @@ def test_a_working_directory_that_is_gone_is_no_obstacle(
         with working_in(tmp_path):
             assert Path.cwd() == tmp_path
         assert not Path().exists() or not [*os.scandir()]
+
+
+def test_no_other_module_starts_python_by_the_name_of_a_module() -> None:
+    for path in Path(PACKAGES, 'barc_sim').rglob('*.py'):
+        assert "sys.executable, '-m'" not in path.read_text(encoding='utf-8'), path

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import re
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+import barc_sim
 from barc_sim.cli.yaml_files import from_yaml, read_yaml
 from barc_sim.errors import UserError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 #: Lists that would have 10^9 values.
 BOMB = 'a0: &a0 [x]\n' + ''.join(
@@ -74,3 +74,13 @@ def test_a_file_that_is_too_large_is_named(tmp_path: Path) -> None:
     file.write_bytes(b' ' * 1_000_000)
     with pytest.raises(UserError, match=r"points.yaml' has more than"):
         read_yaml(file)
+
+
+def test_no_other_module_loads_yaml() -> None:
+    package = Path(barc_sim.__file__).parent
+    found = {
+        path.name
+        for path in package.rglob('*.py')
+        if re.search(r'yaml\.\w*load', path.read_text(encoding='utf-8'))
+    }
+    assert found == {'yaml_files.py'}

@@ -88,6 +88,24 @@ def test_mistake_is_a_sentence(
     assert sentence in text
 
 
+@pytest.mark.parametrize(
+    'text',
+    [
+        'import os\nos.mkfifo("nodes.json")\n',
+        'open("nodes.json", "w").write("[" * 5000)\n',
+        'open("nodes.json", "w").write(\'[["a"], {"/ecu": 5}, []]\')\n',
+    ],
+    ids=['a pipe', 'brackets', 'another shape'],
+)
+def test_a_file_of_the_checks_own_name_is_named(
+    judged: Callable[[str], Verdict], text: str
+) -> None:
+    assert judged(text) == (
+        False,
+        'it has written nodes.json, which barc check needs: write another',
+    )
+
+
 def test_a_script_that_computes_for_ever_is_ended(
     judged: Callable[[str], Verdict], monkeypatch: pytest.MonkeyPatch
 ) -> None:
