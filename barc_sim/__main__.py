@@ -8,8 +8,13 @@ from __future__ import annotations
 import os
 import sys
 
-if __name__ == '__main__' and sys.path[0] == os.getcwd() and not __file__.startswith(sys.path[0]):  # noqa: PTH109
-    # `python -m` puts the working directory first, where anyone's `socket.py` would be imported.
+# `python -m` puts the working directory first, where anyone's `socket.py` would be imported.
+if (
+    __name__ == '__main__'
+    and not __file__.startswith(sys.path[0])
+    and os.path.isdir(sys.path[0])  # noqa: PTH112 (nothing is imported yet)
+    and os.path.samefile(sys.path[0], os.curdir)  # noqa: PTH121
+):
     del sys.path[0]
 
 import argparse

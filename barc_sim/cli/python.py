@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import sys
+import sysconfig
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,12 +64,12 @@ def working_in(folder: Path) -> Iterator[None]:
 
 
 def _without_working_directory(path: list[str]) -> list[str]:
-    """Return a path of imports without the working directory, unless barc_sim itself is there."""
+    """Return a path of imports without the working directory, unless Python itself is there."""
     try:
         here = os.path.realpath(os.curdir)
     except OSError:  # it has been removed: nothing can be imported from it
         return path
     entries = [os.path.abspath(entry) for entry in path]  # noqa: PTH100 (it also takes '')
-    if here == os.path.realpath(_PACKAGES):
-        return entries
-    return [entry for entry in entries if os.path.realpath(entry) != here]
+    folders = (str(_PACKAGES), *sysconfig.get_paths().values())
+    own = {os.path.realpath(folder) for folder in folders}
+    return [entry for entry in entries if os.path.realpath(entry) != here or here in own]

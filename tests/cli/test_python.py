@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
 import pytest
@@ -64,9 +65,11 @@ def test_the_path_loses_the_working_directory_but_not_that_of_barc_sim(
     with working_in(tmp_path):
         ignore_working_directory()
         assert sys.path == [PACKAGES]
-    with working_in(Path(PACKAGES)):
-        ignore_working_directory()
-        assert sys.path == [PACKAGES]
+    for folder in (PACKAGES, sysconfig.get_path('purelib')):
+        sys.path[:] = [PACKAGES, sysconfig.get_path('purelib')]
+        with working_in(Path(folder)):
+            ignore_working_directory()
+        assert sys.path == [PACKAGES, sysconfig.get_path('purelib')]
 
 
 def test_a_working_directory_that_is_gone_is_no_obstacle(
@@ -86,3 +89,13 @@ def test_a_working_directory_that_is_gone_is_no_obstacle(
 def test_no_other_module_starts_python_by_the_name_of_a_module() -> None:
     for path in Path(PACKAGES, 'barc_sim').rglob('*.py'):
         assert "sys.executable, '-m'" not in path.read_text(encoding='utf-8'), path
+
+
+def test_python_m_begins_in_a_directory_that_is_gone(tmp_path: Path) -> None:
+    gone = tmp_path / 'gone'
+    gone.mkdir()
+    with working_in(gone):
+        gone.rmdir()
+        command = [sys.executable, '-m', 'barc_sim', '--version']
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == (f'barc {barc_sim.__version__}\n', '')

@@ -13,6 +13,7 @@ import pytest
 from command_line import bag_of, barc
 from user_files import CONTROLLER, MODEL
 
+from barc_sim.cli.process import has_ros
 from barc_sim.cli.python import python_command
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import Limits, check
@@ -106,6 +107,21 @@ def test_settings_of_matplotlib_do_not_change_a_figure(tmp_path: Path) -> None:
     done = run(folder, 'plot', str(bag), '--save', 'own.png')
     assert (done.returncode, done.stderr) == (0, '')
     assert (folder / 'own.png').read_bytes() == (tmp_path / 'usual.png').read_bytes()
+
+
+@pytest.mark.skipif(not has_ros(), reason='without ROS')
+@pytest.mark.usefixtures('ros_domain')
+def test_settings_of_fast_dds_are_not_read(tmp_path: Path) -> None:
+    folder = tmp_path / 'ada'
+    folder.mkdir()
+    log = tmp_path / 'written'
+    (folder / 'DEFAULT_FASTRTPS_PROFILES.xml').write_text(
+        '<dds><log><use_default>FALSE</use_default><consumer><class>FileConsumer</class><property>'
+        f'<name>filename</name><value>{log}</value></property></consumer></log><wrong/></dds>'
+    )
+    done = run(folder, 'topics')
+    assert (done.returncode, done.stderr) == (0, ''), done.stderr
+    assert not log.exists()
 
 
 def test_python_m_imports_nothing_more_of_the_working_directory(ada: Path) -> None:

@@ -333,12 +333,13 @@ def test_a_folder_that_becomes_a_link_while_it_is_read_shows_no_other_file(
         assert next(members).path == 'a.py'
         exchange(lab, secret)
         (member,) = members
-        assert (member.path, member.fault) == ('lab', 'cannot be read: Not a directory')
+        assert member.path == 'lab'
+        assert member.fault.startswith('cannot be read: ')  # each system has its own words
         exchange(lab, secret)
         _, member = listed(held)
         assert (member.path, member.read(9)) == ('lab/relay.py', b'own')
         exchange(lab, secret)
-        with pytest.raises(OSError, match='Not a directory'):
+        with pytest.raises(OSError, match=r'Not a directory|symbolic links'):
             member.read(9)
         exchange(lab.parent, secret)  # the folder that is held stays the same
         assert [each.path for each in listed(held)] == ['a.py', 'lab', 'lab.real/relay.py']
