@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from traceback import walk_tb
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 #: The names of a node's lists of entities, in the order in which rclpy executes ready entities.
 KINDS = ('waitables', 'timers', 'subscriptions', 'guards', 'clients', 'services')
 _OURS = ('rclpy.', 'barc_sim.ros.executor.')  # modules
+#: Whether a timer's callback can take a `TimerInfo`, which rclpy's own way to take it makes.
+_TIMERS_GIVE_INFO = hasattr(_rclpy.Timer, 'call_timer_with_info')
 _MESSAGE_ONLY = Subscription.CallbackType.MessageOnly
 
 
@@ -50,7 +52,8 @@ class Entry:
     begin: Callable[[], bool]  #: claims its callback group; False: the group is busy
     end: Callable[[], None]  #: releases the group
     pending: int = 0  #: arrivals that wait to be taken; there may be fewer messages
-    lasting: bool = False  #: whether its last callback took longer than `LASTING`
+    reported: dict[str, int] = field(default_factory=dict)  #: the counts of the last QoS event
+    is_slow: bool = False  #: whether its last callback took longer than `LASTING`
     descriptor: int = -1  #: the eventfd in which arrivals are counted
     in_memory: Any = None  #: the counter in memory that replaces it while no thread waits
     idle_uses: int = 0  #: uses until it gets a descriptor of its own; 0: it has one
@@ -132,21 +135,66 @@ def _take_service(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
     return header and (answer if entry.kind == 'services' else complete, ())
 
 
-def _take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
+def _take_timer(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
     """Take a timer, unless it was cancelled or reset meanwhile; faster than rclpy's way."""
     with suppress(_rclpy.RCLError), entry.handle:  # cancelled meanwhile
         if entry.handle.is_timer_ready():
+            if _TIMERS_GIVE_INFO:
+                call = executor._take_timer(entry.entity)
+                return call and (call, ())
             entry.handle.call_timer()
             return entry.entity.callback, ()
     return None
 
 
 def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
-    """Take a QoS event; None: the arrival was for another entity with the same descriptor."""
+    """Take a QoS event; None: it was taken, or the arrival was for another entity."""
     with entry.handle:
-        taken = entry.handle.take_event()
-    changes = [getattr(taken, name) for name in dir(taken) if name.endswith('_count_change')]
-    return (entry.entity.execute, (taken,)) if any(changes) else None
+        status = entry.handle.take_event()
+    counts = _counts(status)
+    changes = _changes(status)
+
+    # The middleware sets the changes to 0 when a listener is set, but never the counts.
+    for name in counts.keys() & entry.reported.keys():
+        changes[f'{name}_change'] = counts[name] - entry.reported[name]
+    entry.reported = counts
+    if not any(changes.values()):
+        return None
+    if changes != _changes(status):
+        status = _with_changes(status, changes)
+    return entry.entity.execute, (status,)
+
+
+def note_reported(entry: Entry) -> bool:
+    """Note which QoS events other executors have taken; return whether one is left.
+
+    It must be called before the entity has a listener.
+    """
+    with entry.handle:
+        status = entry.handle.take_event()
+    changes = _changes(status)
+    entry.reported = {
+        name: count - changes.get(f'{name}_change', 0) for name, count in _counts(status).items()
+    }
+    return any(changes.values())
+
+
+def _counts(status: object) -> dict[str, int]:
+    """Return the total and current counts of a QoS event's status."""
+    return {name: getattr(status, name) for name in dir(status) if name.endswith('_count')}
+
+
+def _changes(status: object) -> dict[str, int]:
+    """Return by how much each count has changed since the status was last taken."""
+    return {name: getattr(status, name) for name in dir(status) if name.endswith('_count_change')}
+
+
+def _with_changes(status: object, changes: dict[str, int]) -> object:
+    """Return a status with other changes: rclpy's own cannot be written."""
+    kind = type(status)
+    names = [name for name in dir(status) if not name.startswith('_')]
+    values = {name: getattr(status, name) for name in names} | changes
+    return type(kind.__name__, (kind,), values)()
 
 
 _TAKES: dict[type[Any], Take] = {

@@ -1,5 +1,7 @@
 """Counts arrivals for each entity: DDS counts in eventfds, and epoll waits for all of them."""
 
+# ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
+
 from __future__ import annotations
 
 import os
@@ -15,13 +17,14 @@ from typing import TYPE_CHECKING
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
+from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.timer import Timer
 
 import barc_sim.ros.executor.rclpy_private as private
-from barc_sim.ros.executor.entities import KINDS, Entry, entry_of
+from barc_sim.ros.executor.entities import KINDS, Entry, entry_of, note_reported
 from barc_sim.ros.executor.waiting import Descriptors, counter, retire
 
 if TYPE_CHECKING:
@@ -48,19 +51,35 @@ _counters: defaultdict[int, c_int32] = defaultdict(c_int32)
 class Events:
     """The entities of an executor's nodes, and a queue of those with arrivals.
 
-    Rarely used entities share one descriptor: after an arrival for one of them, all of them are
-    tried. After a few uses an entity gets a descriptor of its own. While no thread waits for
-    descriptors, arrivals are counted in memory, without a system call of DDS or the executor. Only
-    `wake`, `signal`, `fail` and `listens_to` are for any thread.
+    An entity with a listener is in one of three states, which decide where DDS counts its arrivals:
+
+    ==========  ======================================  ==========
+    state       event                                   next state
+    ==========  ======================================  ==========
+    (new)       it is found in a node of the executor   shared
+    shared      an arrival for any such entity          shared; all of them are tried
+    shared      it was used `_IDLE_USES` times          own
+    own         polls without a wait: `_BUSY_POLLS`     in memory
+    in memory   a wait, a check, an entity is removed   own
+    all         it or its node is removed               (gone)
+    ==========  ======================================  ==========
+
+    "Shared" is one eventfd for all entities that are rarely used, "own" an eventfd of its own, and
+    "in memory" a number, without a system call of DDS or the executor. Entities without a listener
+    are waited for by `WaitSetThread`: waiting, then queued from its signal to the take.
+
+    `wake` and a check every `_CHECK_PERIOD` set `recheck_due`; the leader clears it, and looks at
+    spins, tasks and `entities_changed`, which each change of nodes or entities sets and `refresh`
+    clears. Only `wake`, `signal`, `fail` and `listens_to` are for any thread.
     """
 
     def __init__(self, context: Context) -> None:
         self.ready: deque[Entry] = deque()  #: entries with pending arrivals, the next one first
         self.poll_due = 0.0  #: [s] when epoll is polled, even if an entry is ready
-        self.stale = True  #: whether nodes or entities may have been added or removed
-        self.woken = True  #: whether `wake` was called, or it is time for a check
+        self.entities_changed = True  #: whether nodes or entities may have been added or removed
+        self.recheck_due = True  #: whether the leader has to look at more than arrivals
         self.failures: deque[BaseException] = deque()  #: for the spinning threads to raise
-        self.ended = False  #: whether a signal has shut the context down: no callback can publish
+        self.context_ended = False  #: whether a signal ended the context: no callback can publish
         self._entries: dict[object, Entry] = {}
         self._shared = counter()
         self._wakeup = counter()  # counts the resets of timers, too
@@ -79,7 +98,7 @@ class Events:
 
     def wake(self, _: object = None) -> None:
         """End a wait; any thread may call this, even after `close`."""
-        self.woken = True
+        self.recheck_due = True
         os.eventfd_write(self._wakeup, 1)
 
     def signal(self, entry: Entry) -> None:
@@ -128,11 +147,11 @@ class Events:
         if len(self.ready) - ready_before > 1:  # in rclpy's order
             new = [self.ready.pop() for _ in range(len(self.ready) - ready_before)][::-1]
             self.ready.extend(sorted(new, key=lambda entry: KINDS.index(entry.kind)))
-        self.ended = not self._context.handle.ok()
-        if self.ended or now >= self._next_check:
+        self.context_ended = not self._context.handle.ok()
+        if self.context_ended or now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD
             self._count_in_descriptors()  # from now on, other entities may be busy
-            self.woken = True
+            self.recheck_due = True
         return now
 
     def _queue_counted(self, descriptor: int) -> None:
@@ -180,7 +199,7 @@ class Events:
 
     def refresh(self, nodes: Iterable[Node]) -> None:
         """Listen to all entities of the nodes, and to no others."""
-        self.stale = False  # first, so that no change from here on is missed
+        self.entities_changed = False  # first, so that no change from here on is missed
         present = {
             entity: (kind, node)
             for node in nodes
@@ -211,17 +230,43 @@ class Events:
             self._schedule([entry])
         elif isinstance(entity, GuardCondition):
             private.notify_of_triggers(entity, partial(self.signal, entry))
-            if private.was_triggered(entity, entry.node.context):
+            # rclpy's executors note a trigger before they execute it.
+            if private.was_triggered(entity, entry.node.context) or entity._executor_triggered:
+                entity._executor_triggered = False
                 self.signal(entry)
-        elif private.set_listener(entry, self._shared):
-            entry.descriptor, entry.idle_uses = self._shared, _IDLE_USES
-            self._counted[self._shared].append(entry)
-            if left := getattr(entity, '_arrived', 0):  # its last executor did not take them
-                self.queue(entry, left)
         else:
-            entry.on_taken = self._waiter.resume
-            self._waiter.add(entry)
+            self._add_arrivals(entry)
         self._entries[entity] = entry
+
+    def _add_arrivals(self, entry: Entry) -> None:
+        """Listen to an entity for which the middleware has arrivals."""
+        entity = entry.entity
+        arrived = getattr(entity, '_arrived', 0)  # its last executor did not take them
+        if isinstance(entity, EventHandler):
+            had_event = note_reported(entry)
+            if arrived:
+                entry.reported = entity._reported
+            arrived = arrived or int(had_event)
+
+        if private.set_listener(entry, self._shared):
+            entry.descriptor = self._shared
+            entry.idle_uses = _IDLE_USES
+            self._counted[self._shared].append(entry)
+        else:
+            entry.on_taken = self._resume_wait
+            self._waiter.add(entry)
+        if arrived:
+            self.queue(entry, arrived)
+
+    def _resume_wait(self, entry: Entry) -> None:
+        """Wait for an entity in the wait set again, unless it is ready already.
+
+        The thread with the wait set may be late: a goal's result must not overtake the feedback.
+        """
+        if entry.kind == 'waitables' and private.is_ready(entry.entity, self._context):
+            self.queue(entry)
+        else:
+            self._waiter.resume(entry)
 
     def note_use(self, entry: Entry) -> None:
         """Count a use of an entity that shares a descriptor; the last one gives it its own."""
@@ -259,10 +304,12 @@ class Events:
             private.set_listener(entry, None)
             if isinstance(entity, Timer):
                 del self._due[entry]
-                entry.kept.unregister()
+                with suppress(InvalidHandle):  # the clock is destroyed
+                    entry.kept.unregister()
             else:
                 self._leave(entry)
-                entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
+                entity._arrived = entry.pending  # for its next executor
+                entity._reported = entry.reported
         with suppress(ValueError):  # it is not queued
             self.ready.remove(entry)
 
@@ -302,7 +349,7 @@ class WaitSetThread(SingleThreadedExecutor):
 
     def resume(self, entry: Entry) -> None:
         """Wait for an entry again, after its take."""
-        entry.kept._executor_event = False  # noqa: SLF001 - True from ready to taken
+        entry.kept._executor_event = False  # True from ready to taken
         self.wake()
 
     def remove(self, entry: Entry) -> None:
@@ -325,7 +372,8 @@ class WaitSetThread(SingleThreadedExecutor):
             with suppress(ShutdownException, ExternalShutdownException):
                 while True:
                     for task, waited, _ in self._wait_for_ready_callbacks(None, [self]):
-                        task.cancel()
-                        self._events.signal(waited.entry)
+                        if not task.cancelled():  # rclpy returns those of the last wait, too
+                            task.cancel()
+                            self._events.signal(waited.entry)
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
             self._events.fail(error)

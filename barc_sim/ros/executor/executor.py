@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import time
 import traceback
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
+from enum import Enum
 from inspect import iscoroutinefunction
 from math import inf
 from threading import Event, RLock, Thread, current_thread
@@ -16,6 +20,7 @@ from rclpy.task import Future, Task
 
 from barc_sim.ros.executor.events import Events
 from barc_sim.ros.executor.rclpy_private import notify_of_triggers
+from barc_sim.ros.executor.tasks import Tasks, WhenDone
 from barc_sim.ros.executor.waiting import LASTING, Leadership, shorten_slices
 
 if TYPE_CHECKING:
@@ -29,20 +34,48 @@ if TYPE_CHECKING:
 
 #: [s] between two checks of a spin whether all threads are in callbacks; of a spin in a callback.
 _CHECK_PERIOD, _CHECK_PERIOD_INSIDE = 0.5, 0.01
-#: Whether rclpy (7.1.9 and later) resumes a task itself, when the future that it awaits is done.
-_RESUMES = hasattr(MultiThreadedExecutor, '_call_task_in_next_spin')
 #: [s] without a spin after which a thread that stands by ends.
 _LINGER = 0.05
 
 
+class Phase(Enum):
+    """The states of a `Spin` that is not over."""
+
+    MANY = 'it executes callbacks until it is over'
+    ONE_TO_COME = 'it ends with one callback, which has not begun'
+    ONE_RUNS = 'its one callback runs'
+    ONE_RAN = 'its one callback has returned'
+
+
 @dataclass(eq=False, slots=True)
 class Spin:
-    """A call of one of the methods that spin."""
+    """A call of one of the methods that spin.
+
+    ===========  =======================================  ===========
+    phase        event                                    next phase
+    ===========  =======================================  ===========
+    ONE_TO_COME  a callback or a step of a task begins    ONE_RUNS
+    ONE_RUNS     it returns                               ONE_RAN
+    ONE_RUNS     it lasts, and there is a deadline        over
+    ONE_RAN      the next check                           over
+    all          the future is done, the deadline passes  over
+    all          shutdown, an exception                   over
+    ===========  =======================================  ===========
+    """
 
     future: Future
-    deadline: float  #: [s]; -inf: it ends now
-    once: bool  #: whether it ends after one callback, which has not begun
+    deadline: float  #: [s]
+    phase: Phase
     over: Event = field(default_factory=Event)
+
+    def is_done(self, expired: float) -> bool:
+        """Return whether it may end; a deadline of `expired` [s] or earlier has passed."""
+        if self.phase is Phase.ONE_RAN or self.future.done() or self.future.cancelled():
+            return True
+        if self.phase is Phase.ONE_RUNS:
+            # As with rclpy's, a `spin_once` with a timeout need not outlast its callback.
+            return self.deadline < inf
+        return self.deadline <= expired
 
 
 class _Lost(Exception):  # noqa: N818 - no error
@@ -59,25 +92,33 @@ class QuickExecutor(MultiThreadedExecutor):
     """
 
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
-        super().__init__(num_threads, context=context)
-        self._tasks: dict[Task, Entry | None] = {}  # oldest first; entry: of a callback's coroutine
+        if num_threads is None:
+            num_threads = len(os.sched_getaffinity(0))
+        # For one thread rclpy advises SingleThreadedExecutor, which here is no better.
+        super().__init__(2 if num_threads == 1 else num_threads, context=context)
+        self._executor = ThreadPoolExecutor(num_threads)  # only its size is used
+        self._max_threads = num_threads
+        self._events = Events(self.context)
+        self._pending_tasks = Tasks(self._events)  # rclpy's `_tasks` is of another type
+        self._on_future_done = WhenDone(self._events.wake)
         self._spins: set[Spin] = set()  # spins that are not over
+        self._spins_for_one: list[Spin] = []  # spins whose one callback is to come
         self._never_done = Future()  # of spins without a future
-        self._once: list[Spin] = []  # spins whose one callback has not begun
         self._threads: set[Thread] = set()  # daemons, so that a program can end while they spin
         self._standing_by = 0  # number of threads that neither lead nor call a callback
         self._lock = RLock()  # of `_threads` and `_standing_by`
-        self._events = Events(self.context)
         self._leadership = Leadership()
-        self._change: object = object()  # a new one when a coroutine's wait may have ended
-        self._have_stepped = False  # whether tasks were stepped since the last poll
+        self._uses_wait_set = False  # whether rclpy's methods wait, in a wait set
         notify_of_triggers(self._guard, self._on_change)
         self._closed = False
 
     def __del__(self) -> None:
         """Release the entities of an executor that was never shut down."""
-        self._close()
-        super().__del__()
+        # At the interpreter's end, or after the context's, handles may be destroyed already.
+        with suppress(InvalidHandle):
+            self._close()
+        with suppress(InvalidHandle):
+            super().__del__()
 
     def _close(self) -> None:
         closed, self._closed = getattr(self, '_closed', True), True
@@ -86,19 +127,22 @@ class QuickExecutor(MultiThreadedExecutor):
                 time.sleep(1e-4)
             self._events.close()
             self._leadership.close()
-            for task in [task for task, entry in self._tasks.copy().items() if entry]:
-                task.cancel()  # a callback's coroutine, which releases its group
+            self._pending_tasks.cancel_coroutines()
 
     def _on_change(self) -> None:
         """Refresh the nodes' entities, unless a polling thread does it."""
-        self._change = object()
-        self._events.stale = True
+        self._events.entities_changed = True
         self._events.wake()
-        while self._events.stale and not self._is_shutdown and self._leadership.take():
+        while self._events.entities_changed and not self._is_shutdown and self._leadership.take():
             try:
-                self._events.refresh(self.get_nodes())
+                self._refresh()
             finally:
                 self._leadership.release()
+
+    def _refresh(self) -> None:
+        """Listen to the entities of the nodes that are in the executor now."""
+        self._events.refresh(self.get_nodes())
+        self._pending_tasks.resume_suspended()
 
     def remove_node(self, node: Node) -> None:
         """Remove a node; after that, another executor can listen to its entities."""
@@ -110,15 +154,55 @@ class QuickExecutor(MultiThreadedExecutor):
     def create_task(self, callback: Callable[..., Any], *args: Any, **kwargs: Any) -> Task:  # noqa: ANN401
         """Execute a function or a coroutine function in the next spin; return its future."""
         task = Task(callback, args, kwargs, executor=self)
-        self._call_task_in_next_spin(task)
+        if isinstance(callback, WhenDone):
+            task()
+        elif self._uses_wait_set:
+            with self._tasks_lock:
+                self._tasks.append((task, None, None))
+            self.wake()
+        else:
+            self._pending_tasks.add(task)
         return task
 
     def _call_task_in_next_spin(self, task: Task) -> None:
-        """Step a new task soon, or one whose coroutine yields without a future."""
-        task.seen = self  # no `_change` yet
-        self._tasks[task] = self._tasks.pop(task, None)  # after the others
-        self._change = object()
-        self._events.wake()
+        """Step a task whose coroutine yields without a future; rclpy calls this from 7.1.9 on."""
+        self._pending_tasks.add(task)
+
+    def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> tuple[Task, Any, Node | None]:  # noqa: ANN401
+        """Return a callback that is ready, its entity and node, for a `spin_once` of your own.
+
+        It waits as rclpy's executors do, in a wait set: slower than the methods that spin. Call it
+        while none of them runs.
+        """
+        if not (self._uses_wait_set or self._is_shutdown):
+            self._use_wait_set()
+        ready: tuple[Task, Any, Node | None] = super().wait_for_ready_callbacks(*args, **kwargs)
+        return ready
+
+    def _use_wait_set(self) -> None:
+        """Leave entities, tasks and triggers to rclpy's own methods until the next spin."""
+        while not self._leadership.take():
+            time.sleep(1e-4)
+        try:
+            self._uses_wait_set = True
+            self._events.refresh([])
+            notify_of_triggers(self._guard, None)
+            with self._tasks_lock:
+                self._tasks.extend(self._pending_tasks.move_out())
+        finally:
+            self._leadership.release()
+
+    def _use_events(self) -> None:
+        """Take entities, tasks and triggers back for a spin."""
+        self._uses_wait_set = False
+        notify_of_triggers(self._guard, self._on_change)
+        self._events.entities_changed = True
+        self._cb_iter = None
+        with self._tasks_lock:
+            tasks = [task for task, _, _ in self._tasks]
+            self._tasks.clear()
+        for task in tasks:
+            self._pending_tasks.add(task)
 
     def spin(self) -> None:
         """Execute callbacks until the executor or its context is shut down."""
@@ -147,6 +231,7 @@ class QuickExecutor(MultiThreadedExecutor):
         timeout_sec = timeout_sec if wait_for_threads else 0.0
         self._is_shutdown = True
         self._end_spins()
+        self.wake()  # for `wait_for_ready_callbacks`
         with self._lock:
             threads = list(self._threads)
         if current_thread() not in threads:  # else the last thread closes
@@ -169,10 +254,14 @@ class QuickExecutor(MultiThreadedExecutor):
         """
         deadline = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
         future = future or self._never_done
-        spin = Spin(future, deadline, once)
+        spin = Spin(future, deadline, Phase.ONE_TO_COME if once else Phase.MANY)
         inside = current_thread() in self._threads
         period = _CHECK_PERIOD_INSIDE if inside else _CHECK_PERIOD
-        future.add_done_callback(self._events.wake)
+        if self._uses_wait_set:
+            self._use_events()
+        if not once:  # calls of `spin_once` continue one round of tasks
+            self._pending_tasks.polled = True
+        future.add_done_callback(self._on_future_done)
         self._spins.add(spin)
         self._is_spinning = True  # for rclpy's `is_spinning`
         try:
@@ -188,7 +277,9 @@ class QuickExecutor(MultiThreadedExecutor):
         finally:
             self._spins.discard(spin)
             self._is_spinning = bool(self._spins)
-            future.remove_done_callback(self._events.wake)  # rclpy does not
+            future.remove_done_callback(self._on_future_done)  # rclpy does not
+            if not once:
+                self._pending_tasks.polled = True
             self._events.wake()
             # After the spin no callback may begin: wait until no thread leads.
             while not (self._spins or self._leadership.free):
@@ -200,7 +291,7 @@ class QuickExecutor(MultiThreadedExecutor):
         """End the spins that are done, and those whose deadline is `expired` [s] or earlier."""
         ended = bool(self._events.failures) or self._is_shutdown or not self.context.ok()
         for spin in list(self._spins):
-            if ended or spin.future.done() or spin.future.cancelled() or spin.deadline <= expired:
+            if ended or spin.is_done(expired):
                 self._spins.discard(spin)
                 spin.over.set()
         if ended:
@@ -211,8 +302,8 @@ class QuickExecutor(MultiThreadedExecutor):
         """Start a thread in place of `instead` that stood by, unless one does or none is left."""
         with self._lock:
             self._standing_by -= instead
-            maximum = self._executor._max_workers  # noqa: SLF001
-            if not (self._standing_by or self._is_shutdown or len(self._threads) >= maximum):
+            is_full = len(self._threads) >= self._max_threads
+            if not (self._standing_by or self._is_shutdown or is_full):
                 self._standing_by += 1
                 thread = Thread(target=self._work, daemon=True)
                 self._threads.add(thread)
@@ -241,32 +332,26 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def _lead(self, within: Spin | None = None) -> None:
         """Poll and execute until all spins, or the one `within` a callback, are over."""
-        events = self._events
-        events.woken = True
+        events, tasks = self._events, self._pending_tasks
+        events.recheck_due = True
         events.poll_due = 0.0
+        executed = True
         try:
             while True:
-                if events.woken:
-                    events.woken = False
-                    self._end_spins()
-                    spins = list(self._spins)
-                    if not spins or (within and within.over.is_set()):
+                if events.recheck_due:
+                    spins_end = self._recheck(within)
+                    if spins_end is None:
                         break
-                    self._once = [spin for spin in spins if spin.once]
-                    deadline = min(spin.deadline for spin in spins)
-                    if events.stale:
-                        events.refresh(self.get_nodes())
-                    self._step_tasks()
-                    if events.woken:
+                    deadline = spins_end
+                    if events.recheck_due:
                         continue
                     executed = True
-                stepped, self._have_stepped = self._have_stepped, False
-                now = events.poll(0 if stepped or (executed and events.ready) else deadline)
-                executed = not events.ended and self._execute_ready()
-                if stepped or now >= deadline:
-                    events.woken = True
-                if now >= deadline:
-                    self._change = object()
+                now = events.poll(0 if tasks.ready or (executed and events.ready) else deadline)
+                tasks.polled = True
+                executed = not events.context_ended and self._execute_ready()
+                if tasks.ready or now >= deadline:
+                    events.recheck_due = True
+                if now >= deadline and not (tasks.ready and self._spins_for_one):
                     self._end_spins(expired=now)
         except _Lost:
             return
@@ -274,34 +359,38 @@ class QuickExecutor(MultiThreadedExecutor):
             self._events.fail(error)
         self._leadership.release(0.0 if self._spins or self._is_shutdown else _LINGER)
 
-    def _step_tasks(self) -> None:
-        """Step each task that is new or may continue, in rclpy's order, once between two polls."""
-        nodes, once = [None, *self.get_nodes()], self._once
-        # A copy, because other threads create tasks.
-        tasks = ({} if self._have_stepped else self._tasks.copy()).items()
-        for task, entry in tasks if _RESUMES else reversed(tasks):
-            is_due = not task.executing() and task.seen not in (None, self._change)
-            if task.done() or task.cancelled():
-                self._tasks.pop(task, None)
-                if error := task.exception():
-                    self._events.fail(error)
-            elif is_due and getattr(entry, 'node', None) in nodes:
-                self._have_stepped = True  # the ready entries are next
-                self._run(None, (self._step, (task,)))
-                if once:
-                    break
+    def _recheck(self, within: Spin | None) -> float | None:
+        """Do what is due outside of a poll, at most one step of a task.
 
-    def _step(self, task: Task, entry: Entry | None = None) -> None:
-        """Run a task, or a callback's coroutine for the first time, until it has to wait."""
-        task.seen = None if _RESUMES else self._change
+        Returns the earliest deadline [s] of the spins; None: all spins, or the one `within`, are
+        over.
+        """
+        events, tasks = self._events, self._pending_tasks
+        events.recheck_due = False
+        self._end_spins()
+        spins = list(self._spins)
+        if not spins or (within and within.over.is_set()):
+            return None
+        self._spins_for_one = [spin for spin in spins if spin.phase is Phase.ONE_TO_COME]
+        if events.entities_changed:
+            self._refresh()
+
+        task = tasks.next_of_round(self.get_nodes()) if tasks else None
+        if task:
+            self._run(None, (self._step, (task,)))
+            events.recheck_due = True  # for the next task of the round
+        return min(spin.deadline for spin in spins)
+
+    def _step(self, task: Task) -> None:
+        """Run a task until it is done or has to wait."""
         task()
-        if task.done():
-            self._change = object()
-            self._tasks.pop(task, None)
-            task.result()  # raises its exception
-        elif entry:
-            self._tasks[task] = entry
-            self._events.wake()
+        self._pending_tasks.after_step(task)
+
+    def _step_coroutine(self, entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:
+        """Run a callback's coroutine until it is done or has to wait: then it is a task."""
+        task = Task(_finish(entry, coroutine), executor=self)
+        task()
+        self._pending_tasks.add(task, entry, stepped=True)
 
     def _execute_ready(self) -> bool:
         """Execute each entry that is ready once; return whether any was executed."""
@@ -313,7 +402,7 @@ class QuickExecutor(MultiThreadedExecutor):
             elif call := self._take(entry):
                 executed = True
                 self._run(entry, call)
-                if events.woken:  # the spin may be over
+                if events.recheck_due:  # the spin may be over
                     break
         return executed
 
@@ -348,30 +437,27 @@ class QuickExecutor(MultiThreadedExecutor):
         """
         callback, args = call
         claimed = entry
-        once, self._once = self._once, []
-        for spin in once:  # without a deadline it ends when the callback returns
-            spin.once, spin.deadline = False, inf if spin.deadline == inf else -inf
-        lent = self._leadership.lend(entry is not None and entry.lasting)
+        spins_for_one, self._spins_for_one = self._spins_for_one, []
+        for spin in spins_for_one:
+            spin.phase = Phase.ONE_RUNS
+        lent = self._leadership.lend(entry is not None and entry.is_slow)
         try:
             result = callback(*args)
             if result is not None and entry and iscoroutinefunction(callback):
                 claimed = None
-                self._step(Task(_finish(entry, result), executor=self), entry)
+                self._step_coroutine(entry, result)
         except BaseException as error:  # noqa: BLE001 - warned of, or the spinning thread raises it
             if not (entry and entry.warns_of(error)):
                 self._events.fail(error)
         finally:
             if claimed:  # after `fail`: the spin ends before the next callback of the group
                 claimed.end()
-        for spin in once:
-            spin.deadline = -inf  # the next `_end_spins` ends it
+        for spin in spins_for_one:
+            spin.phase = Phase.ONE_RAN
+            self._events.recheck_due = True
         leads = self._leadership.take_back(lent)
         if entry:
-            # A coroutine that another thread steps, and that is no task yet, may wait for this.
-            self._change = lent
-            entry.lasting = not leads and time.monotonic() - lent > LASTING
-        if self._tasks or once:
-            self._events.woken = True
+            entry.is_slow = not leads and time.monotonic() - lent > LASTING
         if not leads:
             self._events.wake()  # its group is free
             raise _Lost

@@ -1,7 +1,7 @@
 """The private parts of rclpy, rcl and Linux that the executor uses, and a check that they exist.
 
-`missing` is called before any other module of the executor is imported. So the import of this
-module may not rely on what `missing` checks.
+`unsupported` is called before any other module of the executor is imported. So the import of this
+module may not rely on what it checks.
 """
 
 # ruff: noqa: SLF001 - rclpy's private names are the point.
@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import select
 from contextlib import suppress
 from ctypes import PYFUNCTYPE, c_char_p, c_int32, c_void_p, py_object
 from functools import cache
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 from weakref import finalize
@@ -41,6 +43,16 @@ LISTENERS: dict[type[Any], str] = {
     EventHandler: 'event_set',
 }
 
+#: How many entities of each kind a wait set holds, in the order of its arguments.
+_COUNTS = (
+    'num_subscriptions',
+    'num_guard_conditions',
+    'num_timers',
+    'num_clients',
+    'num_services',
+    'num_events',
+)
+
 _library, _returning = cache(ctypes.PyDLL), cache(PYFUNCTYPE)  # each makes classes
 _pointer_in = PYFUNCTYPE(c_void_p, py_object, c_char_p)(('PyCapsule_GetPointer', ctypes.pythonapi))
 
@@ -48,13 +60,13 @@ _pointer_in = PYFUNCTYPE(c_void_p, py_object, c_char_p)(('PyCapsule_GetPointer',
 PRIVATE_NAMES = {
     'rclpy.executors': 'await_or_execute ShutdownException ExternalShutdownException',
     'rclpy.executors:Executor': '_guard _is_shutdown _sigint_gc _executor_event '
-    '_wait_for_ready_callbacks',
-    'rclpy.executors:MultiThreadedExecutor': '_executor _take_waitable',
+    '_wait_for_ready_callbacks _tasks _tasks_lock _cb_iter',
+    'rclpy.executors:MultiThreadedExecutor': '_take_timer _take_waitable',
     'rclpy.callback_groups:MutuallyExclusiveCallbackGroup': '_lock _active_entity',
-    'concurrent.futures:ThreadPoolExecutor': '_max_workers',
-    'rclpy.task:Future': 'remove_done_callback _set_executor',
+    'rclpy.task:Future': 'remove_done_callback _set_executor __await__',
+    'rclpy.task:Task': '_handler',
     'rclpy.client:Client': 'get_pending_request',
-    'rclpy.guard_condition:GuardCondition': '_GuardCondition__gc',
+    'rclpy.guard_condition:GuardCondition': '_GuardCondition__gc _executor_triggered',
     'rclpy.subscription:Subscription': '_callback_type',
     'rclpy.subscription:Subscription.CallbackType': 'MessageOnly',
     'rclpy.event_handler:EventHandler': '_EventHandler__event',
@@ -71,6 +83,23 @@ PRIVATE_NAMES = {
     'os': 'eventfd EFD_NONBLOCK EFD_CLOEXEC',
     'select': 'epoll',
 }
+
+
+#: The first version of rclpy that may mean something else by these names: Jazzy's are 7.1.x.
+END_OF_VERSIONS = (7, 2)
+
+
+def unsupported() -> str | None:
+    """Return why this rclpy or machine cannot have a QuickExecutor; None: it can."""
+    try:
+        installed = version('rclpy')
+    except PackageNotFoundError:  # built by hand: its names decide
+        installed = ''
+    numbers = tuple(int(number) for number in re.findall(r'\d+', installed)[:3])
+    if numbers >= END_OF_VERSIONS:
+        return f'rclpy {installed} is newer than this executor'
+    lacking = missing()
+    return f'this rclpy or machine has no {", ".join(lacking)}' if lacking else None
 
 
 def missing() -> list[str]:
@@ -207,8 +236,27 @@ def was_triggered(guard: GuardCondition, context: Context) -> bool:
     if not context.ok():
         return False
     with handle, context.handle:
-        wait_set = import_module('rclpy._rclpy_pybind11').WaitSet(0, 1, 0, 0, 0, 0, context.handle)
-        wait_set.clear_entities()
+        wait_set = _wait_set(context, num_guard_conditions=1)
         wait_set.add_guard_condition(handle)
         wait_set.wait(0)
         return bool(wait_set.get_ready_entities('guard_condition'))
+
+
+def is_ready(waitable: Any, context: Context) -> bool:  # noqa: ANN401
+    """Return whether a waitable is ready, which then can be taken; does not wait."""
+    if not context.ok():
+        return False
+    with waitable, context.handle:
+        counts = waitable.get_num_entities()
+        wait_set = _wait_set(context, **{name: getattr(counts, name) for name in _COUNTS})
+        waitable.add_to_wait_set(wait_set)
+        wait_set.wait(0)
+        return bool(waitable.is_ready(wait_set))
+
+
+def _wait_set(context: Context, **counts: int) -> Any:  # noqa: ANN401
+    """Return an empty wait set for so many entities of each kind."""
+    sizes = [counts.get(name, 0) for name in _COUNTS]
+    wait_set = import_module('rclpy._rclpy_pybind11').WaitSet(*sizes, context.handle)
+    wait_set.clear_entities()
+    return wait_set

@@ -91,7 +91,7 @@ def rclpys_tasks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
     if request.param:
         monkeypatch.setattr(Future, '__await__', _await_once)
         monkeypatch.setattr(Task, '__call__', _step)
-        monkeypatch.setattr('barc_sim.ros.executor.executor._RESUMES', True)
+        monkeypatch.setattr('barc_sim.ros.executor.tasks._RCLPY_RESUMES', True)
 
 
 def _await_once(future: Future) -> Iterator[Future]:

@@ -3,6 +3,8 @@
 Their arrivals are counted in descriptors: none is lost, none is left, none is used too early.
 """
 
+# ruff: noqa: SLF001 - rclpy's private names are the point.
+
 from __future__ import annotations
 
 import os
@@ -16,8 +18,14 @@ import pytest
 from builtin_interfaces.msg import Time
 from rcl_interfaces.srv import ListParameters
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import MultiThreadedExecutor
+from rclpy.event_handler import (
+    EventHandler,
+    PublisherEventCallbacks,
+    QoSMessageLostInfo,
+    QoSSubscriptionEventType,
+    SubscriptionEventCallbacks,
+)
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -26,15 +34,17 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
-from barc_sim.ros.executor import QuickExecutor
+from barc_sim.ros.executor import QuickExecutor, rclpy_private
 from barc_sim.ros.executor.entities import entry_of
 from barc_sim.ros.executor.rclpy_private import set_listener
 from barc_sim.ros.topics import PolledCallbackGroup
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Coroutine
 
     from rclpy.context import Context
+    from rclpy.subscription import Subscription
+    from rclpy.timer import Timer
 
     Until = Callable[[Callable[[], object]], None]
 
@@ -76,6 +86,122 @@ def test_a_guard_condition_is_executed_once_for_a_trigger(
         until(lambda number=number: len(calls) == number)
         executor.spin_once(timeout_sec=0)
     assert len(calls) == 3
+
+
+class Losses(EventHandler):
+    """The event of lost messages, with losses that the test makes up."""
+
+    def __init__(self, node: Node, subscription: Subscription, lost: list[int]) -> None:
+        super().__init__(
+            callback_group=node.default_callback_group,
+            callback=lambda event: lost.append(event.total_count_change),
+            event_type=QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
+            parent_impl=subscription.handle,
+        )
+        self.total = self.change = 2  # before the executor attaches
+        self._EventHandler__event = rclpy_private.StandIn(
+            self._EventHandler__event, take_event=self._take_status
+        )
+        node.add_waitable(self)
+
+    def _take_status(self) -> QoSMessageLostInfo:
+        counts = {'total_count': self.total, 'total_count_change': self.change}
+        self.change = 0
+        return type('Status', (QoSMessageLostInfo,), counts)()
+
+
+def test_lost_messages_are_reported_once(node: Node, executor: QuickExecutor, until: Until) -> None:
+    """As Fast DDS does it: a listener resets the change, and the total stays."""
+    lost: list[int] = []
+    subscription = node.create_subscription(Time, 'a', print, 10)
+    event = Losses(node, subscription, lost)
+    until(lambda: lost)
+    assert lost == [2]
+
+    event.total += 3
+    entry = executor._events._entries[event]
+    executor._events.signal(entry)
+    until(lambda: len(lost) == 2)
+    executor._events.signal(entry)  # nothing is new
+    done = executor.create_task(lambda: 1)
+    until(done.done)
+    executor.spin_once(timeout_sec=0)
+    assert lost == [2, 3]
+    node.remove_waitable(event)
+
+
+def test_an_event_that_waits_is_reported_by_the_next_executor(
+    ros: Context, node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    events = []
+    group = MutuallyExclusiveCallbackGroup()
+    node.create_publisher(
+        Time,
+        'a',
+        10,
+        callback_group=group,
+        event_callbacks=PublisherEventCallbacks(matched=events.append),
+    )
+    busy = node.create_guard_condition(print, callback_group=group)
+    executor.spin_once(timeout_sec=0)
+    group.beginning_execution(busy)
+    node.create_subscription(Time, 'a', print, 10)
+    for _ in range(3):
+        executor.spin_once(timeout_sec=0.01)
+    assert events == []
+
+    executor.remove_node(node)
+    group.ending_execution(busy)
+    with QuickExecutor(2, context=ros) as other:
+        other.add_node(node)
+        while not events:
+            other.spin_once(timeout_sec=1.0)
+        other.spin_once(timeout_sec=0)
+        other.remove_node(node)
+    assert [(event.total_count, event.total_count_change) for event in events] == [(1, 1)]
+    executor.add_node(node)
+    done = executor.create_task(lambda: 1)
+    until(done.done)
+    assert len(events) == 1
+
+
+def test_a_trigger_that_rclpys_executor_has_noted_is_not_lost(
+    ros: Context, node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    called = []
+    guard = node.create_guard_condition(lambda: called.append(1))
+    executor.remove_node(node)
+    with SingleThreadedExecutor(context=ros) as first:
+        first.add_node(node)
+        guard.trigger()
+        handler, entity, _ = first.wait_for_ready_callbacks(timeout_sec=20.0)
+        assert entity is guard
+        handler.cancel()
+        first.remove_node(node)
+    executor.add_node(node)
+    until(lambda: called)
+    assert called == [1]
+
+
+def test_a_timers_callback_gets_what_rclpys_own_take_gives_it(
+    node: Node, executor: QuickExecutor, until: Until, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As from Kilted's rclpy on, where a callback may take a `TimerInfo`."""
+    infos = []
+
+    def take_timer(timer: Timer) -> Callable[[], Coroutine[None, None, None]]:
+        timer.handle.call_timer()
+
+        async def execute() -> None:
+            timer.callback('info')
+
+        return execute
+
+    monkeypatch.setattr('barc_sim.ros.executor.entities._TIMERS_GIVE_INFO', True)
+    monkeypatch.setattr(executor, '_take_timer', take_timer)
+    node.create_timer(0.001, infos.append)
+    until(lambda: len(infos) >= 2)
+    assert infos[:2] == ['info', 'info']
 
 
 def test_quality_of_service_events_are_executed(node: Node, until: Until) -> None:
