@@ -17,6 +17,12 @@ if (
 ):
     del sys.path[0]
 
+if __name__ == '__main__':
+    # Before the other imports, so that Ctrl-C ends them silently.
+    from barc_sim.run import main as start
+
+    sys.exit(start())
+
 import argparse
 from functools import partial
 from importlib import import_module
@@ -24,6 +30,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim import __version__
 from barc_sim.cli.parser import ROS_ARGS, Parser, call, check_arguments, did_you_mean
+from barc_sim.cli.process import interruptible
 from barc_sim.cli.python import ignore_working_directory
 from barc_sim.commands import COMMANDS, GROUPS, NODES, SHARED
 
@@ -49,7 +56,9 @@ def run(name: str, words: Sequence[str]) -> int | None:
     ignore_working_directory()
     check_arguments(words)
     _, run_command = functions(name)
-    return run_command(parse(name, words))
+    options = parse(name, words)
+    with interruptible():
+        return run_command(options)
 
 
 def functions(
@@ -114,7 +123,3 @@ def _complete() -> None:
             add_arguments, _ = functions(name)
             add_arguments(command)
     argcomplete.autocomplete(parser)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,21 +1,33 @@
-"""`python -m barc_sim.run COMMAND`, the same as `barc COMMAND`; Ctrl-C ends its imports silently.
+"""The start of `barc`, also as `python -m barc_sim.run COMMAND`; `runs/` composes the runs.
 
-`scripts/run` starts runs with it; `runs/` composes them.
+It imports little: until a command begins there is nothing to end in order, so Ctrl-C ends the
+process at once, without Python's traceback.
 """
 
 from __future__ import annotations
 
 import signal
-
-if __name__ == '__main__':
-    # Until StopSignals takes over: there is nothing to end in order yet, and no traceback needed.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import sys
+from typing import TYPE_CHECKING
 
-from barc_sim.__main__ import main
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 __all__ = ['main']
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` and return its exit code."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # `scripts/run` and an installed `barc` block them from before Python's own start.
+    if hasattr(signal, 'pthread_sigmask'):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
+
+    from barc_sim import __main__ as commands  # noqa: PLC0415
+
+    return commands.main(argv)
+
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -271,7 +271,20 @@ install_package() {
     install_locked run ${extras//,/ }
     # compat: a path, and not an import hook that every start would have to load.
     install_own --config-settings editable_mode=compat -e ".${extras:+[$extras]}"
+    hold_signals
   fi
+}
+
+# Start `barc` with the signals blocked, as scripts/run does: Ctrl-C during Python's own start would
+# print a traceback. The working directory is not on the path.
+hold_signals() {
+  env --block-signal=INT true 2>/dev/null || return 0 # an env from before 2019
+  local start='import sys; sys.path = [*filter(None, sys.path)]'
+  start+='; from barc_sim.run import main; sys.exit(main())'
+  rm -f "$venv/bin/barc"
+  printf '#!/usr/bin/env bash\nexec env --block-signal=HUP,INT,TERM %q -c %q "$@"\n' \
+    "$venv/bin/python" "$start" >"$venv/bin/barc" || fail
+  chmod +x "$venv/bin/barc" || fail
 }
 
 locked() { [[ -z ${BARC_LOCK-} ]]; }

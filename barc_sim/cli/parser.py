@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from barc_sim.cli.process import ROS_PACKAGES, needs_ros
-from barc_sim.errors import UserError, not_between
+from barc_sim.errors import UserError, escaped, not_between
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -85,7 +85,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print `message` on stderr in one line and exit with code 2."""
-        self.exit(USAGE_ERROR, f'{error_line(self.prog, message)} (see --help)\n')
+        self.exit(USAGE_ERROR, escaped(f'{error_line(self.prog, message)} (see --help)\n'))
 
 
 class _HelpAll(argparse.Action):
@@ -195,14 +195,22 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
     return USAGE_ERROR if message else 0
 
 
+def show(text: object, *, end: str = '\n', error: bool = False) -> None:
+    """Print `text` on stdout, or on stderr; characters that control a terminal become escapes.
+
+    Use it in place of `print` for any text that a bag, a file or another process may have chosen.
+    """
+    print(escaped(str(text)), end=end, file=sys.stderr if error else None, flush=True)
+
+
 def report(prog: str, message: str) -> None:
     """Print an error of the program `prog` on stderr, in one line."""
-    print(error_line(prog, message), file=sys.stderr)  # noqa: T201
+    show(error_line(prog, message), error=True)
 
 
 def warn(message: str) -> None:
     """Print a warning on stderr, in one line."""
-    print(f'warning: {message}', file=sys.stderr, flush=True)  # noqa: T201
+    show(f'warning: {" ".join(message.splitlines())}', error=True)
 
 
 def error_line(prog: str, message: str) -> str:

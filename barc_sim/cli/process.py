@@ -6,16 +6,19 @@ import os
 import signal
 import socket
 import sys
+import sysconfig
 import threading
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from glob import escape
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from typing_extensions import Self
 
@@ -85,13 +88,52 @@ def needs_ros(what: str) -> UserError:
     return UserError(f'{what} needs ROS 2: {_HOW.get(sys.platform, _HOW_ON_LINUX)}')
 
 
+def require_ros(what: str) -> None:
+    """Raise UserError if `what` cannot use ROS here; call it before anything imports rclpy."""
+    if not has_ros():
+        raise needs_ros(what)
+    packages = Path(sysconfig.get_path('platlib'))
+    has_own = (packages / 'rclpy' / '__init__.py').exists()
+    if has_own:
+        _check_origin(packages)
+    _check_middleware([] if has_own else os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep))
+
+
+def _check_origin(packages: Path) -> None:
+    """Raise UserError if another ROS hides the rclpy in `packages`: its libraries do not fit."""
+    used = Path(_origin('rclpy') or '').parents[1]
+    if not used.samefile(packages):
+        raise UserError(
+            f'PYTHONPATH puts the rclpy in {str(used)!r} before that in {sys.prefix!r}: open a '
+            'terminal that sources no other ROS, or unset PYTHONPATH'
+        )
+
+
+def _check_middleware(folders: list[str]) -> None:
+    """Raise UserError if neither this Python nor the `folders` have the middleware in use.
+
+    ROS would end the process.
+    """
+    name = os.environ.get('RMW_IMPLEMENTATION')
+    places = (Path(folder) for folder in [f'{sys.prefix}/lib', *filter(None, folders)])
+    if name and not any(any(place.glob(f'lib{escape(name)}.*')) for place in places):
+        raise UserError(
+            f'RMW_IMPLEMENTATION is {name!r}, which is not installed in this ROS: unset it'
+        )
+
+
 def _is_installed(package: str) -> bool:
+    return _origin(package) is not None
+
+
+def _origin(package: str) -> str | None:
+    """Return the file of a package; None if it is not installed."""
     try:
         spec = find_spec(package)
     except ImportError:
-        return False
+        return None
     # Without an origin it is only a folder with that name, as in a checkout.
-    return spec is not None and spec.origin is not None
+    return spec.origin if spec else None
 
 
 # Windows has no SIGHUP.
@@ -100,6 +142,24 @@ _SIGHUP = getattr(signal, 'SIGHUP', None)
 #: process and then its group, and a parent can pass a terminal's Ctrl-C on.
 _ECHO = 0.5
 _SIGNALS = tuple(filter(None, (signal.SIGINT, signal.SIGTERM, _SIGHUP)))
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt, for a command that has something to end in order.
+
+    Before and after it, Ctrl-C ends a process that `barc_sim.run` has started at once: Python's
+    imports and its own end would print a traceback.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 class StopSignals:

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import CDR
-from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number
-from barc_sim.errors import UserError, escaped
+from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number, show
+from barc_sim.cli.process import require_ros
+from barc_sim.errors import UserError
 from barc_sim.runs.options import add_recording_options, add_topic_choice, recording
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def add_arguments_record(parser: Parser) -> None:
 
 def run_record(options: Namespace) -> int:
     """Record until a signal or a service stops it; return the exit code."""
+    require_ros('barc record')
     from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
@@ -59,7 +61,7 @@ def run_record(options: Namespace) -> int:
     lines = [f'{count:9} {topic}' for topic, count in sorted(recorder.counts.items())]
     lines.append(recorder.summary)
     lines.append(f'bag {recorder.path}')
-    print('\n'.join(lines))  # noqa: T201
+    show('\n'.join(lines))
     return 1 if recorder.failure else 0
 
 
@@ -112,6 +114,7 @@ def add_arguments_play(parser: Parser) -> None:
 
 def run_play(options: Namespace) -> int:
     """Play the bag to its end or until a signal; return the exit code."""
+    require_ros('barc play')
     from barc_sim.control.keyboard import Terminal  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.nodes.player import BagPlayer, Playback  # noqa: PLC0415
     from barc_sim.ros.process import PLAYER_PROFILES, spin, use_profiles  # noqa: PLC0415
@@ -161,7 +164,7 @@ def run_info(options: Namespace) -> None:
 
     contents = describe(_bag(options))
     for line in [json.dumps(contents, indent=2)] if options.json else _described(contents):
-        print(escaped(line))  # noqa: T201
+        show(line)
 
 
 def _described(contents: dict[str, Any]) -> Iterator[str]:
@@ -215,7 +218,7 @@ def run_convert(options: Namespace) -> None:
     convert(bag, output, options.topics, options.exclude)
     if not (options.topics or options.exclude):
         write_run_tables(bag, output)
-    print(output)  # noqa: T201
+    show(output)
 
 
 def add_arguments_recover(parser: Parser) -> None:
@@ -242,8 +245,8 @@ def run_recover(options: Namespace) -> None:
     whole = bag.resolve()
     output = options.output or whole.with_name(f'{whole.stem}_recovered')
     for line in _recovered(recover(bag, output)):
-        print(escaped(line))  # noqa: T201
-    print(output)  # noqa: T201
+        show(line)
+    show(output)
 
 
 def _recovered(contents: Contents) -> Iterator[str]:

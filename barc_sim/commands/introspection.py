@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import saving, target
-from barc_sim.cli.parser import ROS_ARGS, call, whole
-from barc_sim.cli.process import has_ros, needs_ros
+from barc_sim.cli.parser import ROS_ARGS, call, show, whole
+from barc_sim.cli.process import require_ros
 from barc_sim.commands import NODES
 from barc_sim.errors import UserError, escaped
 
@@ -38,6 +38,7 @@ def add_arguments_topics(parser: Parser) -> None:
 
 def run_topics(options: Namespace) -> None:
     """Print the topics."""
+    require_ros('barc topics')
     from barc_sim.ros.introspection import observe, print_topics  # noqa: PLC0415 (slow)
 
     with observe('topics') as observer:
@@ -57,6 +58,7 @@ def add_arguments_echo(parser: Parser) -> None:
 
 def run_echo(options: Namespace) -> None:
     """Print messages up to the requested number, or until a signal."""
+    require_ros('barc echo')
     from barc_sim.ros.introspection import observe, print_messages  # noqa: PLC0415
 
     with observe('echo') as observer:
@@ -81,6 +83,7 @@ def add_arguments_param(parser: Parser) -> None:
 
 def run_param(options: Namespace) -> None:
     """Run the verb."""
+    require_ros('barc param')
     from barc_sim.ros.introspection import Parameters, observe, print_names  # noqa: PLC0415
 
     with observe('param') as observer:
@@ -90,7 +93,7 @@ def run_param(options: Namespace) -> None:
         parameters = Parameters(observer, options.node)
         if options.verb == 'set':
             parameters.set(options.name, options.value)
-        print(parameters.get(options.name))  # noqa: T201
+        show(parameters.get(options.name))
 
 
 def add_arguments_graph(parser: Parser) -> None:
@@ -115,7 +118,7 @@ def run_graph(options: Namespace) -> None:
     path = target(options.save, _FORMATS) if options.save is not None else None
     bag = options.bag or options.named
     graph, title = _graph_of_bag(bag) if bag else _graph_of_system()
-    print(escaped('\n'.join(lines(graph))))  # noqa: T201
+    show('\n'.join(lines(graph)))
     window = None if path else style.window(title)
     figure = graph_figure(graph, title, window)
     if window:
@@ -124,7 +127,7 @@ def run_graph(options: Namespace) -> None:
     path = path or Path('graph.svg')
     with saving(path) as part:
         save(figure, part)
-    print(path)  # noqa: T201
+    show(path)
 
 
 def _graph_of_bag(path: Path) -> tuple[NodeGraph, str]:
@@ -135,7 +138,7 @@ def _graph_of_bag(path: Path) -> tuple[NodeGraph, str]:
     if text is None:
         raise UserError(f'{str(path)!r} holds no graph: name the bag of a run of barc_sim')
     try:
-        return NodeGraph.from_json(text), path.resolve().name
+        return NodeGraph.from_json(text), escaped(path.resolve().name)
     except ValueError as error:
         raise UserError(
             f'the graph in {str(path)!r} cannot be drawn ({error}): name the bag of a run'
@@ -144,6 +147,7 @@ def _graph_of_bag(path: Path) -> tuple[NodeGraph, str]:
 
 def _graph_of_system() -> tuple[NodeGraph, str]:
     """Return the running graph once it is stable, and its title."""
+    require_ros('barc graph')
     from barc_sim.ros.introspection import observe  # noqa: PLC0415
     from barc_sim.ros.peers import node_graph  # noqa: PLC0415
 
@@ -187,8 +191,7 @@ def run_node(options: Namespace) -> int:
             f'a node takes no {options.arguments[0]!r}: give its parameters to ROS, as in '
             f'{ROS_ARGS} -p kp:=20.0'
         )
-    if not has_ros():
-        raise needs_ros('barc node')
+    require_ros('barc node')
     module, kind = NODES[options.name]
     make = getattr(import_module(f'barc_sim.nodes.{module}'), kind)
     from barc_sim.ros.process import spin  # noqa: PLC0415

@@ -11,7 +11,13 @@ from pathlib import Path
 
 from barc_sim.bags.recording import Recording
 from barc_sim.cli.parser import MAX_PORT, number, whole
-from barc_sim.cli.process import has_only_rclpy, has_ros, is_at_desktop, needs_ros
+from barc_sim.cli.process import (
+    has_only_rclpy,
+    has_ros,
+    is_at_desktop,
+    needs_ros,
+    require_ros,
+)
 from barc_sim.errors import UserError
 from barc_sim.lab.files import FILES
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
@@ -118,8 +124,8 @@ def choose_engine(options: argparse.Namespace) -> str:
     if options.engine == 'auto' and has_only_rclpy():
         raise UserError(f'{needs_ros("a run in ROS 2")}; or drive without ROS (--engine local)')
     ros = has_ros() if options.engine == 'auto' else options.engine == 'ros'
-    if ros and not has_ros():
-        raise needs_ros('--engine ros')
+    if ros:
+        require_ros('--engine ros')
     for name, without in _ROS_OPTIONS.items():
         if not ros and getattr(options, name, without) != without:
             raise needs_ros(f'--{name.replace("_", "-")}')
