@@ -16,7 +16,7 @@ from pathlib import Path, PurePath
 from secrets import token_hex
 from typing import TYPE_CHECKING, BinaryIO
 
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, escaped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -236,7 +236,7 @@ def save_figure(path: Path, figure: Figure) -> None:
     """Save a figure, and print where it is."""
     with saving(path) as part:
         figure.savefig(part, dpi=FIGURE_DPI)
-    print(path)  # noqa: T201
+    print(escaped(str(path)))  # noqa: T201
 
 
 def make_folder(path: Path, within: Path) -> Path:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import FIGURES, save_figure, target
-from barc_sim.errors import UserError, one_line
+from barc_sim.errors import UserError, escaped, one_line
 from barc_sim.lab.files import RUBRICS, find_files, handout_of
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def run(options: Namespace) -> int:
     print_report(report, rubric)
     composed = _composition(folder)
     if path and report.drive:
-        title = f'{folder.resolve().name}: {report.gains or rubric.title}'
+        title = escaped(f'{folder.resolve().name}: {report.gains or rubric.title}')
         save_figure(path, report.drive.figure(title))
     right = all(each.passed or each.skipped or each.open for each in report.findings)
     return 0 if composed and right else NOT_PASSED

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import check_plain, figure_path, save_figure, saving, target
-from barc_sim.cli.parser import add_bag_arguments
-from barc_sim.errors import UserError
+from barc_sim.cli.parser import add_bag_arguments, show
+from barc_sim.errors import UserError, escaped
 from barc_sim.runs.options import add_address_options
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def run_plot(options: Namespace) -> None:
     bag = reader.load(source)
     log = bag.log(options.namespace)
     directory = source if source.is_dir() else source.parent
-    title = directory.resolve().name
+    title = escaped(directory.resolve().name)
     window = style.window(title) if options.show or not path else None
     if options.show and not window:
         raise UserError(
@@ -83,18 +83,18 @@ def run_replay(options: Namespace) -> None:
     path = target(options.save, _VIDEOS) if options.save is not None else None
     source = options.bag or reader.newest()
     log = reader.read(source, options.namespace)
-    title = (source if source.is_dir() else source.parent).resolve().name
+    title = escaped((source if source.is_dir() else source.parent).resolve().name)
     if path:
         from barc_sim.figures.views import save_video  # noqa: PLC0415
 
         with saving(path) as part:
             save_video(log, part, title=title)
-        print(path)  # noqa: T201
+        show(path)
         return
     from barc_sim.page import run_page  # noqa: PLC0415
 
     other = None
     if options.other:
         second = reader.read(options.other, options.namespace)
-        other = second, options.other.resolve().name
+        other = second, escaped(options.other.resolve().name)
     run_page.serve(log, title, options.view_host, options.view_port, other)

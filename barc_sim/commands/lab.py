@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import check_plain, saving, target
-from barc_sim.cli.parser import add_bag_arguments, barc_path
+from barc_sim.cli.parser import add_bag_arguments, barc_path, show
 from barc_sim.cli.python import python_command
-from barc_sim.errors import UserError, escaped
+from barc_sim.errors import UserError
 from barc_sim.lab.files import HANDOUTS, HILLS, Handout, files_in, find_files, handout_of
 from barc_sim.lab.submission import MAX_ARCHIVE
 
@@ -104,7 +104,7 @@ def run_report(options: Namespace) -> None:
         check_plain(directory)
     with saving(path) as part:
         part.write_text(text, encoding='utf-8')
-    print(path)  # noqa: T201
+    show(path)
 
 
 def add_arguments_submit(parser: Parser) -> None:
@@ -141,7 +141,7 @@ def run_submit(options: Namespace) -> None:
         parts = [*submit.collect(folder, course, why, teleop)]
         submit.write(part, parts)
     for line in parts:
-        print(escaped(str(line)))  # noqa: T201
+        show(line)
     size, most = path.stat().st_size, MAX_ARCHIVE
     limit = f', and barc grade opens {most >> 20} MiB at most: leave the video out'
     print(f'{path}  ({size / 2**20:.1f} MiB{limit if size > most else ""})')  # noqa: T201

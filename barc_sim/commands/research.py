@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.cli.files import figure_path, save_figure, saving, target
-from barc_sim.cli.parser import barc_path, number, whole
+from barc_sim.cli.parser import barc_path, number, show, whole
 from barc_sim.control.cruise_control import PROFILE, SPEED
 from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, SPEED_REFERENCE
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, escaped
 from barc_sim.tuning import DISTANCE
 from barc_sim.tuning import SPEED as TUNED_SPEED
 from barc_sim.vehicle.parameters import ROWS
@@ -244,11 +244,11 @@ def run_identify(options: Namespace) -> None:
     for name, each in identified.estimates.items():
         print(f'{name:{width}}  {each!s:32} {each.meaning}')  # noqa: T201
     for remark in identified.remarks:
-        print(f'- {remark}')  # noqa: T201
+        show(f'- {remark}')
     if path:
         from barc_sim.figures.run_figures import identification_figure  # noqa: PLC0415
 
-        title = ', '.join(bag.resolve().name for bag in bags)
+        title = escaped(', '.join(bag.resolve().name for bag in bags))
         save_figure(path, identification_figure(identified.signals, title=title))
 
 
@@ -289,7 +289,7 @@ def run_raceline(options: Namespace) -> None:
     if output:
         with saving(output, '--output') as part:
             write_line(part, track, line, limits)
-        print(output)  # noqa: T201
+        show(output)
     if path:
         from barc_sim.figures.track_figure import line_figure  # noqa: PLC0415
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyBboxPatch
 
 from barc_sim.bags.names import EVERYONES, NODES
+from barc_sim.errors import escaped
 from barc_sim.figures.style import BLUE, GREY, INK, MUTED, STYLE
 
 if TYPE_CHECKING:
@@ -63,13 +64,15 @@ def graph_figure(graph: NodeGraph, title: str = '', figure: Figure | None = None
         axes.add_patch(
             Ellipse((x[node], 0.0), 2.0 * radius, 0.48, fc=NODE_FILL, ec=BLUE, lw=1.4, zorder=2)
         )
-        axes.text(x[node], 0.0, node, ha='center', va='center', fontsize=9.5)
+        axes.text(x[node], 0.0, escaped(node), ha='center', va='center', fontsize=9.5)
     for k, topic in enumerate(topics, start=1):
         ends = ([x[node] for node in links[topic] if node in x] for links in (sources, targets))
         _draw_topic(axes, topic, (left, -ROW * (k + 0.25)), *ends)
     for k, row in enumerate(table, start=1):
         color = INK if k > 1 else MUTED
-        axes.text(MARGIN, bottom - LINE * k, row, family='monospace', fontsize=9, color=color)
+        axes.text(
+            MARGIN, bottom - LINE * k, escaped(row), family='monospace', fontsize=9, color=color
+        )
     return figure
 
 
@@ -83,7 +86,7 @@ def _draw_topic(
         fc=TOPIC_FILL, ec=GREY,
     )  # fmt: skip
     axes.add_patch(box)
-    axes.text(right - width / 2.0, y, topic, ha='center', va='center', fontsize=9.5)
+    axes.text(right - width / 2.0, y, escaped(topic), ha='center', va='center', fontsize=9.5)
     axes.plot([right, max(sources, default=right)], [y, y], color=GUIDE, lw=0.8, zorder=1)
     axes.plot(sources, [y] * len(sources), 'o', ms=5.0, color=INK)
     ahead: list[tuple[float, float, float]] = []

@@ -25,7 +25,7 @@ from barc_sim.bags.bounds import MAX_GAP
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.messages import CDR
 from barc_sim.bags.recording import selected
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, escaped
 from barc_sim.ros.node_helpers import to_header
 from barc_sim.ros.peers import others_here
 from barc_sim.ros.topics import latch, message_class, offer
@@ -204,7 +204,7 @@ class BagPlayer(Node):
             except Exception as error:  # noqa: BLE001 (a bag can have any names and types)
                 reason = str(error).partition('\n')[0]
                 what = f'{name} as {topic.type}' if played else name
-                self.get_logger().warning(f'{what} is not played: {reason}')
+                self.get_logger().warning(escaped(f'{what} is not played: {reason}'))
 
     def _publisher(self, topic: Topic, played: Topic | None) -> Publisher:
         if played:  # DDS accepts one type of a topic in a participant
@@ -278,7 +278,7 @@ class BagPlayer(Node):
                 publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
         except Exception as error:  # noqa: BLE001 (the thread would end unnoticed)
             self.failure = f'{str(self._contents.path)!r} was not played to its end: {error}'
-            self.get_logger().error(self.failure)
+            self.get_logger().error(escaped(self.failure))
         finally:
             sys.setswitchinterval(interval)
             gc.unfreeze()

@@ -5,7 +5,6 @@ Messages are written as YAML here because the wheels of ROS lack `rosidl_runtime
 
 from __future__ import annotations
 
-import sys
 import time
 from contextlib import contextmanager
 from itertools import chain
@@ -20,7 +19,7 @@ from rclpy.task import Future
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from barc_sim.bags.recording import to_yaml
-from barc_sim.cli.parser import did_you_mean
+from barc_sim.cli.parser import did_you_mean, show
 from barc_sim.cli.process import StopSignals
 from barc_sim.cli.yaml_files import from_yaml
 from barc_sim.errors import UserError
@@ -144,7 +143,7 @@ def print_messages(observer: GraphObserver, name: str, count: int | None) -> Non
     topic = observer.find(name, 'topic', observer.topics)
     kind = message_class(observer.topics()[topic])
     if not observer.wait_for(lambda: observer.node.count_publishers(topic)):
-        print(f'barc echo: {topic} has no publisher yet', file=sys.stderr)  # noqa: T201
+        show(f'barc echo: {topic} has no publisher yet', error=True)
     publishers = observer.node.get_publishers_info_by_topic(topic)
     qos = request(publishers, _DEPTH)
     if not publishers:  # the weakest QoS matches any later one
@@ -155,7 +154,7 @@ def print_messages(observer: GraphObserver, name: str, count: int | None) -> Non
         nonlocal left
         if finished.done():
             return
-        print(f'{to_yaml(plain(message))}---', flush=True)  # noqa: T201
+        show(f'{to_yaml(plain(message))}---')
         left = left and left - 1
         if left == 0:
             finished.set_result(None)
@@ -202,7 +201,7 @@ def print_topics(observer: GraphObserver, names: Sequence[str], *, full: bool) -
             for endpoint in chain.from_iterable(observer.endpoints(name)):
                 lines += ['', *(f'  {line}' for line in str(endpoint).splitlines())]
             lines.append('')
-        print('\n'.join(lines))  # noqa: T201
+        show('\n'.join(lines))
 
 
 def _plural(count: int, noun: str) -> str:
@@ -272,7 +271,7 @@ def print_names(observer: GraphObserver, node: str | None) -> None:
         except UserError as error:
             if node:
                 raise
-            print(f'barc param: {error}', file=sys.stderr)  # noqa: T201 (continue with the others)
+            show(f'barc param: {error}', error=True)  # and continue with the others
             continue
         heading = [] if node else [f'{full_name}:']
-        print('\n'.join([*heading, *(f'  {name}' for name in names)]))  # noqa: T201
+        show('\n'.join([*heading, *(f'  {name}' for name in names)]))

@@ -27,7 +27,7 @@ from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 from barc_sim.bags.messages import Topic
 from barc_sim.bags.recording import Losses
 from barc_sim.bags.schemas import schema
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, escaped
 from barc_sim.ros.peers import of_participant
 
 if TYPE_CHECKING:
@@ -333,7 +333,7 @@ class TopicSubscriptions:
         """Warn once that something is not recorded, and keep the reason."""
         if what not in self.left_out:
             self.left_out[what] = why
-            self._node.get_logger().warning(f'{what} is not recorded: {why}')
+            self._node.get_logger().warning(escaped(f'{what} is not recorded: {why}'))
 
     def _add_subscriptions(
         self, name: str, recorded: RecordedTopic | None, publishers: Sequence[TopicEndpointInfo]
