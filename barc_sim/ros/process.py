@@ -5,10 +5,12 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+import stat
 import sys
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, TypeVar
 
 import rclpy
@@ -16,6 +18,7 @@ from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from barc_sim.cli.files import open_regular
 from barc_sim.cli.process import StopSignals, check_limits
 from barc_sim.errors import UserError
 from barc_sim.ros.executor import QuickExecutor
@@ -39,8 +42,14 @@ _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 #: both cases.
 _USE_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 
+#: An element of XML beside the profiles.
+_SILENT_LOG = '<log><use_default>FALSE</use_default></log>'
+
 _SHARED_MEMORY = Path('/dev/shm')  # noqa: S108 (where Fast DDS has it)
 _LOCK = re.compile(r'fastrtps_[0-9a-f]{16}_el')
+_PORT = re.compile(r'(?:sem\.)?fastrtps_port(\d+)(?:_el|_mutex)?')
+_PORTS_PER_DOMAIN, _FIRST_PORT = 250, 7400  # of RTPS 2.3, 9.6.1.1
+_MIN_SHARED_MEMORY = 1 << 20  #: [B] for the segment of a participant, and its ports
 
 
 @contextmanager
@@ -62,9 +71,20 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     # No settings of Fast DDS from the working directory, which can be anyone's.
     os.environ.setdefault('SKIP_DEFAULT_XML_FILE', '1')
     use_profiles()
+    check_ports(int(domain) if domain.isdecimal() else 0)
     sweep()
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
+    with _silent_without_shared_memory():
+        _initialise(args)
+        try:
+            yield
+        finally:
+            rclpy.try_shutdown()
+
+
+def _initialise(args: list[str] | None) -> None:
+    """Initialise rclpy; UserError: it cannot start with these arguments and variables."""
     try:
         # rcl logs and raises its errors about arguments: show them once.
         set_logger_level('rcl', LoggingSeverity.FATAL)
@@ -74,10 +94,6 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
         raise UserError(f'ROS cannot start with these arguments and variables: {reason}') from None
     if get_logger_level('rcl') == LoggingSeverity.FATAL:
         set_logger_level('rcl', LoggingSeverity.UNSET)
-    try:
-        yield
-    finally:
-        rclpy.try_shutdown()
 
 
 def spin(create: Callable[[], _Node], args: list[str] | None = None) -> _Node:
@@ -109,6 +125,51 @@ def use_profiles(
         environment[_USE_PROFILES] = '1'
 
 
+def has_shared_memory(folder: Path = _SHARED_MEMORY) -> bool:
+    """Return whether Fast DDS can use shared memory; in a container, it often cannot."""
+    try:
+        free = os.statvfs(folder)
+    except OSError:
+        return False
+    is_large = free.f_bavail * free.f_frsize >= _MIN_SHARED_MEMORY
+    return is_large and os.access(folder, os.W_OK | os.X_OK)
+
+
+@contextmanager
+def _silent_without_shared_memory() -> Iterator[None]:
+    """Let Fast DDS print nothing if it cannot use shared memory, unless the user has own profiles.
+
+    Each process would print that, in red lines of C++. Messages go through UDP then.
+    """
+    profiles = os.environ.get(_VARIABLES[0])
+    if profiles not in {str(_PROFILES), str(PLAYER_PROFILES)} or has_shared_memory():
+        yield
+        return
+    text = Path(profiles).read_text(encoding='utf-8')
+    with NamedTemporaryFile('w', prefix='fast_dds_', suffix='.xml', encoding='utf-8') as file:
+        file.write(f'<dds>{_SILENT_LOG}{text[text.index("<profiles") :]}</dds>')
+        file.flush()
+        os.environ[_VARIABLES[0]] = file.name
+        try:
+            yield
+        finally:
+            os.environ[_VARIABLES[0]] = profiles
+
+
+def check_ports(domain: int, folder: Path = _SHARED_MEMORY) -> None:
+    """Raise UserError for a file of a ROS domain's ports that Fast DDS would wait for."""
+    for file in folder.glob('*fastrtps_port*'):
+        port = _PORT.fullmatch(file.name)
+        if not port or (int(port[1]) - _FIRST_PORT) // _PORTS_PER_DOMAIN != domain:
+            continue
+        with suppress(OSError):  # it has been removed
+            if not stat.S_ISREG(file.lstat().st_mode):
+                raise UserError(
+                    f'{str(file)!r} is not a regular file, and ROS would wait for it: remove it, '
+                    'or choose another ROS_DOMAIN_ID'
+                )
+
+
 def sweep(folder: Path = _SHARED_MEMORY, min_age: float = 10.0) -> int:
     """Remove this user's shared-memory segments whose process is dead; return their number.
 
@@ -121,11 +182,11 @@ def sweep(folder: Path = _SHARED_MEMORY, min_age: float = 10.0) -> int:
     """
     removed = 0
     for lock in folder.glob('fastrtps_*_el'):
-        with suppress(OSError):  # a process holds it, or has removed it
+        with suppress(OSError, UserError):  # a process holds it, has removed it, or it is no lock
             status = lock.lstat()
             is_old = time.time() - status.st_ctime > min_age
             if _LOCK.fullmatch(lock.name) and is_old and status.st_uid == os.getuid():
-                with lock.open('rb') as file:
+                with open_regular(lock, follow=False) as file:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     lock.with_name(lock.name.removesuffix('_el')).unlink(missing_ok=True)
                     lock.unlink(missing_ok=True)

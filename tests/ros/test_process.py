@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +19,15 @@ from command_line import barc
 
 import barc_sim
 from barc_sim.errors import UserError
-from barc_sim.ros.process import _PROFILES, PLAYER_PROFILES, ros, sweep, use_profiles
+from barc_sim.ros.process import (
+    _PROFILES,
+    PLAYER_PROFILES,
+    check_ports,
+    has_shared_memory,
+    ros,
+    sweep,
+    use_profiles,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,11 +44,11 @@ def test_nodes_of_two_processes_find_each_other_and_end_in_order(start: Start) -
         start('-m', 'barc_sim', 'node', *words)
         for words in (['controller'], ['vehicle_simulator', *parameters])
     )
-    out, err = simulator.communicate(timeout=30)
+    out, err = simulator.communicate(timeout=200)
     assert (simulator.returncode, out) == (0, '')
     assert 'Traceback' not in err
     controller.send_signal(signal.SIGTERM)
-    assert controller.communicate(timeout=20) == ('', '')
+    assert controller.communicate(timeout=200) == ('', '')
     assert controller.returncode == 0
 
 
@@ -192,9 +201,64 @@ rclpy.shutdown()
 """
 
 
+@pytest.mark.parametrize('make', [os.mkfifo, lambda path: Path(path).symlink_to('/dev/zero')])
+def test_what_is_no_lock_is_neither_opened_nor_removed(
+    tmp_path: Path, make: Callable[[Path], None]
+) -> None:
+    path = tmp_path / 'fastrtps_0123456789abcdef_el'
+    make(path)
+    assert sweep(tmp_path, min_age=-1.0) == 0
+    assert path.is_symlink() or path.exists()
+
+
+@pytest.mark.parametrize('name', ['fastrtps_port{}_el', 'sem.fastrtps_port{}_mutex'])
+def test_a_port_that_fast_dds_would_wait_for_is_named_in_its_domain(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / name.format(7400 + 250 * 7 + 11)
+    path.touch()
+    check_ports(7, tmp_path)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(UserError, match=f'{path.name}.*is not a regular file.*remove it, or'):
+        check_ports(7, tmp_path)
+    for domain in (6, 8):
+        check_ports(domain, tmp_path)
+
+
+#: Runs the rest in a place of its own, where /dev/shm cannot be written.
+READ_ONLY = (
+    *('unshare', '--map-root-user', '--mount', '/bin/sh', '-c'),
+    *('mount -t tmpfs -o ro none /dev/shm && exec "$0" "$@"',),
+)
+
+
+@pytest.mark.skipif(
+    not shutil.which('unshare')
+    or bool(subprocess.run([*READ_ONLY, 'true'], check=False).returncode),
+    reason='needs unshare, and the right to mount',
+)
+def test_without_shared_memory_runs_find_each_other_and_print_nothing_of_it(
+    start: Start, tmp_path: Path
+) -> None:
+    drive = ('-m', 'barc_sim', 'acc', '-q', '--distance', '3', '--realtime-factor', 'max')
+    process = start(*drive, '--no-controller', before=READ_ONLY)
+    controller = start('-m', 'barc_sim', 'node', 'controller', before=READ_ONLY)
+    out, err = process.communicate()
+    assert (process.returncode, err) == (0, '')
+    assert (tmp_path / out.strip()).is_dir()
+    controller.send_signal(signal.SIGTERM)
+    assert controller.communicate() == ('', '')
+
+
+def test_shared_memory_is_used_where_it_can_be_written(tmp_path: Path) -> None:
+    assert has_shared_memory(tmp_path)
+    assert not has_shared_memory(tmp_path / 'none')
+
+
 def test_a_message_outlives_its_publisher_and_shares_no_file() -> None:
     """Data of a fixed size that is shared is gone with its publisher, and leaves a file."""
     done = subprocess.run(
-        [sys.executable, '-c', _LAST_WORDS], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, '-c', _LAST_WORDS], capture_output=True, text=True, check=True, timeout=200
     )
     assert done.stdout == '[std_msgs.msg.Float64(data=5.0)] []\n'
