@@ -7,6 +7,7 @@ without curses, which would clear the screen.
 from __future__ import annotations
 
 import os
+import re
 import select
 from contextlib import suppress
 from math import inf
@@ -26,9 +27,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-#: [s] A first press lasts longer than the usual delay before the first repeat (0.5 s), and a repeat
-#: longer than the usual time to the next one.
-PRESS_HOLD = 0.6
+#: [s] A first press lasts longer than the delay before the first repeat (0.66 s of X11, usually
+#: 0.5 s), and a repeat longer than the usual time to the next one.
+PRESS_HOLD = 0.75
 REPEAT_HOLD = 0.15
 _ARROWS = {'A': 'up', 'B': 'down', 'C': 'right', 'D': 'left'}
 _LETTERS = {
@@ -36,14 +37,33 @@ _LETTERS = {
     's': 'down',
     'd': 'right',
     'a': 'left',
+    'z': 'up',
     ' ': 'space',
     'r': 'reset',
     'q': 'quit',
     '\x03': 'quit',
 }
+#: On a French keyboard, where ZQSD are in the place of WASD.
+_LETTERS_ZQSD = _LETTERS | {'q': 'left'}
 _DRIVING = ('up', 'down', 'left', 'right', 'space')
-#: A longer sequence is discarded.
-_LONGEST = 64
+
+#: What a terminal sends in several characters: a function key of the Linux console, the report of a
+#: mouse, a key, a key of the keypad, a text (its answer to a program), or Alt with another key.
+_SEQUENCE = re.compile(
+    r'\x1b(?:'
+    r'\[\[.|'
+    r'\[M.{3}|'
+    r'\[(?P<key>[@-LN-Z\\-~])|'
+    r'\[[ -?]{1,64}(?P<shifted>[@-~])|'
+    r'O(?P<keypad>.)|'
+    r'[]PX^_][^\x07\x1b]{0,4096}(?:\x07|\x1b\\)|'
+    r'[^][OPX^_\x1b]'
+    r')',
+    re.DOTALL,
+)
+_BEGINNING = re.compile(
+    r'\x1b(?:\[(?:\[?|M.{0,2}|[ -?]{1,64})|O|[]PX^_][^\x07\x1b]{0,4096}\x1b?)?', re.DOTALL
+)
 
 
 class KeyDecoder:
@@ -51,29 +71,58 @@ class KeyDecoder:
 
     Keys are up, down, left, right, space, reset and quit. All other bytes are ignored, and so is a
     key after a lone Escape, which is how a terminal sends Alt. Ctrl-C is never ignored.
+
+    From the first `z` on, ZQSD steer as WASD do, and only Ctrl-C is quit: on a French keyboard they
+    are in the same place.
     """
 
     def __init__(self) -> None:
-        """Start outside of any escape sequence."""
+        """Start outside of any sequence."""
+        self._sequence = ''
+        self._letters = _LETTERS
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether a sequence has begun that has not ended."""
+        return bool(self._sequence)
+
+    def give_up(self) -> None:
+        """Forget the sequence that has begun: what follows is not a part of it."""
         self._sequence = ''
 
     def decode(self, data: bytes) -> Iterator[str]:
         """Yield the keys that end in `data`."""
         for character in data.decode('latin-1'):
-            sequence, self._sequence = self._sequence + character, ''
-            key = None
-            if character == '\x1b':
-                self._sequence = character
-            elif character < ' ' or len(sequence) == 1:
-                key = _LETTERS.get(character.lower())
-            elif sequence in {'\x1b[', '\x1bO'} or (
-                sequence[1] == '[' and character < '@' and len(sequence) < _LONGEST
-            ):
-                self._sequence = sequence
-            elif sequence[1] in '[O':
-                key = _ARROWS.get(character)
-            if key:
-                yield key
+            if character == '\x03':
+                self._sequence = ''
+                yield 'quit'
+            elif self._sequence or character == '\x1b':
+                yield from self._continue_sequence(character)
+            else:
+                yield from self._decode_letter(character.lower())
+
+    def _decode_letter(self, letter: str) -> Iterator[str]:
+        if letter == 'z':
+            self._letters = _LETTERS_ZQSD
+        if letter in self._letters:
+            yield self._letters[letter]
+
+    def _continue_sequence(self, character: str) -> Iterator[str]:
+        sequence = self._sequence + character
+        ended = _SEQUENCE.fullmatch(sequence)
+        if ended:
+            self._sequence = ''
+            key = ended[ended.lastgroup] if ended.lastgroup else ''
+            if key in _ARROWS:
+                yield _ARROWS[key]
+            return
+
+        if not _BEGINNING.fullmatch(sequence):
+            # Another one can have begun in it.
+            sequence = sequence[sequence.rindex('\x1b') :]
+            if not _BEGINNING.fullmatch(sequence):
+                sequence = ''
+        self._sequence = sequence
 
 
 class HeldKeys:
@@ -116,6 +165,8 @@ class HeldKeys:
 
 
 _CHUNK = 1024
+#: [s] A terminal sends a sequence at once: after this pause, the rest of it does not come.
+_SEQUENCE_PAUSE = 0.2
 
 
 class Terminal:
@@ -186,7 +237,14 @@ class Terminal:
     def _read(self, woken: int, on_key: Callable[[str], object]) -> None:
         decoder = KeyDecoder()
         with open(woken, 'rb'):
-            while woken not in select.select([self._fd, woken], [], [])[0]:
+            while True:
+                pause = _SEQUENCE_PAUSE if decoder.is_waiting else None
+                ready, _, _ = select.select([self._fd, woken], [], [], pause)
+                if woken in ready:
+                    return
+                if not ready:
+                    decoder.give_up()
+                    continue
                 data = b''
                 with suppress(OSError):
                     data = os.read(self._fd, _CHUNK)

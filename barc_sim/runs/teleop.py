@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 #: [s] without a command after which the car brakes: ten of the relay's periods.
 _COMMAND_TIMEOUT = 0.5
 _EXIT_TIMEOUT = 2.0  #: [s] for the process of a relay to end by itself
-_HELP = 'arrows or WASD drive, space brakes, r goes back to the start, q ends'
+_HELP = 'arrows or WASD (ZQSD) drive, space brakes, r goes back to the start, q ends (ZQSD: Ctrl-C)'
 
 
 def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:

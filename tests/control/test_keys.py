@@ -41,10 +41,36 @@ def test_each_key_is_decoded_also_byte_by_byte(data: bytes, key: str) -> None:
 
 @pytest.mark.parametrize(
     'data',
-    [b'xyz\xff\x00\r\n\t', b'\x1bw', b'\x1b[3~', b'\x1b[?62;c', b'\x1b[24;80R', b'\x1bOP'],
+    [
+        *(b'xyv\xff\x00\r\n\t', b'\x1bw', b'\x1b[3~', b'\x1bOP'),
+        # Of the Linux console: F1 to F5.
+        *(b'\x1b[[A', b'\x1b[[B', b'\x1b[[C', b'\x1b[[D', b'\x1b[[E'),
+        # What terminals answer, and what a mouse sends.
+        *(b'\x1b[?62;c', b'\x1b[24;80R', b'\x1b]11;rgb:ffff/aaaa/dddd\x07'),
+        *(b'\x1b]11;rgb:ffff/aaaa/dddd\x1b\\', b'\x1bP1$r0 q\x1b\\', b'\x1bP>|tmux 3.4 wasd\x1b\\'),
+        *(b'\x1b_Gi=31;OK quit\x1b\\', b'\x1b[Mqaw', b'\x1b[<0;1;1M', b'\x1b[?1;2c', b'\x1b[I'),
+    ],
 )
 def test_other_keys_are_ignored(data: bytes) -> None:
     assert keys_of(data, b'\x1b\x1b[A') == ['up']
+    assert keys_of(*(bytes([byte]) for byte in data), b'\x1b[A') == ['up']
+
+
+def test_a_text_that_is_broken_off_by_a_key_ends_there() -> None:
+    assert keys_of(b'\x1b]11;rgb:\x1b[A') == ['up']
+
+
+def test_from_the_first_z_on_q_steers_and_only_ctrl_c_is_quit() -> None:
+    assert keys_of(b'zqsd') == ['up', 'left', 'down', 'right']
+    assert keys_of(b'q', b'Z', b'Q\x03') == ['quit', 'up', 'left', 'quit']
+
+
+def test_a_sequence_can_be_given_up() -> None:
+    decoder = KeyDecoder()
+    assert [*decoder.decode(b'\x1b]11')] == []
+    assert decoder.is_waiting
+    decoder.give_up()
+    assert [*decoder.decode(b'w')] == ['up']
 
 
 def test_ctrl_c_counts_even_in_a_sequence() -> None:
@@ -102,6 +128,13 @@ def test_a_key_that_repeats_is_held_until_shortly_after_the_last_repeat() -> Non
         held.handle('up', t)
     assert held.request(last + REPEAT_HOLD - 0.01) == DriverInput(forward=1.0)
     assert held.request(last + REPEAT_HOLD + 0.01) == COAST
+
+
+@pytest.mark.parametrize('delay', [0.25, 0.5, 0.66])  # the last one is X11's
+def test_a_key_is_held_from_its_press_through_the_delay_of_its_repeats(delay: float) -> None:
+    held = press('up')
+    for t in (0.0, 0.5 * delay, delay, delay + 0.04):
+        assert held.held(t) == ('up',)
 
 
 def test_a_press_after_the_hold_is_a_first_press_again() -> None:

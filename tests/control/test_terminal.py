@@ -20,7 +20,7 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-DEADLINE = 20.0
+DEADLINE = 100.0
 
 
 class Pty:
@@ -78,6 +78,19 @@ def test_keys_are_read_without_enter_and_not_echoed_and_lines_still_begin_at_the
     assert console.next() == 'left'
     os.write(console.fd, b'a\nb')
     assert console.shown(b'b') == b'a\r\nb'
+
+
+@pytest.mark.usefixtures('terminal')
+def test_keys_count_again_after_a_sequence_that_has_no_end(console: Pty) -> None:
+    """As after Alt and a bracket."""
+    console.type(b'\x1b]')
+    keys = []
+    for _ in range(round(DEADLINE)):
+        console.type(b'w')
+        with suppress(queue.Empty):
+            keys.append(console.keys.get(timeout=1.0))
+            break
+    assert keys == ['up']
 
 
 def test_settings_are_as_before_after_close_and_not_meanwhile(
