@@ -12,7 +12,8 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
+from traceback import walk_stack
+from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.cli.files import read_regular
 from barc_sim.cli.python import python_command
@@ -20,6 +21,9 @@ from barc_sim.errors import UserError
 from barc_sim.lab import files
 from barc_sim.lab.confined.replies import Fields, ListOf, Row, Text, max_size
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
+
+if TYPE_CHECKING:
+    from types import FrameType
 
 #: The minimum number of nodes: a simulator, a relay, a driver and a recorder.
 _NODES = 4
@@ -31,7 +35,10 @@ _NAMES = ListOf(Text(300), 300, or_fewer=True)
 #: The nodes, the publishers by topic, and the nodes without an executor.
 _REPORT = Row((_NAMES, Fields(dict.fromkeys(_TOPICS, _NAMES)), _NAMES))
 _DEADLINE = 60.0  #: [s] for the whole check, on a busy machine
-_PERIOD = 1.0  #: [s] without a new node, after which all nodes are made
+_PERIOD = 1.0  #: [s] between two looks at the nodes
+#: Looks without a new node, after which all nodes are made, even if no executor spins in the main
+#: thread.
+_MAX_LOOKS = 10
 
 
 class Verdict(NamedTuple):
@@ -105,11 +112,15 @@ def _run_here(file: str) -> None:
     """Run the script on `ros/local`; write its nodes, publishers and idle nodes to a file."""
     from barc_sim.ros.local import install  # noqa: PLC0415 (only in the script's process)
 
-    world, before = install(), 0
+    world = install()
+    before = looks = 0
 
-    def poll(*_: object) -> None:
-        nonlocal before
-        if before == (before := len(world.nodes)) > 0:
+    def poll(_: int, frame: FrameType | None) -> None:
+        nonlocal before, looks
+        count = len(world.nodes)
+        looks = looks + 1 if count == before > 0 else 0
+        before = count
+        if looks >= (1 if _is_spinning(frame) else _MAX_LOOKS):
             report()
 
     def report() -> None:
@@ -130,6 +141,13 @@ def _run_here(file: str) -> None:
         runpy.run_path(file, run_name='__main__')
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)  # it would end the interpreter while that exits
+
+
+def _is_spinning(frame: FrameType | None) -> bool:
+    """Return whether an executor spins in this frame: a script makes its nodes before that."""
+    from barc_sim.ros.local.executor import Executor  # noqa: PLC0415 (only in the script's process)
+
+    return any(each.f_code is Executor.run_once.__code__ for each, _ in walk_stack(frame))
 
 
 def _verdict(nodes: list[str], publishers: dict[str, list[str]], idle: list[str]) -> Verdict:

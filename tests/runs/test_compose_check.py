@@ -54,7 +54,7 @@ def judged(tmp_path: Path) -> Callable[[str], Verdict]:
 def test_finished_template_is_right_however_slowly_its_nodes_are_made(
     judged: Callable[[str], Verdict],
 ) -> None:
-    slow = '__import__("time").sleep(0.7) or Relay(), Key'
+    slow = '__import__("time").sleep(2.5) or Relay(), Key'
     right, sentence = judged(RIGHT.replace('Relay(), Key', slow))
     assert right
     assert sentence == (
