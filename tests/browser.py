@@ -35,7 +35,7 @@ _FLAGS = (
     '--disable-sync',
     '--remote-debugging-port=0',
 )
-_DEADLINE = 30.0
+_DEADLINE = 100.0
 _PICTURE = """((c) => {
   const copy = new OffscreenCanvas(c.width, c.height);
   const context = copy.getContext('2d', { willReadFrequently: true });

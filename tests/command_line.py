@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ENVIRONMENT = {'PYTHONPATH': str(Path(barc_sim.__file__).parents[1])}
 
 
-def call(*words: str, timeout: float = 60.0, **options: Any) -> subprocess.CompletedProcess[str]:  # noqa: ANN401
+def call(*words: str, timeout: float = 200.0, **options: Any) -> subprocess.CompletedProcess[str]:  # noqa: ANN401
     """Run `barc COMMAND`, with `options` of Popen, to its end."""
     with started(*words, **options) as process:
         out, err = process.communicate(timeout=timeout)
@@ -65,7 +65,7 @@ def refused(*words: str) -> str:
     return line
 
 
-def wait_for(condition: Callable[[], object], seconds: float = 60.0) -> None:
+def wait_for(condition: Callable[[], object], seconds: float = 100.0) -> None:
     """Wait for what another thread or process does, without ROS."""
     end = time.monotonic() + seconds
     while not condition():
@@ -130,6 +130,7 @@ def spinning(context: Context, *nodes: Node) -> Iterator[None]:
     try:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr('barc_sim.ros.introspection.others_here', lambda _: True)
+            patch.setattr('barc_sim.ros.introspection._FIRST_TIMEOUT', 60.0)  # a busy machine
             yield
     finally:
         executor.shutdown()

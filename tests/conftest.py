@@ -186,7 +186,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
 def spin_until() -> Callable[[Executor, Callable[[], bool]], None]:
     """Return a function that spins an executor until a condition holds, or fails."""
 
-    def spin(executor: Executor, condition: Callable[[], bool], *, deadline: float = 20.0) -> None:
+    def spin(executor: Executor, condition: Callable[[], bool], *, deadline: float = 100.0) -> None:
         end = time.monotonic() + deadline
         while not condition():
             if time.monotonic() > end:

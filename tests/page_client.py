@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from websockets.sync.client import ClientConnection
 
-PATIENCE = 30.0  #: [s]
+PATIENCE = 100.0  #: [s]
 
 
 def connect_page(url: str) -> ClientConnection:

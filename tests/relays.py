@@ -141,4 +141,4 @@ while speeds[-1] < 1.0:
 
 def joystick() -> None:
     """Drive, from a process of its own, until the car moves."""
-    subprocess.run([sys.executable, '-c', _JOYSTICK], check=True, timeout=60.0)
+    subprocess.run([sys.executable, '-c', _JOYSTICK], check=True, timeout=200)

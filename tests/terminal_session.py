@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-DEADLINE = 60.0
+DEADLINE = 100.0
 READY = b'q ends'
 # As a terminal window does it: the pseudo-terminal controls the process.
 TAKE_TERMINAL = 'import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n'

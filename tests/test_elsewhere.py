@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def barc(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run `barc`, whose stdout can hold ASCII alone."""
-    return call(*words, cwd=folder, env=os.environ | ELSEWHERE, timeout=100.0)
+    return call(*words, cwd=folder, env=os.environ | ELSEWHERE, timeout=200)
 
 
 def done(folder: Path, *words: str) -> str:
@@ -58,7 +58,7 @@ def drive_by_hand(folder: Path, *options: str) -> None:
         assert any('speed' in line for line in process.stdout)
         process.send_signal(signal.SIGINT)
         process.stdout.read()
-        assert process.wait(30.0) == 0
+        assert process.wait(200.0) == 0
 
 
 @pytest.fixture

@@ -159,7 +159,7 @@ def import_without_ros(*names: str) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=200,
     )
 
 
@@ -177,7 +177,7 @@ def test_rooms_without_ros_need_nothing_that_only_linux_has() -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=200,
     )
     assert (done.returncode, done.stdout) == (0, ''), done.stderr
 

@@ -98,7 +98,7 @@ def test_reader_that_went_away_leaves_no_trace_at_exit(main: str) -> None:
             stdout=stdout,
             stderr=subprocess.PIPE,
             check=False,
-            timeout=60,
+            timeout=200,
         )
     assert (done.returncode, done.stderr) == (0, b'')
 

@@ -202,7 +202,7 @@ def line(process: subprocess.Popen[str]) -> str:
 
 def end(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     """Return exit code, the rest of the output, and stderr."""
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=200)
     return process.returncode, out, err
 
 

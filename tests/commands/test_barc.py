@@ -94,7 +94,7 @@ def test_help_of_every_command_waits_for_no_library() -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=200,
     )
     assert (done.returncode, done.stderr) == (0, '')
     for name in COMMANDS:
@@ -117,7 +117,7 @@ def test_commands_and_options_are_completed(line: str, completed: str, tmp_path:
         'COMP_POINT': str(len(line)),
     }
     command = [sys.executable, '-m', 'barc_sim']
-    subprocess.run(command, cwd=PACKAGE.parent, env=os.environ | asked, check=True, timeout=60)
+    subprocess.run(command, cwd=PACKAGE.parent, env=os.environ | asked, check=True, timeout=200)
     assert (tmp_path / 'found').read_text().split() == [completed]
 
 
@@ -150,7 +150,11 @@ def test_ros2_run_finds_every_command_and_node() -> None:
 def test_an_executable_of_ros2_run_runs_the_command(words: list[str], code: int, out: str) -> None:
     name, *options = words
     done = subprocess.run(
-        [str(EXECUTABLES / name), *options], capture_output=True, text=True, check=False, timeout=60
+        [str(EXECUTABLES / name), *options],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
     )
     assert done.returncode == code, done.stderr
     assert done.stdout.startswith(out)

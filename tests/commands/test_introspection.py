@@ -76,7 +76,7 @@ def test_ctrl_c_ends_it_in_order() -> None:
         assert process.stdout
         assert process.stdout.readline() == 'header:\n'
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=20)
+        _, err = process.communicate(timeout=200)
         assert (process.returncode, err) == (0, '')
 
 
@@ -254,7 +254,7 @@ def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
         run.stdout.readline()  # it drives
         live = call('graph', '--save', 'live.svg', cwd=tmp_path)
         run.send_signal(signal.SIGTERM)
-        run.communicate(timeout=60)
+        run.communicate(timeout=200)
     assert live.returncode == 0, live.stderr
     (path,) = (tmp_path / 'bags').iterdir()
     for name in (['--bag', str(path)], [str(path)]):

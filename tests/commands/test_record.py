@@ -46,7 +46,7 @@ def test_ctrl_c_ends_it_with_its_counts_and_a_whole_bag(talker: Node, tmp_path: 
             publisher.publish(Float64())
         assert publisher.wait_for_all_acked(Duration(seconds=30))
         process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=60)
+        out, _ = process.communicate(timeout=200)
     assert process.returncode == 0
     assert out.splitlines() == [
         '        5 /value',
@@ -88,7 +88,7 @@ def fill(talker: Node, directory: Path) -> str:
             return process.poll() is not None
 
         wait_for(ended)
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=200)
     assert process.returncode == 1
     return str(err)
 

@@ -230,7 +230,7 @@ def test_a_relay_drives(start: Start, tmp_path: Path) -> None:
         if ' m/s ' in line and 'speed   0.00' not in line:
             break
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=60)
+    process.communicate(timeout=200)
     log = bag.read(bag.newest(tmp_path / 'bags'))
     assert process.returncode == 0
     assert {2.5, 0.25} <= {*log.motor.tolist(), *log.servo.tolist()}

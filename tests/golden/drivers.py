@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 #: [s] A run that takes longer has failed.
-TIMEOUT = 60.0
+TIMEOUT = 100.0
 _DEPTH = 100
 #: States for which a run by hand goes on, at least, once the car moves.
 _STATES_BY_HAND = 200

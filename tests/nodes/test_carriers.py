@@ -123,7 +123,7 @@ print(nodes[1].stepper.states, nodes[1].stepper.missed)
 def run(script: str, *arguments: str, folder: Path) -> str:
     command = [sys.executable, '-c', script, *arguments]
     done = subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=60, check=False
+        command, cwd=folder, capture_output=True, text=True, timeout=200, check=False
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -308,7 +308,7 @@ def test_the_command_plays_under_other_names_and_names_what_it_cannot_play(
     executor.add_node(node)
     with started('play', str(bag), '--rate', '10', '--remap', '/a:=/moved') as process:
         spin_until(executor, lambda: len(arrived) == 10)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=200)
     executor.shutdown()
     node.destroy_node()
     assert process.returncode == 0

@@ -45,7 +45,7 @@ def test_every_state_reaches_the_page_with_its_messages(ros: Context, kind: str,
     with spinning(ros, view, simulator, controller), connect_page(view.url) as socket:
         facts = wait(socket, 'hello')
         while len(received) < simulator.stepper.states or not simulator.finished.done():
-            received += rows(socket.recv(timeout=20.0))
+            received += rows(socket.recv(timeout=100.0))
         socket.send(encode('tune', name=gain, value=1.0))
         wait_for(lambda: controller.get_parameter(gain).value == 1.0)
     table = {name: np.array([row[name] for row in received]) for name in received[0]}

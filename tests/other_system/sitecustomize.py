@@ -10,6 +10,7 @@ import builtins
 import os
 import pathlib
 import select
+import shutil
 import signal
 import sys
 import sysconfig
@@ -78,6 +79,10 @@ sys.addaudithook(_refuse)
 builtins.__import__ = _import_elsewhere
 sysconfig.get_config_vars()  # which it reads from a file named after the platform
 sys.platform = 'elsewhere'
+# Python's own choices where these are lacking.
+shutil._use_fd_functions = False  # noqa: SLF001
+if hasattr(os, 'process_cpu_count'):
+    os.process_cpu_count = os.cpu_count
 for module, names in _NAMES.items():
     for name in names:
         if hasattr(module, name):

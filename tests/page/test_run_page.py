@@ -79,7 +79,7 @@ def log() -> Log:
 def in_browser(test: Callable[..., None]) -> Callable[..., None]:
     """Mark a test that needs a browser."""
     reason = "Debian's chromium is not installed"
-    return pytest.mark.timeout(120)(pytest.mark.skipif(CHROMIUM is None, reason=reason)(test))
+    return pytest.mark.timeout(300)(pytest.mark.skipif(CHROMIUM is None, reason=reason)(test))
 
 
 @pytest.fixture

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from barc_sim.page.protocol import Request
 
-DEADLINE = 20.0
+DEADLINE = 100.0
 
 
 class Recorder(ViewServer):

@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import wait_for
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -119,7 +120,7 @@ def test_another_process_and_its_claim_are_known_until_it_is_killed(
         with pytest.raises(UserError):
             claim(node, 'z_vhcl')
         holder.kill()
-        holder.wait(timeout=20)
+        holder.wait(timeout=200)
     assert not others_here(ros_domain)
     claim(node, 'z_vhcl').close()
 
@@ -147,8 +148,7 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
     subscribed = time.time_ns()
     subscription = subscribing.create_subscription(Int64, 'number', print, LATCHED, raw=True)
     taker, taken = Taker(), []
-    while len(taken) < 3:
-        taken += taker.take(subscription, 10)
+    wait_for(lambda: taken.extend(taker.take(subscription, 10)) or len(taken) == 3)
     taker.close()
     data, published, received, numbers, publishers = zip(*taken, strict=True)
     assert [deserialize_message(each, Int64).data for each in data] == [0, 1, 2]

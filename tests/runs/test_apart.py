@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Start = Callable[..., subprocess.Popen[str]]
 
-DEADLINE = 60.0
+DEADLINE = 100.0
 #: What anybody might write; it dies by itself after so many states.
 THEIRS = """
 import os, sys

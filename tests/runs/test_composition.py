@@ -176,7 +176,7 @@ def test_bag_holds_what_a_publisher_sends_that_comes_and_goes(
     run = start('-m', 'barc_sim.run', 'acc', '-q', '--realtime-factor', factor, '--distance', '0')
     assert brief.wait(30) == 0
     run.send_signal(signal.SIGINT)
-    path = tmp_path / run.communicate(timeout=30)[0].strip()
+    path = tmp_path / run.communicate(timeout=200)[0].strip()
 
     found = messages(path)
     assert [reference.data for reference in found['/speed_reference']] == [5.0]

@@ -1,6 +1,7 @@
 """Runs killed at any moment: what their bags still hold, against what a subscriber saw.
 
-`BARC_SIM_SOAK=1 pytest tests/runs/test_kill.py` kills 100 runs, and holds them to 0.25 s.
+`BARC_SIM_SOAK=1 pytest tests/runs/test_kill.py` kills 100 runs, and holds them to 0.25 s: quiet
+machines can. Otherwise, what is in the bag at one moment has to be there after the kill.
 """
 
 from __future__ import annotations
@@ -32,15 +33,12 @@ if TYPE_CHECKING:
 SOAK = 'BARC_SIM_SOAK' in os.environ
 RUNS = 100 if SOAK else 4
 PARTS = [pytest.param(run, marks=[pytest.mark.slow] * (run > 0)) for run in range(RUNS)]
-#: [ns] A machine that is busy with other tests may stall the recorder.
-MOST_LOST = 250_000_000 if SOAK else 2_000_000_000
+MOST_LOST = 250_000_000  #: [ns] on a quiet machine
 
 
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize('run', PARTS)
-def test_a_killed_run_misses_a_quarter_second_at_most(
-    ros: Context, tmp_path: Path, run: int
-) -> None:
+def test_a_killed_run_keeps_what_it_has_written(ros: Context, tmp_path: Path, run: int) -> None:
     moment = random.Random(run).uniform(0.3, 2.0)  # noqa: S311 (no secret)
     node = Node('witness', context=ros)
     subscription = node.create_subscription(ZDynBkMdl, 'z_vhcl', print, 10_000, raw=True)
@@ -53,6 +51,10 @@ def test_a_killed_run_misses_a_quarter_second_at_most(
     bags = tmp_path / 'bags'
     with started('acc', '--quiet', '--distance', '0', '--bag-dir', str(bags)):
         wait_for(is_seen)
+        if not SOAK:
+            # On a busy machine, a time says nothing: what is written by now stays.
+            latest = seen[-1][3]
+            wait_for(lambda: latest in written_states(bags))
         time.sleep(moment)  # it may be killed at any
         killed = time.time_ns()
     is_seen()
@@ -67,10 +69,16 @@ def test_a_killed_run_misses_a_quarter_second_at_most(
     kept = states(file)
     assert sorted(kept) == list(range(1, len(kept) + 1))
     for data, published, received, number, _ in seen:
-        if received < killed - MOST_LOST:
+        if received < killed - MOST_LOST if SOAK else number <= latest:
             assert number in kept
         if number in kept:
             assert kept[number] == (data, published)
+
+
+def written_states(bags: Path) -> dict[int, tuple[bytes, int]]:
+    """Return the states in the bag of a run that goes on."""
+    files = [*bags.glob('*/*.mcap')]
+    return states(files[0]) if files else {}
 
 
 def states(file: Path) -> dict[int, tuple[bytes, int]]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
-DEADLINE = 60.0
+DEADLINE = 100.0
 UNSEEN = ('--view', 'none')
 #: Dies at the first state of the car.
 DIES = ROS_2.replace('import ECU', 'import ECU, ZDynBkMdl').replace(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import termios
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from terminal_session import DEADLINE, READY, Session
 
 from barc_sim.bags import reader as bag
 from barc_sim.control.driver import DriverInput, Limits
+from barc_sim.control.keyboard import PRESS_HOLD
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -78,11 +80,13 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
     assert session.end() == 0
     log = bag.read(session.bag())
     received = requests(session.bag())
-    begun = next(t for t, request in received if request.forward == 1.0)
-    ended = next(t for t, request in received if t > begun and request.forward == 0.0)
-    assert ended - begun > 0.8
+    # Where this test is late with a repeat, the key counts as released in between.
+    driven = sum(
+        after - t for (t, request), (after, _) in pairwise(received) if request.forward == 1.0
+    )
+    assert driven > PRESS_HOLD
     slack = lost(session.bag()) * Limits().acceleration
-    expected = (ended - begun) * Limits().acceleration
+    expected = driven * Limits().acceleration
     assert log.speed[-1] == pytest.approx(expected, rel=0.05, abs=0.05 * expected + slack)
     # The servo that returns changes the slip angle, and with it the speed.
     assert log.speed[-1] == pytest.approx(log.speed[-10], abs=0.1)

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 
 ROOT = Path(barc_sim.__file__).parents[1]
-PATIENCE = 30.0  #: [s]
+PATIENCE = 100.0  #: [s]
 
 
 def barc(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -43,7 +42,7 @@ def python(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
         text=True,
         encoding='utf-8',
         check=False,
-        timeout=100,
+        timeout=200,
     )
 
 
@@ -84,7 +83,7 @@ def test_what_cannot_be_is_one_sentence_and_leaves_no_bag(tmp_path: Path) -> Non
         f'{wrong}controller:kp:=30': 'parameter kp of controller must be of type float, such as',
         f'{wrong}kp:=-2e6': 'parameter kp of controller: -2e+06 is not a number from',
         f'{wrong}kp': "Couldn't parse -p 'kp': expected NAME:=VALUE",
-        f'{wrong}kp:=[1': "Couldn't parse -p 'kp:=[1': no YAML",
+        f'{wrong}kp:=[1': "Couldn't parse -p 'kp:=[1': it is not YAML",
         f'{wrong}use_sim_time:=true': 'use_sim_time needs ROS 2',
         'acc -q --ros-args -r __ns:=/1car': "Invalid name '1car': expected letters",
     }
@@ -120,11 +119,12 @@ def test_page_drives_by_hand(begin: Callable[..., Any], tmp_path: Path) -> None:
     process, url = begin('teleop')
     with connect_page(url) as socket:
         wait(socket, 'hello')
-        until = time.monotonic() + 1.0
-        while time.monotonic() < until:
+
+        def is_fast(message: dict[str, Any]) -> bool:
             socket.send(json.dumps({'type': 'drive', 'forward': 1.0, 'turn': 0.0, 'brake': 0.0}))
-            time.sleep(0.1)
-        wait(socket, lambda m: m.get('speed', 0.0) > 1.0)
+            return bool(message.get('speed', 0.0) > 1.0)
+
+        wait(socket, is_fast)
         socket.send(json.dumps({'type': 'reset'}))
         wait(socket, lambda m: m.get('x') == 0.0 and m.get('t', 0.0) > 0.5)
     process.send_signal(signal.SIGINT)

@@ -65,7 +65,7 @@ def run(checkout: Path, path: Path | str, **environment: str) -> subprocess.Comp
         env={'PATH': str(path), 'BARC_PYTHON': sys.executable} | environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=200,
         check=False,
     )
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import sys
-import time
 from contextlib import suppress
 from errno import ENOTTY, EPERM
 from pathlib import Path
@@ -32,7 +31,9 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.usefixtures('confinement')
 
 ROW = [0.0] * 11
-QUICK = Limits(call=0.3, wait=2.0)
+QUICK = Limits(call=0.3)
+#: For what never ends by itself, nor by its processor time.
+BRIEF = Limits(call=0.3, wait=2.0)
 BIKE_FE = """
 def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
     return [1.0, 2.0, 3.0, 4.0]
@@ -103,6 +104,9 @@ FATAL = {
         _TO_ALL.format('b\'{"serial": 1, "result": [[1.0,\'') + '\nwhile True: pass',
         "the grader's files",
     ),
+}
+#: Each ends at the time limit of a request at the latest.
+STUBBORN = {
     'catch everything, and loop': (
         'while True:\n try:\n  while True: pass\n except BaseException: pass',
         'longer than 0.3 s|within 2 s',
@@ -161,6 +165,12 @@ def test_it_harms_only_itself_where_it_tries_to(
         asked(folder, code)
 
 
+@pytest.mark.parametrize(('code', 'reason'), STUBBORN.values(), ids=STUBBORN)
+def test_it_is_ended_where_it_resists(folder: Callable[..., Path], code: str, reason: str) -> None:
+    with pytest.raises(UserError, match=reason):
+        asked(folder, code, limits=BRIEF)
+
+
 def test_a_sleep_ends_the_process(folder: Callable[..., Path]) -> None:
     with pytest.raises(UserError, match='within 1 s: does the code sleep'):
         asked(folder, 'import time; time.sleep(1000)', limits=Limits(wait=1.0))
@@ -169,14 +179,15 @@ def test_a_sleep_ends_the_process(folder: Callable[..., Path]) -> None:
 def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) -> None:
     sleepy = BIKE_FE.replace(':', ':\n    import time; time.sleep(0.3)')
     path = folder(bike_model=sleepy)
-    began = time.monotonic()
+    calls = 0
     with JudgedCode(path, Limits(total=1.0)) as code, suppress(UserError):
-        for _ in range(100):
+        while calls < 100:
             code.rows('bikeFE', [ROW])
+            calls += 1
     with pytest.raises(UserError, match=r'used up its total of 1 s'):
         code.rows('bikeFE', [ROW])
 
-    assert time.monotonic() - began < 10.0
+    assert calls <= 3
 
 
 def test_each_of_a_few_slow_calls_has_its_own_time(folder: Callable[..., Path]) -> None:
@@ -188,7 +199,9 @@ def test_each_of_a_few_slow_calls_has_its_own_time(folder: Callable[..., Path]) 
 
 def test_it_may(folder: Callable[..., Path]) -> None:
     code = '\n'.join(ALLOWED.values())
-    assert asked(folder, code, limits=Limits()) == [(1.0, 2.0, 3.0, 4.0)]
+    # A busy machine, which has none of the modules compiled, takes long.
+    patient = Limits(call=60.0, wait=100.0)
+    assert asked(folder, code, limits=patient) == [(1.0, 2.0, 3.0, 4.0)]
 
 
 @pytest.mark.parametrize('abi', [1, 3])

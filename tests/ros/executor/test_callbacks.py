@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     Until = Callable[[Callable[[], object]], None]
 
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(300)
 DEPTH = 1000
-DEADLINE = 20.0
+DEADLINE = 100.0
 GROUPS = pytest.mark.parametrize(
     'group_type', [ReentrantCallbackGroup, MutuallyExclusiveCallbackGroup]
 )

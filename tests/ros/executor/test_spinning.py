@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     Until = Callable[[Callable[[], object]], None]
 
 
-pytestmark = pytest.mark.timeout(120)
-DEADLINE = 20.0
+pytestmark = pytest.mark.timeout(300)
+DEADLINE = 100.0
 
 
 def test_spin_once_executes_one_callback(node: Node, executor: QuickExecutor) -> None:
@@ -232,7 +232,7 @@ def test_a_spin_in_a_daemon_does_not_keep_a_program_from_ending(ros_domain: int)
         print(ticked.wait(20))
     """
     ended = subprocess.run(
-        [sys.executable, '-c', program], stdout=subprocess.PIPE, text=True, timeout=50, check=False
+        [sys.executable, '-c', program], stdout=subprocess.PIPE, text=True, timeout=200, check=False
     )
     assert ended.stdout == 'True\n'
 
@@ -425,7 +425,7 @@ USE = """if True:
 def run(program: str) -> list[str]:
     """Return the lines that a program in a process of its own prints."""
     return subprocess.run(
-        [sys.executable, '-c', program], check=True, stdout=subprocess.PIPE, text=True, timeout=50
+        [sys.executable, '-c', program], check=True, stdout=subprocess.PIPE, text=True, timeout=200
     ).stdout.splitlines()
 
 

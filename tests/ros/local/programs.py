@@ -38,7 +38,7 @@ from std_srvs.srv import SetBool, Trigger
 LATCHED = QoSProfile(depth=2, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def spin(node: Node, future: Future, seconds: float = 5.0) -> None:
+def spin(node: Node, future: Future, seconds: float = 60.0) -> None:
     rclpy.spin_until_future_complete(node, future, timeout_sec=seconds)
     assert future.done()
 

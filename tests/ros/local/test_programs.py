@@ -24,7 +24,7 @@ def run(carrier: str) -> dict[str, str]:
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=200,
     )
     sections = (section.partition('\n') for section in done.stdout.split('== ')[1:])
     return {name: text for name, _, text in sections} | {'stderr': done.stderr}
