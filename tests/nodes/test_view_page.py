@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import threading
 import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -66,7 +67,8 @@ class Car(Node):
             lambda changed: self.values.update({each.name: each.value for each in changed})
         )
         self.road = Road.named(road)
-        self.state = State()
+        self._state = State()
+        self._lock = threading.Lock()  # no step replaces a state that a test sets
         self.command = Command()
         self.paused = self.hangs = self.braking = False
         self.stops_at = math.inf  # [m] where time is paused: a slow browser then has no haste
@@ -81,6 +83,16 @@ class Car(Node):
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_timer(TS, self._step)
 
+    @property
+    def state(self) -> State:
+        """The present state."""
+        return self._state
+
+    @state.setter
+    def state(self, state: State) -> None:
+        with self._lock:
+            self._state = state
+
     def _step(self) -> None:
         self.paused |= self.state.x > self.stops_at
         if self.paused or self.hangs:
@@ -89,7 +101,8 @@ class Car(Node):
         if self.braking:
             slower = min(8.0, abs(self.state.v) / TS)
             self.command = Command(-math.copysign(slower, self.state.v))
-        self.state = step(self.state, self.command, math.radians(theta), Vehicle(), TS)
+        with self._lock:
+            self._state = step(self._state, self.command, math.radians(theta), Vehicle(), TS)
         self._stamp += int(1e9 * TS)
         header = to_header(self._stamp)
         now = motion(self.state, self.command.servo, Vehicle())
