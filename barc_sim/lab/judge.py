@@ -186,6 +186,7 @@ class Lab:
         """Every criterion, with its name for readers, in the order of a report."""
         return {name: label for part in self.parts.values() for name, label in part.labels.items()}
 
+    @np.errstate(all='ignore')  # a stranger's numbers have any size
     def judge(self, code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
         """Return a finding for each criterion of `settings`, in the order of the labels.
 
