@@ -120,7 +120,7 @@ def test_settings_of_fast_dds_are_not_read(tmp_path: Path) -> None:
         f'<name>filename</name><value>{log}</value></property></consumer></log><wrong/></dds>'
     )
     done = run(folder, 'topics')
-    assert (done.returncode, done.stderr) == (0, ''), done.stderr
+    assert 'no node is running' in done.stderr
     assert not log.exists()
 
 
