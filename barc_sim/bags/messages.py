@@ -59,9 +59,11 @@ class Topic:
     metadata: Mapping[str, str] | None = None
 
 
-def is_empty(text: str) -> bool:
-    """Return whether a message definition has no field; constants and comments are no fields."""
-    return not any(_FIELD.match(_COMMENT.sub('', line)) for line in text.splitlines())
+def _with_field(text: str) -> str:
+    """Return a message definition; one without fields gets the field that rosidl adds."""
+    if any(_FIELD.match(_COMMENT.sub('', line)) for line in text.splitlines()):
+        return text
+    return f'{text.rstrip()}\n{_PLACEHOLDER}\n'.lstrip('\n')
 
 
 @cache
@@ -81,9 +83,7 @@ def definition(type_name: str) -> str:
         full = name if name.count('/') > 1 else name.replace('/', '/msg/')
         if full not in paths:
             raise LookupError(f'the definition of {name!r} is not installed')
-        text = paths[full].read_text(encoding='utf-8')
-        if is_empty(text):
-            text = f'{text.rstrip()}\n{_PLACEHOLDER}\n'.lstrip('\n')
+        text = _with_field(paths[full].read_text(encoding='utf-8'))
         names = set(_FIELD_TYPE.findall(text)) - PRIMITIVES
         for dependency in sorted(each if '/' in each else f'{package}/{each}' for each in names):
             if dependency not in seen:
@@ -239,7 +239,7 @@ def topic(name: str, type_name: str) -> Topic:
     try:
         text = definition(type_name)
     except LookupError:
-        text, _ = store().generate_msgdef(type_name, ros_version=2)
+        text = _with_field(store().generate_msgdef(type_name, ros_version=2)[0])
     return Topic(
         name=name,
         type=type_name,

@@ -126,8 +126,8 @@ def latch(recorded: Sequence[Mapping[str, Any]]) -> tuple[int, float] | None:
 def _nanoseconds(duration: object) -> float:
     """Return a duration [ns] in rosbag2's terms; infinity if it is none."""
     try:
-        return float(duration['sec'] * 10**9 + duration['nsec'])  # type: ignore[index]
-    except (KeyError, OverflowError, TypeError):
+        return float(int(duration['sec']) * 10**9 + int(duration['nsec']))  # type: ignore[index]
+    except (KeyError, OverflowError, TypeError, ValueError):
         return inf
 
 
@@ -203,7 +203,7 @@ class RecordedTopic:
             by_node[node] = by_node.get(node, 0) + count
         gaps = sum(by_node.values())
         if self.undelivered > gaps:  # before a publisher's first message, or after its last one
-            node = ' or '.join(sorted({*self.names.values()}))
+            node = ' or '.join(sorted({*self.names.values()})) or 'an unknown node'
             by_node[node] = by_node.get(node, 0) + self.undelivered - gaps
         return by_node
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from dataclasses import replace
@@ -174,6 +175,24 @@ def test_large_latched_messages_are_held_once_for_each_publisher() -> None:
     for each in sent:
         latched.add(each)
     assert latched.held() == sent[3:]
+
+
+@pytest.mark.parametrize(
+    ('lifespan', 'held'),
+    [
+        ({'sec': 10, 'nsec': 5}, 10 * SECOND + 5),
+        ({'sec': 'a' * 100, 'nsec': 0}, math.inf),
+        ({'sec': 1}, math.inf),
+        ([], math.inf),
+        (None, math.inf),
+    ],
+)
+def test_a_latched_topic_holds_for_its_lifespan(lifespan: object, held: float) -> None:
+    from barc_sim.ros.topics import latch  # noqa: PLC0415
+
+    recorded = [LATCHED_QOS | {'lifespan': lifespan, 'depth': 3}, {'durability': 'volatile'}]
+    assert latch(recorded) == (3, held)
+    assert latch(recorded[1:]) is None
 
 
 @pytest.mark.parametrize('clock', [None, 40.0], ids=['no clock', 'clock'])
