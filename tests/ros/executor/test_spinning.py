@@ -157,7 +157,7 @@ def test_nothing_is_left_after_shutdown(ros: Context, spins: int) -> None:
     node.destroy_node()
 
     assert not any(entity.handle.pointer for entity in entities)
-    assert set(threading.enumerate()) == threads
+    assert set(threading.enumerate()) <= threads
     gone = weakref.ref(executor)
     del executor
     gc.collect()

@@ -3,6 +3,8 @@
 With `-v`, a table shows which executor passes what.
 """
 
+# ruff: noqa: SLF001 - rclpy has no other way to end an executor's threads.
+
 from __future__ import annotations
 
 import itertools
@@ -92,6 +94,8 @@ def executor(make_executor: Callable[[Context], Executor], context: Context) -> 
     executor = make_executor(context)
     yield executor
     executor.shutdown()
+    if isinstance(executor, MultiThreadedExecutor):
+        executor._executor.shutdown()  # rclpy leaves its threads
 
 
 @pytest.fixture
