@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from math import cos, isfinite, radians, sin
 from os import PathLike
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from barc_sim.cli.files import read_regular
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, not_between, one_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 _Read = TypeVar('_Read')
 STEEPEST_DEG = 90.0
 _MAX_SIZE = 1 << 24  #: [B] of a file
+_DELIMITERS = ',;\t'
+_SHOWN = 80  #: characters of a line in a sentence
 
 
 class RoadPoint(NamedTuple):
@@ -77,12 +80,14 @@ class Road:
         for value in (*self.starts, *self.grades_deg):
             if not isfinite(value):
                 raise UserError(f'{value!r} is not a finite number')
-        for left, right in pairwise(self.starts):
+        for i, (left, right) in enumerate(pairwise(self.starts), 1):
             if not left < right:
-                raise UserError(f'start {right!r} m must lie beyond the one before it, {left!r} m')
-        for grade in self.grades_deg:
+                raise RowError(
+                    i, f'start {right!r} m must lie beyond the one before it, {left!r} m'
+                )
+        for i, grade in enumerate(self.grades_deg):
             if not abs(grade) < STEEPEST_DEG:
-                raise UserError(f'grade {grade!r} must lie between -90 and 90 degrees')
+                raise RowError(i, f'grade {grade!r} must lie between -90 and 90 degrees')
         sines = tuple(sin(radians(grade)) for grade in self.grades_deg)
         cosines = tuple(cos(radians(grade)) for grade in self.grades_deg)
         heights, lengths = [0.0], [0.0]
@@ -113,7 +118,7 @@ class Road:
         """Return the road called `lab` or `flat`, or the one in the CSV file of that name.
 
         The file has the header `start_m,grade_deg` and these two columns; blank lines and lines
-        that begin with `#` are skipped.
+        that begin with `#` are skipped. Semicolons and tabs can separate the columns, too.
 
         Raises
         ------
@@ -123,11 +128,11 @@ class Road:
         if name in ('lab', 'flat'):
             return cls.lab() if name == 'lab' else cls.flat()
 
-        def read(lines: list[str]) -> Road:
-            _, starts, grades_deg = read_columns(lines, 'start_m,grade_deg')
+        def read(table: Table) -> Road:
+            starts, grades_deg = table.columns
             return cls(starts, grades_deg, name)
 
-        return read_named('road', name, ('lab', 'flat'), read)
+        return read_named('road', name, ('lab', 'flat'), read, 'start_m,grade_deg')
 
     @classmethod
     def of(cls, road: Road | str | PathLike[str]) -> Road:
@@ -186,10 +191,28 @@ class Road:
         return [np.array(column)[i] for column in columns]
 
 
+class RowError(UserError):
+    """An error in one of many values; a reader adds its line in the file."""
+
+    def __init__(self, index: int, reason: str) -> None:
+        """Take the number of the value, from 0, and what is wrong with it."""
+        super().__init__(reason)
+        self.index = index
+
+
+class Table(NamedTuple):
+    """The columns of numbers in a CSV file."""
+
+    header: str
+    columns: tuple[Column, ...]
+    lines: tuple[int, ...]  #: numbers of the lines of the rows, from 1
+    rows: tuple[str, ...]  #: their text
+
+
 def read_named(
-    what: str, name: str, known: Iterable[str], read: Callable[[list[str]], _Read]
+    what: str, name: str, known: Iterable[str], read: Callable[[Table], _Read], *headers: str
 ) -> _Read:
-    """Return the object that `read` makes of a file's lines; UserError: it cannot be read."""
+    """Return the object that `read` makes of a file's table; UserError: it cannot be read."""
     try:
         lines = read_lines(Path(name))
     except (OSError, ValueError):
@@ -198,39 +221,89 @@ def read_named(
             f'{what} {name!r} is neither {names} nor a CSV file that can be read'
         ) from None
     try:
-        return read(lines)
-    except (ValueError, csv.Error) as error:
+        return read_table(lines, read, *headers)
+    except ValueError as error:
         raise UserError(f'{what} file {name!r} describes no {what}: {error}') from None
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file; spreadsheets on Windows begin it with a byte order mark."""
-    return read_regular(path, _MAX_SIZE).decode('utf-8-sig').splitlines()
+    """Return the lines of a text file, in UTF-8 or as older spreadsheets on Windows write them."""
+    data = read_regular(path, _MAX_SIZE)
+    try:
+        return data.decode('utf-8-sig').splitlines()
+    except UnicodeDecodeError:
+        return data.decode('latin-1').splitlines()
 
 
-def read_columns(lines: list[str], *headers: str) -> tuple[Any, ...]:
-    """Return the header of a CSV file, one of `headers`, and its columns of numbers.
+def read_table(lines: list[str], read: Callable[[Table], _Read], *headers: str) -> _Read:
+    """Return what `read` makes of the columns of a CSV file whose header is one of `headers`.
 
-    Blank lines and lines that begin with `#` are skipped; the header may follow a `#`.
+    Blank lines and lines that begin with `#` are skipped; the header may follow a `#`. ValueError
+    names the line and its text if a row is wrong.
     """
-    read = (line.lstrip('# ') if line.lstrip('# ') in headers else line for line in lines)
-    content = [line for line in read if line.strip() and line.lstrip()[0] != '#']
-    first, *rows = [*csv.reader(content)] or [[]]
-    header = ','.join(column.strip() for column in first)
-    if header not in headers:
-        raise ValueError(f'its header is {header!r}, not {" or ".join(map(repr, headers))}')
+    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    found = ''
+    for i, (_, line) in enumerate(numbered):
+        is_comment = line.lstrip().startswith('#')
+        delimiter = max(_DELIMITERS, key=line.count)
+        header = ','.join(_cells(line.lstrip('# \t'), delimiter))
+        if header in headers:
+            rows = [each for each in numbered[i + 1 :] if not each[1].lstrip().startswith('#')]
+            return _read_rows(header, rows, delimiter, read)
+        if not is_comment or delimiter in line:
+            found = header if not (found and _is_number(header)) else found
+        if not is_comment:
+            break
+    expected = ' or '.join(map(repr, headers))
+    raise ValueError(f'its header is {one_line(found, _SHOWN)!r}, not {expected}')
+
+
+def _is_number(header: str) -> bool:
+    """Return whether a line begins with a number, and so is no header."""
+    try:
+        float(header.partition(',')[0])
+    except ValueError:
+        return False
+    return True
+
+
+def _read_rows(
+    header: str, rows: list[tuple[int, str]], delimiter: str, read: Callable[[Table], _Read]
+) -> _Read:
+    """Return what `read` makes of the rows below a header: the number and text of each line."""
     if not rows:
         raise ValueError('it has no numbers below its header')
-    return header, *zip(*(_numbers(row, header) for row in rows), strict=True)
+    numbers, texts = zip(*rows, strict=True)
+    cells = [_numbers(number, text, header, delimiter) for number, text in rows]
+    try:
+        return read(Table(header, tuple(zip(*cells, strict=True)), numbers, texts))
+    except RowError as error:
+        number, text = numbers[error.index], texts[error.index]
+        raise ValueError(f'line {number}, {one_line(text, _SHOWN)!r}: {error}') from None
 
 
-def _numbers(row: list[str], header: str) -> list[float]:
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line without the spaces around them."""
+    try:
+        (cells,) = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+    except (ValueError, csv.Error):
+        return [line]
+    return [cell.strip() for cell in cells]
+
+
+def _numbers(number: int, line: str, header: str, delimiter: str) -> list[float]:
+    """Return the numbers of a line; beside semicolons they may have a decimal comma."""
     names = header.split(',')
+    cells = _cells(line, delimiter)
+    if delimiter != ',':
+        cells = [cell.replace(',', '.') for cell in cells]
     with suppress(ValueError):
-        numbers = [float(cell) for cell, _ in zip(row, names, strict=True)]
+        numbers = [float(cell) for cell, _ in zip(cells, names, strict=True)]
         if all(map(isfinite, numbers)):
             return numbers
-    raise ValueError(f'{",".join(row)!r} must be {len(names)} finite numbers, {header}')
+    raise ValueError(
+        f'line {number}, {one_line(line, _SHOWN)!r}, must be {len(names)} finite numbers, {header}'
+    )
 
 
 #: A function of time since the start [s] and position along the road [m].
@@ -293,13 +366,21 @@ def signal(given: object, row: Parameter, column: str) -> Signal:
         lines = read_lines(Path(name))
     except (OSError, ValueError):
         raise UserError(f'{row.name} {name!r} is not a readable CSV file') from None
+
     try:
-        header, points, values = read_columns(lines, *(f'{over},{column}' for over in _OVER))
-        for value in values:
-            row.check(value)
-    except (ValueError, csv.Error) as error:
+        headers = [f'{over},{column}' for over in _OVER]
+        return read_table(lines, partial(_profile, row), *headers)
+    except ValueError as error:
         raise UserError(f'file {name!r}: {error}') from None
-    for left, right in pairwise(points):
+
+
+def _profile(row: Parameter, table: Table) -> Profile:
+    """Return the profile of a table; RowError: a value is out of the limits, or a point too low."""
+    points, values = table.columns
+    for i, value in enumerate(values):
+        if why := not_between(value, *row.between):
+            raise RowError(i, f'{row.name}: {why}')
+    for i, (left, right) in enumerate(pairwise(points), 1):
         if not left <= right:
-            raise UserError(f'file {name!r}: {right:g} must not be below {left:g}')
-    return Profile(header.partition(',')[0], points, values)
+            raise RowError(i, f'{right:g} must not be below {left:g}')
+    return Profile(table.header.partition(',')[0], points, values)

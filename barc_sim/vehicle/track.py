@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from cmath import phase
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -20,16 +21,16 @@ from math import atan2, ceil, cos, floor, hypot, isfinite, pi, remainder, sin, s
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.road import read_columns, read_named
+from barc_sim.vehicle.road import RowError, read_named
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
     from os import PathLike
 
     import numpy as np
     from numpy.typing import NDArray
 
-    from barc_sim.vehicle.road import Places
+    from barc_sim.vehicle.road import Places, Table
 
     Floats = NDArray[np.float64]
     Numbers = Any  #: one number, or an array of many
@@ -39,6 +40,9 @@ WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
 _TOLERANCE = 0.05  #: [m] A fitted arc passes the points of a file within this.
 _MIN_POINTS, _MAX_POINTS = 3, 10_000  #: of a file with a centre line
+_FOLDING = 1.9  #: width over radius; at 2 the inner edge of a bend is a point
+_TOO_FAR = 1e100  #: [m] between two points, which squared is infinite
+_SAME_WAY = 0.7  #: cosine of the angle between two laps at one place
 _SPACING, _MAX_SAMPLES = 0.5, 5000  #: [m] between two places that are drawn, and how many
 _SEGMENTS, _CENTRE_LINE = 'length_m,radius_m', 'x_m,y_m,w_tr_right_m,w_tr_left_m'
 RACING_LINE = f'{_CENTRE_LINE},speed_mps'
@@ -118,21 +122,24 @@ class Track:
         if not 0.0 < self.width < 1e3:  # noqa: PLR2004
             raise UserError(f'width {self.width!r} must be a number of metres from 0 to 1000')
         pose, segments = Pose(*self.start), list[_Segment]()
-        for length, curvature in zip(self.lengths, self.curvatures, strict=True):
+        for i, (length, curvature) in enumerate(zip(self.lengths, self.curvatures, strict=True)):
             if not (isfinite(length) and length > 0.0 and isfinite(curvature)):
-                raise UserError(
+                raise RowError(
+                    i,
                     f'a segment has length {length!r} m and curvature {curvature!r} 1/m: expected '
-                    'a length above 0, and a finite curvature, 0 for a straight'
+                    'a length above 0, and a finite curvature, 0 for a straight',
                 )
             if abs(curvature) * length > _TURN + 1e-9:
-                raise UserError(
+                raise RowError(
+                    i,
                     f'an arc of {length:g} m with radius {1.0 / curvature:g} m is more than a '
-                    'whole turn: make it two arcs'
+                    'whole turn: make it two arcs',
                 )
             if abs(curvature) * self.width >= 2.0:  # noqa: PLR2004
-                raise UserError(
+                raise RowError(
+                    i,
                     f'radius {1.0 / curvature:g} m must be above half of the width, {self.width:g} '
-                    'm: make the arc wider, or the track narrower'
+                    'm: make the arc wider, or the track narrower',
                 )
             start = segments[-1].end if segments else 0.0
             frame = *pose, cos(pose.psi), sin(pose.psi), curvature, 0.5 * curvature * length
@@ -151,7 +158,8 @@ class Track:
         The file has the columns `length_m,radius_m` (radius 0: a straight; positive: to the left),
         or those of the public racetrack database, `x_m,y_m,w_tr_right_m,w_tr_left_m`, to which arcs
         are fitted: within 5 cm, or through each point if there is a column `speed_mps`, as in a
-        racing line's file. Such a track is closed, and as wide as its narrowest place.
+        racing line's file. Such a track is closed, and as wide as its narrowest place; a bend whose
+        inner edge would fold counts as narrow. Points beyond the first lap are left out.
 
         Raises
         ------
@@ -161,19 +169,21 @@ class Track:
         if name in TRACKS:
             return cls.of_rows(TRACKS[name], name)
 
-        def read(lines: list[str]) -> Track:
-            header, *columns = read_columns(lines, _SEGMENTS, _CENTRE_LINE, RACING_LINE)
-            if header == _SEGMENTS:
-                return cls.of_rows(zip(*columns, strict=True), name)
-            x, y, *widths = columns[:4]
+        def read(table: Table) -> Track:
+            if table.header == _SEGMENTS:
+                return cls.of_rows(zip(*table.columns, strict=True), name)
+            x, y, *widths = table.columns[:4]
             if not _MIN_POINTS <= len(x) <= _MAX_POINTS:
                 raise ValueError(f'{len(x)} points, not {_MIN_POINTS} to {_MAX_POINTS}')
-            is_again = hypot(x[0] - x[-1], y[0] - y[-1]) < _TOLERANCE  # the first once more
-            n, width = len(x) - is_again, 2.0 * min(map(min, widths))
-            tolerance = 0.0 if header == RACING_LINE else _TOLERANCE
-            return cls.through(x[:n], y[:n], width, name, tolerance)
+            for i, pair in enumerate(zip(*widths, strict=True)):
+                if min(pair) <= 0.0:
+                    raise RowError(i, f'the edge is {min(pair):g} m away: expected more than 0')
+            width = 2.0 * min(map(min, widths))
+            n = _points_of_a_lap([*map(complex, x, y)], 0.5 * width)
+            tolerance = 0.0 if table.header == RACING_LINE else _TOLERANCE
+            return cls.through(x[:n], y[:n], width, name, tolerance, narrowing=True)
 
-        return read_named('track', name, TRACKS, read)
+        return read_named('track', name, TRACKS, read, _SEGMENTS, _CENTRE_LINE, RACING_LINE)
 
     @classmethod
     def through(
@@ -183,19 +193,28 @@ class Track:
         width: float = WIDTH,
         name: str = 'track',
         tolerance: float = 0.0,
+        *,
+        narrowing: bool = False,
     ) -> Track:
         """Return the closed track of arcs along these points [m], which are in order.
 
-        It has the fewest arcs that stay within `tolerance` [m] of the points; 0: through each.
+        It has the fewest arcs that stay within `tolerance` [m] of the points; 0: through each. With
+        `narrowing`, it is narrower than `width` where the inner edge of a bend would fold: up to a
+        third of it.
         """
-        try:
-            start, arcs, deviation = _fit([*map(complex, x, y)], tolerance)
-        except ArithmeticError:
-            raise UserError(
-                'two points in a row are the same or too far apart, or the line turns back at one: '
-                'leave it out'
-            ) from None
+        points = [*map(complex, x, y)]
+        start, arcs, deviation, at = _fit(points, tolerance)
         lengths, curvatures = zip(*arcs, strict=True)
+        sharpest = max(map(abs, curvatures))
+        if narrowing and sharpest * width > _FOLDING:
+            if sharpest * width > 3.0 * _FOLDING:
+                i = [*map(abs, curvatures)].index(sharpest)
+                raise RowError(
+                    at[i],
+                    f'the line bends near here with a radius of {1.0 / sharpest:.3g} m, and its '
+                    f'edges are {0.5 * width:g} m away: leave the point out, or bend it less',
+                )
+            width = _FOLDING / sharpest
         return cls(lengths, curvatures, width, name, start, deviation)
 
     @classmethod
@@ -374,39 +393,103 @@ def beside_arc(
 # "Biarc curves", Computer-Aided Design 7, 1975). As few of the points as possible are such ends.
 
 
-def _fit(points: list[complex], tolerance: float) -> tuple[Pose, list[tuple[float, float]], float]:
-    """Return start and arcs of a closed line, and the maximum distance of a point from them."""
+def _points_of_a_lap(points: list[complex], reach: float) -> int:
+    """Return how many of the points of a line are its first lap.
+
+    A lap ends where the line passes its first point again, within `reach` [m] and in the same
+    direction, if all later points are so near to the lap. The first point at the end is left out.
+    """
+    import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
+    z = np.array(points)
+    steps = np.diff(z)
+    lengths = np.abs(steps)
+    if not ((lengths > 0.0) & (lengths < _TOO_FAR)).all():
+        return _without_the_first(points, len(points))
+    from_start = np.abs(z - z[0])
+    away = np.flatnonzero(from_start > 2.0 * reach)
+    if not away.size:
+        return _without_the_first(points, len(points))
+    # Where the line passes the first point: between which two points, and how far from it.
+    directions = steps / lengths
+    ahead = np.clip(((z[0] - z[:-1]) * directions.conj()).real, 0.0, lengths)
+    distance = np.abs(z[:-1] + ahead * directions - z[0])
+    along = (directions * directions[0].conj()).real
+    passes = np.flatnonzero((distance < reach) & (along > _SAME_WAY))
+    passes = passes[passes > away[0]]
+    if not passes.size:
+        return _without_the_first(points, len(points))
+    first = passes[: np.append(np.flatnonzero(np.diff(passes) > 1) + 1, len(passes))[0]]
+    last = int(first[np.argmin(distance[first])])
+    for late in z[last + 1 :]:
+        if np.abs(z[: last + 1] - late).min() > reach + lengths.max():
+            return _without_the_first(points, len(points))
+    return _without_the_first(points, last + 1)
+
+
+def _without_the_first(points: list[complex], n: int) -> int:
+    """Return the number of points before the last of `n` if that is the first once more."""
+    spacing = abs(points[1] - points[0])
+    while n > _MIN_POINTS and abs(points[n - 1] - points[0]) < max(_TOLERANCE, 0.25 * spacing):
+        n -= 1
+    return n
+
+
+def _fit(
+    points: list[complex], tolerance: float
+) -> tuple[Pose, list[tuple[float, float]], float, list[int]]:
+    """Return a closed line along points: its start, and its arcs.
+
+    The other values are the maximum distance of a point from them [m], and the point at which each
+    arc, or the one before it, begins. RowError: a point is the one before it, or the line turns
+    back at it.
+    """
     import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
     before, after = [points[-1], *points[:-1]], [*points[1:], points[0]]
-    # The heading of the circle through a point and its neighbours.
-    headings = [
-        ((p - a) / abs(p - a) ** 2 + (b - p) / abs(b - p) ** 2)
-        for a, p, b in zip(before, points, after, strict=True)
-    ]
-    nodes = [(p, each / abs(each)) for p, each in zip(points, headings, strict=True)]
+    nodes = []
+    for i, (a, p, b) in enumerate(zip(before, points, after, strict=True)):
+        with _named_point(i):
+            # The heading of the circle through a point and its neighbours.
+            heading = (p - a) / abs(p - a) ** 2 + (b - p) / abs(b - p) ** 2
+            nodes.append((p, heading / abs(heading)))
     start = Pose(points[0].real, points[0].imag, phase(nodes[0][1]))
     nodes.append(nodes[0])
-    places, arcs = np.array(points), list[tuple[float, float]]()
+    places, arcs, at = np.array(points), list[tuple[float, float]](), list[int]()
     maximum, i = 0.0, 0
     while i < len(points):
         p, t = nodes[i]
-        for j in range(i + 1, len(nodes) if tolerance else i + 2):
-            q, u = nodes[j]
-            if q == p:
-                break
-            joint, heading = _joint(p, t, q, u)
-            trial = _arc(joint - p, t), _arc(q - joint, heading)
-            z = (places[i + 1 : j] - joint) / heading  # of the points between
-            bend = np.where(z.real < 0.0, trial[0][1], trial[1][1])
-            e_y, _ = beside_arc(bend, z.real, z.imag, np.hypot, np.arctan2)
-            off = float(np.abs(e_y).max(initial=0.0))
-            if not off <= tolerance:
-                break
-            best, deviation, last = trial, off, j  # of the first, no points are between
+        with _named_point(i):
+            for j in range(i + 1, len(nodes) if tolerance else i + 2):
+                q, u = nodes[j]
+                if q == p:
+                    break
+                joint, heading = _joint(p, t, q, u)
+                trial = _arc(joint - p, t), _arc(q - joint, heading)
+                z = (places[i + 1 : j] - joint) / heading  # of the points between
+                bend = np.where(z.real < 0.0, trial[0][1], trial[1][1])
+                e_y, _ = beside_arc(bend, z.real, z.imag, np.hypot, np.arctan2)
+                off = float(np.abs(e_y).max(initial=0.0))
+                if not off <= tolerance:
+                    break
+                best, deviation, last = trial, off, j  # of the first, no points are between
         arcs += best
+        at += i, i
         maximum, i = max(maximum, deviation), last
-    return start, arcs, maximum
+    return start, arcs, maximum, at
+
+
+@contextmanager
+def _named_point(index: int) -> Iterator[None]:
+    """Raise RowError for this point where a number is divided by zero, or is too large."""
+    try:
+        yield
+    except ArithmeticError:
+        raise RowError(
+            index,
+            'this point is the same as its neighbour or too far from it, or the line turns back at '
+            'it: leave it out',
+        ) from None
 
 
 def _joint(p: complex, t: complex, q: complex, u: complex) -> tuple[complex, complex]:

@@ -136,19 +136,28 @@ def test_a_circle_of_points_is_fitted_by_few_arcs(tmp_path: Path) -> None:
             'length -5.0 m and curvature 0.0 1/m: expected a length',
         ),
         ('length_m,radius_m\n10,1\n', 'an arc of 10 m with radius 1 m is more than a whole turn'),
-        ('length_m,radius_m\n5,2\n', 'radius 2 m must be above half of the width, 6 m'),
-        ('length_m,radius_m\n5,x\n', "'5,x' must be 2 finite numbers, length_m,radius_m"),
+        (
+            'length_m,radius_m\n5,2\n',
+            "line 2, '5,2': radius 2 m must be above half of the width, 6 m",
+        ),
+        ('length_m,radius_m\n5,x\n', "line 2, '5,x', must be 2 finite numbers, length_m,radius_m"),
         ('start_m,grade_deg\n5,2\n', "its header is 'start_m,grade_deg', not 'length_m,radius_m'"),
         ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n1,0,3,3\n', '2 points, not 3 to 10000'),
-        ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n0,0,3,3\n1,0,3,3\n', 'two points in a row'),
-        ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n9,0,3,3\n5,0,3,3\n', 'the line turns back'),
+        (
+            'x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n0,0,3,3\n1,0,3,3\n',
+            "line 2, '0,0,3,3': this point is the same",
+        ),
+        (
+            'x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n9,0,3,3\n5,0,3,3\n',
+            "line 2, '0,0,3,3': .*the line turns back",
+        ),
         (
             'x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3\n1,0,3\n0,1,3\n',
-            "'0,0,3' must be 4 finite numbers, x_m,y_m",
+            "line 2, '0,0,3', must be 4 finite numbers, x_m,y_m",
         ),
         (
             'x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n9,0,3,nan\n0,9,3,3\n',
-            "'9,0,3,nan' must be 4 finite numbers",
+            "line 3, '9,0,3,nan', must be 4 finite numbers",
         ),
     ],
 )
@@ -158,6 +167,57 @@ def test_a_file_that_describes_no_track_is_refused(
     file = tmp_path / 'track.csv'
     file.write_text(text)
     with pytest.raises(UserError, match=f"track.csv' describes no track: .*{complaint}"):
+        Track.named(str(file))
+
+
+CENTRE_LINE = 'x_m,y_m,w_tr_right_m,w_tr_left_m'
+
+
+def centre_line(file: Path, s: np.ndarray, track: Track, half: float = 3.0) -> Track:
+    """Return the track of a file as F1TENTH writes it, with points of `track` at `s` [m]."""
+    x, y, _ = track.place(s)
+    rows = [f'{a!r}, {b!r}, {half}, {half}' for a, b in zip(x.tolist(), y.tolist(), strict=True)]
+    file.write_text('\n'.join([f'# {CENTRE_LINE.replace(",", ", ")}', *rows]), encoding='utf-8')
+    return Track.named(str(file))
+
+
+def test_a_centre_line_of_f1tenth_is_read(tmp_path: Path) -> None:
+    """Its header follows a #, with spaces, after which there can be more comments."""
+    oval = Track.named('oval')
+    track = centre_line(tmp_path / 'oval.csv', np.arange(0.0, oval.length - 0.5, 0.7), oval)
+    assert track.length == pytest.approx(oval.length, rel=1e-3)
+    lines = (tmp_path / 'oval.csv').read_text().splitlines()
+    lines[0:1] = ['# 603fd39', '', f'#{CENTRE_LINE.replace(",", "; ")}', '# in metres']
+    again = tmp_path / 'again.csv'
+    again.write_text('\r'.join(line.replace(', ', '; ') for line in lines))
+    assert Track.named(str(again)).lengths == track.lengths
+
+
+@pytest.mark.parametrize('name', ['oval', 'L', 'figure-eight'])
+@pytest.mark.parametrize('laps', [0.999, 1.0, 1.05, 2.4])
+def test_points_beyond_a_lap_are_left_out(tmp_path: Path, name: str, laps: float) -> None:
+    """Also where the second lap is not quite where the first was; a crossing is no end."""
+    course = Track.named(name)
+    s = np.arange(0.0, laps * course.length, 0.9)
+    track = centre_line(tmp_path / 'line.csv', s, course)
+    assert track.length == pytest.approx(course.length, rel=5e-3)
+
+
+def test_a_sharp_bend_makes_the_track_narrower(tmp_path: Path) -> None:
+    """As in the tracks of F1TENTH, whose edges are 1.1 m away everywhere."""
+    sharp = Track((20.0, 2.0 * pi) * 2, (0.0, 0.5) * 2, width=1.0)
+    track = centre_line(tmp_path / 'sharp.csv', np.arange(0.0, sharp.length, 0.1), sharp, half=2.5)
+    assert 3.0 < track.width < 4.0
+    assert max(map(abs, track.curvatures)) * track.width < 2.0
+
+
+def test_a_bend_that_is_too_sharp_is_named(tmp_path: Path) -> None:
+    file = tmp_path / 'kink.csv'
+    points = [(0, 0), (20, 0), (40, 0), (40.1, 0.1), (40, 0.2), (20, 20), (0, 20)]
+    file.write_text('\n'.join([f'# {CENTRE_LINE}', *(f'{x},{y},3,3' for x, y in points)]))
+    with pytest.raises(
+        UserError, match=r"line [456], '4.*: the line bends near here with a radius"
+    ):
         Track.named(str(file))
 
 
