@@ -18,7 +18,7 @@ from _trial import ESCAPE, HANG, MEMORY, RESULT, SENTENCE, TRACEBACK, Trial, con
 
 from barc_sim.cli.parser import Parser, call, whole
 
-_KINDS = ('bags', 'zips', 'links', 'limits', 'folders', 'replies', 'texts')
+_KINDS = ('bags', 'zips', 'links', 'limits', 'folders', 'replies', 'texts', 'tables', 'drives')
 _OUTCOMES = (RESULT, SENTENCE, TRACEBACK, HANG, MEMORY, ESCAPE)
 
 
