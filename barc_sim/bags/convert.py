@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import Topic
 
 _logger = logging.getLogger(__name__)
+_REPEATED = 0.1  #: share of messages that may have the time of another
 _MAX_NAME = 60  #: characters of a topic in the name of its table: at most 240 bytes
 
 
@@ -152,38 +153,47 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 (any type)
 def log_of_fields(path: Path, fields: Mapping[str, str]) -> Log:
     """Return the log of any car: columns by name, each from a field such as `/odom.pose.x`.
 
-    The column `v_x` is required: the log has its period. Each other column has the value that was
-    received last. All times are times of reception.
+    The log has a row for each time at which a message was received, with the fields of that
+    message; the others are NaN. Its times are since the first `v_x`, which is required.
 
-    UserError: the bag cannot be read, or there is no such column, topic or field of numbers.
+    UserError: the bag cannot be read, there is no such column, topic or field of numbers, or most
+    times of `v_x` repeat.
     """
     if unknown := ', '.join(fields.keys() - COLUMNS.keys()):
         raise UserError(f'{unknown}: a log has no such column; it has {", ".join(COLUMNS)}')
     contents = Contents(path)
     wanted = {column: text.partition('.')[::2] for column, text in fields.items()}
-    rows: dict[str, tuple[list[float], list[Any]]] = {column: ([], []) for column in wanted}
+    rows: dict[str, tuple[list[int], list[Any]]] = {column: ([], []) for column in wanted}
     names = {name for name, _ in wanted.values()}
     for topic, cells in _rows(contents, [each for each in contents.topics if each.name in names]):
         for column, (name, field) in wanted.items():
             if name == topic.name and field in cells:
-                rows[column][0].append(cells['t'])
+                rows[column][0].append(cells['received'])
                 rows[column][1].append(cells[field])
     for column, (times, values) in rows.items():
-        if len(times) < 2 or not isinstance(values[0], (int, float)):  # noqa: PLR2004
+        if len(times) < 2 or not _are_numbers(values):  # noqa: PLR2004
             raise UserError(
                 f'{column}={fields[column]}: {str(path)!r} has no numbers in this field; '
                 f'`barc convert` shows the fields of its topics {", ".join(contents.names)}'
             )
-    speed_times, speeds = (np.array(each, np.float64) for each in rows['v_x'])
-    ts = float(np.median(np.diff(speed_times)))
-    t = ts * np.arange(round((speed_times[-1] - speed_times[0]) / ts) + 1)
-    columns: dict[str, Any] = {}
-    for column, (received, values) in rows.items():
-        # A command that follows its state at once counts for that state.
-        at = np.searchsorted(np.array(received) - speed_times[0], t + 0.5 * ts) - 1
-        columns[column] = np.where(at < 0, np.nan, np.array(values, np.float64)[at])
-    columns |= {'t': t, 'v_x': np.interp(t, speed_times - speed_times[0], speeds)}
+    received, _ = rows['v_x']
+    repeated = len(received) - len(set(received))
+    if repeated > _REPEATED * len(received):
+        raise UserError(
+            f'v_x={fields["v_x"]}: {repeated} of {len(received)} messages share their time: '
+            'record with a finer clock'
+        )
+    times = sorted({time for each, _ in rows.values() for time in each})
+    row_at = {time: row for row, time in enumerate(times)}
+    columns: dict[str, Any] = {'t': np.array([(time - received[0]) / 1e9 for time in times])}
+    for column, (each, values) in rows.items():
+        columns[column] = np.full(len(times), np.nan)
+        columns[column][[row_at[time] for time in each]] = values
     return log_of_columns(Log, columns)
+
+
+def _are_numbers(values: list[Any]) -> bool:
+    return all(isinstance(value, (int, float)) for value in values)
 
 
 def recover(path: Path, output: Path) -> Contents:

@@ -1,10 +1,14 @@
 """Identification: a car's parameters from logs, by least squares on the plant's own prediction.
 
-The plant drives with the recorded commands over the recorded inclines, and its prediction from the
-first state on is fitted to the measurement: the output-error method (Ljung, "System
-Identification", 2nd ed., section 4.2), which has no bias if the noise is measurement noise. The
-speed gives resistance and motor; if the car steered, yaw rate and lateral speed give servo, tyres
-and yaw inertia. The 95 % confidence intervals come from the Jacobian at the minimum.
+`predict` drives the car with the recorded commands over the recorded inclines, and its prediction
+is fitted to the measurement: the output-error method (Ljung, "System Identification", 2nd ed.,
+section 4.2), which has no bias if the noise is measurement noise. The speed gives resistance and
+motor; if the car steered, yaw rate and lateral speed give servo, tyres and yaw inertia.
+
+The error has several minima over delay and lag. So a coarse search over both, by linear regression,
+gives several starts, and the best fit counts. A 95 % confidence interval comes from the Jacobian at
+the minimum; that of a delay from the profile of the error (Bates and Watts, "Nonlinear Regression
+Analysis", section 6.1), because its derivative jumps at each whole step.
 
 The mass cannot be identified: the motor command is an acceleration. So drag and friction are per
 unit mass, and stiffnesses and inertia are for the mass of `vehicle`.
@@ -12,7 +16,6 @@ unit mass, and stiffnesses and inertia are for the mass of `vehicle`.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from math import inf, nan, sqrt
@@ -21,31 +24,39 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim.errors import UserError, extra
+from barc_sim.tuning.prediction import (
+    CarModel,
+    free_responses,
+    noticed,
+    predict,
+    stretches,
+    with_found,
+)
+from barc_sim.tuning.starts import gain_of, motor_starts, servo_delay_start
 from barc_sim.vehicle.bicycles import LateralParameters
-from barc_sim.vehicle.bike_model import Command, State, Vehicle
-from barc_sim.vehicle.plant import Actuator, Plant
-from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.plant import Actuator
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from barc_sim.simulation.log import Floats, Log
+    from barc_sim.tuning.prediction import Stretch
 
 _STEERED = 0.01  #: [rad] rms of the commands of a car that steered
-_AT_REST = 0.25  #: [m/s]
-_WARM_UP = 1.0  #: [s] of a car in motion, whose earlier commands are unknown
-_SHORTEST = 2.0  #: [s] of a part of a log without a gap
-_JUMP = 5.0  #: [m] from one state to the next: more is a return to the start
 _STEPS = 30  #: of a search, which usually converges in fewer
 _WORST = 1e6  #: error of a car for which the integrator is unstable
 _NO_NOISE = 1e-6  #: smaller errors come from rounding
 _LAGS = 20  #: of the autocorrelation
 _FASTER = 0.01  #: [m/s] of the differences by which the first speed is found
-_CHANGE = 10  #: steps over which errors change
-#: [s] at which the search may begin.
-_DELAYS = 0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.26, 0.34, 0.44, 0.6, 0.8
 _BLIND = 1e-6  #: share of a parameter's direction in which the errors do not change
 _SIGNALS = ('v_x', 'psi_dot', 'v_y')
+_SCANNED = np.arange(-8, 9) / 5.0  #: steps from a delay at which the error can be smaller
+_ROUNDS = 3  #: of scans
+_BETTER = 1e-6  #: share of the error by which another fit must be better
+_WIDENINGS = 40  #: of an interval, until the error is significantly larger
+_SIGNIFICANT = 0.01  #: p-value of residuals that are no white noise
+_GAINS = 0.5, 2.0  #: Beyond them a unit is wrong.
 
 
 class _Unknown(NamedTuple):
@@ -110,26 +121,6 @@ class Identified:
         return self.estimates[name]
 
 
-class _Stretch(NamedTuple):
-    """A part of a log without a gap."""
-
-    ts: float  #: [s] from state to state
-    t: Floats
-    commands: list[Command]
-    sines: list[float]  #: of the inclines
-    measured: Floats  #: speed, yaw rate and lateral speed: a row each
-
-    @property
-    def in_motion(self) -> bool:
-        """Whether it begins in motion."""
-        return bool(abs(self.measured[0, 0]) > _AT_REST)
-
-    @property
-    def first(self) -> int:
-        """The first state that counts."""
-        return round(_WARM_UP / self.ts) if self.in_motion else 0
-
-
 def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'euler') -> Identified:
     """Return the parameters of the car that made the logs, with 95 % confidence intervals.
 
@@ -139,7 +130,8 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     ----------
     logs
         Logs of one car, from `simulate`, `lap` or `read_bag`. Their measured values and inclines
-        are used; the measurement errors are not.
+        are used; the measurement errors are not. Rows may be missing. A row may have a state, a
+        command or both: each command acts from its own time on.
     vehicle
         Its mass and lengths; by default the lab's.
     integrator
@@ -162,58 +154,130 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     0.13015 ± 0.00086 s
     """
     special = extra('scipy.special', 'identify', 'identify')
-    stretches = [each for log in logs for each in _stretches(log)]
-    if not stretches:
+    parts = [each for log in logs for each in stretches(log)]
+    if not parts:
         raise UserError(
-            f'none of {len(logs)} logs has {_SHORTEST:g} s of states with commands and no gap: '
+            f'none of {len(logs)} logs has 2 s of states with commands and no gap: '
             'expected the log of a drive'
         )
-    servo = np.concatenate([[c.servo for c in each.commands] for each in stretches])
-    seen = all(np.isfinite(each.measured).all() for each in stretches)
-    steering = seen and sqrt(np.mean(servo**2)) > _STEERED
-    sizes = np.ones((3 if steering else 1, 1))
-    search = _Search(stretches, vehicle or Vehicle(), integrator, sizes)
-    names = [*_ALONG, *(_ACROSS if steering else ())]
-    lags = [name for name in names if name.endswith('_lag')]
-    start = search.begin({name: _UNKNOWN[name].start for name in names if name not in lags})
-    fit, remarks = search.fit(start), []
-    # More parameters count where they explain more than as many numbers explain by chance (Schwarz,
-    # Annals of Statistics 6, 1978). Those of a car that does not slip cannot be found.
-    n, rest = fit.errors.size, {name: start[name] for name in start if name not in _TYRES}
-    if steering and (without := search.fit(rest)).cost < fit.cost * n ** (3.0 / n):
-        fit = without
-        remarks.append('tyres and yaw inertia are not seen: the car does not slip')
+    vehicle = vehicle or Vehicle()
+    noise = _noise(parts)
+    parts = [noticed(each, vehicle, noise) for each in parts]
+    along = _Search(tuple(parts), vehicle, integrator, np.ones((1, 1)), noise)
+    fit, remarks = _fit_along(along)
+    along = along.with_found(fit.values)
+    fit = along.fit(fit.values)
+    search = along
+    if _has_steered(parts):
+        search = along._replace(sizes=np.ones((3, 1)))
+        fit, others = _fit_across(search, fit)
+        remarks += others
     search = search._replace(sizes=_size(fit.errors))
-    fit = search.fit(fit.values)
-    for lag in lags:
-        # A lag far shorter than a step acts as a delay does.
-        delay = lag.replace('lag', 'delay')
-        shorter = max(fit.values[delay] - _UNKNOWN[lag].start, 0.0)
-        with_lag = search.fit(fit.values | {delay: shorter, lag: _UNKNOWN[lag].start})
-        if fit.cost > with_lag.cost * n ** (1.0 / n):
-            fit = with_lag
-        else:
-            remarks.append(f'{lag} is not seen: there is none, or it counts as delay')
-    fit = search._replace(sizes=_size(fit.errors)).fit(fit.values)
-    # The first speeds are found, too.
-    degrees = fit.errors.size - len(fit.values) - sum(each.in_motion for each in stretches)
+    fit = search.across_kinks(search.fit(fit.values))
+    degrees = max(len(fit.slopes) - len(fit.values) - search.free(fit.values), 1)
     # Of a car at rest the cost is 0: what is not known stays infinite.
-    spread = covariance(fit.slopes) * max(2.0 * fit.cost / degrees, 1e-300)
-    half = special.stdtrit(degrees, 0.975) * np.sqrt(np.diag(spread))
-    estimates = {
-        name: Estimate(value, float(interval), *_UNKNOWN[name][2:4])
-        for (name, value), interval in zip(fit.values.items(), half, strict=True)
-    }
-    t = np.concatenate([each.t[each.first :] for each in stretches])
-    measured = np.concatenate([each.measured[:, each.first :] for each in stretches], 1)
+    variance = max(2.0 * fit.cost / degrees, 1e-300)
+    quantile = float(special.stdtrit(degrees, 0.975))
+    half = quantile * np.sqrt(np.diag(covariance(fit.slopes) * variance))
+    estimates = {}
+    by_slope = dict(zip(fit.values, half.tolist(), strict=True))
+    for name in sorted(fit.values, key=[*_UNKNOWN].index):
+        value, interval = fit.values[name], by_slope[name]
+        if name.endswith('_delay') and interval < inf:
+            interval = search.interval(fit, name, interval, quantile**2 * variance)
+        estimates[name] = Estimate(value, interval, *_UNKNOWN[name][2:4])
+    t = np.concatenate([each.t[each.counted] for each in parts])
+    measured = np.concatenate([each.measured[:, each.counted] for each in parts], 1)
     fitted = [*zip(_SIGNALS, measured, fit.errors, strict=False)]
     signals = {signal: (t, values, values + errors) for signal, values, errors in fitted}
     whiteness = {signal: _whiteness(errors, special) for signal, _, errors in fitted}
     remarks += _remarks(estimates, whiteness)
+    is_odd = any(value + interval < 0.0 for value, interval, *_ in estimates.values())
+    if is_odd or whiteness['v_x'] < _SIGNIFICANT:
+        remarks += _remark_on_units(parts, vehicle)
     return Identified(estimates, signals, whiteness, tuple(remarks))
 
 
+def _has_steered(parts: Sequence[Stretch]) -> bool:
+    """Return whether the car steered, and yaw rate and lateral speed were measured."""
+    angles = np.concatenate([each.servo.at(each.t) for each in parts])
+    is_seen = all(np.isfinite(each.measured[:, each.counted]).all() for each in parts)
+    return is_seen and sqrt(float(np.mean(angles**2))) > _STEERED
+
+
+def _noise(parts: Sequence[Stretch]) -> float:
+    """Return roughly the standard deviation of the speed's noise [m/s], of second differences."""
+    bends = np.concatenate([np.diff(each.measured[0, each.counted], 2) for each in parts])
+    return float(np.median(np.abs(bends))) / (0.6745 * sqrt(6.0))
+
+
+def _fit_along(search: _Search) -> tuple[_Fit, list[str]]:
+    """Fit resistance and motor to the speed; return remarks, too."""
+    with_lag, without = motor_starts(search.stretches, search.vehicle)
+    lagging = search.best([start._asdict() for start in with_lag])
+    ideal = search.best([_without(start._asdict(), 'motor_lag') for start in without])
+    if _explains_more(lagging, ideal):
+        return lagging, []
+    return ideal, ['motor_lag is not seen: there is none, or it counts as delay']
+
+
+def _without(values: Mapping[str, float], name: str) -> dict[str, float]:
+    return {other: value for other, value in values.items() if other != name}
+
+
+def _fit_across(search: _Search, along: _Fit) -> tuple[_Fit, list[str]]:
+    """Fit servo and tyres, too, to all signals; return remarks, too."""
+    remarks = []
+    delay = servo_delay_start(search.stretches, search.vehicle)
+    start = along.values | {'servo_delay': delay}
+    tyres = {name: _UNKNOWN[name].start for name in _ACROSS if name in _TYRES}
+    fit = search.fit(start | tyres)
+    # Those of a car that does not slip cannot be found.
+    without = search.fit(start)
+    if not _explains_more(fit, without, len(tyres)):
+        fit = without
+        remarks.append('tyres and yaw inertia are not seen: the car does not slip')
+    search = search._replace(sizes=_size(fit.errors))
+    fit = search.fit(fit.values)
+    # A lag far shorter than a step acts as a delay does.
+    lag = _UNKNOWN['servo_lag'].start
+    shorter = max(fit.values['servo_delay'] - lag, 0.0)
+    lagging = search.fit(fit.values | {'servo_delay': shorter, 'servo_lag': lag})
+    if _explains_more(lagging, fit):
+        return lagging, remarks
+    remarks.append('servo_lag is not seen: there is none, or it counts as delay')
+    return fit, remarks
+
+
+def _explains_more(fit: _Fit, without: _Fit, more: int = 1) -> bool:
+    """Return whether a fit with more parameters explains more than as many explain by chance.
+
+    (Schwarz, Annals of Statistics 6, 1978.)
+    """
+    n = fit.errors.size
+    chance: float = n ** (more / n)
+    return without.cost > fit.cost * chance
+
+
+class _Point(NamedTuple):
+    """Values of the parameters, and half of the sum of the squares of the weighted errors."""
+
+    values: dict[str, float]
+    cost: float
+
+
+class _Solved(NamedTuple):
+    """The errors of a stretch, and what was estimated besides the parameters."""
+
+    errors: Floats  #: predicted minus measured, divided by their sizes: a row for each signal
+    prior: Floats  #: of what was lost, likewise
+    found: Floats  #: the speed at the start, if in motion, and what was lost, in its spread
+    deviations: Floats  #: their standard deviations
+
+
 class _Fit(NamedTuple):
+    """A fit of the parameters."""
+
     values: dict[str, float]
     cost: float  #: half of the sum of the squares of the weighted errors
     errors: Floats  #: predicted minus measured: a row for each signal
@@ -221,31 +285,25 @@ class _Fit(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """Fits the plant's prediction to the first signals of the stretches."""
+    """Fits the prediction to the first signals of the stretches."""
 
-    stretches: Sequence[_Stretch]
+    stretches: tuple[Stretch, ...]
     vehicle: Vehicle
     integrator: str
     sizes: Floats  #: of the errors of each signal, by which it counts
+    noise: float  #: [m/s] roughly, of the speed
 
-    def begin(self, values: dict[str, float]) -> dict[str, float]:
-        """Return values with the best of a few delays."""
-
-        def change(values: Mapping[str, float]) -> float:
-            """Return how much the errors change: unknown resistance has little effect on this."""
-            errors = self._errors(values)
-            return float(np.sum((errors[:, _CHANGE:] - errors[:, :-_CHANGE]) ** 2))
-
-        for name in [name for name in values if name.endswith('_delay')]:
-            values = min((values | {name: delay} for delay in _DELAYS), key=change)
-        return values
+    def best(self, starts: Sequence[Mapping[str, float]]) -> _Fit:
+        """Return the best of the fits that begin at these values."""
+        fit = min((self.fit(start) for start in starts), key=lambda fit: fit.cost)
+        return self.across_kinks(fit)
 
     def fit(self, start: Mapping[str, float]) -> _Fit:
         """Fit the parameters that `start` has."""
         steps, low = np.array([(_UNKNOWN[name].step, _UNKNOWN[name].lowest) for name in start]).T
 
         def errors(p: Floats) -> Floats:
-            return self._errors(dict(zip(start, p.tolist(), strict=True))).ravel()
+            return self._weighted(dict(zip(start, p.tolist(), strict=True)))
 
         optimize = extra('scipy.optimize', 'identify', 'identify')
         slopes = partial(optimize.approx_fprime, f=errors, epsilon=steps)
@@ -253,100 +311,158 @@ class _Search(NamedTuple):
             errors, [*start.values()], slopes, (low, inf), x_scale='jac', max_nfev=_STEPS
         )
         values = dict(zip(start, result.x.tolist(), strict=True))
-        every = result.fun.reshape(len(self.sizes), -1) * self.sizes
+        every = self.errors(values)
         return _Fit(values, result.cost, every, result.jac)
 
-    @np.errstate(invalid='ignore')  # of a car that the integrator cannot follow
-    def _errors(self, values: Mapping[str, float]) -> Floats:
-        """Return predicted minus measured, divided by `sizes`: a row for each signal.
+    def across_kinks(self, fit: _Fit) -> _Fit:
+        """Return the best fit whose delays are near those of `fit`.
 
-        They are linear in the first speed of a stretch, which is chosen to minimise them.
+        The derivative over a delay jumps where a command's effect reaches a state: there a fit can
+        stop beside the minimum.
         """
-        every = []
+        step = float(np.median(np.diff(self.stretches[0].t)))
+        for name in [name for name in fit.values if name.endswith('_delay')]:
+            for _ in range(_ROUNDS):
+                profile = self._profile(fit, name)
+                delays = np.maximum(fit.values[name] + step * _SCANNED, 0.0).tolist()
+                other = self.fit(min(map(profile, delays), key=lambda each: each.cost).values)
+                if not other.cost < fit.cost * (1.0 - _BETTER):
+                    break
+                fit = other
+        return fit
+
+    def interval(self, fit: _Fit, name: str, first: float, larger: float) -> float:
+        """Return half the confidence interval of a parameter, by the profile of the error.
+
+        It ends where the sum of squares is significantly `larger` by as much; `first` is half of
+        the interval by the derivative.
+        """
+        profile = self._profile(fit, name)
+        value = fit.values[name]
+        half = first
+        for sign in (-1.0, 1.0):
+            before = 0.0
+            for k in range(1, _WIDENINGS):
+                offset = 0.25 * k * first
+                if value + sign * offset < _UNKNOWN[name].lowest:
+                    break
+                increase = 2.0 * (profile(value + sign * offset).cost - fit.cost)
+                if increase >= larger:
+                    # The increase is a parabola from the last offset on.
+                    share = sqrt((larger - before) / (increase - before))
+                    half = max(half, offset - 0.25 * first * (1.0 - share))
+                    break
+                before = max(increase, 0.0)
+                half = max(half, offset)
+        return half
+
+    def _profile(self, fit: _Fit, name: str) -> Callable[[float], _Point]:
+        """Return a function of a parameter's value: the others are fitted by their slopes."""
+        names = [*fit.values]
+        others = [other for other in names if other != name]
+        slopes = fit.slopes[:, [names.index(other) for other in others]]
+        inverse = np.linalg.pinv(slopes)
+        lowest = np.array([_UNKNOWN[other].lowest for other in others])
+
+        def at(value: float) -> _Point:
+            errors = self._weighted(fit.values | {name: value})
+            start = np.array([fit.values[other] for other in others])
+            fitted = np.maximum(start - inverse @ errors, lowest)
+            rest = errors + slopes @ (fitted - start)
+            values = fit.values | dict(zip(others, fitted.tolist(), strict=True))
+            return _Point(values | {name: value}, 0.5 * float(rest @ rest))
+
+        return at
+
+    def free(self, values: Mapping[str, float]) -> int:
+        """Return how many numbers are estimated besides the parameters."""
+        return sum(len(self._solve(each, values).found) for each in self.stretches)
+
+    def with_found(self, values: Mapping[str, float]) -> _Search:
+        """Return the search over stretches with the lost commands that are certain."""
+        known = []
         for each in self.stretches:
-            counted = np.s_[: len(self.sizes), each.first :]
-            v = float(each.measured[0, 0]) if each.in_motion else 0.0
-            predicted = self._predict(each, values, v)
-            errors = (predicted - each.measured)[counted] / self.sizes
-            if each.in_motion:
-                faster = self._predict(each, values, v + _FASTER)
-                slope = (faster - predicted)[counted] / self.sizes
-                errors -= slope * (np.vdot(slope, errors) / (np.vdot(slope, slope) or 1.0))
-            every.append(errors)
-        return np.clip(np.nan_to_num(np.concatenate(every, 1), nan=_WORST), -_WORST, _WORST)
+            solved = self._solve(each, values)
+            count = len(each.lost)
+            last = slice(len(solved.found) - count, None)
+            known.append(with_found(each, solved.found[last], solved.deviations[last]))
+        return self._replace(stretches=tuple(known))
 
-    def _predict(self, stretch: _Stretch, values: Mapping[str, float], v: float) -> Floats:
-        """Return speed, yaw rate and lateral speed of a car that begins with `v` [m/s].
+    def errors(self, values: Mapping[str, float]) -> Floats:
+        """Return predicted minus measured: a row for each signal."""
+        every = [self._solve(each, values).errors for each in self.stretches]
+        return np.concatenate(every, 1) * self.sizes
 
-        They are infinite if the integrator is unstable. The recorded incline of each state is a
-        force on the car.
-        """
-        predicted = np.full_like(stretch.measured, inf)
-        ts, mass, weight = stretch.ts, self.vehicle.mass, self.vehicle.mass * self.vehicle.gravity
-        force = [-weight * sine for sine in stretch.sines]
-        lateral = {name: values[name] for name in _TYRES if name in values}
-        with suppress(UserError, OverflowError, ValueError):
-            plant = Plant(
-                road=Road.flat(),
-                # `_replace` refuses nothing: on the way a resistance may be below zero.
-                vehicle=self.vehicle._replace(
-                    air_drag_coeff=values['drag_per_mass'] * mass,
-                    friction=values['friction_per_mass'] * mass,
-                ),
-                ts=ts,
-                disturbance=(lambda t, _: force[round(t / ts)]) if any(force) else None,
-                motor=Actuator(values['motor_delay'], values.get('motor_lag', 0.0)),
-                servo=Actuator(values.get('servo_delay', 0.0), values.get('servo_lag', 0.0)),
-                integrator=self.integrator,
-                dynamics='dynamic' if lateral else 'kinematic',
-                lateral=LateralParameters(**lateral) if lateral else None,
-            )
-            plant.place(State(v=v))
-            if stretch.in_motion:
-                plant.actuators.motor.hold(stretch.commands[0].motor)
-                plant.actuators.servo.hold(stretch.commands[0].servo)
-            for k, command in enumerate(stretch.commands):
-                motion = plant.motion()
-                predicted[:, k] = motion.v_x, motion.psi_dot, motion.v_y
-                plant.advance(command)
-        return predicted
+    def _weighted(self, values: Mapping[str, float]) -> Floats:
+        """Return the errors divided by `sizes`, and those of what was lost by its spread."""
+        solved = [self._solve(each, values) for each in self.stretches]
+        return np.concatenate(
+            [*(each.errors.ravel() for each in solved), *(e.prior for e in solved)]
+        )
+
+    @np.errstate(invalid='ignore', over='ignore')  # of a car that the integrator cannot follow
+    def _solve(self, stretch: Stretch, values: Mapping[str, float]) -> _Solved:
+        """Return the errors with the speed at the start and what was lost as they fit best."""
+        predicted, responses = self._responses(stretch, values)
+        rows = stretch.counted
+        errors = (predicted - stretch.measured[: len(self.sizes)])[:, rows] / self.sizes
+        errors = np.clip(np.nan_to_num(errors, nan=_WORST), -_WORST, _WORST)
+        free = len(responses)
+        if not free:
+            return _Solved(errors, np.zeros(0), np.zeros(0), np.zeros(0))
+        slopes = (responses[:, :, rows] / self.sizes).reshape(free, -1)
+        slopes = np.clip(np.nan_to_num(slopes), -_WORST, _WORST)
+        # What was lost has a spread of 1; nothing is known of the speed at the start.
+        weight = max(self.noise, _NO_NOISE) / float(self.sizes[0, 0])
+        priors = weight * np.eye(free)[free - len(stretch.lost) :]
+        # `einsum`: for such small products the threads of a BLAS take longer on a busy machine.
+        normal = np.einsum('ik,jk->ij', slopes, slopes) + priors.T @ priors
+        inverse = np.linalg.pinv(normal, hermitian=True)
+        found = -inverse @ np.einsum('ik,k->i', slopes, errors.ravel())
+        errors = errors + np.einsum('ik,i->k', slopes, found).reshape(errors.shape)
+        return _Solved(errors, priors @ found, found, weight * np.sqrt(np.diag(inverse)))
+
+    def _responses(self, stretch: Stretch, values: Mapping[str, float]) -> tuple[Floats, Floats]:
+        """Return the prediction, and how it depends on what is free: shape `(free, signals, n)`."""
+        car = self._car(values)
+        v = float(stretch.measured[0, 0]) if stretch.in_motion else 0.0
+        count = len(self.sizes)
+        predicted = predict(stretch, car, v)[:count]
+        along = free_responses(stretch, car, predicted[0])
+        responses = np.zeros((len(along), *predicted.shape))
+        responses[:, 0] = along
+        if stretch.in_motion and count > 1:
+            faster = predict(stretch, car, v + _FASTER)
+            responses[0] = (faster - predicted) / _FASTER
+        return predicted, responses
+
+    def _car(self, values: Mapping[str, float]) -> CarModel:
+        """Return the car with these values."""
+        mass = self.vehicle.mass
+        # `_replace` refuses nothing: on the way a resistance may be below zero.
+        vehicle = self.vehicle._replace(
+            air_drag_coeff=values['drag_per_mass'] * mass,
+            friction=values['friction_per_mass'] * mass,
+        )
+        tyres = {name: values[name] for name in _TYRES if name in values}
+        return CarModel(
+            vehicle,
+            _actuator(values, 'motor'),
+            _actuator(values, 'servo') if 'servo_delay' in values else None,
+            LateralParameters()._replace(**tyres) if tyres else None,
+            self.integrator,
+        )
+
+
+def _actuator(values: Mapping[str, float], name: str) -> Actuator:
+    lag = values.get(f'{name}_lag', 0.0)
+    return Actuator()._replace(delay=values[f'{name}_delay'], lag=lag)
 
 
 def _size(errors: Floats) -> Floats:
     """Return the root mean square of each row, shape `(n, 1)`."""
     size: Floats = np.maximum(np.sqrt(np.mean(errors**2, 1, keepdims=True)), _NO_NOISE)
     return size
-
-
-def _stretches(log: Log) -> Iterator[_Stretch]:
-    """Yield the parts of a log that have commands and no gap or reset, and are long enough."""
-    measured = np.flatnonzero(np.isfinite(log.v_x))
-    if len(measured) < 2 or not np.isfinite(log.motor).any():  # noqa: PLR2004
-        return
-    steps = np.diff(log.t[measured])
-    ts = float(np.median(steps))
-    jumps = abs(np.diff(log.distance[measured])) > _JUMP
-    for part in np.split(measured, np.flatnonzero((abs(steps - ts) > 0.1 * ts) | jumps) + 1):
-        if len(part) * ts >= _SHORTEST:
-            rows = slice(part[0], part[-1] + 1)
-            # Where a command missed its deadline, the one before it held.
-            acted = (np.where(log.missed, nan, column) for column in (log.motor, log.servo))
-            # The plant is slower on NumPy's numbers, which warn of what overflows, too.
-            commands = (_held(column[rows]).tolist() for column in acted)
-            yield _Stretch(
-                round(ts * 1e9) / 1e9,
-                log.t[rows],
-                [*map(Command, *commands)],
-                np.sin(np.radians(np.nan_to_num(log.theta_deg[rows]))).tolist(),
-                np.array([log.v_x[rows], log.psi_dot[rows], log.v_y[rows]]),
-            )
-
-
-def _held(values: Floats) -> Floats:
-    """Return the commands, with the one before in place of each missing one, zero at first."""
-    at = np.where(np.isfinite(values), np.arange(len(values)), -1)
-    held: Floats = np.append(values, 0.0)[np.maximum.accumulate(at)]
-    return held
 
 
 def covariance(slopes: Floats) -> Floats:
@@ -376,11 +492,29 @@ def _remarks(estimates: Mapping[str, Estimate], whiteness: Mapping[str, float]) 
     for name, (value, interval, unit, _) in estimates.items():
         if interval == inf:
             yield f'{name} cannot be identified: no measured signal depends on it alone'
+        elif value + interval < 0.0:
+            yield (
+                f'{name} is negative, as of no car: check that v_x is in m/s, motor in m/s² and '
+                'theta_deg positive uphill'
+            )
         elif not name.endswith('_delay') and interval >= 0.5 * abs(value):
             yield f'{name} cannot be identified: it is known to ±{interval:.2g} {unit} only'
     for signal, p in whiteness.items():
-        if p < 0.01:  # noqa: PLR2004
+        if p < _SIGNIFICANT:
             yield (
                 f'the residuals of {signal} are not white noise (p = {p:.2g}): the car does more '
                 'than the model, and the intervals are too narrow'
             )
+
+
+def _remark_on_units(parts: Sequence[Stretch], vehicle: Vehicle) -> list[str]:
+    """Return a sentence if the speed changes by a multiple of what is commanded."""
+    gain = gain_of(parts, vehicle)
+    low, high = _GAINS
+    if low < gain < high:
+        return []
+    remark = (
+        f'the speed changes {gain:.2g} times as much as was commanded: expected v_x in m/s (in '
+        'km/h it changes 3.6 times as much) and motor in m/s²'
+    )
+    return [remark]

@@ -17,7 +17,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from barc_sim.cli.files import read_regular
+from barc_sim.cli.files import decoded, read_regular
 from barc_sim.errors import UserError, not_between, one_line
 
 if TYPE_CHECKING:
@@ -227,12 +227,8 @@ def read_named(
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file, in UTF-8 or as older spreadsheets on Windows write them."""
-    data = read_regular(path, _MAX_SIZE)
-    try:
-        return data.decode('utf-8-sig').splitlines()
-    except UnicodeDecodeError:
-        return data.decode('latin-1').splitlines()
+    """Return the lines of a text file, in the encodings that spreadsheets write."""
+    return decoded(read_regular(path, _MAX_SIZE)).splitlines()
 
 
 def read_table(lines: list[str], read: Callable[[Table], _Read], *headers: str) -> _Read:

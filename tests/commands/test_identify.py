@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from command_line import printed, refused
 from made_bags import make
+from mcap.writer import Writer
 
-from barc_sim import simulate
+from barc_sim import Vehicle, simulate
 from barc_sim.control.excitation import PRBS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+    from barc_sim import Log
 
 pytest.importorskip('scipy')
 
@@ -62,3 +68,52 @@ def test_fields_by_name_give_what_our_topics_give(bag: Path) -> None:
 )
 def test_what_cannot_be_read_is_one_sentence(bag: Path, options: list[str], sentence: str) -> None:
     assert sentence in refused('identify', str(bag), *options)
+
+
+def numbers_bag(
+    folder: Path, log: Log, stamp: Callable[[float], float] = float, kept: slice = slice(None)
+) -> Path:
+    """Write the bag of another robot: topics with numbers, a command 2 ms after each speed."""
+    path = folder / 'x_0.mcap'
+    with path.open('wb') as file:
+        writer = Writer(file)
+        writer.start('ros2', '')
+        schema = writer.register_schema('std_msgs/msg/Float64', 'ros2msg', b'float64 data\n')
+        speed, accel = (
+            writer.register_channel(topic, 'cdr', schema) for topic in ('/speed', '/accel')
+        )
+        for t, v_x, motor in list(zip(log.t, log.v_x, log.motor, strict=True))[kept]:
+            for channel, late, value in ((speed, 0.0, v_x), (accel, 0.002, motor)):
+                if np.isfinite(value):
+                    received = int((1000.0 + stamp(t) + late) * 1e9)
+                    data = b'\0\1\0\0' + np.float64(value).tobytes()
+                    writer.add_message(channel, received, data, received)
+        writer.finish()
+    return path
+
+
+FIELDS = ['--field', 'v_x=/speed.data', '--field', 'motor=/accel.data']
+
+
+def test_commands_before_a_bag_begins_are_unknown(tmp_path: Path) -> None:
+    """Its first 60 ms are missing: the car stands, but has a command already."""
+    car = Vehicle(friction=300.0, air_drag_coeff=0.8)
+    log = simulate(
+        controller=PRBS(), road='flat', distance=80.0, noise=0.02, delay=0.13, vehicle=car
+    )
+    bag = numbers_bag(tmp_path, log, kept=slice(3, None))
+    lines = dict(
+        line.split(maxsplit=1) for line in printed('identify', str(bag), *FIELDS).splitlines()
+    )
+    friction, _, interval, *_ = lines['friction_per_mass'].split()
+    assert abs(float(friction) - 0.15) < 2.0 * float(interval)
+    delay, _, interval, *_ = lines['motor_delay'].split()
+    assert abs(float(delay) - 0.128) < 2.0 * float(interval)
+
+
+def test_a_clock_of_10_hz_is_refused(tmp_path: Path) -> None:
+    """The times of reception repeat, and show no delay."""
+    log = simulate(controller=PRBS(), road='flat', distance=30.0)
+    bag = numbers_bag(tmp_path, log, stamp=lambda t: float(np.floor(10.0 * t) / 10.0))
+    sentence = refused('identify', str(bag), *FIELDS)
+    assert re.search(r'v_x=/speed.data: \d+ of \d+ messages share their time', sentence)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from barc_sim import Actuator, Road, Vehicle, identify, lap, simulate
-from barc_sim.control.excitation import PRBS, SineSteer
+from barc_sim import PID, Actuator, Road, Vehicle, identify, lap, simulate
+from barc_sim.control.excitation import PRBS, SineSteer, Steps
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import NoiseLevels, Plant
@@ -36,6 +37,35 @@ def drive(seed: int, duration: float = 6.0) -> Log:
         motor=Actuator(delay=TRUTH['motor_delay'], lag=TRUTH['motor_lag']),
     )
     return closed_loop(plant, PRBS(amplitude=3.0), distance=1e9, max_duration=duration)
+
+
+def plant_of_truth(ts: float) -> Plant:
+    """Return a car with `TRUTH`, whose measurement has no noise."""
+    motor = Actuator(delay=TRUTH['motor_delay'], lag=TRUTH['motor_lag'])
+    return Plant(road=Road.flat(), vehicle=CAR, ts=ts, motor=motor)
+
+
+class Held:
+    """A controller that repeats each answer of another for some steps."""
+
+    output_min, output_max = -np.inf, np.inf
+
+    def __init__(self, law: PRBS, steps: int) -> None:
+        self.law, self.steps = law, steps
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin again."""
+        self.calls = 0
+        self.law.reset()
+
+    def acc_calculate(self, reference: float, speed: float, dt: float) -> float:
+        """Return the other's answer, or its last one."""
+        answer = self.law.acc_calculate(reference, speed, dt)
+        if self.calls % self.steps == 0:
+            self.answer = answer
+        self.calls += 1
+        return self.answer
 
 
 def test_resistance_and_motor_are_found_within_their_intervals() -> None:
@@ -137,14 +167,115 @@ def test_a_log_of_another_car_says_that_the_model_is_not_enough() -> None:
     assert any('not white noise' in remark for remark in identify(log).remarks)
 
 
-def test_gaps_are_left_out() -> None:
-    """A log that lacks a second gives two stretches; one that lacks most gives none."""
+@pytest.mark.parametrize('share', [0.01, 0.1])
+def test_missing_rows_are_bridged(share: float) -> None:
+    """The prediction continues, and a lost switch of the command is found: nearly as exact."""
+    log = drive(seed=4, duration=12.0)
+    whole = identify(log)
+    kept = np.random.default_rng(1).random(len(log)) >= share
+    found = identify(log.map(lambda column: column[kept]))
+    for name, true in TRUTH.items():
+        assert abs(found[name].value - true) < 2.0 * found[name].interval, name
+        assert found[name].interval < 1.6 * whole[name].interval, name
+    assert not found.remarks
+
+
+def test_lost_inclines_are_estimated() -> None:
+    """Where a hill begins between two rows, the step of the speed is free."""
+    log = simulate(controller=PRBS(), noise=0.02, delay=0.1, distance=70.0, vehicle=CAR)
+    # Each hill's begin is lost, and the rows beside it.
+    hills = np.flatnonzero(np.diff(log.theta_deg)) + 1
+    kept = np.full(len(log), True)
+    for row in hills:
+        kept[row - 1 : row + 2] = False
+    found = identify(log.map(lambda column: column[kept]))
+    for name in ('friction_per_mass', 'motor_delay'):
+        true = {**TRUTH, 'motor_delay': 0.1}[name]
+        assert abs(found[name].value - true) < 2.0 * found[name].interval, name
+    assert found.whiteness['v_x'] > 0.001
+
+
+def test_after_a_long_gap_a_stretch_begins() -> None:
+    """Its first second does not count, as earlier commands are unknown."""
     log = drive(seed=4)
     t = log.t
     torn = log.map(lambda column: column[(t < 2.5) | (t > 3.0)])
-    assert identify(torn)['motor_delay'].value == pytest.approx(0.11, abs=0.03)
+    found = identify(torn)
+    assert found['motor_delay'].value == pytest.approx(0.11, abs=0.03)
+    times, *_ = found.signals['v_x']
+    assert not ((times > 2.5) & (times < 4.0)).any()
     with pytest.raises(UserError, match='none of 1 logs has 2 s of states'):
         identify(log.map(lambda column: column[t < 1.0]))
+
+
+@pytest.mark.parametrize(('states', 'commands'), [(10, 3), (2, 3), (1, 7)])
+def test_commands_act_from_their_own_time_on(states: int, commands: int) -> None:
+    """They are faster than the states, which come at 10 Hz, or slower."""
+    law = Held(PRBS(amplitude=3.0), commands)
+    log = closed_loop(plant_of_truth(0.01), law, distance=1e9, max_duration=12.0)
+    row = np.arange(len(log))
+    noise = np.random.default_rng(3).normal(0.0, 0.02, len(log))
+    theirs = replace(
+        log,
+        x=np.full(len(log), np.nan),
+        v_x=np.where(row % states == 0, log.v_x + noise, np.nan),
+        motor=np.where(row % commands == 0, log.motor, np.nan),
+    )
+    found = identify(theirs, integrator='rk4')
+    for name, true in TRUTH.items():
+        assert abs(found[name].value - true) < 2.0 * found[name].interval, name
+
+
+def test_a_slow_motor_under_gentle_commands_is_no_wrong_minimum() -> None:
+    """The error has another minimum at a long delay, without lag and with negative drag."""
+    pid = PID(kp=2.0, ki=0.5, kd=0.0)
+    pid.output_min, pid.output_max = -8.0, 8.0
+    plant = Plant(
+        vehicle=Vehicle(friction=400.0, air_drag_coeff=0.5),
+        motor=Actuator(delay=0.25, lag=0.43),
+        noise=NoiseLevels(v_x=0.02),
+        seed=1,
+    )
+    found = identify(closed_loop(plant, pid, distance=180.0))
+    assert found['motor_delay'].value == pytest.approx(0.25, abs=0.005)
+    assert found['motor_lag'].value == pytest.approx(0.43, abs=0.005)
+    assert found['drag_per_mass'].value == pytest.approx(0.00025, abs=1e-4)
+
+
+@pytest.mark.parametrize('seed', [0, 3, 5])
+@pytest.mark.parametrize('motor', [Actuator(delay=0.0249), Actuator(delay=0.0733, lag=0.21)])
+def test_a_delay_does_not_stick_at_a_whole_step(seed: int, motor: Actuator) -> None:
+    """The derivative of the error jumps there."""
+    plant = Plant(
+        road=Road.flat(),
+        vehicle=Vehicle(friction=333.5, air_drag_coeff=0.6326),
+        noise=NoiseLevels(v_x=0.02),
+        seed=seed,
+        motor=motor,
+    )
+    delay = identify(closed_loop(plant, Steps(), distance=100.0))['motor_delay']
+    assert abs(delay.value - motor.delay) < 2.0 * delay.interval
+    assert delay.interval < 0.01
+
+
+@pytest.mark.parametrize('factor', [3.6, 0.1])
+def test_wrong_units_are_named(factor: float) -> None:
+    """A speed in km/h changes 3.6 times as much as one in m/s."""
+    log = drive(seed=2, duration=8.0)
+    found = identify(replace(log, v_x=factor * log.v_x))
+    (remark,) = [each for each in found.remarks if 'times as much as was commanded' in each]
+    found_factor = float(remark.removeprefix('the speed changes ').partition(' ')[0])
+    assert found_factor == pytest.approx(factor, rel=0.15)
+    assert 'expected v_x in m/s (in km/h it changes 3.6 times' in remark
+
+
+def test_a_negative_friction_is_named() -> None:
+    """The incline of this road has the wrong sign."""
+    log = simulate(
+        controller=PRBS(), noise=0.02, delay=0.1, distance=25.0, road=Road((0.0,), (1.0,))
+    )
+    found = identify(replace(log, theta_deg=2.0 * log.theta_deg))
+    assert any(each.startswith('friction_per_mass is negative') for each in found.remarks)
 
 
 def test_a_log_that_begins_in_motion_has_a_first_speed_of_its_own() -> None:

@@ -1,0 +1,417 @@
+"""What `identify` predicts: the motion of a car that is driven with recorded commands.
+
+A drive is cut into stretches. Each has the times of its steps, the commands at their own times, and
+the measurement where there is one: where a message was lost, the prediction continues, and only the
+measurement is left out. `predict` is the one function that steps the law of the plant over it.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from math import inf
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from barc_sim.errors import UserError
+from barc_sim.vehicle.bicycles import LateralParameters, bicycle, check_step
+from barc_sim.vehicle.bike_model import Command, State, Vehicle, next_speed
+from barc_sim.vehicle.plant import Actuator
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from barc_sim.simulation.log import Floats, Log
+
+    Rows = NDArray[np.intp]
+
+AT_REST = 0.25  #: [m/s]
+_WARM_UP = 1.0  #: [s] of commands that are known before the first state that counts
+_HISTORY = 5.0  #: [s] of commands before that state, for slow motors
+_SHORTEST = 2.0  #: [s] of a stretch
+_JUMP = 5.0  #: [m] beyond the way at twice the speed: a return to the start
+_BRIDGED = 2.0  #: [s] without a state, over which the prediction continues
+_LOST = 0.25  #: [s] without commands, in place of which the mean of their neighbours acts
+_REGULAR = 0.2  #: share of the period within which a message follows another
+_NEAR = 1e-6  #: [m] from the start of a run
+_NOTICED = 0.05  #: share of the noise by which what was lost changes the speed
+_JUMPED = 1.9  #: times the spread: a jump between two levels (2: without noise of the commands)
+_ROUND = 9  #: digits of times [s]: nanoseconds
+
+
+class HeldValues(NamedTuple):
+    """Values over time, each of which holds until the next; shape `(n,)`."""
+
+    t: Floats  #: [s]
+    values: Floats
+
+    def at(self, t: Floats) -> Floats:
+        """Return the values at these times; before the first one, it holds, too."""
+        i = np.searchsorted(self.t, t, side='right') - 1
+        held: Floats = self.values[np.maximum(i, 0)]
+        return held
+
+
+class LostValue(NamedTuple):
+    """A time in which a command or an incline is not known, as its messages were lost."""
+
+    start: float  #: [s]
+    end: float  #: [s]
+    before: float  #: the value before it: [m/s²], or the incline's sine
+    after: float
+    spread: float  #: standard deviation of the value from the mean of both
+    messages: int  #: that were lost
+    is_command: bool  #: of the motor, and not an incline
+
+    @property
+    def is_switch(self) -> bool:
+        """Whether the value jumped from one level to another."""
+        return abs(self.after - self.before) > _JUMPED * self.spread
+
+
+class Stretch(NamedTuple):
+    """A part of a drive whose commands are known; arrays of shape `(n,)` have a row for each step.
+
+    A step begins at each measured state; between two states that are further apart there are more.
+    """
+
+    t: Floats  #: [s]
+    motor: HeldValues  #: [m/s²]
+    servo: HeldValues  #: [rad]
+    sines: Floats  #: of the inclines
+    measured: Floats  #: speed, yaw rate and lateral speed, shape `(3, n)`; NaN: not measured
+    is_start: bool  #: of a run: before it there were no commands
+    lost: tuple[LostValue, ...]
+
+    @property
+    def counted(self) -> Rows:
+        """The rows with a measurement."""
+        return np.flatnonzero(np.isfinite(self.measured[0]))
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether it begins in motion."""
+        return bool(abs(self.measured[0, 0]) > AT_REST)
+
+
+class CarModel(NamedTuple):
+    """The car that drives in a prediction."""
+
+    vehicle: Vehicle
+    motor: Actuator
+    servo: Actuator | None = None  #: None: it drives straight ahead
+    lateral: LateralParameters | None = None  #: None: tyres do not slip
+    integrator: str = 'euler'
+
+
+def predict(stretch: Stretch, car: CarModel, v: float) -> Floats:
+    """Return speed, yaw rate and lateral speed at each step of a car that begins with `v` [m/s].
+
+    They are infinite if the integrator is unstable.
+    """
+    predicted = np.full_like(stretch.measured, inf)
+    with suppress(UserError, OverflowError, ValueError):
+        _, along = respond(car.motor, stretch.motor, stretch.t, is_start=stretch.is_start)
+        if car.servo:
+            predicted[:] = _steered(stretch, car, car.servo, v, along)
+        else:
+            predicted[0] = _straight(stretch, car, v, along)
+            predicted[1:] = 0.0
+    return predicted
+
+
+def _straight(stretch: Stretch, car: CarModel, v: float, along: Floats) -> list[float]:
+    """Return the speed at each step, for commanded accelerations `along` [m/s²]."""
+    vehicle = car.vehicle
+    law = bicycle('kinematic', car.integrator)
+    gravity_forces = -vehicle.mass * vehicle.gravity * stretch.sines[:-1]
+    columns = np.diff(stretch.t), along, gravity_forces
+    speeds = [v]
+    for h, a, force in zip(*(column.tolist() for column in columns), strict=True):
+        if law.is_lab:
+            v = next_speed(v, a, force, vehicle, h)
+        else:
+            v = law.step(State(v=v), Command(a + force / vehicle.mass), _level, vehicle, h).v
+        speeds.append(v)
+    return speeds
+
+
+def _steered(
+    stretch: Stretch, car: CarModel, steering: Actuator, v: float, along: Floats
+) -> Floats:
+    """Return speed, yaw rate and lateral speed at each step."""
+    vehicle = car.vehicle
+    steps = np.diff(stretch.t)
+    if car.lateral:
+        check_step(car.lateral, vehicle, float(steps.max()), car.integrator)
+    law = bicycle('dynamic' if car.lateral else 'kinematic', car.integrator, lateral=car.lateral)
+    angles, servo = respond(steering, stretch.servo, stretch.t, is_start=stretch.is_start)
+    free = along - vehicle.gravity * stretch.sines[:-1]
+    columns = np.diff(stretch.t), free, servo, angles[1:]
+    state = State(v=v)
+    motions = [law.motion(state, float(angles[0]), vehicle)]
+    for h, a, turned, angle in zip(*(column.tolist() for column in columns), strict=True):
+        state = law.step(state, Command(a, turned), _level, vehicle, h)
+        motions.append(law.motion(state, angle, vehicle))
+    signals: Floats = np.array([(each.v_x, each.psi_dot, each.v_y) for each in motions]).T
+    return signals
+
+
+def _level(_: float) -> float:
+    """Return the incline [rad] of a flat road: gravity is part of the acceleration."""
+    return 0.0
+
+
+def respond(
+    actuator: Actuator, commands: HeldValues, t: Floats, *, is_start: bool
+) -> tuple[Floats, Floats]:
+    """Return an actuator's values at the times `t`, and its means from each to the next.
+
+    Each command acts from its own time on, after the actuator's delay. Before the first command
+    there was none, if that `is_start`; else it was the same.
+    """
+    due = np.round(commands.t + actuator.delay, _ROUND)
+    edges = np.unique(np.concatenate([t, due[due < t[-1]]]))
+    acting = np.searchsorted(due, edges[:-1], side='right') - 1
+    before = 0.0 if is_start else float(commands.values[0])
+    targets = np.append(commands.values, before)[acting]  # -1: the last one
+    if actuator.lag:
+        lengths = np.diff(edges)
+        values = [before]
+        means = []
+        value = before
+        for target, length in zip(targets.tolist(), lengths.tolist(), strict=True):
+            value, mean = actuator.respond(value, target, length)
+            values.append(value)
+            means.append(mean)
+        way = np.append(0.0, np.cumsum(np.array(means) * lengths))
+    else:
+        values = [before, *targets.tolist()]
+        way = np.append(0.0, np.cumsum(targets * np.diff(edges)))
+    at = np.searchsorted(edges, t)
+    return np.array(values)[at], np.diff(way[at]) / np.diff(t)
+
+
+@np.errstate(over='ignore')  # of a car with a drag far below zero
+def free_responses(stretch: Stretch, car: CarModel, speeds: Floats) -> Floats:
+    """Return how the speed at each step depends on what no message has, a row for each.
+
+    That is the speed at the start of a stretch in motion, which comes first, and what was lost, in
+    its spread. They are estimated with the parameters, because the speed is linear in them.
+    """
+    steps = np.diff(stretch.t)
+    slowing = 2.0 * car.vehicle.air_drag_coeff / car.vehicle.mass * np.abs(speeds[:-1]) * steps
+    # A car that stands has forgotten its speed before.
+    kept = np.where(speeds[:-1] == 0.0, 0.0, np.clip(1.0 - slowing, 0.0, 1e3))
+    rows = []
+    if stretch.in_motion:
+        rows.append(np.append(1.0, np.cumprod(kept)))
+    for lost in stretch.lost:
+        # An incline acts at once, a command through the motor.
+        actuator = car.motor if lost.is_command else Actuator()
+        spread = lost.spread if lost.is_command else car.vehicle.gravity * lost.spread
+        since = stretch.t - actuator.delay
+        way = _lagged(since - lost.start, actuator.lag) - _lagged(since - lost.end, actuator.lag)
+        begin = min(int(np.searchsorted(since, lost.end)), len(since) - 1)
+        remaining = np.ones(len(since))
+        remaining[begin + 1 :] = np.cumprod(kept[begin:])
+        rows.append(spread * way * remaining)
+    return np.array(rows).reshape(-1, len(stretch.t))
+
+
+def noticed(stretch: Stretch, vehicle: Vehicle, noise: float) -> Stretch:
+    """Return the stretch with what was lost only where it matters beside the `noise` [m/s]."""
+
+    def matters(lost: LostValue) -> bool:
+        spread = lost.spread if lost.is_command else vehicle.gravity * lost.spread
+        return spread * (lost.end - lost.start) > _NOTICED * noise
+
+    return stretch._replace(lost=tuple(filter(matters, stretch.lost)))
+
+
+def with_found(stretch: Stretch, found: Floats, deviations: Floats) -> Stretch:
+    """Return the stretch with the lost commands that are certain.
+
+    `found` is how far each lost value is from the mean of its neighbours, in its spread, and
+    `deviations` its standard deviation. Where the command jumped from one level to another, it was
+    one of both in each lost message.
+    """
+    values = stretch.motor.values.copy()
+    open_: list[LostValue] = []
+    for lost, value, deviation in zip(stretch.lost, found, deviations, strict=True):
+        level = (lost.after - lost.before) / lost.messages
+        if not (lost.is_command and lost.is_switch and lost.spread * deviation < abs(level) / 6.0):
+            open_.append(lost)
+            continue
+        estimate = 0.5 * (lost.before + lost.after) + lost.spread * value
+        jumped = min(max(round((estimate - lost.before) / level), 0), lost.messages)
+        values[np.searchsorted(stretch.motor.t, lost.start)] = lost.before + jumped * level
+    return stretch._replace(motor=HeldValues(stretch.motor.t, values), lost=tuple(open_))
+
+
+def _lagged(t: Floats, lag: float) -> Floats:
+    """Return the integral of a unit step's response, `t` [s] after it."""
+    t = np.maximum(t, 0.0)
+    if not lag:
+        return t
+    way: Floats = t + lag * np.expm1(-t / lag)
+    return way
+
+
+def stretches(log: Log) -> Iterator[Stretch]:
+    """Yield the parts of a log whose commands are known, and that are long enough."""
+    measured = np.flatnonzero(np.isfinite(log.v_x) & np.isfinite(log.t))
+    commanded = np.flatnonzero(np.isfinite(log.motor) | log.missed)
+    if len(measured) < 3 or not np.isfinite(log.motor).any():  # noqa: PLR2004
+        return
+    t = np.round(log.t, _ROUND)
+    measured = measured[np.append(True, np.diff(t[measured]) != 0.0)]
+    steps = np.diff(t[measured])
+    if not (steps > 0.0).any():
+        return
+    ts = float(np.median(steps[steps > 0.0]))
+    way = np.diff(log.distance[measured])
+    reach = _JUMP + 2.0 * np.abs(log.v_x[measured][:-1] * steps)
+    starts_anew = (steps < 0.0) | (np.abs(way) > reach) | (way < -_JUMP)
+    for run in np.split(measured, np.flatnonzero(starts_anew) + 1):
+        rows = slice(run[0], run[-1] + 1)
+        if run[0] == measured[0]:
+            rows = slice(0, run[-1] + 1)  # commands before the first state, too
+        ours = commanded[(commanded >= rows.start) & (commanded < rows.stop)]
+        yield from _of_run(log, t, run, ours, ts)
+
+
+def _of_run(log: Log, t: Floats, run: Rows, commanded: Rows, ts: float) -> Iterator[Stretch]:
+    """Yield the stretches of a run: rows with states and rows with commands, in order of time."""
+    if not len(commanded):
+        return
+    # Where a command missed its deadline, the one before it held.
+    acted = [np.where(log.missed, np.nan, each)[commanded] for each in (log.motor, log.servo)]
+    motor, servo = (HeldValues(t[commanded], _held(each)) for each in acted)
+    is_start = _is_start(log, t, run[0], ts)
+    unknown = _long_gaps(motor.t)
+    # Commands are known from `begins` to `ends`.
+    begins = [t[run[0]] if is_start else motor.t[0], *motor.t[unknown + 1]]
+    ends = [*motor.t[unknown], t[run[-1]]]
+    if _is_regular(motor.t):
+        ends[-1] = min(ends[-1], motor.t[-1] + _LOST)
+    for i, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+        at_start = is_start and i == 0
+        first = begin if at_start else begin + _WARM_UP
+        part = run[(t[run] >= first) & (t[run] <= end)]
+        pauses = np.flatnonzero(np.diff(t[part]) > _BRIDGED) + 1
+        for j, states in enumerate(np.split(part, pauses)):
+            known_before = 0.0 if at_start and j == 0 else _WARM_UP
+            if len(states) > 2 and t[states[-1]] - t[states[0]] + known_before >= _SHORTEST:  # noqa: PLR2004
+                known = max(begin, t[states[0]] - _HISTORY), end
+                yield _stretch(log, t, states, (motor, servo), known, ts, at_start and j == 0)
+
+
+def _stretch(
+    log: Log,
+    t: Floats,
+    states: Rows,
+    commands: tuple[HeldValues, HeldValues],
+    known: tuple[float, float],
+    ts: float,
+    is_start: bool,
+) -> Stretch:
+    """Return the stretch of these states, whose commands are known between two times [s]."""
+    motor, servo = ((_between(each, *known)) for each in commands)
+    filled_motor, lost_commands = _filled(motor)
+    filled_servo, _ = _filled(servo)
+    with_incline = np.flatnonzero(np.isfinite(log.theta_deg) & np.isfinite(t))
+    with_incline = with_incline[(t[with_incline] <= t[states[-1]]) & (with_incline <= states[-1])]
+    inclines = HeldValues(np.array([-inf]), np.zeros(1))
+    lost_inclines: list[LostValue] = []
+    if len(with_incline):
+        sines = np.sin(np.radians(log.theta_deg[with_incline]))
+        inclines, lost_inclines = _filled(HeldValues(t[with_incline], sines))
+    times, at = _step_times(t[states], ts)
+    measured = np.full((3, len(times)), np.nan)
+    measured[:, at] = log.v_x[states], log.psi_dot[states], log.v_y[states]
+    lost = [*(each._replace(is_command=True) for each in lost_commands), *lost_inclines]
+    return Stretch(
+        times,
+        filled_motor,
+        filled_servo,
+        inclines.at(times),
+        measured,
+        is_start,
+        tuple(each for each in lost if each.end > times[0]),
+    )
+
+
+def _step_times(t: Floats, ts: float) -> tuple[Floats, Rows]:
+    """Return the times of the steps, and which of them are `t`: a long way has steps of `ts`."""
+    counts = np.maximum(np.round(np.diff(t) / ts), 1.0).astype(np.intp)
+    at = np.append(0, np.cumsum(counts))
+    times = np.interp(np.arange(at[-1] + 1), at, t)
+    return np.round(times, _ROUND), at
+
+
+def _is_start(log: Log, t: Floats, row: int, ts: float) -> bool:
+    """Return whether a run starts in this row: at rest, where each run of barc_sim starts.
+
+    That is the first row of a log, or one step after the state before. After a gap, the car can
+    have been commanded already, and stand because of its delay.
+    """
+    is_at_start = abs(log.distance[row]) < _NEAR and abs(log.speed[row]) < _NEAR
+    waited = t[row] - t[row - 1] if row else t[row] + ts
+    return bool(is_at_start and waited < 1.5 * ts)
+
+
+def _held(values: Floats) -> Floats:
+    """Return the values, with the one before in place of each missing one, zero at first."""
+    at = np.where(np.isfinite(values), np.arange(len(values)), -1)
+    held: Floats = np.append(values, 0.0)[np.maximum.accumulate(at)]
+    return held
+
+
+def _is_regular(t: Floats) -> bool:
+    """Return whether messages come at a period, and not only where something changes."""
+    steps = np.diff(t)
+    if not len(steps):
+        return False
+    period = np.median(steps)
+    return bool(np.mean(np.abs(steps - period) <= _REGULAR * period) > 2.0 / 3.0)
+
+
+def _long_gaps(t: Floats) -> Rows:
+    """Return after which of these times messages are missing for too long to be bridged."""
+    if not _is_regular(t):
+        return np.array([], np.intp)
+    steps = np.diff(t)
+    return np.flatnonzero(steps > np.median(steps) + _LOST)
+
+
+def _between(held: HeldValues, begin: float, end: float) -> HeldValues:
+    """Return the values from the one that holds at `begin` until `end` [s]."""
+    first = max(int(np.searchsorted(held.t, begin, side='right')) - 1, 0)
+    last = max(int(np.searchsorted(held.t, end, side='right')), first + 1)
+    return HeldValues(held.t[first:last], held.values[first:last])
+
+
+def _filled(held: HeldValues) -> tuple[HeldValues, list[LostValue]]:
+    """Return the values with the mean of both neighbours where one was lost, and what was lost."""
+    if not _is_regular(held.t):
+        return held, []
+    steps = np.diff(held.t)
+    period = float(np.median(steps))
+    gaps = np.flatnonzero(steps > 1.5 * period)
+    starts = np.round(held.t[gaps] + period, _ROUND)
+    ends = held.t[gaps + 1]
+    before, after = held.values[gaps], held.values[gaps + 1]
+    middles = 0.5 * (before + after)
+    filled = HeldValues(
+        np.insert(held.t, gaps + 1, starts), np.insert(held.values, gaps + 1, middles)
+    )
+    # Values between two others are so far from the mean of both.
+    usual = float(np.median(np.abs(np.diff(held.values, 2)))) / 2.0 / 0.6745
+    spreads = np.hypot(0.5 * np.abs(after - before), usual)
+    counts = np.maximum(np.round((ends - starts) / period), 1.0).astype(int)
+    columns = starts, ends, before, after, spreads, counts
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return filled, [LostValue._make((*row, False)) for row in rows]
