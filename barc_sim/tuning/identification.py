@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 _STEERED = 0.01  #: [rad] rms of the commands of a car that steered
 _STEPS = 30  #: of a search, which usually converges in fewer
+_FIRST_STEPS = 10  #: from each of several starts
 _WORST = 1e6  #: error of a car for which the integrator is unstable
 _NO_NOISE = 1e-6  #: smaller errors come from rounding
 _LAGS = 20  #: of the autocorrelation
@@ -295,10 +296,11 @@ class _Search(NamedTuple):
 
     def best(self, starts: Sequence[Mapping[str, float]]) -> _Fit:
         """Return the best of the fits that begin at these values."""
-        fit = min((self.fit(start) for start in starts), key=lambda fit: fit.cost)
+        first = [self.fit(start, _FIRST_STEPS) for start in starts]
+        fit = self.fit(min(first, key=lambda fit: fit.cost).values)
         return self.across_kinks(fit)
 
-    def fit(self, start: Mapping[str, float]) -> _Fit:
+    def fit(self, start: Mapping[str, float], max_steps: int = _STEPS) -> _Fit:
         """Fit the parameters that `start` has."""
         steps, low = np.array([(_UNKNOWN[name].step, _UNKNOWN[name].lowest) for name in start]).T
 
@@ -308,7 +310,7 @@ class _Search(NamedTuple):
         optimize = extra('scipy.optimize', 'identify', 'identify')
         slopes = partial(optimize.approx_fprime, f=errors, epsilon=steps)
         result = optimize.least_squares(
-            errors, [*start.values()], slopes, (low, inf), x_scale='jac', max_nfev=_STEPS
+            errors, [*start.values()], slopes, (low, inf), x_scale='jac', max_nfev=max_steps
         )
         values = dict(zip(start, result.x.tolist(), strict=True))
         every = self.errors(values)
