@@ -35,6 +35,7 @@ MAX_TOTAL = 8 << 20  #: bytes
 MAX_ARCHIVE = 256 << 20  #: bytes of a .zip
 MAX_ENTRIES = 2000  #: files of a submission that are considered
 _MAX_READ = 4 << 20  # bytes of an archive at once, such as the list of its files
+_MAX_DEPTH = 1  # of archives in an archive
 _MAX_PATH = 200  # bytes of a file's path: any file system holds it
 _MAX_NOTES = 10
 _SHOWN = 60  # characters of a file's path
@@ -109,6 +110,8 @@ def _unreadable(name: str, status: os.stat_result) -> str:
     """Return why a file is no archive that can be opened; empty if it is one."""
     if fault := _fault_of(status.st_mode):
         return f'it {fault}: hand in a .zip or a folder'
+    if name.lower().endswith('.ipynb'):
+        return 'a notebook cannot be graded: hand in its code as a .py file, in a .zip or a folder'
     if not _is_archive(name):
         return f'a single {Path(name).suffix} file cannot be graded: hand in a .zip or a folder'
     too_big = f'it is larger than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
@@ -136,12 +139,27 @@ def _of_folder(folder: HeldFolder) -> tuple[dict[str, bytes], list[str]]:
 
 def _of_archive(file: BinaryIO) -> tuple[dict[str, bytes], list[str]]:
     """Return the files of an archive, and notes; a damaged one can raise any exception."""
-    with (
-        _Bounded(file.fileno(), closefd=False) as bounded,
-        zipfile.ZipFile(bounded) as archive,
-    ):
+    with _Bounded(file.fileno(), closefd=False) as bounded:
+        return _unpacked(bounded)
+
+
+def _unpacked(file: BinaryIO, depth: int = 0) -> tuple[dict[str, bytes], list[str]]:
+    """Return the files of an archive, or of the only archive in one without code, and notes."""
+    with zipfile.ZipFile(file) as archive:
         members = [_zipped(archive, info) for info in archive.infolist() if not info.is_dir()]
-        return _taken(sorted(members, key=lambda each: len(PurePosixPath(each.path).parts)))
+        files, notes = _taken(sorted(members, key=lambda each: len(PurePosixPath(each.path).parts)))
+        packed = [
+            each for each in members if _is_archive(each.path) and not _is_of_tools(each.path)
+        ]
+        if names_of(files) or len(packed) != 1 or packed[0].fault:
+            return files, notes
+        data = packed[0].read(_MAX_READ + 1)
+    shown = _shown(PurePosixPath(packed[0].path))
+    if len(data) > _MAX_READ:
+        return {}, [f'{shown} is larger than {_MAX_READ >> 20} MiB: hand in only your own code']
+    if depth == _MAX_DEPTH:
+        return {}, [f'{shown} is an archive in an archive in an archive: pack your code once']
+    return _unpacked(io.BytesIO(data), depth + 1)
 
 
 def _taken(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
@@ -150,6 +168,10 @@ def _taken(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
     near = (each for each in members if not _is_left_out(each))
     first = [*islice(near, MAX_ENTRIES)]
     files, left_out = take(_beside_the_code(first, notes))
+    notebooks = [each.path for each in first if each.path.lower().endswith('.ipynb')]
+    if notebooks and not names_of(files):
+        shown = _shown(PurePosixPath(notebooks[0]))
+        notes.append(f'{shown} is a notebook, which is not graded: hand in its code as a .py file')
     return files, notes + left_out
 
 

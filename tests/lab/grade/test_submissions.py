@@ -371,3 +371,31 @@ def test_folders_that_are_exchanged_all_the_time_show_no_other_file(
         thread.join()
     assert {*found} <= {b'own', None}
     assert b'own' in found
+
+
+def test_an_archive_in_an_archive_is_read(tmp_path: Path) -> None:
+    inner = zipped(tmp_path / 'inner.zip', **{'lab/relay.py': b'1'})
+    outer = zipped(tmp_path / 'eve.zip', **{'eve/lab.zip': inner.read_bytes(), 'eve/a.txt': b''})
+    twice = zipped(tmp_path / 'bob.zip', **{'eve.zip': outer.read_bytes()})
+    assert read(outer).files == {'relay.py': b'1'}
+    assert read(twice).notes == (
+        'eve/lab.zip is an archive in an archive in an archive: pack your code once',
+    )
+
+
+def test_a_large_archive_in_an_archive_is_refused(tmp_path: Path) -> None:
+    outer = zipped(tmp_path / 'eve.zip', **{'lab.zip': bytes(5 << 20)})
+    assert read(outer).notes == ('lab.zip is larger than 4 MiB: hand in only your own code',)
+
+
+@pytest.mark.parametrize('is_archive', [False, True])
+def test_a_notebook_is_named(tmp_path: Path, *, is_archive: bool) -> None:
+    path = tmp_path / ('eve.zip' if is_archive else 'eve')
+    if is_archive:
+        zipped(path, **{'lab.ipynb': b'{}'})
+    else:
+        path.mkdir()
+        (path / 'lab.ipynb').write_bytes(b'{}')
+    assert read(path).notes == (
+        'lab.ipynb is a notebook, which is not graded: hand in its code as a .py file',
+    )
