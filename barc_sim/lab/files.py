@@ -7,8 +7,11 @@ parts are judged is in `labs/`; the points are in `grade/rubrics/`.
 from __future__ import annotations
 
 import ast
+import io
 import re
 import shlex
+import sys
+import tokenize
 import warnings
 from contextlib import suppress
 from importlib import resources
@@ -148,6 +151,10 @@ def _letters(name: str) -> str:
     return ''.join(filter(str.isalpha, name.lower()))
 
 
+#: Part of the error of a file that needs a later Python: a person judges it.
+NEEDS_PYTHON = 'needs Python'
+
+
 class UserCodeError(UserError):
     """An error in user code, as one sentence: file, line, values, what was expected.
 
@@ -161,23 +168,45 @@ class Source(NamedTuple):
     name: str  #: path in the user's folder
     path: Path
     text: str
+    data: bytes  #: as it is on the disk
 
 
 def read(path: Path, name: str) -> Source:
-    """Read the file at `path`; a UserCodeError if it cannot be read, or is not UTF-8 text."""
+    """Read the file at `path`; a UserCodeError if it cannot be read, or is not text.
+
+    Its encoding is found by Python's rules: a byte order mark, a coding line, else UTF-8.
+    """
     try:
         data = read_regular(path, _MAX_SOURCE)
     except OSError as error:
         raise UserCodeError(f'{str(path)!r} cannot be read: {error.strerror}') from error
+    return Source(name, path, _decoded(data, name), data)
+
+
+def _decoded(data: bytes, name: str) -> str:
+    """Return the text of a file of Python."""
+    encoding = 'utf-8'
     try:
-        text = data.decode()
+        encoding, _ = tokenize.detect_encoding(io.BytesIO(data).readline)
+        text = data.decode(encoding)
     except UnicodeDecodeError as error:
         line = data.count(b'\n', 0, error.start) + 1
-        raise UserCodeError(
-            f'{name}, line {line}: the byte 0x{data[error.start]:02x} is not UTF-8: '
-            'save the file in the encoding UTF-8'
-        ) from error
-    return Source(name, path, text)
+        raise _not_text(data[error.start], f'{name}, line {line}', encoding) from error
+    except (SyntaxError, LookupError, ValueError) as error:
+        try:
+            data.decode()
+        except UnicodeDecodeError as wrong:
+            line = data.count(b'\n', 0, wrong.start) + 1
+            raise _not_text(data[wrong.start], f'{name}, line {line}', 'utf-8') from error
+        raise UserCodeError(f'{name}: {error}: save the file in the encoding UTF-8') from error
+    return io.IncrementalNewlineDecoder(None, translate=True).decode(text, final=True)
+
+
+def _not_text(byte: int, at: str, encoding: str) -> UserCodeError:
+    shown = 'UTF-8' if encoding.startswith('utf-8') else encoding
+    return UserCodeError(
+        f'{at}: the byte 0x{byte:02x} is not {shown}: save the file in the encoding UTF-8'
+    )
 
 
 class Compiled(NamedTuple):
@@ -195,7 +224,7 @@ def compiled(source: Source) -> Compiled:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
             try:
-                tree = ast.parse(source.text.encode(), source.name)
+                tree = ast.parse(source.text, source.name)
             except TabError:
                 tolerated = ('tabs and spaces are mixed: a tab counts as 8 spaces',)
                 text = _INDENTATION.sub(lambda match: match[0].expandtabs(8), source.text)
@@ -208,9 +237,104 @@ def compiled(source: Source) -> Compiled:
     return Compiled(code, tree, tolerated)
 
 
+_HERE = '.'.join(map(str, sys.version_info[:2]))
+#: Syntax of later versions of Python: the first version that has it, and what it is.
+_LATER = (
+    ((3, 11), re.compile(r'except\s*\*'), 'except*'),
+    ((3, 12), re.compile(r'type\s+\w+\s*(\[.*\]\s*)?='), 'a type statement'),
+    ((3, 12), re.compile(r'(async\s+)?(def|class)\s+\w+\s*\['), 'a type parameter'),
+)
+_F_STRING = re.compile(r'(?<!\w)([fF][rR]?|[rR][fF])(\'\'\'|"""|\'|")')
+_F_STRINGS = (3, 12)  #: the version since which an f-string can contain its own quotes
+
+
+def _later_syntax(source: Source, error: SyntaxError) -> str:
+    """Return what a file has that only a later Python can read, with the version; empty if none."""
+    line = (error.text or '').strip()
+    for version, pattern, what in _LATER:
+        if sys.version_info < version and pattern.match(line):
+            return f'{what} {NEEDS_PYTHON} {version[0]}.{version[1]}'
+    if sys.version_info >= _F_STRINGS:
+        return ''
+    plain = _without_f_strings(source.text)
+    with suppress(SyntaxError, ValueError, RecursionError, MemoryError):
+        ast.parse(plain)
+        return f'this f-string {NEEDS_PYTHON} {_F_STRINGS[0]}.{_F_STRINGS[1]}'
+    return ''
+
+
+def _without_f_strings(text: str) -> str:
+    """Return a source with an empty text for each f-string, as Python 3.12 reads f-strings."""
+    parts, at = [], 0
+    while found := _F_STRING.search(text, at):
+        end = _end_of_f_string(text, found.end(), found[2])
+        if end < 0:
+            break
+        lines = text.count('\n', found.start(), end)
+        parts += [text[at : found.start()], "''" + '\\\n' * lines]
+        at = end
+    return ''.join([*parts, text[at:]])
+
+
+_STRING = re.compile(r'[rRbBuU]*(\'\'\'|"""|\'|")')
+
+
+def _end_of_f_string(text: str, at: int, quotes: str) -> int:
+    """Return where an f-string ends, whose contents begin at `at`; -1 if it does not end."""
+    while at < len(text):
+        if text.startswith(quotes, at):
+            return at + len(quotes)
+        if text[at] == '\n' and len(quotes) == 1:
+            return -1
+        if text[at] == '{' and text[at : at + 2] != '{{':
+            at = _end_of_field(text, at + 1)
+            if at < 0:
+                return -1
+            continue
+        at += 2 if text[at] == '\\' or text[at : at + 2] in {'{{', '}}'} else 1
+    return -1
+
+
+def _end_of_field(text: str, at: int) -> int:
+    """Return where a field in braces ends, whose contents begin at `at`; -1 if it does not end."""
+    depth, begin = 1, at
+    while at < len(text):
+        inner, plain = _F_STRING.match(text, at), _STRING.match(text, at)
+        if inner or plain:
+            found = inner or plain
+            assert found  # noqa: S101 (one of the two)
+            quotes = found[2] if inner else found[1]
+            at = (
+                _end_of_f_string(text, found.end(), quotes)
+                if inner
+                else _end_of_string(text, found.end(), quotes)
+            )
+            if at < 0:
+                return -1
+            continue
+        depth += (text[at] in '([{') - (text[at] in ')]}')
+        at += 1
+        if not depth:
+            # An empty field is an error in every version.
+            return at if text[begin : at - 1].strip() else -1
+    return -1
+
+
+def _end_of_string(text: str, at: int, quotes: str) -> int:
+    while at < len(text) and not text.startswith(quotes, at):
+        if text[at] == '\n' and len(quotes) == 1:
+            return -1
+        at += 2 if text[at] == '\\' else 1
+    return at + len(quotes) if at < len(text) else -1
+
+
 def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
     text = (error.text or '').strip()[:_SHOWN]
     at = f'{source.name}, line {error.lineno or 1}'
+    if later := _later_syntax(source, error):
+        return UserCodeError(
+            f'{at}: {later}, and this machine has {_HERE}: run it with a later one'
+        )
     if 'print' in error.msg and (statement := _PRINT.match(text)):
         return UserCodeError(
             f'{at}: {text}: this is the print of Python 2: write print({statement[1]})'

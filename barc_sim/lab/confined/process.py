@@ -240,12 +240,15 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
         """Return whether the folder has the file of this part."""
         return part in files_in(self._folder)
 
-    def rows(self, name: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
-        """Return the numbers that a user's function returns for each row of arguments."""
+    def rows(self, name: str, rows: Sequence[Sequence[Any]], corrected: object = None) -> list[Any]:
+        """Return the numbers that a user's function returns for each row of arguments.
+
+        For `corrected` see `UserCode.functions`.
+        """
         results: list[Any] = []
         while left := rows[len(results) :]:
             some = left[: max(len(rows) // _REQUESTS, 1)]
-            results += map(tuple, self.call('functions', name, some))
+            results += map(tuple, self.call('functions', name, some, False, corrected))
         return results
 
     def make(self, name: str, *arguments: Any) -> int:  # noqa: ANN401 (JSON)

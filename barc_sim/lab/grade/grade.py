@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import platform
 import tempfile
 from dataclasses import dataclass, field, fields
 from functools import partial
@@ -16,6 +17,9 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+import numpy as np
+
+from barc_sim import __version__
 from barc_sim.cli.yaml_files import read_yaml
 from barc_sim.errors import UserError, escaped, one_line
 from barc_sim.lab.files import BY_HAND, RUBRICS, names_of
@@ -156,7 +160,7 @@ def _rubric(values: object) -> Rubric:
         first, second, *_ = by_lab.values()
         raise ValueError(f'{first!r} and {second!r} belong to two labs: keep the criteria of one')
     thresholds = _thresholds(keys.pop('thresholds', {}))
-    settings = Settings(keys.pop('seed', Settings.seed), thresholds, tuple(points))
+    settings = Settings(keys.pop('seed', Settings.seed), thresholds, tuple(points), points)
     return Rubric(points, settings, optional=frozenset(optional.keys() & points.keys()), **keys)
 
 
@@ -343,8 +347,18 @@ def page(grade: Grade) -> str:
         score=f'{grade.score:g} / {grade.max_score:g}'
         + (f', {sum(grade.open.values()):g} open' if grade.open else ''),
         labels=LABELS,
+        versions=versions(),
         figures=data_url('image/png', png.getvalue()) if png.tell() else '',
     )
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a score can depend on, by name."""
+    return {
+        'Python': platform.python_version(),
+        'NumPy': np.__version__,
+        'barc_sim': __version__,
+    }
 
 
 def gradescope(grade: Grade) -> str:
@@ -379,6 +393,10 @@ def gradescope(grade: Grade) -> str:
         'visibility': grade.rubric.visibility,
         'stdout_visibility': 'hidden',
         'tests': tests,
-        'extra_data': {'seed': grade.rubric.settings.seed, 'sha256': grade.hashes},
+        'extra_data': {
+            'seed': grade.rubric.settings.seed,
+            'sha256': grade.hashes,
+            'versions': versions(),
+        },
     }
     return json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False) + '\n'

@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec
 
 from barc_sim.errors import one_line, without_addresses
 from barc_sim.lab.files import FILES, Source, UserCodeError, compiled, guarded_imports, read
+from barc_sim.lab.user_code.numpy_names import NumPy
 
 if TYPE_CHECKING:
     import ast
@@ -287,6 +288,9 @@ class Folder:
         python = top in sys.stdlib_module_names or top == 'numpy'
         if python or (self.budget is not None and not is_ros):
             with suppress(ModuleNotFoundError):
+                if name == 'numpy' or (top == 'numpy' and not fromlist):
+                    __import__(name)
+                    return self._numpy(importer)
                 return __import__(name, fromlist=fromlist)
         if importer not in self.trees:  # the import comes from exec or a call of __import__
             raise ModuleNotFoundError(f'there is no module {name!r} here', name=name)
@@ -303,6 +307,14 @@ class Folder:
         self.tolerate(f'{self.sources[importer].name} imports {name}: {why}')
         absent: Any = Absent(name if fromlist else top, reason)
         return absent  # type: ignore[no-any-return]
+
+    def _numpy(self, importer: str) -> ModuleType:
+        """Return NumPy for a file, with the names of its other versions."""
+        if 'numpy' not in self._modules:
+            source = self.sources.get(importer)
+            file = f'{source.name}: ' if source else ''
+            self._modules['numpy'] = NumPy(lambda phrase: self.tolerate(f'{file}{phrase}'))
+        return self._modules['numpy']
 
     def open(self, file: Any, mode: str = 'r', *args: Any, **options: Any) -> Any:  # noqa: ANN401
         """Open a file for reading; text that is written to it is discarded."""
