@@ -1,20 +1,25 @@
 """Judges user code by a lab's laws, and by test drives.
 
-A score is the same on every machine: no ROS, no clock, and only seeded random numbers. Tolerances
-are far above the differences between maths libraries, and far below the effect of any mistake.
+A score is the same on every machine with the same versions of Python and NumPy: no ROS, no clock,
+and only seeded random numbers. Tolerances are far above the differences between maths libraries,
+and far below the effect of any mistake.
+
+Points never rise by a further mistake. Where a mistake would cost points twice, user code is
+called, or drives, with this mistake alone corrected; code of barc_sim's never takes the place of
+what may have other mistakes. The first answers of a function are those that are judged; no later
+answer excuses another function.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import JudgedCode, Limits
+from barc_sim.lab.files import NEEDS_PYTHON
 from barc_sim.lab.law import Mistake
 from barc_sim.lab.user_code.code import CALLED
 from barc_sim.lab.user_code.folder import BY_EYE
@@ -29,6 +34,8 @@ if TYPE_CHECKING:
     from barc_sim.lab.law import Agree, Case, Floats, Inputs, Law
 
     Index = tuple[int, ...]
+    #: A user's function, arguments, and its right results for them.
+    Corrected = tuple[str, list[list[Any]], list[list[float]]]
 
 _SAMPLE = 100  #: calls on which each mistake of a law is tried
 #: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
@@ -63,6 +70,10 @@ def close(got: Floats, expected: Floats) -> bool:
 _ROUNDING = 1e-6  #: relative error, larger than in single precision
 _FACTOR, _SIGN = 0.4, 0.6  #: loss for a wrong factor, and for a wrong sign; see `Functions.loss`
 _ABSENT = 'Absent'  #: The topic of a missing result begins so: each costs all its points.
+
+
+def _is_absent(cause: Mistake) -> bool:
+    return cause.topic.startswith(_ABSENT)
 
 
 def _loss(got: Floats, right: Floats, scale: float) -> float:
@@ -107,6 +118,12 @@ class Finding:
         return self.score >= 1.0
 
 
+def _opened(finding: Finding) -> Finding:
+    """Return a finding as open if the file cannot be read by this version of Python."""
+    is_unread = not finding.score and NEEDS_PYTHON in finding.message
+    return replace(finding, open=True) if is_unread else finding
+
+
 #: For `check`: short, because its user waits; not confined, because its user wrote the code.
 _CHECKED = Limits(call=2.0, wait=10.0, total=45.0, confined=False)
 
@@ -137,6 +154,8 @@ class Settings:
     seed: int = 0  #: of the test states, the test sequences and the hidden track
     thresholds: Thresholds = field(default_factory=Thresholds)
     criteria: Collection[str] | None = None  #: None: all
+    #: Points by criterion; by default all criteria have the same.
+    points: Mapping[str, float] = field(default_factory=dict, hash=False)
 
 
 class Evidence(NamedTuple):
@@ -213,7 +232,8 @@ class Lab:
                             break
             except UserError as error:
                 message = str(error)
-            findings += [by_name.get(each) or Finding(each, 0.0, message) for each in requested]
+            found = [by_name.get(each) or Finding(each, 0.0, message) for each in requested]
+            findings += map(_opened, found)
         return findings
 
     def judge_folder(self, folder: Path, settings: Settings, limits: Limits = _CHECKED) -> Report:
@@ -243,17 +263,25 @@ class Functions:
     min_loss: float = 0.1  #: the minimum loss for a wrong result
     #: By function, another one that it calls: a mistake in that one costs points only there.
     calls: Mapping[str, str] = field(default_factory=dict)
+    angles: Collection[str] = ()  #: results [rad] that are right with any number of full turns
 
     @np.errstate(all='ignore')
-    def judge(self, code: JudgedCode, seed: int | str) -> tuple[list[Finding], list[Trial]]:
-        """Return a finding for each judged result, and the trials of all results."""
+    def judge(
+        self, code: JudgedCode, seed: int | str, points: Mapping[str, float] | None = None
+    ) -> tuple[list[Finding], list[Trial]]:
+        """Return a finding for each judged result, and the trials of all results.
+
+        `points` by criterion decide what a mistake in several results costs.
+        """
         trials = [each for name in self.results for each in self._trials(code, name, seed)]
         judged = [
             each._replace(got={n: got for n, got in each.got.items() if n in self.criteria})
             for each in trials
         ]
+        points = points or {}
+        weights = {name: points.get(each, 1.0) for name, each in self.criteria.items()}
         findings = []
-        for name, (score, message) in self.verdicts(code, judged, self.criteria).items():
+        for name, (score, message) in self.verdicts(code, judged, weights).items():
             cases = self.count * sum(name in trial.got for trial in trials)
             right = f'right in all {cases:,} cases'
             findings.append(Finding(self.criteria[name], score, message or right))
@@ -282,24 +310,32 @@ class Functions:
         return float(max(loss, self.min_loss)) if loss else 0.0
 
     def verdicts(
-        self, code: JudgedCode, trials: Sequence[Trial], names: Iterable[str]
+        self, code: JudgedCode, trials: Sequence[Trial], weights: Mapping[str, float]
     ) -> dict[str, tuple[float, str]]:
         """Return the score of each result, from 0 to 1, and the message on the mistake in it.
 
         A mistake of the law costs no more than a wrong sign. A mistake in several results counts
-        once: each of them loses its share.
+        once: together they lose what it costs in the result that loses most by it. `weights` are
+        the points of each result.
         """
-        own = {name: [trial for trial in trials if name in trial.got] for name in names}
+        own = {name: [trial for trial in trials if name in trial.got] for name in weights}
         losses = {name: loss for name in own if (loss := self.loss(own[name], name))}
         causes = self._causes(trials, [*losses]) if losses else {}
-        times = Counter(cause.kind for cause in causes.values())
+        lost = {
+            name: min(losses[name], _SIGN if cause.topic else 1.0) for name, cause in causes.items()
+        }
+
         verdicts = dict.fromkeys(own, (1.0, ''))
         placed: dict[str, str] = {}  # one mistake has one line
         for name, cause in causes.items():
-            share, max_loss = losses[name] / times[cause.kind], _SIGN if cause.topic else 1.0
-            lost = 1.0 if cause.topic.startswith(_ABSENT) else min(share, max_loss)
             text = placed.setdefault(cause.sentence, self._placed(code, own[name], name, cause))
-            verdicts[name] = 1.0 - lost, text
+            if _is_absent(cause):
+                verdicts[name] = 0.0, text
+                continue
+            same = [each for each, other in causes.items() if other.kind == cause.kind]
+            charged = [weights[each] * lost[each] for each in same]
+            share = max(charged) / sum(charged) if any(charged) else 1.0
+            verdicts[name] = 1.0 - lost[name] * share, text
         return verdicts
 
     def _causes(self, trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Mistake]:
@@ -360,33 +396,27 @@ class Functions:
         results = self.results[name]
         for situation in self.law.situations[name]:
             inputs: Inputs = situation.inputs(seed, self.count)
+            right = self.law.compute(inputs)
             returned, failure = np.full((self.count, CALLED[name].numbers), np.nan), ''
             try:
-                returned = np.array(code.rows(name, self._rows(name, inputs)))
+                rows = code.rows(name, self._rows(name, inputs), self._corrected(name, inputs))
+                returned = np.array(rows)
             except UserError as error:
                 failure = str(error)
             got = dict(zip(results, [returned] if len(results) == 1 else returned.T, strict=True))
-            inputs = self._judged_inputs(code, name, inputs, returned)
-            about = name, situation.name, situation.tests
-            yield Trial(*about, inputs, self.law.compute(inputs), got, failure)
+            got |= {each: _unwound(got[each], right[each]) for each in self.angles if each in got}
+            yield Trial(name, situation.name, situation.tests, inputs, right, got, failure)
 
-    def _judged_inputs(
-        self, code: JudgedCode, name: str, inputs: Inputs, returned: Floats
-    ) -> Inputs:
-        """Return the inputs from which the right results are computed.
+    def _corrected(self, name: str, inputs: Inputs) -> Corrected | None:
+        """Return the right answers of the user's function that this one calls; None without one.
 
-        If a function calls another one of the user's that is wrong, the results of that one are
-        inputs, so that its mistake costs nothing here.
+        So its own mistakes alone count. No answer of the other function is used: it could differ
+        from those that were judged.
         """
-        right = self.law.compute(inputs)
-        if name in self.calls and not self.agree(returned, right[name]):
-            called = self.calls[name]
-            with suppress(UserError):
-                own = np.array(code.rows(called, self._rows(called, inputs)))
-                follows = self.law.compute({**inputs, called: own})[name]
-                if np.isfinite(follows).all() and not self.agree(own, right[called]):
-                    return {**inputs, called: own}
-        return inputs
+        if name not in self.calls:
+            return None
+        called = self.calls[name]
+        return called, self._rows(called, inputs), self.law.compute(inputs)[called].tolist()
 
     def _rows(self, name: str, inputs: Inputs) -> list[list[Any]]:
         values = self.law.compute(inputs)
@@ -398,9 +428,14 @@ class Functions:
     ) -> str:
         """Return file and line where a call assigns one of these values; empty if nowhere."""
         k = index[0]
-        rows = self._rows(trial.function, {n: each[k : k + 1] for n, each in trial.inputs.items()})
+        inputs = {n: each[k : k + 1] for n, each in trial.inputs.items()}
+        rows, corrected = (
+            self._rows(trial.function, inputs),
+            self._corrected(trial.function, inputs),
+        )
         others = [float(trial.right[n][k]) for n in trial.got if n != name]
-        request = trial.function, rows, True  # loads the file again: its constants count, too
+        # Loads the file again: its constants count, too.
+        request = trial.function, rows, True, corrected
         return code.line_of('functions', request, wrong, others)
 
     def _call(self, trial: Trial, index: Index) -> str:
@@ -412,6 +447,14 @@ class Functions:
         )
         which = f', number {number[0] + 1},' if number else ''
         return f'{trial.function}({", ".join(shown)}){which}'
+
+
+def _unwound(got: Floats, right: Floats) -> Floats:
+    """Return angles [rad] without the full turns by which some differ from the right ones."""
+    unwound = got - 2.0 * np.pi * np.round((got - right) / (2.0 * np.pi))
+    return np.where(
+        np.abs(unwound - right) <= _TOLERANCE * np.maximum(1.0, np.abs(got)), unwound, got
+    )
 
 
 def _arguments(function: str) -> list[str]:

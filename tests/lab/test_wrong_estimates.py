@@ -39,7 +39,7 @@ no command | 50 | raise | command is not written yet (TODO)
     if t < 7.0: -> raise NotImplementedError⏎    if t < 7.0:
 friction by no mass | 80 |  | friction is multiplied by the mass
     friction, half[1] -> 2000 * friction, 2000 * half[1]
-swapped | 78 |  | drag and friction are swapped
+swapped | 82 |  | drag and friction are swapped
     return [drag, half[0], friction, half[1] -> return [friction, half[1], drag, half[0]
 milliseconds | 81 |  | the delay is in milliseconds
     delay, half[2] -> 1000 * delay, 1000 * half[2]

@@ -7,24 +7,27 @@ eye. What is wrong in one group of functions is not taken off in another.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from command_line import refused
 from user_files import RACELINE as TEXT
-from user_files import points_of, read_programs, replaced
+from user_files import LocalCode, points_of, read_programs, replaced
 
 from barc_sim.control.lane import speed_profile
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs.raceline import LAW
 from barc_sim.lab.user_code.adapters import line_along
-from barc_sim.lab.user_code.code import POINTS
+from barc_sim.lab.user_code.code import POINTS, UserCode
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from barc_sim.lab.judge import Finding
 
 PROGRAMS = read_programs("""
 right | 90 |  | right in all 10 cases
@@ -156,3 +159,50 @@ def test_without_daqp_one_sentence_says_what_to_install(
     (tmp_path / 'raceline.py').write_text(TEXT, encoding='utf-8')
     monkeypatch.setitem(sys.modules, 'daqp', None)
     assert "pip install 'barc_sim[mpc]'" in refused(command, str(tmp_path))
+
+
+#: A program that returns what would be right with `predict` of zeros.
+CONSTANT = 'return np.append(10.0 * np.eye(10), np.zeros(10))'
+
+#: The end of a `predict` that is right in its first ten calls.
+BY_NUMBER = (
+    'calls.append(speed)⏎    right = [1.0, d, 0.0, 1.0, b1, d / L]⏎'
+    '    return right if len(calls) <= 10 else [0.0] * 6'
+)
+
+
+@pytest.mark.parametrize(
+    'predict',
+    [
+        BY_NUMBER,
+        'return [0.0] * 6',
+    ],
+    ids=['by the number of the call', 'always'],
+)
+def test_no_answer_of_predict_makes_a_constant_program_right(predict: str) -> None:
+    text = replaced(
+        TEXT,
+        ('L = 3.0\n', 'L = 3.0\ncalls = []\n'),
+        ('return [1.0, d, 0.0, 1.0, b1, d / L]', predict.replace('⏎', '\n')),
+        ('return np.append(H, g)', CONSTANT),
+    )
+    assert findings_of(text)['mpc.program'].score < 0.1
+
+
+@pytest.mark.parametrize('made', ['[0.0] * 6', '(1.0,) * 6', 'np.ones(6)'])
+def test_a_right_program_is_right_with_any_model(made: str) -> None:
+    text = replaced(TEXT, ('return [1.0, d, 0.0, 1.0, b1, d / L]', f'return {made}'))
+    findings = findings_of(text)
+    assert findings['mpc.program'].score == 1.0
+    assert findings['mpc.model'].score < 0.5
+
+
+def findings_of(text: str) -> dict[str, Finding]:
+    """Return the findings on the MPC of a file, by criterion."""
+    criteria = ('mpc.model', 'mpc.program')
+    with TemporaryDirectory() as folder:
+        path = Path(folder, 'raceline.py')
+        path.write_text(text, encoding='utf-8')
+        code = LocalCode(UserCode({'raceline': path}, budget=None))
+        found = RUBRIC.lab.judge(code, replace(RUBRIC.settings, criteria=criteria))
+    return {each.criterion: each for each in found}

@@ -36,7 +36,7 @@ from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Vehicle
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
@@ -70,6 +70,7 @@ FUNCTIONS = Functions(
     {'bikeFE': EQUATIONS},
     dict(zip(EQUATIONS, MODEL_LABELS, strict=True)),
     count=250,
+    angles=('psi_next',),
 )
 
 
@@ -87,12 +88,16 @@ _MAX_SPEED = 40.0  #: [m/s] The limit of the figure's speed axis.
 
 @np.errstate(all='ignore')  # user code can return numbers of any size
 def judge_lab_road(
-    code: JudgedCode, gains: ChosenGains | None, by: Thresholds, wrong_terms: Sequence[str] = ()
+    code: JudgedCode,
+    gains: ChosenGains | None,
+    by: Thresholds,
+    wrong: Mapping[str, float] | None = None,
 ) -> tuple[float, str, Evidence | None]:
     """Return score, message and evidence of the drive over the lab's road, stretch by stretch.
 
-    A wrong term costs points only once: with `wrong_terms`, barc_sim's PID also drives with the
-    chosen gains, and the better drive counts.
+    A wrong term costs points only once: the user's PID drives with the terms in `wrong` corrected.
+    Their values are -1 where a term has the wrong sign, and else 0. All else that is wrong with
+    the user's PID stays as it is, so that no further mistake gives points.
     """
     if gains is None:
         _outputs(code, (0.0, 0.0, 0.0), [(0.0, 0.0, TS)])  # an error of PID itself comes first
@@ -100,16 +105,52 @@ def judge_lab_road(
             'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with your tuned '
             'gains as its last line'
         )
-    if not wrong_terms:
+    if not wrong:
         return _driven(_Driving(code, gains), by, gains)
-    score, text, _ = _driven(PID(*gains[:3]), by, gains)
     evidence = None
     with suppress(UserError):
-        own = _driven(_Driving(code, gains), by, gains)
-        if own[0] >= score:
-            return own
-        evidence = own[2]  # the figure shows the user's own code
-    return score, f'with {" and ".join(wrong_terms)} corrected: {text}', evidence
+        evidence = _driven(_Driving(code, gains), by, gains)[2]  # the figure shows the user's code
+    try:
+        score, text = _driven_corrected(code, by, gains, wrong)
+    except UserError:  # the user's PID refuses a negative gain
+        score, text = _driven_corrected(code, by, gains, dict.fromkeys(wrong, 0.0))
+    return score, f'with {" and ".join(wrong)} corrected: {text}', evidence
+
+
+def _driven_corrected(
+    code: JudgedCode, by: Thresholds, gains: ChosenGains, wrong: Mapping[str, float]
+) -> tuple[float, str]:
+    """Drive with the user's PID and corrected terms; return score and message.
+
+    Where the output has a limit, a replaced integral also drives without anti-windup, and the worse
+    drive counts: it is unknown whether the user's right one would have it.
+    """
+    replaced = [name for name, factor in wrong.items() if not factor]
+    limits = _limits_of(code, gains) if replaced else (-inf, inf)
+    score, text, _ = _driven(_Corrected(code, gains, wrong, limits), by, gains)
+    if 'I' not in replaced or not any(map(isfinite, limits)):
+        return score, text
+    wound_up, wound_up_text, _ = _driven(
+        _Corrected(code, gains, wrong, limits, winds_up=True), by, gains
+    )
+    return min((score, text), (wound_up, wound_up_text))
+
+
+_PROBES = (1e4, 2e4)  #: [m/s] errors so large that any sensible limit of the output is reached
+
+
+def _limits_of(code: JudgedCode, gains: ChosenGains) -> tuple[float, float]:
+    """Return the limits [m/s²] of the user's output; infinite where there is none."""
+    limits = [-inf, inf]
+    for sign in (-1.0, 1.0):
+        outputs = []
+        for error in _PROBES:
+            speeds = (error, 0.0) if sign > 0.0 else (0.0, error)
+            with suppress(UserError):
+                outputs.append(_outputs(code, gains[:3], [(*speeds, TS)] * 3)[-1])
+        if len(outputs) == len(_PROBES) and outputs[0] == outputs[1] != 0.0:
+            limits[outputs[0] > 0.0] = outputs[0]
+    return limits[0], limits[1]
 
 
 def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float, str, Evidence]:
@@ -180,8 +221,13 @@ class _Driving(PID):
 
     def __init__(self, code: JudgedCode, gains: ChosenGains) -> None:
         super().__init__()
-        self._steps = partial(code.steps, 'PID', code.make('PID', *gains[:3]))
-        self._gains, self.calls = gains, 0
+        self._steps = partial(code.steps, 'PID', code.make('PID', *self._passed(gains)))
+        self._gains = gains
+        self.calls = 0
+
+    def _passed(self, gains: ChosenGains) -> Sequence[float]:
+        """Return the gains that the user's PID gets."""
+        return gains[:3]
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
@@ -199,6 +245,48 @@ class _Driving(PID):
             text = f'it returned {output:.3g} m/s²; expected at most {_MAX_OUTPUT:g}'
             raise UserError(f'{where}: {text} (with {self._gains})')
         return output
+
+
+class _Corrected(_Driving):
+    """A user's controller with some terms corrected.
+
+    A term of the wrong sign gets its gain with the opposite sign. Any other wrong term gets the
+    gain 0, and barc_sim's takes its place, within the limits of the user's output.
+    """
+
+    def __init__(
+        self,
+        code: JudgedCode,
+        gains: ChosenGains,
+        wrong: Mapping[str, float],
+        limits: tuple[float, float],
+        *,
+        winds_up: bool = False,
+    ) -> None:
+        self._factors = [wrong.get(name, 1.0) for name in 'PID']
+        super().__init__(code, gains)
+        own = [gain if name in wrong else 0.0 for gain, name in zip(gains[:3], 'PID', strict=True)]
+        self._ours = PID(
+            *(0.0 if factor else gain for gain, factor in zip(own, self._factors, strict=True))
+        )
+        self._limits = limits
+        self._winds_up = winds_up
+
+    def _passed(self, gains: ChosenGains) -> Sequence[float]:
+        return [gain * factor for gain, factor in zip(gains[:3], self._factors, strict=True)]
+
+    def acc_calculate(
+        self, speed_reference: float, speed_current: float, dt: float | None = None
+    ) -> float:
+        """Return the acceleration [m/s²]; an error names the call."""
+        own = super().acc_calculate(speed_reference, speed_current, dt)
+        low, high = self._limits
+        if not self._winds_up:
+            self._ours.output_min = low - own
+            self._ours.output_max = high - own
+        return min(
+            max(own + self._ours.acc_calculate(speed_reference, speed_current, dt or TS), low), high
+        )
 
 
 _BACKWARDS = 'the car drives backwards: is the error speed_reference - speed_current?'
@@ -250,13 +338,15 @@ def judge_pid(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     with suppress(UserError):
         code.make('PID', KP, KI, KD)
     gains = code.chosen_gains()
-    findings = judge_terms(code, settings.seed)
+    findings, wrong = judge_terms(code, settings.seed, settings.points)
     yield from findings
     if gains is None and findings[0].message == _IGNORED:
         gains = ChosenGains(KP, KI, KD, 'which have no effect')
-    scores = zip('PID', (each.score for each in findings), strict=True)
-    wrong = [name for name, score in scores if 0.0 < score < 1.0]
-    yield Finding('loop.lab_road', *judge_lab_road(code, gains, settings.thresholds, wrong))
+    score, text, evidence = judge_lab_road(code, gains, settings.thresholds, wrong)
+    if gains and findings[0].message == _IGNORED:  # the fixed gains may be better than the chosen
+        chosen = _driven(PID(*gains[:3]), settings.thresholds, gains)
+        score, text = min((score, text), chosen[:2])
+    yield Finding('loop.lab_road', score, text, evidence)
 
 
 class Term(NamedTuple):
@@ -268,19 +358,26 @@ class Term(NamedTuple):
     amplitude: float  #: [m/s] maximum error, for a gain of 1
     max_sum: float = inf  #: [m/s] maximum sum of the errors
 
-    def tried(self, code: JudgedCode, seed: int) -> Trial:
-        """Return the trial of the term; its outputs have a row for each gain, a column a call."""
+    def tried(self, code: JudgedCode, seed: int, kp: float = 0.0) -> Trial:
+        """Return the trial of the term; its outputs have a row for each gain, a column a call.
+
+        With `kp` they are the outputs with this gain of P, minus those of P alone.
+        """
         sequences = [
             wandering(seed, f'{self.criterion} {gain}', self.amplitude / gain, self.max_sum)
             for gain in self.gains
         ]
         gains = [[gain if name == self.name else 0.0 for name in 'PID'] for gain in self.gains]
+        alone = [kp, 0.0, 0.0]
         reference, measured, dt = np.array(sequences).transpose(2, 0, 1)
         outputs, failure = np.full_like(reference, np.nan), ''
         with np.errstate(all='ignore'):
             try:
-                calls = zip(gains, sequences, strict=True)
+                used = [np.add(each, alone).tolist() for each in gains]
+                calls = zip(used, sequences, strict=True)
                 outputs = np.array([_outputs(code, *each) for each in calls])
+                if kp:
+                    outputs -= np.array([_outputs(code, alone, each) for each in sequences])
             except UserError as error:
                 failure = str(error)
         inputs = {'reference': reference, 'measured': measured, 'dt': dt}
@@ -399,6 +496,7 @@ _KP = (
     'kp multiplies this term, too: the output is '
     'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
 )
+_KP_COSTS = 0.5 * _HALF
 _RANDOM = 'the same speeds give different outputs: does PID use random numbers? As a result: '
 _IGNORED = (
     'the gains that PID gets have no effect: it uses fixed numbers. Store kp, ki and kd in '
@@ -407,28 +505,64 @@ _IGNORED = (
 
 
 @np.errstate(all='ignore')
-def judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
-    """Return a finding for each term; with a wrong one, random outputs are mentioned."""
+def judge_terms(
+    code: JudgedCode, seed: int, points: Mapping[str, float] | None = None
+) -> tuple[list[Finding], dict[str, float]]:
+    """Return a finding for each term, and the terms to correct, as `judge_lab_road` takes them.
+
+    With a wrong term, random outputs are mentioned. A term without effect is not corrected: the car
+    drives without it.
+    """
     rows, random = wandering(seed, 'gains', 0.01), ''
     with suppress(UserError):
         small, large = (1.0, 0.5, 0.1), (3.0, 2.0, 0.7)
         one, again, other = (_outputs(code, gains, rows) for gains in (small, small, large))
         if one == other and any(one):
-            is_a_pid = len({*map(abs, one)}) > _LENGTH // 2 and max(one) < _MAX_OUTPUT
-            return [Finding(term.criterion, _HALF * is_a_pid, _IGNORED) for term in TERMS]
+            return _with_fixed_gains(one, rows), {}
         random = '' if np.allclose(one, again, rtol=0.0, atol=_TOLERANCE) else _RANDOM
     trials = [term.tried(code, seed) for term in TERMS]
-    judge = _Terms(PID_LAW, {}, {}, agree=agree, min_loss=_HALF)
-    findings = []
-    for trial, (name, verdict) in zip(
-        trials, judge.verdicts(code, trials, 'PID').items(), strict=True
-    ):
-        score, message = verdict
-        if not trial.got[name].any() and _is_scaled_by_kp(code, name, rows):
-            score, message = 1.0 - 0.5 * _HALF, _KP
+    scaled = {
+        term.name
+        for term, trial in zip(TERMS, trials, strict=True)
+        if not trial.got[term.name].any() and _is_scaled_by_kp(code, term.name, rows)
+    }
+    trials = [
+        term.tried(code, seed, kp=1.0) if term.name in scaled else trial
+        for term, trial in zip(TERMS, trials, strict=True)
+    ]
+    points = points or {}
+    weights = {term.name: points.get(term.criterion, 1.0) for term in TERMS}
+    verdicts = _Terms(PID_LAW, {}, {}, agree=agree, min_loss=_HALF).verdicts(code, trials, weights)
+    findings, wrong = [], {}
+    for trial, (name, (term_score, mistake)) in zip(trials, verdicts.items(), strict=True):
+        score, message = term_score, mistake
+        if name in scaled:
+            score = max(term_score - _KP_COSTS, 0.0)
+            message = '; '.join(filter(None, (_KP, mistake)))
+        if 0.0 < score < 1.0:
+            negated = trial._replace(got={name: -trial.got[name]})
+            is_negative = name not in scaled and factor_of(negated) > 0.0
+            wrong[name] = -1.0 if is_negative else 0.0
         right = f'right in all {trial.got[name].size} outputs{_remark(name, factor_of(trial))}'
         findings.append(Finding(trial.name, score, f'{random}{message}' if message else right))
-    return findings
+    return findings, wrong
+
+
+def _with_fixed_gains(outputs: Sequence[float], rows: Sequence[Sample]) -> list[Finding]:
+    """Return a finding for each term of a PID that ignores its gains.
+
+    A term that is missing or has the wrong sign gets no points, if the PID has the lab's form.
+    """
+    is_a_pid = len({*map(abs, outputs)}) > _LENGTH // 2 and max(outputs) < _MAX_OUTPUT
+    reference, measured, dt = np.array(rows).T
+    e = (reference - measured)[np.newaxis]
+    change = e - _before(e)
+    factors = _fitted(np.array([outputs]), e, np.cumsum(e * dt, axis=1), change / dt)
+    has_terms = [factor > _TOLERANCE for factor in factors] or [True] * len(TERMS)
+    return [
+        Finding(term.criterion, _HALF * (is_a_pid and has_term), _IGNORED)
+        for term, has_term in zip(TERMS, has_terms, strict=True)
+    ]
 
 
 def _is_scaled_by_kp(code: JudgedCode, name: str, rows: Sequence[Sample]) -> bool:
@@ -450,10 +584,16 @@ def _remark(name: str, factor: float) -> str:
     return f'; {name} is {factor:.6g} times the formula: is dt right? The gain absorbs the factor'
 
 
+def judge_model(code: JudgedCode, settings: Settings) -> list[Finding]:
+    """Return a finding for each criterion of `bike_model.py`."""
+    findings, _ = FUNCTIONS.judge(code, settings.seed, settings.points)
+    return findings
+
+
 HILLS = Lab(
     files.HILLS,
     {
-        'model': Part(MODEL_LABELS, lambda code, its: FUNCTIONS.judge(code, its.seed)[0]),
+        'model': Part(MODEL_LABELS, judge_model),
         'controller': Part(PID_LABELS, judge_pid),
         'relay': Part(relay.LABELS, lambda code, _: relay.judge_relay(code)),
     },

@@ -61,6 +61,10 @@ _HINTS = (
     (_WIDE, 1.0, ''),
     (inf, 1.0, '; too wide'),
 )
+_BY_CHANCE = (
+    'command gives another value when it is called again with the same t: does it use random '
+    'numbers, or count its calls? Its first values are judged'
+)
 _UNITS = {'drag': '1/m', 'friction': 'm/s²', 'delay': 's'}
 _STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the finite differences
 #: Smallest interval that a drive allows: full marks up to the first, none from the second on.
@@ -179,7 +183,7 @@ def _figure(
 def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield a finding for each criterion; the cars follow from the seed and the name."""
     car = car_of(code.call('name'))
-    findings, (trial,) = FUNCTIONS.judge(code, f'{settings.seed} {car}')
+    findings, (trial,) = FUNCTIONS.judge(code, f'{settings.seed} {car}', settings.points)
     yield from findings
     score, text = (0.0, trial.failure) if trial.failure else _judge_intervals(trial)
     yield Finding('estimate.intervals', score, text)
@@ -187,7 +191,10 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     with suppress(UserError):
         row = [_T, measured(car, commands), commands]
         evidence = evidence_of(car, commands, code.rows('estimate', [row])[0])
-    yield Finding('commands.limits', *_judge_limits(car, commands), evidence)
+    score, text = _judge_limits(car, commands)
+    if _commands(code) != commands:
+        text = f'{text}; {_BY_CHANCE}'
+    yield Finding('commands.limits', score, text, evidence)
     yield from _judge_information(car, commands)
 
 

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections import defaultdict
 from functools import cache, partial
 from math import inf
-from operator import itemgetter
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.control.lane import LaneController
+    from barc_sim.control.lane import Curvature, LaneController
     from barc_sim.lab.confined.process import JudgedCode
     from barc_sim.lab.judge import Settings, Thresholds
     from barc_sim.vehicle.plant import Plant
@@ -82,94 +81,184 @@ _SEEN = 80.0  #: [m] that the car drives to come back
 _DISTANCE = (30.0, 60.0)  #: [m] until the car is back
 _OVERSHOOT = (0.2, 0.6)  #: share of the distance from the line at the start
 _SATURATED = (0.1, 0.5)  #: share of the steps on the first 30 m
-_PUT_RIGHT = 'with LaneLQR in place of your Lane: '
+_LARGE = 5.0  #: times the right angle in a turn: the whole output is too large
+_SIGNS_CORRECTED = 'with corrected signs: '
+_OUR_FEEDBACK = "with LaneLQR's gains of e_y and e_psi: "
 #: The laps of barc_sim's law.
 _usual = cache(partial(lap, speed=SPEED, laps=_LAPS, dynamics='dynamic'))
 
 
-def _new(code: JudgedCode, track: Track) -> int:
-    """Make a new `Lane` on a track; return its number."""
-    return code.make('Lane', track.starts[1:], track.curvatures)
+def _new(code: JudgedCode, track: Track, sign: float = 1.0) -> int:
+    """Make a new `Lane` on a track, whose curvatures have this sign; return its number."""
+    curvatures = [sign * each for each in track.curvatures]
+    return code.make('Lane', track.starts[1:], curvatures)
+
+
+class Corrections(NamedTuple):
+    """Known mistakes in a user's `Lane`, as the factors that undo them."""
+
+    e_y: float = 1.0  #: of the error that `Lane` gets
+    e_psi: float = 1.0  #: of its difference from the one of the steady turn
+    curvature: float = 1.0  #: of the curvatures that `Lane` reads
+    turn: float = 1.0  #: of the angle that `Lane` returns on the line in a steady turn
+    has_our_feedback: bool = False  #: LaneLQR's terms of e_y and e_psi replace the user's
 
 
 class _Law(LaneLaw):
-    """A user's `Lane` that drives a plant."""
+    """A user's `Lane` that drives a plant, with known mistakes corrected.
 
-    def __init__(self, code: JudgedCode, plant: Plant) -> None:
+    Its steering angle is the one on the line in a steady turn, and a feedback of the errors in
+    addition. A mistake in one of the two leaves the other as it is, so that what else is wrong with
+    the user's law stays wrong.
+    """
+
+    def __init__(self, code: JudgedCode, correct: Corrections, plant: Plant) -> None:
         super().__init__()
         assert plant.track  # noqa: S101 (there is one)
-        self._steps, self._plant = partial(code.steps, 'Lane', _new(code, plant.track)), plant
+        new = partial(_new, code, plant.track, correct.curvature)
+        self._steps = partial(code.steps, 'Lane')
+        self._whole = new()
+        self._turn = new()  # has no errors, so that its state does not mix with the other's
+        self._correct = correct
+        self._plant = plant
+        self._ours = LaneLQR()
 
-    def steer_calculate(self, e_y: float, e_psi: float, speed: float, _: object) -> float:
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
         """Return the steering angle [rad]."""
-        return self._steps([(e_y, e_psi, speed, self._plant.distance)])[0]
+        correct, place = self._correct, self._plant.distance
+        steer, steady = steady_turn(curvature(0.0))
+        turn = 0.0
+        if correct.turn != 1.0 or correct.has_our_feedback:
+            (turn,) = self._steps(self._turn, [(0.0, steady, speed, place)])
+        if correct.has_our_feedback:
+            return (
+                correct.turn * turn
+                + self._ours.steer_calculate(e_y, e_psi, speed, curvature)
+                - steer
+            )
+        row = correct.e_y * e_y, steady + correct.e_psi * (e_psi - steady), speed, place
+        return self._steps(self._whole, [row])[0] + (correct.turn - 1.0) * turn
 
 
-def _mistakes(code: JudgedCode) -> Mapping[str, list[str]]:
-    """Return the messages on the mistakes in `Lane`, by topic; each names its line if known."""
-    situations = {each.name: each.values.values() for each in CLASS.situations['Lane']}
-
-    def call(name: str) -> tuple[str, int, Sequence[Any]]:
-        """Return the request that calls a new `Lane` once in a situation."""
-        *errors, curvature = map(float, situations[name])  # type: ignore[arg-type]  # no ranges
-        return 'Lane', _new(code, Track((100.0,), (curvature,))), [(*errors, SPEED, 0.0)]
-
-    values: dict[str, Any] = {name: code.steps(*call(name))[0] for name in situations}
+def _values(code: JudgedCode) -> dict[str, Any]:
+    """Return the angles of `Lane` by situation, and the distance by which its turns are late."""
+    values: dict[str, Any] = {
+        each.name: code.steps(*_call(code, each.name))[0] for each in CLASS.situations['Lane']
+    }
     level = 0.5 * (values['level'] - values['level_mirrored'])
     rows = [(0.0, 0.0, SPEED, 50.0 + shift) for shift in _SHIFTS]
     steers = zip(_SHIFTS, code.steps('Lane', _new(code, _BEND), rows), strict=True)
     values['late'] = next((d for d, steer in steers if abs(steer - level) <= _NEAR), 0)
+    return values
+
+
+def _call(code: JudgedCode, situation: str) -> tuple[str, int, Sequence[Any]]:
+    """Return the request that calls a new `Lane` once in a situation."""
+    (found,) = (each for each in CLASS.situations['Lane'] if each.name == situation)
+    *errors, curvature = map(float, found.values.values())  # type: ignore[arg-type]  # no ranges
+    return 'Lane', _new(code, Track((100.0,), (curvature,))), [(*errors, SPEED, 0.0)]
+
+
+def _mistakes(code: JudgedCode, values: Mapping[str, Any]) -> Mapping[str, list[_Made]]:
+    """Return the mistakes in `Lane`, by topic; each message names its line if known."""
     made = defaultdict(list)
     for topic, sentence, formulas, _ in CLASS.mistakes:
         if CLASS.compute(values, {'made': formulas['made']})['made']:
             name, wrong = 'curvature', [_CURVATURE, -_CURVATURE]  # the line that reads it
-            if formulas['line'] in situations:
+            if formulas['line'] in values:
                 name, wrong = formulas['line'], [values[formulas['line']]]
-            line = code.line_of('steps', call(name), wrong, [])
+            line = code.line_of('steps', _call(code, name), wrong, [])
             where = f'{line}: ' if line else ''
-            made[topic].append(f'{where}{sentence.format(**values)}')
+            made[topic].append(_Made(f'{where}{sentence.format(**values)}', formulas['line']))
     return made
 
 
-def _signs(made: Mapping[str, list[str]]) -> tuple[float, str]:
+class _Made(NamedTuple):
+    """A mistake in a user's `Lane`."""
+
+    message: str
+    situation: str  #: that shows it
+
+
+def _corrected_signs(made: Mapping[str, list[_Made]], values: Mapping[str, Any]) -> Corrections:
+    """Return the corrections of the signs that are wrong.
+
+    With a wrong sign of the curvature, either `Lane` reads it with the wrong sign, or its result is
+    subtracted: what gives the better angle in a steady turn is corrected.
+    """
+    wrong = {each.situation for each in made['Signs']}
+    correct = Corrections(-1.0 if 'e_y' in wrong else 1.0, -1.0 if 'e_psi' in wrong else 1.0)
+    if 'reads' not in wrong:
+        return correct
+    if abs(values['against'] - _TURN['STEER']) <= abs(-_turn(values) - _TURN['STEER']):
+        return correct._replace(curvature=-1.0)
+    return correct._replace(turn=-1.0)
+
+
+def _with_our_feedback(correct: Corrections, values: Mapping[str, Any]) -> Corrections:
+    """Return the corrections with LaneLQR's feedback; a much too large output is scaled."""
+    angle = values['against'] if correct.curvature < 0.0 else _turn(values)
+    scale = abs(angle) / _TURN['STEER']
+    turn = correct.turn / scale if scale > _LARGE else correct.turn
+    return correct._replace(turn=turn, has_our_feedback=True)
+
+
+def _turn(values: Mapping[str, Any]) -> float:
+    """Return the steering angle [rad] on the line in a steady turn to the left."""
+    return 0.5 * float(values['curvature'] - values['curvature_mirrored'])
+
+
+def _signs(made: Mapping[str, list[_Made]]) -> tuple[float, str]:
     """Judge the signs and the symmetry; return score and message."""
     if wrong := made['Signs']:
-        return _ONE_WRONG if len(wrong) == 1 else 0.0, '; '.join(wrong)
+        return _ONE_WRONG if len(wrong) == 1 else 0.0, '; '.join(each.message for each in wrong)
     for topic, score in (('No effect', 0.0), ('Symmetry', 0.5)):
         if made[topic]:
-            return score, made[topic][0]
+            return score, made[topic][0].message
     return 1.0, 'the signs are right, and mirrored inputs give the opposite angle'
 
 
 def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield a finding for each criterion.
 
-    A mistake in the feedback costs points only once: with one, barc_sim's law also drives, and the
-    better drive counts.
+    A mistake in signs or feedback costs points only once: the user's own law drives on, with this
+    mistake corrected. It never drives better than it would have without the mistake.
     """
-    yield from FUNCTIONS.judge(code, settings.seed)[0]
-    made, by = _mistakes(code), settings.thresholds
+    yield from FUNCTIONS.judge(code, settings.seed, settings.points)[0]
+    values, by = _values(code), settings.thresholds
+    made = _mistakes(code, values)
     yield Finding('lane.signs', *_signs(made))
-    laws: dict[str, NewLaw] = {'': partial(_Law, code)}
-    ours = {_PUT_RIGHT: lambda _: LaneLQR()}
-    laws |= ours if made['Signs'] else {}
-    drives = [(*_returned(law), whose) for whose, law in laws.items()]
-    score, text, whose = max(drives, key=itemgetter(0))
+
+    own: NewLaw = partial(_Law, code, Corrections())
+    correct, whose = _corrected_signs(made, values), ''
+    if made['Signs']:
+        whose = _SIGNS_CORRECTED
+    score, text = _returned(partial(_Law, code, correct))
     if score < 1.0:
-        text = '; '.join([*made['On a straight'][:1], text])
-        laws |= ours if made['On a straight'] and not made['No effect'] else {}
+        text = '; '.join([*_messages(made['On a straight']), text])
     yield Finding('lane.return', score, f'{whose}{text}')
+
+    if made['On a straight'] and not made['No effect'] and score < 1.0:
+        correct = _with_our_feedback(correct, values)
+        whose = f'{whose}{_OUR_FEEDBACK}'
     for criterion, track, laps in (
         ('lane.laps', Track.named('L'), _LAPS),
         ('lane.hidden', hidden_track(settings.seed), 1),
     ):
-        kept = [(*_kept(law, track, laps, by), whose) for whose, law in laws.items()]
-        score, text, _, whose = max(kept, key=itemgetter(0))
+        score, text, drive = _kept(partial(_Law, code, correct), track, laps, by)
         shown = None
         if criterion == 'lane.laps':
-            text = '; '.join([*made['In turns'][:1], text]) if score < 1.0 else text
-            shown = kept[0][2]  # the drive of the user's own law
+            text = '; '.join([*_messages(made['In turns']), text]) if score < 1.0 else text
+            # The figure shows the user's own law.
+            shown = _kept(own, track, laps, by)[2] if whose else drive
         yield Finding(criterion, score, f'{whose}{text}', shown)
+
+
+def _messages(made: Sequence[_Made]) -> list[str]:
+    """Return the message on the first mistake, if there is one."""
+    return [each.message for each in made[:1]]
 
 
 def _drive(law: NewLaw, track: Track, distance: float, e_y: float = 0.0) -> TrackLog:

@@ -166,7 +166,7 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
 
     Those of the line come last, because an error in `line` costs all that follow.
     """
-    yield from FUNCTIONS.judge(code, settings.seed)[0]
+    yield from FUNCTIONS.judge(code, settings.seed, settings.points)[0]
     own, text = _Line(code, _L), 'no offset is beyond its bounds'
     if outside := own.beyond > _TOLERANCE:
         text = f'an offset is {own.beyond:.3g} m beyond its bounds; below, all are cut to them'
