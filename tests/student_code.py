@@ -141,7 +141,7 @@ NumPy scalars | 100 | D has no dt
     from numpy import pi -> import numpy as np
     return acc -> return np.array([acc])
     self.int_error = 0 -> self.int_error = np.zeros(1)
-whole numbers | 85.88 | the outputs are whole numbers
+whole numbers | 86.04 | the outputs are whole numbers
     return acc -> return int(acc)
 an unused import | 100 | imports matplotlib.pyplot: it is not installed here
     import time -> import matplotlib.pyplot as plt

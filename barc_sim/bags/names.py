@@ -9,7 +9,7 @@ import json
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from barc_sim.bags import bounds
+from barc_sim.bags import bounds, recording
 from barc_sim.simulation import log
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # The topics that a log is made of.
 STATE, STATE_ERROR, TRACK_STATE = log.STATE, log.STATE_ERROR, log.TRACK_STATE
 ECU, APPLIED_COMMAND = log.COMMAND, log.APPLIED_COMMAND
-ENVIRONMENT, CLOCK = log.ENVIRONMENT, log.CLOCK
+ENVIRONMENT, CLOCK = log.ENVIRONMENT, recording.CLOCK
 PID_STATE, CONTROLLER_STATE, LANE_STATE = log.PID_STATE, log.CONTROLLER_STATE, log.LANE_STATE
 #: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
 CMD_VEL = 'cmd_vel'

@@ -13,7 +13,6 @@ import yaml
 
 from barc_sim.cli.files import replacing
 from barc_sim.errors import Parameter, UserError
-from barc_sim.simulation.log import CLOCK
 
 if TYPE_CHECKING:
     import re
@@ -23,6 +22,8 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import Topic
     from barc_sim.vehicle.track import Track
 
+#: the stamp of each state, where the real-time factor is not 1, and with --clock
+CLOCK = '/clock'
 _MEBIBYTE = 2**20
 #: Name of the MCAP metadata records with the run's own metadata.
 METADATA_NAME = 'barc_sim'

@@ -35,8 +35,6 @@ APPLIED_COMMAND = 'applied_command'
 ENVIRONMENT = 'environment'
 PID_STATE = 'pid_state'
 CONTROLLER_STATE = 'controller_state'
-#: the stamp of each state, where the real-time factor is not 1, and with --clock
-CLOCK = '/clock'
 #: The nodes whose parameters a log has.
 CONTROLLER, SIMULATOR = 'controller', 'vehicle_simulator'
 #: the true place on the track, where there is one

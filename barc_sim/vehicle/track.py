@@ -421,10 +421,12 @@ def _points_of_a_lap(points: list[complex], reach: float) -> int:
         return _without_the_first(points, len(points))
     first = passes[: np.append(np.flatnonzero(np.diff(passes) > 1) + 1, len(passes))[0]]
     last = int(first[np.argmin(distance[first])])
-    for late in z[last + 1 :]:
-        if np.abs(z[: last + 1] - late).min() > reach + lengths.max():
+    # The point behind this step is of the lap, too, if the line passes the first one beyond it.
+    n = last + 2 if ahead[last] == lengths[last] else last + 1
+    for late in z[n:]:
+        if np.abs(z[:n] - late).min() > reach + lengths.max():
             return _without_the_first(points, len(points))
-    return _without_the_first(points, last + 1)
+    return _without_the_first(points, n)
 
 
 def _without_the_first(points: list[complex], n: int) -> int:
