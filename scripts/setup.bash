@@ -108,7 +108,11 @@ choose_python() {
     "BARC_PYTHON to the path of one."
 }
 
+# Set `source`; and `safe_path`, with which the program of `python -c` begins without the working
+# directory: Python 3.13 imports a module before the program can remove it from the path.
 choose_source() {
+  safe_path=
+  [[ $version == 3.10 ]] || safe_path=-P
   has_wheels=$source
   if [[ -n $ros ]]; then
     source=sourced
@@ -282,8 +286,8 @@ hold_signals() {
   local start='import sys; sys.path = [*filter(None, sys.path)]'
   start+='; from barc_sim.run import main; sys.exit(main())'
   rm -f "$venv/bin/barc"
-  printf '#!/usr/bin/env bash\nexec env --block-signal=HUP,INT,TERM %q -c %q "$@"\n' \
-    "$venv/bin/python" "$start" >"$venv/bin/barc" || fail
+  printf '#!/usr/bin/env bash\nexec env --block-signal=HUP,INT,TERM %q %s -c %q "$@"\n' \
+    "$venv/bin/python" "$safe_path" "$start" >"$venv/bin/barc" || fail
   chmod +x "$venv/bin/barc" || fail
 }
 

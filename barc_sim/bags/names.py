@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 # The topics that a log is made of.
 STATE, STATE_ERROR, TRACK_STATE = log.STATE, log.STATE_ERROR, log.TRACK_STATE
 ECU, APPLIED_COMMAND = log.COMMAND, log.APPLIED_COMMAND
-ENVIRONMENT, CLOCK = log.ENVIRONMENT, recording.CLOCK
+ENVIRONMENT = log.ENVIRONMENT
 PID_STATE, CONTROLLER_STATE, LANE_STATE = log.PID_STATE, log.CONTROLLER_STATE, log.LANE_STATE
+#: the stamp of each state, where the real-time factor is not 1, and with --clock
+CLOCK = recording.CLOCK
 #: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
 CMD_VEL = 'cmd_vel'
 PREDICTION = 'prediction'  #: the path that the lane controller plans, at every fifth state

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import Topic
     from barc_sim.vehicle.track import Track
 
-#: the stamp of each state, where the real-time factor is not 1, and with --clock
 CLOCK = '/clock'
 _MEBIBYTE = 2**20
 #: Name of the MCAP metadata records with the run's own metadata.

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 _PACKAGES = Path(__file__).parents[2]
 _ONLY_A_PLACE = getattr(os, 'O_PATH', os.O_RDONLY)  # of Linux: also for a folder that is unreadable
-# Before its path is set, a process imports only `sys`, which is compiled into Python.
+# Python 3.13 imports `linecache` before it runs the program of `-c`; `-P`, which 3.10 lacks, keeps
+# it from the working directory.
+_SAFE_PATH = ['-P'] if sys.version_info >= (3, 11) else []
+# Before its path is set, the program imports only `sys`, which is compiled into Python.
 _START = """\
 import sys
 sys.path[:] = sys.argv.pop(1).split({separator!r})
@@ -36,7 +39,7 @@ def python_command(module: str, *words: str) -> list[str]:
     """
     program = _START.format(separator=os.pathsep)
     path = os.pathsep.join(_without_working_directory(sys.path))
-    return [sys.executable, '-c', program, path, module, *words]
+    return [sys.executable, *_SAFE_PATH, '-c', program, path, module, *words]
 
 
 def ignore_working_directory() -> None:

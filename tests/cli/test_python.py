@@ -42,7 +42,9 @@ def test_the_script_that_starts_runs_imports_nothing_there(trap: Path) -> None:
     script = Path(__file__).parents[2] / 'scripts' / 'run'
     found = re.search('^start="(.*?)"$', script.read_text(), re.DOTALL | re.MULTILINE)
     assert found
-    command = [sys.executable, '-c', found[1], '--version']
+    assert '"$python" $safe_path -c "$start"' in script.read_text()
+    safe_path = ['-P'] if sys.version_info >= (3, 11) else []
+    command = [sys.executable, *safe_path, '-c', found[1], '--version']
     done = subprocess.run(command, cwd=trap, capture_output=True, text=True, check=False)
     assert done.stdout == f'barc {barc_sim.__version__}\n', done.stderr
 

@@ -171,7 +171,7 @@ def test_where_pypi_has_no_ros_barc_is_set_up_without_it(
     path = programs(tmp_path / 'bin', *POSIX, **scripts)
     first = run(checkout, path, BARC_PYTHON='')
     assert first.returncode == 0, first.stderr
-    assert first.stdout.startswith('drives: -c import sys')
+    assert first.stdout.startswith('drives: -P -c import sys')
     assert first.stdout.endswith(' acc\n')
     assert (
         f'without ROS, which PyPI has for x86-64 Linux alone, and this is {system}'
