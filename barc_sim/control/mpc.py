@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, steady_turn
 from barc_sim.control.speed import Gain
 from barc_sim.vehicle.parameters import SERVO
-from barc_sim.vehicle.plant import Actuator
+from barc_sim.vehicle.plant import Actuator, actuator_response
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -82,7 +82,7 @@ class MPC(LaneLaw):
         command = self._plan(start, state, v, curvature)
         self._latest = min(max(command, -STEERING_LIMIT), STEERING_LIMIT)
         self._sent.append(self._latest)
-        self._servo, _ = actuator.respond(self._servo, self._sent.pop(0), self.period)
+        self._servo, _ = actuator_response(actuator, self._servo, self._sent.pop(0), self.period)
         self.solve_time = thread_time() - began
         return self._latest
 
@@ -124,7 +124,7 @@ class MPC(LaneLaw):
         self._sent = ([self._servo] * steps + self._sent)[len(self._sent) :]
         length, angle, ahead, step = self.l_f + self.l_r, self._servo, 0.0, v * self.period
         for command in self._sent:
-            angle, mean = actuator.respond(angle, command, self.period)
+            angle, mean = actuator_response(actuator, angle, command, self.period)
             steer, heading = steady_turn(curvature(ahead + 0.5 * step), self.l_f, self.l_r)
             turn = (mean - steer) * step / length
             e_y += (e_psi + 0.5 * turn - heading) * step + self.l_r * turn

@@ -5,10 +5,11 @@ from __future__ import annotations
 import inspect
 from copy import deepcopy
 from inspect import signature
-from math import inf, isfinite, nan, sqrt
+from math import inf, isfinite, isnan, nan, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from barc_sim.errors import Parameter, UserError
+from barc_sim.vehicle.law import law
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -110,6 +111,67 @@ NO_LIMIT = 1e6
 FIRST_DT = 0.02
 
 
+class PidGains(NamedTuple):
+    """The gains of a PID, and the limits of its output [m/s²]."""
+
+    kp: float  #: [1/s]
+    ki: float  #: [1/s²]
+    kd: float
+    output_min: float
+    output_max: float
+
+
+class PidMemory(NamedTuple):
+    """What a PID keeps from one call to the next."""
+
+    integral: float = 0.0  #: [m/s²]
+    previous: float = nan  #: [m/s] the latest measurement; NaN: the next call is the first
+
+
+class PidTerms(NamedTuple):
+    """The output of a PID, and the terms that it is the sum of, but for the integral."""
+
+    output: float  #: [m/s²] within the limits
+    proportional: float  #: [m/s²]
+    derivative: float  #: [m/s²]
+    saturated: bool  #: whether a limit cut the output
+
+
+@law
+def pid(
+    memory: PidMemory, gains: PidGains, reference: float, measured: float, dt: float
+) -> tuple[PidMemory, PidTerms]:
+    """Return the memory and the terms of a PID after a call; the class `PID` has its equations.
+
+    `reference` and `measured` are in m/s, and `dt` [s] is the time since the call before.
+    """
+    error = reference - measured
+    proportional = gains.kp * error
+    increment = 0.0
+    derivative = 0.0
+    if not isnan(memory.previous) and dt > 0.0:
+        increment = gains.ki * error * dt
+        derivative = -gains.kd * (measured - memory.previous) / dt
+
+    raw = proportional + memory.integral + increment + derivative
+    output = raw
+    saturated = False
+    if raw > gains.output_max:
+        saturated = True
+        output = gains.output_max
+        increment = min(increment, 0.0)
+    elif raw < gains.output_min:
+        saturated = True
+        output = gains.output_min
+        increment = max(increment, 0.0)
+
+    integral = memory.integral
+    if isfinite(output):
+        integral += increment
+    previous = measured if isfinite(error) else nan
+    return PidMemory(integral, previous), PidTerms(output, proportional, derivative, saturated)
+
+
 class PID:
     """A PID controller in parallel form, with limited output.
 
@@ -133,6 +195,8 @@ class PID:
 
     Attributes
     ----------
+    memory
+        The record that `pid` takes and returns.
     proportional, integral, derivative, saturated
         [m/s²] the terms of the latest call, and whether its output was limited.
     previous
@@ -197,35 +261,40 @@ class PID:
 
     def reset(self) -> None:
         """Forget the past: the next call is the first."""
+        self.memory = PidMemory()
         self.proportional = 0.0
-        self.integral = 0.0
         self.derivative = 0.0
         self.saturated = False
-        self.previous: float | None = None
+
+    @property
+    def previous(self) -> float | None:
+        """The latest measurement [m/s]; None: the next call is the first."""
+        return None if isnan(self.memory.previous) else self.memory.previous
+
+    @property
+    def integral(self) -> float:
+        """The integral term [m/s²], with what the latest call added."""
+        return self.memory.integral
+
+    @integral.setter
+    def integral(self, value: float) -> None:
+        self.memory = self.memory._replace(integral=value)
+
+    @property
+    def law_gains(self) -> PidGains:
+        """The present gains and limits, as `pid` takes them."""
+        return PidGains(self.kp, self.ki, self.kd, self.output_min, self.output_max)
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
     ) -> float:
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
         dt = self.dt if dt is None else dt
-        error = speed_reference - speed_current
-        self.proportional = self.kp * error
-        increment = self.derivative = 0.0
-        if self.previous is not None and dt > 0.0:
-            increment = self.ki * error * dt
-            self.derivative = -self.kd * (speed_current - self.previous) / dt
-        output = self.proportional + self.integral + increment + self.derivative
-        self.saturated = output > self.output_max or output < self.output_min
-        if output > self.output_max:
-            output = self.output_max
-            increment = min(increment, 0.0)
-        elif output < self.output_min:
-            output = self.output_min
-            increment = max(increment, 0.0)
-        if isfinite(output):
-            self.integral += increment
-        self.previous = speed_current if isfinite(error) else None
-        return output
+        self.memory, terms = pid(self.memory, self.law_gains, speed_reference, speed_current, dt)
+        self.proportional = terms.proportional
+        self.derivative = terms.derivative
+        self.saturated = terms.saturated
+        return terms.output
 
 
 def speed_controller(

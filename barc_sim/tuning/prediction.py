@@ -16,7 +16,7 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bicycles import LateralParameters, bicycle, check_step
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, next_speed
-from barc_sim.vehicle.plant import Actuator
+from barc_sim.vehicle.plant import Actuator, actuator_response
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -183,7 +183,7 @@ def respond(
         means = []
         value = before
         for target, length in zip(targets.tolist(), lengths.tolist(), strict=True):
-            value, mean = actuator.respond(value, target, length)
+            value, mean = actuator_response(actuator, value, target, length)
             values.append(value)
             means.append(mean)
         way = np.append(0.0, np.cumsum(np.array(means) * lengths))

@@ -39,12 +39,17 @@ from barc_sim.vehicle.bike_model import (
     bikeFE,
     clamped_at_zero,
     motion,
+    next_speed,
     resistance,
     slip_angle,
     step,
 )
+from barc_sim.vehicle.law import law
 
-limited(Vehicle)  # here: bike_model.py, as it is handed in, imports nothing of barc_sim
+# Here: bike_model.py, as it is handed in, imports nothing of barc_sim.
+limited(Vehicle)
+for _law in (slip_angle, resistance, clamped_at_zero, next_speed, step, motion):
+    law(_law)
 
 #: Distance along the road [m] to incline [rad].
 Grade = Callable[[float], float]

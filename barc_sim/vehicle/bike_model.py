@@ -5,7 +5,7 @@ The equations are those of the ME131 lab "Simulating kinematic models in ROS" (a
 integrated with forward Euler. Positions run along the road's surface.
 
 The law of air drag and rolling friction is `resistance`; `surroundings` gives its two parts for the
-log. `next_speed` is one step of the longitudinal motion; `simulation/fast.py` repeats it inline.
+log. `next_speed` is one step of the longitudinal motion.
 """
 
 from __future__ import annotations
@@ -189,24 +189,29 @@ def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: flo
 
     The speed follows `next_speed`: resistance never pushes the vehicle backwards.
     """
-    x, y, psi, v = state
     beta = slip_angle(command.servo, vehicle.l_f, vehicle.l_r)
-    way, direction = ts * v, psi + beta
+    way = ts * state.v
+    direction = state.psi + beta
     gravity_force = -vehicle.mass * vehicle.gravity * sin(theta)
     return State(
-        x + way * cos(direction),
-        y + way * sin(direction),
-        psi + way / vehicle.l_r * sin(beta),
-        next_speed(v, command.motor, gravity_force, vehicle, ts),
+        state.x + way * cos(direction),
+        state.y + way * sin(direction),
+        state.psi + way / vehicle.l_r * sin(beta),
+        next_speed(state.v, command.motor, gravity_force, vehicle, ts),
     )
 
 
 def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
     """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad]."""
     beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
-    x, y, psi, v = state
-    along, across = cos(beta), sin(beta)
-    return Motion(x, y, psi, v * along, v * across, v / vehicle.l_r * across)
+    return Motion(
+        state.x,
+        state.y,
+        state.psi,
+        v_x=state.v * cos(beta),
+        v_y=state.v * sin(beta),
+        psi_dot=state.v / vehicle.l_r * sin(beta),
+    )
 
 
 def surroundings(v: float, road: RoadPoint, vehicle: Vehicle) -> Surroundings:

@@ -22,6 +22,7 @@ from barc_sim.vehicle.bike_model import (
     bikeFE,
     surroundings,
 )
+from barc_sim.vehicle.law import law
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -65,25 +66,61 @@ class Actuator(NamedTuple):
     rate: Annotated[float, 'maximum change [unit/s]', 1e-300, inf] = inf
     limit: Annotated[float, 'maximum absolute value [unit]', 0.0, inf] = inf
 
-    def respond(self, value: float, target: float, t: float) -> tuple[float, float]:
-        """Return the value after `t` > 0 seconds of a constant `target`, and its mean over them.
 
-        The solution is exact: a ramp at `rate` while the lag alone would be faster, and an
-        exponential from there on.
-        """
-        _, lag, rate, _ = self
-        error = target - value
-        excess = abs(error) - (rate * lag if lag else 0.0)
-        ramp = min(excess / rate, t) if excess > 0.0 else 0.0
-        ramp_end = value + copysign(rate, error) * ramp if ramp else value
-        remaining, error = t - ramp, target - ramp_end
-        if not remaining:
-            return ramp_end, 0.5 * (value + ramp_end)
-        decayed = -expm1(-remaining / lag) if lag else 1.0
-        mean_of_decay = target - error * decayed * lag / remaining
-        ramp_share = ramp / t
-        mean = ramp_share * 0.5 * (value + ramp_end) + (1.0 - ramp_share) * mean_of_decay
-        return target - error * (1.0 - decayed), mean
+@law
+def actuator_response(
+    actuator: Actuator, value: float, target: float, t: float
+) -> tuple[float, float]:
+    """Return an actuator's value after `t` > 0 seconds of a constant `target`, and its mean.
+
+    The solution is exact: a ramp at `rate` while the lag alone would be faster, and an exponential
+    from there on.
+    """
+    lag = actuator.lag
+    rate = actuator.rate
+    error = target - value
+    excess = abs(error)
+    if lag:
+        excess -= rate * lag
+    ramp = min(excess / rate, t) if excess > 0.0 else 0.0
+    ramp_end = value + copysign(rate, error) * ramp if ramp else value
+    remaining = t - ramp
+    if not remaining:
+        return ramp_end, 0.5 * (value + ramp_end)
+
+    error = target - ramp_end
+    decayed = -expm1(-remaining / lag) if lag else 1.0
+    mean_of_decay = target - error * decayed * lag / remaining
+    ramp_share = ramp / t
+    mean = ramp_share * 0.5 * (value + ramp_end) + (1.0 - ramp_share) * mean_of_decay
+    return target - error * (1.0 - decayed), mean
+
+
+@law
+def limit_command(actuator: Actuator, command: float) -> float:
+    """Return a command within the limit of an actuator."""
+    within = -actuator.limit <= command <= actuator.limit
+    return command if within else copysign(actuator.limit, command)
+
+
+@law
+def actuate(
+    actuator: Actuator, value: float, older: float, newer: float, early: float, ts: float
+) -> tuple[float, float]:
+    """Return an actuator's value after a step of `ts` seconds, and its mean over the step.
+
+    The command `older` acts for the share `early` of the step, and `newer` for the rest: so a delay
+    that is not a multiple of the step is exact, too (Åström and Wittenmark, "Computer-Controlled
+    Systems", 3rd ed., section 2.3).
+    """
+    target = limit_command(actuator, newer)
+    if not early:
+        value, mean = actuator_response(actuator, value, target, ts)
+        return value, mean + 0.0
+    first = limit_command(actuator, older)
+    value, early_mean = actuator_response(actuator, value, first, early * ts)
+    value, late_mean = actuator_response(actuator, value, target, (1.0 - early) * ts)
+    return value, early * early_mean + (1.0 - early) * late_mean
 
 
 def in_steps(delay: float, ts: float) -> tuple[int, float]:
@@ -97,9 +134,7 @@ def in_steps(delay: float, ts: float) -> tuple[int, float]:
 class ActuatorState:
     """The state of one actuator, in steps of a fixed length.
 
-    Commands wait in a queue, one per step. A delay that is not a multiple of the step is exact,
-    too: the older of two commands acts for the first part of a step, the newer for the rest
-    (Åström and Wittenmark, "Computer-Controlled Systems", 3rd ed., section 2.3).
+    Commands wait in a queue, one per step; `actuate` has the law.
     """
 
     early: float  #: share of a step for which the older command still acts
@@ -115,11 +150,6 @@ class ActuatorState:
     def waiting(self) -> list[float]:
         """The commands that have not acted yet; the oldest acts in the early part of a step."""
         return [*self._queue][1:]
-
-    @property
-    def only_delays(self) -> bool:
-        """Whether commands act unchanged, though later."""
-        return self.actuator == Actuator(delay=self.actuator.delay)
 
     def replace(self, actuator: Actuator) -> None:
         """Use the parameters of `actuator` from now on; waiting commands stay.
@@ -140,24 +170,14 @@ class ActuatorState:
         if self.is_ideal:
             self.value = command
             return command
-        newer = self._cut(self._queue[1])
-        early = self.early
-        if not early:
-            self.value, mean = self.actuator.respond(self.value, newer, self._ts)
-            return mean + 0.0
-        older = self._cut(self._queue[0])
-        self.value, mean = self.actuator.respond(self.value, older, early * self._ts)
-        self.value, late = self.actuator.respond(self.value, newer, (1.0 - early) * self._ts)
-        return early * mean + (1.0 - early) * late
+        older, newer = self._queue[0], self._queue[1]
+        self.value, mean = actuate(self.actuator, self.value, older, newer, self.early, self._ts)
+        return mean
 
     def hold(self, value: float) -> None:
         """Set the value, as if it had been commanded for a long time."""
         self.value = value
         self._queue.extend([value] * len(self._queue))
-
-    def _cut(self, command: float) -> float:
-        limit = self.actuator.limit
-        return command if -limit <= command <= limit else copysign(limit, command)
 
 
 class Actuators:
@@ -387,7 +407,7 @@ class Plant:
 
     @property
     def has_fast_path(self) -> bool:
-        """Whether `bikeFE` moves the car straight ahead, with commands that act unchanged."""
+        """Whether `bikeFE` moves the car straight ahead along its road."""
         actuators = self.actuators
         return (
             type(self) is Plant
@@ -395,7 +415,6 @@ class Plant:
             and self.bicycle.is_lab
             and not (self.force or self.disturbance)
             and self.state.psi == actuators.servo.value == 0.0
-            and actuators.motor.only_delays
             and not any(actuators.servo.waiting)
         )
 

@@ -67,7 +67,7 @@ def test_live_parameters_change_a_car_that_drives() -> None:
     retune(DEFAULTS | {'motor_limit': 4.0}, car)
     car.advance(Command(motor=8.0))
     assert car.state.v == pytest.approx(0.08, abs=1e-4)
-    assert car.actuators.motor.only_delays is False
+    assert not car.actuators.is_ideal
     retune(DEFAULTS, car)
     assert car.actuators.is_ideal
 
@@ -75,6 +75,6 @@ def test_live_parameters_change_a_car_that_drives() -> None:
 def test_a_limit_of_0_is_none() -> None:
     assert plant(DEFAULTS).actuators.motor.waiting == [0.0]
     car = plant(DEFAULTS | {'motor_delay': 0.04})
-    assert car.actuators.motor.only_delays
+    assert not car.actuators.is_ideal
     car.advance(Command(motor=inf))
     assert car.state.v == 0.0

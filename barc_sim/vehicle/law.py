@@ -1,0 +1,96 @@
+"""Laws: functions of records, written once, that Python runs and Numba compiles.
+
+A law of physics or control is a plain function of numbers, NamedTuples and arrays, with Python's
+`math`. A single run calls it as it is. A loop over thousands of runs is compiled together with the
+laws that it calls, where Numba is installed (`pip install 'barc_sim[fast]'`), and gives the same
+numbers to the last bit: Numba keeps the order of operations, and calls the C library's functions,
+as Python does. `math.hypot` is an exception, which Python computes in a way of its own: a law takes
+the square root.
+
+Numba is imported when the first loop is compiled. Compiled code is kept in the user's cache folder,
+in a folder for these sources and versions: a changed law is never run from there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import os
+import platform
+import sys
+from functools import cache
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    _Function = TypeVar('_Function', bound=Callable[..., Any])
+
+_laws: list[Callable[..., Any]] = []
+
+
+def law(function: _Function) -> _Function:
+    """Declare a function to be a law, which compiled loops and other laws can call.
+
+    It stays as it is in Python.
+    """
+    _laws.append(function)
+    return function
+
+
+def is_compiled() -> bool:
+    """Return whether Numba is installed, so that loops over many runs are compiled."""
+    return find_spec('numba') is not None
+
+
+def must_compile() -> bool:
+    """Return whether the next loop over many runs is compiled first, which takes some seconds."""
+    if not is_compiled():
+        return False
+    folder = _cache_folder()
+    return folder is None or not any(folder.iterdir())
+
+
+@cache
+def compiled(loop: _Function) -> _Function:
+    """Return a loop over many runs, compiled with the laws that it calls.
+
+    Without Numba it is the loop itself. A compiled loop releases the interpreter's lock, so that
+    threads share the cores.
+    """
+    if not is_compiled():
+        return loop
+    import numba  # noqa: PLC0415 (0.2 s, which a single run does not need)
+    from numba.extending import register_jitable  # noqa: PLC0415
+
+    while _laws:
+        register_jitable(_laws.pop())
+    folder = _cache_folder()
+    if folder:
+        numba.config.CACHE_DIR = str(folder)
+    return cast('_Function', numba.njit(nogil=True, cache=folder is not None)(loop))
+
+
+def _cache_folder() -> Path | None:
+    """Return the folder of compiled code, of these sources and versions; None: there is none."""
+    caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
+    folder = caches / 'barc_sim' / f'compiled-{_fingerprint()}'
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def _fingerprint() -> str:
+    """Return a text that changes with any source that can hold a law, and with its compiler."""
+    digest = hashlib.sha256()
+    for text in (sys.version, platform.machine(), version('numba'), version('numpy')):
+        digest.update(text.encode())
+    package = Path(inspect.getfile(law)).parents[1]
+    for path in sorted(package.rglob('*.py')):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
