@@ -28,8 +28,8 @@ from barc_sim.control.speed import (
     speed_controller,
 )
 from barc_sim.errors import Parameter, UserError
-from barc_sim.simulation.fast import pid_log
 from barc_sim.simulation.log import LANE_STATE, TrackLog, columns_of, log_of
+from barc_sim.simulation.rollout import pid_log
 from barc_sim.simulation.stepper import DISTANCE as END
 from barc_sim.simulation.stepper import LAPS
 from barc_sim.vehicle.bicycles import LateralParameters
@@ -317,9 +317,7 @@ def closed_loop(
     controller = speed_controller() if controller is None else as_controller(controller)
     steps = round(max_duration / plant.ts)
     if type(controller) is PID and plant.has_fast_path and not (progress or reference):
-        log = pid_log(plant, controller, speed_reference, distance, steps)
-        if log is not None:
-            return log
+        return pid_log(plant, controller, speed_reference, distance, steps)
     names = ['saturated', *controller.terms]
     # With one name alone, an attrgetter would return no tuple.
     read = attrgetter(*names) if names[1:] else lambda each: (each.saturated,)

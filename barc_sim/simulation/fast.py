@@ -1,46 +1,35 @@
-"""The closed loop for speed: one loop in plain floats, and many cars in NumPy arrays.
+"""Many cars as NumPy arrays: `PIDs`, `Actuators` and `Plants`, with the laws of one car.
 
-`_drive` has `PID` and `next_speed` inline, because a call costs as much as the law; `pid_log` makes
-a log of it. `PIDs` and `Plants` are many cars at once, with the laws of `vehicle/bicycles.py`.
-Tests compare logs to the last bit, and `Plants` to rounding, because NumPy's functions differ from
-Python's in the last bit.
+Tests compare them with one car to rounding, because NumPy's functions differ from Python's in the
+last bit.
 """
 
 from __future__ import annotations
 
-from array import array
-from itertools import chain, islice, repeat
-from math import cos, inf, isfinite, nan, radians, sin
+from math import inf, nan, radians
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.simulation.log import log_of
 from barc_sim.vehicle.bicycles import euler, kinematic_rates, rates
 from barc_sim.vehicle.bike_model import (
     Command,
     Motion,
     State,
-    clamped_at_zero,
-    motion,
     resistance,
-    surroundings,
 )
-from barc_sim.vehicle.plant import MeasurementError, in_steps, with_error
+from barc_sim.vehicle.plant import in_steps
 from barc_sim.vehicle.track import Frenet
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
     from barc_sim.control.speed import PID
-    from barc_sim.simulation.log import Log
     from barc_sim.vehicle.bicycles import LateralParameters
-    from barc_sim.vehicle.bike_model import Vehicle
-    from barc_sim.vehicle.plant import Actuator, Plant, Sensor
-    from barc_sim.vehicle.road import Road
+    from barc_sim.vehicle.plant import Actuator, Plant
     from barc_sim.vehicle.track import Track
 
     Floats = NDArray[np.float64]
@@ -50,80 +39,8 @@ if TYPE_CHECKING:
     Arrays = Any
 
 
-_BLOCK = 512  #: measurements whose noise is drawn at once
 _NONE = 1e-30  #: share of a step, or [s], that changes nothing: in place of 0
 _NO_LAG = 1e-15  #: [s] far longer than that, and far shorter than a step
-
-
-def _stretch(road: Road, vehicle: Vehicle, x: float) -> tuple[float, float, float]:
-    """Return start and end [m] of the stretch at `x` metres, and the gravity force [N] on it."""
-    i, starts = road.stretch(x), road.starts
-    begin, end = (starts[i] if i else -inf), (starts[i + 1] if i + 1 < len(starts) else inf)
-    return begin, end, -vehicle.mass * vehicle.gravity * road.at(x).sin_theta
-
-
-def _drive(
-    plant: Plant, pid: PID, reference: float, distance: float, errors: Iterable[float]
-) -> tuple[Floats, Floats]:
-    """Return the speed [m/s], and the integral [m/s²] after the command, of each state.
-
-    The loop ends at the distance, or with `errors`, measured minus true speed [m/s].
-    """
-    kp, ki, kd, low, high = pid.kp, pid.ki, pid.kd, pid.output_min, pid.output_max
-    vehicle, ts, dt, mass = plant.vehicle, plant.ts, plant.period_ns / 1e9, plant.vehicle.mass
-    x, v = plant.state.x, plant.state.v
-    # Waiting commands [m/s²], the next first: one more than the steps of delay. The loop appends
-    # its own. Without any, a command acts at once. For the share `early` of a step the older of two
-    # commands still acts.
-    motor = plant.actuators.motor
-    waiting, early = [] if motor.is_ideal else motor.waiting, motor.early
-    acting = iter(waiting)
-    older = next(acting, 0.0)
-    integral = previous = interval = 0.0
-    begin, end, gravity_force = _stretch(plant.road, vehicle, x)
-    speeds: list[float] = []
-    integrals: list[float] = []
-    add_speed, add_integral = speeds.append, integrals.append
-    for error in errors:
-        if x >= end or x < begin:
-            begin, end, gravity_force = _stretch(plant.road, vehicle, x)
-        # The controller: `PID.acc_calculate`.
-        measured = v + error
-        deviation = reference - measured
-        if interval > 0.0:
-            increment = ki * deviation * interval
-            command = kp * deviation + integral + increment + -kd * (measured - previous) / interval
-        else:
-            increment = 0.0
-            command = kp * deviation + integral + 0.0
-        if command > high:
-            command = high
-            increment = min(increment, 0.0)
-        elif command < low:
-            command = low
-            increment = max(increment, 0.0)
-        integral += increment
-        previous = measured
-        interval = dt
-        add_speed(v)
-        add_integral(integral)
-        if x >= distance:
-            break
-        if waiting:
-            waiting.append(command)
-            newer = next(acting)
-            command = early * older + (1.0 - early) * newer + 0.0
-            older = newer
-        # The vehicle: `next_speed`.
-        x += ts * v
-        opposing = resistance(v, vehicle)
-        if v <= 0.0:
-            opposing = -opposing if v < 0.0 else 0.0
-        after = v + ts * (command + (gravity_force - opposing) / mass)
-        if after < 0.0 < v or v < 0.0 < after:
-            after = clamped_at_zero(v, after, v + ts * (command + gravity_force / mass))
-        v = after
-    return np.frombuffer(array('d', speeds)), np.frombuffer(array('d', integrals))
 
 
 def _pid(
@@ -141,61 +58,6 @@ def _pid(
     output = proportional + integral + increment + derivative
     command = np.minimum(np.maximum(output, pid.output_min), pid.output_max)
     return proportional, increment, derivative, output, command
-
-
-def pid_log(
-    plant: Plant, pid: PID, speed_reference: float, distance: float, steps: int
-) -> Log | None:
-    """Return the log of `closed_loop` for a plant that `has_fast_path`, without changing either.
-
-    None: the controller is not in its initial state, or a number is not finite.
-    """
-    if pid.previous is not None or pid.integral:
-        return None
-    state, vehicle = plant.state, plant.vehicle
-    blocks: list[Floats] = []
-    # An error of -0.0 also leaves a speed of -0.0 as it is.
-    errors: Iterable[float] = repeat(-0.0)
-    if plant.sensor.is_noisy:
-        errors = chain.from_iterable(_speed_errors(plant.sensor.again(), blocks))
-    v, integral = _drive(plant, pid, speed_reference, distance, islice(errors, steps + 1))
-    n = len(v)
-    zero: Any = np.zeros(n)
-    error: Any = MeasurementError(*[zero] * 6)
-    if blocks:
-        error = MeasurementError(*np.concatenate(blocks, axis=1)[:, :n])
-    dt = plant.period_ns / 1e9
-    seen = error.v_x if blocks else -0.0
-    speeds = v + seen
-    before = np.append(nan, speeds[:-1]), np.append(0.0, integral[:-1])
-    with np.errstate(over='ignore', invalid='ignore'):  # as with floats
-        proportional, _, derivative, output, motor = _pid(pid, speed_reference, dt, speeds, *before)
-    if not all(isfinite(each[-1]) for each in (motor, proportional, integral, derivative)):
-        return None
-    x = np.add.accumulate(np.append(state.x, plant.ts * v[:-1]))
-    states = State(x, np.full(n, state.y), zero, v)  # type: ignore[arg-type]
-    measured = motion(states, 0.0, vehicle)
-    if blocks:
-        measured = with_error(measured, error, cos(state.psi), sin(state.psi))
-    return log_of(
-        plant.period_ns,
-        measured,
-        error,
-        Command(motor, zero),  # type: ignore[arg-type]  # arrays
-        surroundings(v, plant.road.at(x), vehicle),  # type: ignore[arg-type]
-        reference=np.full(n, speed_reference),
-        proportional=proportional,
-        integral=integral,
-        derivative=derivative,
-        saturated=motor != output,
-    )
-
-
-def _speed_errors(sensor: Sensor, blocks: list[Floats]) -> Iterator[list[float]]:
-    """Yield the errors of the speed, and keep those of all signals in `blocks`."""
-    while True:
-        blocks.append(sensor.draw(_BLOCK))
-        yield blocks[-1][3].tolist()
 
 
 #: The functions of `math` that `bicycles` uses, for arrays.

@@ -1,0 +1,307 @@
+"""The drive of a car straight along its road under a PID: one loop, in Python or compiled.
+
+`pid_log` makes the log of one run, and `scores_of_gains` the scores of many. The loop calls the
+laws that `Plant` and `PID` call, in the same order: its states are those of `closed_loop` to the
+last bit.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from math import ceil, inf, nan, radians, sqrt
+from os import cpu_count
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from barc_sim.control.speed import FIRST_DT, PidGains, PidMemory, pid
+from barc_sim.simulation.log import log_of
+from barc_sim.simulation.metrics import RUN_UP
+from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step, surroundings
+from barc_sim.vehicle.law import compiled, is_compiled, law
+from barc_sim.vehicle.plant import Actuator, MeasurementError, actuate, with_error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from barc_sim.control.speed import PID
+    from barc_sim.simulation.log import Log
+    from barc_sim.vehicle.plant import Plant
+
+    Floats = NDArray[np.float64]
+    Column = Any  #: a list of numbers in Python, an array in compiled code
+
+
+_SPEED = MeasurementError._fields.index('v_x')
+_NOISY_STATES = 2048  #: for which noise is drawn at first
+_MAX_PIECE = 4096  #: runs that a thread makes at a time
+
+
+class Course(NamedTuple):
+    """A run along a road, but for its controller; columns of numbers are lists or arrays."""
+
+    starts: Column  #: [m] of the road's stretches
+    thetas: Column  #: [rad] their inclines
+    vehicle: Vehicle
+    motor: Actuator
+    is_ideal: bool  #: a command acts at once
+    early: float  #: share of a step for which the older of two commands acts
+    waiting: Column  #: [m/s²] commands before the run that have not acted, the oldest first
+    start: State
+    value: float  #: [m/s²] of the motor at the start
+    reference: float  #: [m/s] speed to hold
+    distance: float  #: [m] at which the run ends
+    ts: float  #: [s] of a step
+    dt: float  #: [s] between two stamps
+    errors: Column  #: [m/s] measured minus true speed, of each state; empty: there are none
+
+
+class Trace(NamedTuple):
+    """The states of a run, as the loop stores them, with room for all of them in each column."""
+
+    x: Column  #: [m]
+    v: Column  #: [m/s]
+    commands: Column  #: [m/s²] behind those that wait at the start
+    proportional: Column  #: [m/s²]
+    integral: Column  #: [m/s²] after the command
+    derivative: Column  #: [m/s²]
+    saturated: Column  #: 1 where a limit cut the command
+
+
+def course_of(
+    plant: Plant, reference: float, distance: float, errors: Floats, *, is_array: bool = False
+) -> Course:
+    """Return the run of a plant that `has_fast_path`, from its present state.
+
+    `errors` are those of its measurements, shape `(6, n)`. `is_array` makes arrays of the columns,
+    for a compiled loop; Python is faster with lists.
+    """
+
+    def column(values: Iterable[float]) -> Column:
+        return np.array([*values], np.float64) if is_array else [*values]
+
+    motor = plant.actuators.motor
+    return Course(
+        starts=column(plant.road.starts),
+        thetas=column(map(radians, plant.road.grades_deg)),
+        vehicle=plant.vehicle,
+        motor=motor.actuator,
+        is_ideal=motor.is_ideal,
+        early=motor.early,
+        waiting=column(motor.waiting),
+        start=plant.state,
+        value=motor.value,
+        reference=reference,
+        distance=distance,
+        ts=plant.ts,
+        dt=plant.period_ns / 1e9,
+        errors=column(errors[_SPEED].tolist()),
+    )
+
+
+def trace_of(course: Course, states: int, *, is_array: bool = False) -> Trace:
+    """Return a trace with room for this number of states."""
+    rooms = Trace(*[states] * len(Trace._fields))
+    rooms = rooms._replace(commands=len(course.waiting) + states)
+    return Trace(*[np.zeros(room) if is_array else [0.0] * room for room in rooms])
+
+
+@law
+def stretch_at(starts: Column, x: float, near: int) -> int:
+    """Return the number of the stretch at `x` [m], which is `near` or not far from it."""
+    while near + 1 < len(starts) and x >= starts[near + 1]:
+        near += 1
+    while near > 0 and x < starts[near]:
+        near -= 1
+    return near
+
+
+@law
+def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> int:
+    """Drive until the distance is reached or the trace is full; return the number of states."""
+    state = course.start
+    value = course.value
+    dt = FIRST_DT
+    stretch = 0
+    wait = len(course.waiting)
+    for k in range(wait):
+        trace.commands[k] = course.waiting[k]
+    is_noisy = len(course.errors) > 0
+
+    count = 0
+    while True:
+        measured = state.v
+        if is_noisy:
+            measured += course.errors[count]
+        memory, terms = pid(memory, gains, course.reference, measured, dt)
+        dt = course.dt
+
+        trace.x[count] = state.x
+        trace.v[count] = state.v
+        trace.commands[wait + count] = terms.output
+        trace.proportional[count] = terms.proportional
+        trace.integral[count] = memory.integral
+        trace.derivative[count] = terms.derivative
+        trace.saturated[count] = terms.saturated
+        count += 1
+        if state.x >= course.distance or count == len(trace.v):
+            return count
+
+        motor = terms.output
+        if not course.is_ideal:
+            older = trace.commands[count - 1]
+            newer = trace.commands[count]
+            value, motor = actuate(course.motor, value, older, newer, course.early, course.ts)
+        stretch = stretch_at(course.starts, state.x, stretch)
+        theta = course.thetas[stretch]
+        state = step(state, Command(motor, 0.0), theta, course.vehicle, course.ts)
+
+
+class Scores(NamedTuple):
+    """The scores of a run, as `metrics.summary` defines them; infinite if it did not arrive."""
+
+    rms_error: float = inf  #: [m/s] beyond `RUN_UP`
+    max_error: float = inf  #: [m/s]
+    overshoot: float = inf  #: of the first grade's speed, as a share of the reference
+    effort: float = inf  #: [m/s²] RMS command
+
+
+@law
+def score(course: Course, trace: Trace, count: int) -> Scores:
+    """Return the scores of a run of `count` states."""
+    if trace.x[count - 1] < course.distance:
+        return Scores(inf, inf, inf, inf)
+
+    squares = 0.0
+    largest = 0.0
+    counted = 0
+    effort = 0.0
+    fastest = -inf
+    stretch = stretch_at(course.starts, trace.x[0], 0)
+    first = course.thetas[stretch]
+    is_first = True
+    wait = len(course.waiting)
+    for k in range(count):
+        x = trace.x[k]
+        error = abs(course.reference - trace.v[k])
+        if x >= RUN_UP:
+            squares += error * error
+            largest = max(largest, error)
+            counted += 1
+        command = trace.commands[wait + k]
+        effort += command * command
+        stretch = stretch_at(course.starts, x, stretch)
+        is_first = is_first and course.thetas[stretch] == first
+        if is_first:
+            fastest = max(fastest, trace.v[k] / course.reference)
+    return Scores(sqrt(squares / counted), largest, max(fastest - 1.0, 0.0), sqrt(effort / count))
+
+
+def score_all(course: Course, gains: Floats, limit: float, trace: Trace, scores: Floats) -> None:
+    """Drive with each of the gains, shape `(n, 3)`, and store the scores, shape `(n, 4)`."""
+    for i in range(len(gains)):
+        of_run = PidGains(gains[i, 0], gains[i, 1], gains[i, 2], -limit, limit)
+        count = drive(course, of_run, PidMemory(0.0, nan), trace)
+        found = score(course, trace, count)
+        scores[i, 0] = found.rms_error
+        scores[i, 1] = found.max_error
+        scores[i, 2] = found.overshoot
+        scores[i, 3] = found.effort
+
+
+def scores_of_gains(
+    plant: Plant, gains: Floats, limit: float, reference: float, distance: float, steps: int
+) -> Floats:
+    """Return the scores of runs with these gains, on all cores where they are compiled.
+
+    Parameters
+    ----------
+    plant
+        The car at its start, which `has_fast_path`; each run has the same noise.
+    gains
+        kp, ki and kd of each run, shape `(n, 3)`.
+    limit
+        [m/s²] of the command, either way.
+    reference, distance
+        [m/s], [m]
+    steps
+        after which a run ends that has not arrived.
+
+    Returns
+    -------
+    ndarray
+        The fields of `Scores` of each run, shape `(n, 4)`.
+    """
+    is_array = is_compiled()
+    states = steps + 1
+    errors = _errors(plant, states)
+    course = course_of(plant, reference, distance, errors, is_array=is_array)
+    scores = np.empty((len(gains), len(Scores._fields)))
+    run = compiled(score_all)
+    workers = (cpu_count() or 1) if is_array else 1
+    size = max(min(ceil(len(gains) / workers), _MAX_PIECE), 1)
+
+    def run_piece(first: int) -> None:
+        piece = slice(first, first + size)
+        trace = trace_of(course, states, is_array=is_array)
+        run(course, gains[piece], limit, trace, scores[piece])
+
+    with ThreadPoolExecutor(workers) as threads:
+        pieces = [threads.submit(run_piece, first) for first in range(0, len(gains), size)]
+        for piece in pieces:
+            piece.result()
+    return scores
+
+
+def pid_log(plant: Plant, controller: PID, reference: float, distance: float, steps: int) -> Log:
+    """Return the log of `closed_loop` for a plant that `has_fast_path`, without changing either."""
+    gains = controller.law_gains
+    memory = controller.memory
+    states = steps + 1
+    if plant.sensor.is_noisy:  # its numbers are drawn before the drive
+        states = min(states, _NOISY_STATES)
+    while True:
+        errors = _errors(plant, states)
+        course = course_of(plant, reference, distance, errors)
+        trace = trace_of(course, states)
+        count = drive(course, gains, memory, trace)
+        if count < states or states == steps + 1:
+            return _log_of(plant, course, trace, errors[:, :count], count)
+        states = min(4 * states, steps + 1)
+
+
+def _errors(plant: Plant, states: int) -> Floats:
+    """Return measured minus true of each state, shape `(6, states)`; `(6, 0)` without noise."""
+    if not plant.sensor.is_noisy:
+        return np.empty((6, 0))
+    return plant.sensor.again().draw(states)
+
+
+def _log_of(plant: Plant, course: Course, trace: Trace, errors: Floats, count: int) -> Log:
+    """Return the log of a run of `count` states."""
+    zero: Any = np.zeros(count)
+    error: Any = MeasurementError(*(errors if errors.size else [zero] * 6))
+    wait = len(course.waiting)
+    x, v, commands, proportional, integral, derivative, saturated = (
+        np.array(column[:count]) for column in trace._replace(commands=trace.commands[wait:])
+    )
+    states: Any = State(x, np.full(count, course.start.y), zero, v)  # type: ignore[arg-type]
+    measured = motion(states, 0.0, plant.vehicle)
+    if errors.size:
+        measured = with_error(measured, error, 1.0, 0.0)
+    with np.errstate(over='ignore', invalid='ignore'):  # as with floats
+        around = surroundings(v, plant.road.at(x), plant.vehicle)  # type: ignore[arg-type]
+    return log_of(
+        plant.period_ns,
+        measured,
+        error,
+        Command(commands, zero),  # type: ignore[arg-type]  # arrays
+        around,
+        reference=np.full(count, course.reference),
+        proportional=proportional,
+        integral=integral,
+        derivative=derivative,
+        saturated=saturated,
+    )
