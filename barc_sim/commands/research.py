@@ -94,6 +94,7 @@ def run_tune(options: Namespace) -> None:
 
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
     from barc_sim.tuning.search import search, sweep  # noqa: PLC0415
+    from barc_sim.vehicle.law import must_compile  # noqa: PLC0415
 
     began, roads = time.monotonic(), options.road or ['lab']
     ranges = [getattr(options, f'{gain}_range') for gain in GAINS]
@@ -123,7 +124,8 @@ def run_tune(options: Namespace) -> None:
         return value + options.effort * swept.effort if options.effort else value
 
     start = np.array([getattr(controller, name, first) for name, (first, _) in GAINS.items()])
-    with Console(stderr=True).status('searching'):
+    doing = 'compiling the laws (once), and searching' if must_compile() else 'searching'
+    with Console(stderr=True).status(doing):
         best = search(
             lambda gains: np.mean([cost(scores(gains, road)) for road in roads], axis=0),
             np.array(low),

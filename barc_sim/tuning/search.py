@@ -22,8 +22,15 @@ from barc_sim.control.speed import (
     set_gains,
 )
 from barc_sim.errors import UserError, extra
-from barc_sim.simulation.closed_loop import DISTANCE, LIMITS, check_arguments, simulate
+from barc_sim.simulation.closed_loop import (
+    DISTANCE,
+    LIMITS,
+    check_arguments,
+    plant_of,
+    simulate,
+)
 from barc_sim.simulation.metrics import summary
+from barc_sim.simulation.rollout import scores_of_gains
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -50,6 +57,11 @@ SCORES = {
     'max_error': 'Maximum speed error [m/s]',
     'overshoot': 'Overshoot',
     'effort': 'RMS command [m/s²]',
+}
+#: The options of runs that a compiled loop can make.
+_ROLLOUT_OPTIONS = {
+    *('road', 'vehicle', 'noise', 'seed', 'delay', 'speed_reference', 'distance', 'max_duration'),
+    *('acceleration_limit', 'integrator', 'dynamics', 'lateral', 'model', 'ts'),
 }
 
 
@@ -146,7 +158,8 @@ def sweep(
 ) -> Sweep:
     """Drive one closed loop for each of the gains, and return the scores of all.
 
-    Each is the run that `simulate` makes with the same arguments: 1,000 of the PID take a second.
+    Each is the run that `simulate` makes with the same arguments. Where Numba is installed
+    (`pip install 'barc_sim[fast]'`), those of the PID on a road are compiled, and use all cores.
 
     Parameters
     ----------
@@ -198,11 +211,20 @@ def sweep(
     options = {'max_duration': _MAX_DURATION_FACTOR * expected, **options}
     shape = next(iter(axes.values())).shape
     scores = np.recarray(shape, dtype=[(name, np.float64) for name in (*axes, *SCORES)]).view(Sweep)
+    plant = plant_of(**options) if options.keys() <= _ROLLOUT_OPTIONS else None
+    if type(drives) is PID and plant and plant.has_fast_path:
+        gains = np.column_stack([axis.ravel() for axis in axes.values()])
+        limit = options.get('acceleration_limit', ACCELERATION_LIMIT)
+        steps = round(options['max_duration'] / plant.ts)
+        found = scores_of_gains(plant, gains, limit, speed, distance, steps)
+        for name, column in zip((*axes, *SCORES), (*gains.T, *found.T), strict=True):
+            scores[name] = column.reshape(shape)
+        return scores
     for i in np.ndindex(shape):
-        gains = {name: float(axis[i]) for name, axis in axes.items()}
-        set_gains(drives, gains)
+        of_run = {name: float(axis[i]) for name, axis in axes.items()}
+        set_gains(drives, of_run)
         log = simulate(controller=drives, **options)
-        scores[i] = *gains.values(), *_scores(log, distance)
+        scores[i] = *of_run.values(), *_scores(log, distance)
     set_gains(drives, held)
     return scores
 

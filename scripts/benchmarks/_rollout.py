@@ -12,10 +12,13 @@ from numpy import arctan, cos, float64, sin, tan
 
 from barc_sim.control.speed import KD, KP
 from barc_sim.simulation.closed_loop import DISTANCE, simulate
+from barc_sim.tuning.search import sweep
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+_RUNS = 5000  #: that `sweep` scores at a time
 
 
 class LabPid:
@@ -79,6 +82,12 @@ def noise_loop() -> int:
     return len(simulate(noise=0.1)) - 1
 
 
+def sweep_loop() -> int:
+    """Score the same gains many times; return the steps."""
+    sweep(np.full(_RUNS, KP))
+    return _RUNS * simulate_loop()
+
+
 def _rate(drive: Callable[[], int], seconds: float) -> float:
     drive()  # to warm up
     steps, began = 0, time.perf_counter()
@@ -89,7 +98,12 @@ def _rate(drive: Callable[[], int], seconds: float) -> float:
 
 def main(task: dict[str, object]) -> dict[str, float]:
     """Measure; return the figure."""
-    drives = {'lab': lab_loop, 'simulate': simulate_loop, 'noise': noise_loop}
+    drives = {
+        'lab': lab_loop,
+        'simulate': simulate_loop,
+        'noise': noise_loop,
+        'sweep': sweep_loop,
+    }
     rate = _rate(drives[str(task['subject'])], float(str(task['seconds'])))
     return {'steps/s': rate}
 

@@ -1,7 +1,7 @@
 """Closed loops without ROS: steps of vehicle and PID per second, over the lab's road.
 
 The lab's own loop, with NumPy's functions for single numbers, beside `simulate` with its log, and
-with noise.
+with noise; and the scores of many gains, which are compiled where Numba is installed.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ _SUBJECTS = {
     'simulate': 'simulate, with its log',
     'lab': "the lab's loop, NumPy scalars",
     'noise': 'simulate with noise',
+    'sweep': 'sweep, on all cores',
 }
 QUICK = ('--repeat', '1', '--seconds', '1')
 
