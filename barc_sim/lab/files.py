@@ -256,9 +256,8 @@ def _later_syntax(source: Source, error: SyntaxError) -> str:
             return f'{what} {NEEDS_PYTHON} {version[0]}.{version[1]}'
     if sys.version_info >= _F_STRINGS:
         return ''
-    plain = _without_f_strings(source.text)
     with suppress(SyntaxError, ValueError, RecursionError, MemoryError):
-        ast.parse(plain)
+        ast.parse(_without_f_strings(source.text))
         return f'this f-string {NEEDS_PYTHON} {_F_STRINGS[0]}.{_F_STRINGS[1]}'
     return ''
 

@@ -62,6 +62,8 @@ class Trace(NamedTuple):
     """The states of a run, as the loop stores them, with room for all of them in each column."""
 
     x: Column  #: [m]
+    y: Column  #: [m]
+    psi: Column  #: [rad]
     v: Column  #: [m/s]
     commands: Column  #: [m/s²] behind those that wait at the start
     proportional: Column  #: [m/s²]
@@ -139,6 +141,8 @@ def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> i
         dt = course.dt
 
         trace.x[count] = state.x
+        trace.y[count] = state.y
+        trace.psi[count] = state.psi
         trace.v[count] = state.v
         trace.commands[wait + count] = terms.output
         trace.proportional[count] = terms.proportional
@@ -279,29 +283,28 @@ def _errors(plant: Plant, states: int) -> Floats:
     return plant.sensor.again().draw(states)
 
 
+@np.errstate(over='ignore', invalid='ignore')  # as with floats
 def _log_of(plant: Plant, course: Course, trace: Trace, errors: Floats, count: int) -> Log:
     """Return the log of a run of `count` states."""
     zero: Any = np.zeros(count)
     error: Any = MeasurementError(*(errors if errors.size else [zero] * 6))
     wait = len(course.waiting)
-    x, v, commands, proportional, integral, derivative, saturated = (
-        np.array(column[:count]) for column in trace._replace(commands=trace.commands[wait:])
-    )
-    states: Any = State(x, np.full(count, course.start.y), zero, v)  # type: ignore[arg-type]
+    rows = trace._replace(commands=trace.commands[wait:])
+    column = Trace(*[np.array(each[:count]) for each in rows])
+    states = State(column.x, column.y, column.psi, column.v)
     measured = motion(states, 0.0, plant.vehicle)
     if errors.size:
-        measured = with_error(measured, error, 1.0, 0.0)
-    with np.errstate(over='ignore', invalid='ignore'):  # as with floats
-        around = surroundings(v, plant.road.at(x), plant.vehicle)  # type: ignore[arg-type]
+        measured = with_error(measured, error, np.cos(column.psi), np.sin(column.psi))
+    around = surroundings(column.v, plant.road.at(column.x), plant.vehicle)
     return log_of(
         plant.period_ns,
         measured,
         error,
-        Command(commands, zero),  # type: ignore[arg-type]  # arrays
+        Command(column.commands, zero),
         around,
         reference=np.full(count, course.reference),
-        proportional=proportional,
-        integral=integral,
-        derivative=derivative,
-        saturated=saturated,
+        proportional=column.proportional,
+        integral=column.integral,
+        derivative=column.derivative,
+        saturated=column.saturated,
     )
