@@ -176,14 +176,9 @@ def _collect(
     stderr = Console(stderr=True)
     grades: dict[Path, Grade] = {}
     failures: dict[Path, str] = {}
-    for path, outcome in track(
-        outcomes,
-        'Grading',
-        len(folders),
-        console=stderr,
-        transient=True,
-        disable=not stderr.is_terminal,
-    ):
+    if stderr.is_terminal:  # elsewhere rich before 15 prints an empty line
+        outcomes = track(outcomes, 'Grading', len(folders), console=stderr, transient=True)
+    for path, outcome in outcomes:
         folder = folders[path]
         if isinstance(outcome, str):
             failures[path] = outcome

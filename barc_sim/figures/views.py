@@ -518,13 +518,9 @@ def save_video(log: Log, path: pathlib.Path, *, title: str = '') -> None:
     gif = path.suffix.lower() == '.gif'
     dpi, fps = (GIF_DPI, GIF_FPS) if gif else (MP4_DPI, MP4_FPS)
     view = view_of(log, Figure(figsize=SIZE, dpi=dpi), title)
-    times = track(
-        frame_times(view.duration, fps),
-        'Saving',
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    )
+    times: Iterable[float] = frame_times(view.duration, fps)
+    if sys.stderr.isatty():  # elsewhere rich before 15 prints an empty line
+        times = track(times, 'Saving', console=Console(stderr=True), transient=True)
     images = frames(view, times)
     if gif:
         write_gif(path, images, fps=fps)

@@ -425,7 +425,7 @@ def _fitted(got: Floats, *columns: Floats) -> list[float]:
     scale = np.abs(values).max(0)
     if not (np.all(scale) and 0.0 < np.abs(outputs).max() < _MAX_OUTPUT):
         return []
-    solution = np.linalg.lstsq(values / scale, outputs)[0] / scale
+    solution = np.linalg.lstsq(values / scale, outputs, rcond=None)[0] / scale
     residual = np.abs(outputs - values @ solution).max()
     coefficients: list[float] = solution.tolist()
     return coefficients if residual <= _RELATIVE * np.abs(outputs).max() else []
