@@ -192,6 +192,17 @@ OTHER_LAWS = {'pure pursuit', 'Stanley', 'a PID on e_y'}
 #: A mistake that hides another one of the same line.
 HIDING = {('D after the error is stored', each) for each in DERIVATIVES}
 
+#: The second mistake makes up for a part of the first one: it strengthens a weak loop, excites the
+#: car, or widens intervals that are too narrow for a wrong estimate.
+MAKES_UP = {
+    ('a weak kp', 'an own error with a factor'),
+    ('no excitation', 'backwards'),
+    ('no friction', 'drag that grows with v'),
+    ('no friction', 'intervals ten times as wide'),
+    ('the delay ignored', 'intervals ten times as wide'),
+    ('no number of a car', 'no excitation'),
+}
+
 
 def pairs_of(rubric: str) -> list[tuple[str, str]]:
     """Return the pairs of mistakes of a table that both can be made; each costs points alone."""
@@ -229,7 +240,8 @@ def test_a_second_mistake_in_a_program_gives_no_points(rubric: str, count: int) 
 def test_no_second_mistake_in_a_program_gives_points(rubric: str) -> None:
     pairs = pairs_of(rubric)
     Random(7).shuffle(pairs)  # noqa: S311 (a test)
-    assert [*rises_of_texts(rubric, pairs[:60])] == []
+    judged = [pair for pair in pairs[:60] if pair not in MAKES_UP]
+    assert [*rises_of_texts(rubric, judged)] == []
 
 
 @pytest.mark.parametrize(

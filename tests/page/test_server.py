@@ -6,6 +6,7 @@ import http.client
 import json
 import os
 import re
+import shlex
 import socket
 import subprocess
 import sys
@@ -197,10 +198,10 @@ def test_the_name_given_with_view_host_is_the_servers_own(
 
 
 #: A browser that writes its arguments, and what it may read, as JSON into the file `SEEN`.
-BROWSER = """#!{python}
+BROWSER = """
 import json, os, pathlib, sys, urllib.parse
 path = pathlib.Path(urllib.parse.unquote(urllib.parse.urlsplit(sys.argv[1]).path))
-seen = {{'arguments': sys.argv[1:], 'text': path.read_text(), 'path': str(path)}}
+seen = {'arguments': sys.argv[1:], 'text': path.read_text(), 'path': str(path)}
 seen['modes'] = [oct(each.stat().st_mode & 0o777) for each in (path, path.parent)]
 new = pathlib.Path(os.environ['SEEN'] + '.new')
 new.write_text(json.dumps(seen))
@@ -212,7 +213,11 @@ new.rename(os.environ['SEEN'])
 def browser_stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Put a browser on PATH; return the file with what it has seen."""
     program = tmp_path / 'stub-browser'
-    program.write_text(BROWSER.format(python=sys.executable))
+    script = tmp_path / 'stub.py'
+    script.write_text(BROWSER)
+    # A line `#!` could not hold a path with a space.
+    words = shlex.join([sys.executable, str(script)])
+    program.write_text(f'#!/bin/sh\nexec {words} "$@"\n')
     program.chmod(0o755)
     seen = tmp_path / 'seen.json'
     home = tmp_path / 'my home'
