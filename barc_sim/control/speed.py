@@ -197,10 +197,8 @@ class PID:
     ----------
     memory
         The record that `pid` takes and returns.
-    proportional, integral, derivative, saturated
-        [m/s²] the terms of the latest call, and whether its output was limited.
-    previous
-        [m/s] the latest measurement; None: the next call is the first.
+    proportional, derivative, saturated
+        [m/s²] terms of the latest call, and whether its output was limited.
 
     Examples
     --------
