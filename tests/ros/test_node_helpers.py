@@ -146,7 +146,9 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
     after = time.time_ns()
     time.sleep(0.01)  # so that the two times of a message cannot be mistaken for each other
     subscribed = time.time_ns()
-    subscription = subscribing.create_subscription(Int64, 'number', print, LATCHED, raw=True)
+    subscription = subscribing.create_subscription(
+        Int64, 'number', lambda _: None, LATCHED, raw=True
+    )
     taker, taken = Taker(), []
     wait_for(lambda: taken.extend(taker.take(subscription, 10)) or len(taken) == 3)
     taker.close()

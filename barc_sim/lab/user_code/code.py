@@ -9,6 +9,7 @@ import builtins
 import io
 import json
 import os
+import pathlib
 import random
 import sys
 from bisect import bisect_right
@@ -161,6 +162,8 @@ class UserCode:
         """Discard all that this process writes to files."""
         for folder in self._folders.values():
             builtins.open = io.open = folder.builtins['open'] = folder.open
+            if accessor := getattr(pathlib, '_NormalAccessor', None):  # of Python 3.10
+                accessor.open = staticmethod(folder.open)
 
     #: The user's `bikeFE`; it also gets `l_f`, `l_r` and `g` if it takes them.
     model = property(lambda self: self._part('model'))

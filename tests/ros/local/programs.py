@@ -322,7 +322,7 @@ def names(_: Node) -> None:
 def the_graph(node: Node) -> None:
     other = rclpy.create_node('other', namespace='/east')
     other.create_publisher(String, 'note', LATCHED)
-    node.create_subscription(String, '/east/note', print, 1)
+    node.create_subscription(String, '/east/note', lambda _: None, 1)
     other.create_service(Trigger, 'reset', print)
     wait_for(node, node.count_publishers, '/east/note')
     wait_for(node, node.count_services, '/east/reset')

@@ -73,7 +73,7 @@ class Endpoints:
             self._publishing.create_publisher(Int32, kind, offered, event_callbacks=of_publisher)
         )
         self._subscribing.create_subscription(
-            Int32, kind, print, requested or offered, event_callbacks=of_subscription
+            Int32, kind, lambda _: None, requested or offered, event_callbacks=of_subscription
         )
 
     def missing(self) -> list[str]:
@@ -139,7 +139,7 @@ def test_an_event_is_reported_once(
     )
 
     def subscribe() -> Any:  # noqa: ANN401
-        return node.create_subscription(Int32, 'number', print, 10)
+        return node.create_subscription(Int32, 'number', lambda _: None, 10)
 
     first = subscribe()
     until(lambda: counts)
@@ -173,7 +173,7 @@ def test_rclpy_warns_of_incompatible_quality_by_itself(
         executor.remove_node(node)
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node.create_publisher(Int32, 'number', 10)
-    node.create_subscription(Int32, 'number', print, latched)
+    node.create_subscription(Int32, 'number', lambda _: None, latched)
     if before:
         executor.add_node(node)
     until(lambda: len(warnings) == 2)
