@@ -55,6 +55,17 @@ class _Loader(yaml.SafeLoader):
         if self._values > _MAX_VALUES:
             raise ValueError(f'it has more than {_MAX_VALUES} values, where aliases count in full')
 
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:  # noqa: ANN401 (as its base)
+        """Return the tag of a node; ValueError: it is a long number.
+
+        The patterns of numbers take long for a long text, which is no number.
+        """
+        if kind is yaml.ScalarNode and implicit[0] and len(value) > _MAX_NUMBER:
+            if _LIKE_A_NUMBER.fullmatch(value):
+                raise ValueError(f'a number has {len(value)} characters')
+            return 'tag:yaml.org,2002:str'
+        return super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]
+
     def construct_scalar(self, node: Any) -> Any:  # noqa: ANN401 (as its base class has it)
         """Return the text of a scalar; ValueError: it is a long number, or no valid text."""
         text: Any = super().construct_scalar(node)
@@ -65,6 +76,7 @@ class _Loader(yaml.SafeLoader):
         return text
 
 
+_LIKE_A_NUMBER = re.compile(r'[-+]?[\d.][\w.:+-]*')
 _NUMBERS = {'tag:yaml.org,2002:int', 'tag:yaml.org,2002:float'}
 # ROS reads 1e3, inf and nan as numbers, too.
 _Loader.add_implicit_resolver(

@@ -62,6 +62,14 @@ def test_what_is_beyond_the_bounds_is_refused(text: str, why: str) -> None:
         from_yaml(text)
 
 
+def test_a_long_text_is_not_tried_as_a_number() -> None:
+    """The patterns of numbers would take hours for it."""
+    text = '9' * 180_000 + ' points'
+    assert from_yaml(text) == text
+    with pytest.raises(ValueError, match='a number has 180000 characters'):
+        from_yaml('9' * 180_000)
+
+
 def test_a_file_is_read_in_the_encodings_of_editors(tmp_path: Path) -> None:
     file = tmp_path / 'points.yaml'
     for encoding in ('utf-8', 'utf-8-sig', 'utf-16', 'cp1252'):
