@@ -365,7 +365,8 @@ class Contents:
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in the order of the bag, up to its damage."""
-        self._counts, self.span = Counter(), Span()
+        self._counts = Counter()
+        self.span = Span()
         self._budget.renew()
         for message in chain.from_iterable(file.messages() for file in self.files):
             self._counts[id(message.topic)] += 1

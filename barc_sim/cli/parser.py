@@ -161,7 +161,8 @@ def barc_path() -> str:
 
 def program_path(name: str) -> str | None:
     """Return a program of this environment as a user can type it here; None: there is none."""
-    program, on_path = Path(sys.executable).with_name(name), shutil.which(name)
+    program = Path(sys.executable).with_name(name)
+    on_path = shutil.which(name)
     if not program.exists():
         return None
     return name if on_path and program.samefile(on_path) else _quoted(program)

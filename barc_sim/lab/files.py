@@ -298,7 +298,8 @@ def _end_of_field(text: str, at: int) -> int:
     """Return where a field in braces ends, whose contents begin at `at`; -1 if it does not end."""
     depth, begin = 1, at
     while at < len(text):
-        inner, plain = _F_STRING.match(text, at), _STRING.match(text, at)
+        inner = _F_STRING.match(text, at)
+        plain = _STRING.match(text, at)
         if inner or plain:
             found = inner or plain
             assert found  # noqa: S101 (one of the two)

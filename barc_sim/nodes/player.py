@@ -213,7 +213,8 @@ class BagPlayer(Node):
             raise UserError(f'its messages are {topic.message_encoding!r}, and not {CDR!r}')
         if not topic.type:
             raise UserError('the bag does not have its type')
-        kind, qos = message_class(topic.type), offer(topic.offered_qos)
+        kind = message_class(topic.type)
+        qos = offer(topic.offered_qos)
         return self.create_publisher(kind, topic.name, qos)
 
     @property

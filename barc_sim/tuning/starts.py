@@ -118,7 +118,8 @@ def servo_delay_start(stretches: Sequence[Stretch], vehicle: Vehicle) -> float:
             angle = each.servo.at(each.t[each.counted] - delay)
             turns.append(speed * np.tan(angle) / length)
             rates.append(rate)
-        turn, rate = np.concatenate(turns), np.concatenate(rates)
+        turn = np.concatenate(turns)
+        rate = np.concatenate(rates)
         factor = (turn @ rate) / ((turn @ turn) or 1.0)
         return float(np.sum((rate - factor * turn) ** 2))
 

@@ -457,7 +457,9 @@ def _fit(
             nodes.append((p, heading / abs(heading)))
     start = Pose(points[0].real, points[0].imag, phase(nodes[0][1]))
     nodes.append(nodes[0])
-    places, arcs, at = np.array(points), list[tuple[float, float]](), list[int]()
+    places = np.array(points)
+    arcs = list[tuple[float, float]]()
+    at = list[int]()
     maximum, i = 0.0, 0
     while i < len(points):
         p, t = nodes[i]

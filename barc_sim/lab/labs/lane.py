@@ -227,12 +227,14 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     mistake corrected. It never drives better than it would have without the mistake.
     """
     yield from FUNCTIONS.judge(code, settings.seed, settings.points)[0]
-    values, by = _values(code), settings.thresholds
+    values = _values(code)
+    by = settings.thresholds
     made = _mistakes(code, values)
     yield Finding('lane.signs', *_signs(made))
 
     own: NewLaw = partial(_Law, code, Corrections())
-    correct, whose = _corrected_signs(made, values), ''
+    correct = _corrected_signs(made, values)
+    whose = ''
     if made['Signs']:
         whose = _SIGNS_CORRECTED
     score, text = _returned(partial(_Law, code, correct))
