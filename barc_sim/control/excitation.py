@@ -84,7 +84,7 @@ class PRBS(Steps):
     >>> from barc_sim import identify, simulate
     >>> log = simulate(controller=PRBS(), delay=0.1, noise=0.02, road='flat', distance=40.0)
     >>> print(identify(log)['motor_delay'])
-    0.1004 ± 0.0010 s
+    0.10019 ± 0.00089 s
     """
 
     gains: Mapping[str, Gain] = {

@@ -77,7 +77,7 @@ def course_of(
 ) -> Course:
     """Return the run of a plant that `has_fast_path`, from its present state.
 
-    `errors` are those of its measurements, shape `(6, n)`. `is_array` makes arrays of the columns,
+    `errors` are those of its measurements, shape `(n, 6)`. `is_array` makes arrays of the columns,
     for a compiled loop; Python is faster with lists.
     """
 
@@ -99,7 +99,7 @@ def course_of(
         distance=distance,
         ts=plant.ts,
         dt=plant.period_ns / 1e9,
-        errors=column(errors[_SPEED].tolist()),
+        errors=column(errors[:, _SPEED].tolist()),
     )
 
 
@@ -272,22 +272,22 @@ def pid_log(plant: Plant, controller: PID, reference: float, distance: float, st
         trace = trace_of(course, states)
         count = drive(course, gains, memory, trace)
         if count < states or states == steps + 1:
-            return _log_of(plant, course, trace, errors[:, :count], count)
+            return _log_of(plant, course, trace, errors[:count], count)
         states = min(4 * states, steps + 1)
 
 
 def _errors(plant: Plant, states: int) -> Floats:
-    """Return measured minus true of each state, shape `(6, states)`; `(6, 0)` without noise."""
+    """Return measured minus true of each state, shape `(states, 6)`; `(0, 6)` without noise."""
     if not plant.sensor.is_noisy:
-        return np.empty((6, 0))
-    return plant.sensor.again().draw(states)
+        return np.empty((0, len(MeasurementError._fields)))
+    return plant.sensor.draw(states)
 
 
 @np.errstate(over='ignore', invalid='ignore')  # as with floats
 def _log_of(plant: Plant, course: Course, trace: Trace, errors: Floats, count: int) -> Log:
     """Return the log of a run of `count` states."""
     zero: Any = np.zeros(count)
-    error: Any = MeasurementError(*(errors if errors.size else [zero] * 6))
+    error: Any = MeasurementError(*(errors.T if errors.size else [zero] * 6))
     wait = len(course.waiting)
     rows = trace._replace(commands=trace.commands[wait:])
     column = Trace(*[np.array(each[:count]) for each in rows])

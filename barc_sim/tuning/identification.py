@@ -152,7 +152,7 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     ...     controller=PRBS(), vehicle=car, road='flat', noise=0.02, delay=0.13, distance=40.0
     ... )
     >>> print(identify(log)['motor_delay'])
-    0.13015 ± 0.00086 s
+    0.13014 ± 0.00088 s
     """
     special = extra('scipy.special', 'identify', 'identify')
     parts = [each for log in logs for each in stretches(log)]

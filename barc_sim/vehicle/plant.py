@@ -6,8 +6,8 @@ Actuators delay, limit and lag a command; each is off by default. The sensor add
 from __future__ import annotations
 
 from collections import deque
-from math import copysign, cos, expm1, floor, inf, log, pi, radians, sin
-from random import Random
+from math import copysign, cos, expm1, floor, inf, radians, sin
+from operator import mul
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from barc_sim.errors import limited
@@ -26,8 +26,6 @@ from barc_sim.vehicle.law import law
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
     from numpy.typing import NDArray
 
@@ -40,6 +38,7 @@ if TYPE_CHECKING:
 
 #: Share of a step within which a delay counts as whole steps.
 _WHOLE = 1e-6
+_BLOCK = 64  #: measurements whose noise is drawn at once
 
 
 @limited
@@ -244,16 +243,16 @@ _NO_ERROR = MeasurementError()
 class Sensor:
     """Adds white Gaussian noise to a motion; one seed gives the same errors.
 
-    The generator is Python's Mersenne Twister, whose sequence is the same in every version, and
-    every measurement draws six numbers: the noise of one signal does not depend on whether another
-    has any.
+    The generator is NumPy's PCG64. Every measurement takes six of its normal numbers: the noise of
+    one signal does not depend on whether another has any.
     """
 
     def __init__(self, noise: NoiseLevels | None = None, seed: int = 0) -> None:
-        """Measure with these standard deviations, zero unless given."""
+        """Measure with these standard deviations, zero unless given; `seed` is at least 0."""
         self.noise = noise or NoiseLevels()
-        self._seed = seed
-        self._random = Random(int(seed))  # noqa: S311 (a simulation, not a secret)
+        self._seed = int(seed)
+        self._generator: np.random.Generator | None = None
+        self._normals: list[list[float]] = []  # of the next measurements, the last one first
 
     @property
     def is_noisy(self) -> bool:
@@ -264,8 +263,9 @@ class Sensor:
         """Return the motion as measured, and its error: measured minus true."""
         if not self.is_noisy:
             return true, _NO_ERROR
-        gauss = self._random.gauss
-        error = MeasurementError(*[sigma * gauss(0.0, 1.0) for sigma in self.noise])
+        if not self._normals:
+            self._normals = self._draw_normals(_BLOCK)[::-1].tolist()
+        error = MeasurementError(*map(mul, self.noise, self._normals.pop()))
         return with_error(true, error, cos(true.psi), sin(true.psi)), error
 
     def again(self) -> Sensor:
@@ -273,36 +273,17 @@ class Sensor:
         return Sensor(self.noise, self._seed)
 
     def draw(self, n: int) -> Floats:
-        """Return the errors of the next `n` measurements, shape `(6, n)`.
+        """Return the errors of the first `n` measurements, shape `(n, 6)`."""
+        normals: Floats = self.again()._draw_normals(n)  # noqa: SLF001 (of this class)
+        return normals * self.noise
 
-        They equal those of `measure` to the last bit: the same numbers of the generator, all at
-        once, and the transform of `Random.gauss`, which makes two errors of two numbers. Its
-        functions are Python's, because NumPy's differ in the last bit; an error without noise is
-        ±0, with the right sign.
-        """
-        import numpy as np  # noqa: PLC0415 (a sensor alone does not need it)
+    def _draw_normals(self, n: int) -> Floats:
+        """Return the standard normal numbers of the next `n` measurements, shape `(n, 6)`."""
+        import numpy as np  # noqa: PLC0415 (a sensor without noise does not need it)
 
-        words = np.frombuffer(self._random.getrandbits(384 * n).to_bytes(48 * n, 'little'), '<u4')
-        high, low = words.reshape(n, 6, 2).transpose(2, 1, 0)
-
-        def uniform(i: int) -> Floats:
-            values: Floats = (high[i] >> 5) * 2.0**26 + (low[i] >> 6)  # as Random.random
-            return values / 2.0**53
-
-        def exactly(function: Callable[[float], float], values: Floats) -> Floats:
-            return np.fromiter(map(function, values.tolist()), np.float64, n)
-
-        errors = np.empty((6, n))
-        for i in (0, 2, 4):
-            angle = uniform(i) * (2.0 * pi)
-            if any(self.noise[i : i + 2]):
-                radius = np.sqrt(-2.0 * exactly(log, 1.0 - uniform(i + 1)))
-            for j, function, roughly in ((i, cos, np.cos), (i + 1, sin, np.sin)):
-                if sigma := self.noise[j]:
-                    errors[j] = sigma * (exactly(function, angle) * radius + 0.0)
-                else:
-                    errors[j] = 0.0 * roughly(angle)
-        return errors
+        if self._generator is None:
+            self._generator = np.random.Generator(np.random.PCG64(self._seed))
+        return self._generator.standard_normal((n, len(self.noise)))
 
 
 def with_error(true: Motion, error: MeasurementError, cos_psi: float, sin_psi: float) -> Motion:

@@ -88,7 +88,7 @@ def test_the_log_of_a_rollout_is_that_of_the_general_loop(
 
 def states(plant: Plant, values: dict[str, float], *, is_array: bool) -> Trace:
     """Return the states of a run, of a compiled loop if they are arrays."""
-    errors = plant.sensor.again().draw(STEPS) if plant.sensor.is_noisy else np.empty((6, 0))
+    errors = plant.sensor.draw(STEPS) if plant.sensor.is_noisy else np.empty((0, 6))
     course = course_of(plant, 8.0, 40.0, errors, is_array=is_array)
     trace = trace_of(course, STEPS, is_array=is_array)
     run = compiled(drive) if is_array else drive
