@@ -19,10 +19,10 @@ from barc_sim.simulation.log import log_of
 from barc_sim.simulation.metrics import RUN_UP
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step, surroundings
 from barc_sim.vehicle.law import compiled, is_compiled, law
-from barc_sim.vehicle.plant import Actuator, MeasurementError, actuate, with_error
+from barc_sim.vehicle.plant import Actuator, MeasurementError, Sensor, actuate, with_error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
@@ -31,9 +31,11 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Plant
 
     Floats = NDArray[np.float64]
+    Ints = NDArray[np.intp]
     Column = Any  #: a list of numbers in Python, an array in compiled code
 
 
+_SIGNALS = len(MeasurementError._fields)
 _SPEED = MeasurementError._fields.index('v_x')
 _NOISY_STATES = 2048  #: for which noise is drawn at first
 _MAX_PIECE = 4096  #: runs that a thread makes at a time
@@ -84,6 +86,8 @@ def course_of(
     def column(values: Iterable[float]) -> Column:
         return np.array([*values], np.float64) if is_array else [*values]
 
+    of_speed = errors[:, _SPEED]
+
     motor = plant.actuators.motor
     return Course(
         starts=column(plant.road.starts),
@@ -99,7 +103,7 @@ def course_of(
         distance=distance,
         ts=plant.ts,
         dt=plant.period_ns / 1e9,
-        errors=column(errors[:, _SPEED].tolist()),
+        errors=of_speed.copy() if is_array else of_speed.tolist(),
     )
 
 
@@ -216,14 +220,20 @@ def score_all(course: Course, gains: Floats, limit: float, trace: Trace, scores:
 
 
 def scores_of_gains(
-    plant: Plant, gains: Floats, limit: float, reference: float, distance: float, steps: int
+    plant: Plant,
+    gains: Floats,
+    limit: float,
+    reference: float,
+    distance: float,
+    steps: int,
+    seeds: Ints | None = None,
 ) -> Floats:
     """Return the scores of runs with these gains, on all cores where they are compiled.
 
     Parameters
     ----------
     plant
-        The car at its start, which `has_fast_path`; each run has the same noise.
+        The car at its start, which `has_fast_path`.
     gains
         kp, ki and kd of each run, shape `(n, 3)`.
     limit
@@ -232,54 +242,79 @@ def scores_of_gains(
         [m/s], [m]
     steps
         after which a run ends that has not arrived.
+    seeds
+        of the noise of each run, shape `(n,)`; by default the plant's for all.
 
     Returns
     -------
     ndarray
         The fields of `Scores` of each run, shape `(n, 4)`.
     """
-    is_array = is_compiled()
-    states = steps + 1
-    errors = _errors(plant, states)
-    course = course_of(plant, reference, distance, errors, is_array=is_array)
     scores = np.empty((len(gains), len(Scores._fields)))
-    run = compiled(score_all)
-    workers = (cpu_count() or 1) if is_array else 1
+    workers = (cpu_count() or 1) if is_compiled() else 1
     size = max(min(ceil(len(gains) / workers), _MAX_PIECE), 1)
+    groups = [np.arange(len(gains))]
+    sensors = [plant.sensor]
+    if seeds is not None and plant.sensor.is_noisy:
+        of_each, which = np.unique(seeds, return_inverse=True)
+        sensors = [Sensor(plant.sensor.noise, seed) for seed in of_each.tolist()]
+        groups = np.split(np.argsort(which, kind='stable'), np.cumsum(np.bincount(which))[:-1])
 
-    def run_piece(first: int) -> None:
-        piece = slice(first, first + size)
-        trace = trace_of(course, states, is_array=is_array)
-        run(course, gains[piece], limit, trace, scores[piece])
+    def run_group(sensor: Sensor, runs: Ints) -> None:
+        errors = np.empty((0, _SIGNALS))
+        for last in _rooms(steps + 1, is_noisy=sensor.is_noisy):
+            if sensor.is_noisy:
+                errors = sensor.draw(last)
+            course = course_of(plant, reference, distance, errors, is_array=is_compiled())
+            trace = trace_of(course, last, is_array=is_compiled())
+            found = np.empty((len(runs), scores.shape[1]))
+            compiled(score_all)(course, gains[runs], limit, trace, found)
+            scores[runs] = found
+            runs = runs[np.isinf(found[:, 0])]  # these have not arrived
+            if not len(runs):
+                break
 
+    jobs = [
+        (sensor, runs[first : first + size])
+        for sensor, runs in zip(sensors, groups, strict=True)
+        for first in range(0, len(runs), size)
+    ]
+    if len(jobs) == 1:
+        run_group(*jobs[0])
+        return scores
     with ThreadPoolExecutor(workers) as threads:
-        pieces = [threads.submit(run_piece, first) for first in range(0, len(gains), size)]
-        for piece in pieces:
-            piece.result()
+        for done in [threads.submit(run_group, *job) for job in jobs]:
+            done.result()
     return scores
+
+
+def _rooms(states: int, *, is_noisy: bool) -> Iterator[int]:
+    """Yield numbers of states up to this one: with noise few at first, whose errors are drawn."""
+    room = min(states, _NOISY_STATES) if is_noisy else states
+    yield room
+    while room < states:
+        room = min(4 * room, states)
+        yield room
 
 
 def pid_log(plant: Plant, controller: PID, reference: float, distance: float, steps: int) -> Log:
     """Return the log of `closed_loop` for a plant that `has_fast_path`, without changing either."""
     gains = controller.law_gains
     memory = controller.memory
-    states = steps + 1
-    if plant.sensor.is_noisy:  # its numbers are drawn before the drive
-        states = min(states, _NOISY_STATES)
-    while True:
+    for states in _rooms(steps + 1, is_noisy=plant.sensor.is_noisy):
         errors = _errors(plant, states)
         course = course_of(plant, reference, distance, errors)
         trace = trace_of(course, states)
         count = drive(course, gains, memory, trace)
-        if count < states or states == steps + 1:
-            return _log_of(plant, course, trace, errors[:count], count)
-        states = min(4 * states, steps + 1)
+        if count < states:
+            break
+    return _log_of(plant, course, trace, errors[:count], count)
 
 
 def _errors(plant: Plant, states: int) -> Floats:
     """Return measured minus true of each state, shape `(states, 6)`; `(0, 6)` without noise."""
     if not plant.sensor.is_noisy:
-        return np.empty((0, len(MeasurementError._fields)))
+        return np.empty((0, _SIGNALS))
     return plant.sensor.draw(states)
 
 

@@ -34,7 +34,7 @@ from barc_sim.simulation.rollout import scores_of_gains
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     import pandas as pd
     from numpy.typing import ArrayLike, NDArray
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
 
     Floats = NDArray[np.float64]
+    Ints = NDArray[np.intp]
 
 #: Significant digits of the gains: the printed gains are those that were driven.
 DIGITS = 4
@@ -169,11 +170,13 @@ def sweep(
         An object as in `simulate`, in place of the PID. Its gains, by name, are options.
     options
         All other arguments of `simulate`. A loop ends after `max_duration`, by default three times
-        as long as it should take.
+        as long as it should take. `seed` can be an array, too, which is broadcast with the gains:
+        `seed=range(1000)` scores a thousand runs that differ in their noise.
 
     Returns
     -------
-    A record array of the broadcast shape. Its fields are the gains and the scores: `rms_error` and
+    A record array of the broadcast shape. Its fields are the gains, the seed if it is an array, and
+    the scores: `rms_error` and
     `max_error`, of the speed after the first 10 m [m/s], `overshoot`, a share of the speed, and
     `effort`, the RMS command [m/s²]. The scores of a loop that never arrives are infinite.
 
@@ -189,6 +192,9 @@ def sweep(
     >>> best = found[found.rms_error.argmin()]
     >>> print(f'{best.kp:.1f} {best.rms_error:.3f}')
     60.0 0.037
+    >>> many = sweep(kp=30.0, noise=0.1, seed=range(1000))
+    >>> print(f'{many.rms_error.mean():.3f} ± {many.rms_error.std():.3f} m/s')
+    0.085 ± 0.003 m/s
     """
     drives = as_controller(PID() if controller is None else controller)
     held = {name: getattr(drives, name) for name in drives.gains}
@@ -199,7 +205,9 @@ def sweep(
     passed = {name: np.asarray(gain, float) for name, gain in named.items() if gain is not None}
     for bound in (np.min, np.max):
         set_gains(drives, {name: float(bound(gain)) for name, gain in passed.items()})
-    axes = dict(zip(held, np.broadcast_arrays(*{**held, **passed}.values()), strict=True))
+    if np.ndim(options.get('seed', 0)):
+        passed['seed'] = _seeds(options.pop('seed'))
+    axes = _broadcast({**held, **passed})
     check_arguments(**{name: options[name] for name in options.keys() & LIMITS.keys()})
     if road := options.get('road'):
         options['road'] = Road.of(road)  # which is read once
@@ -209,24 +217,55 @@ def sweep(
     tuning.DISTANCE.check(distance)
     expected = distance / speed + speed / options.get('acceleration_limit', ACCELERATION_LIMIT)
     options = {'max_duration': _MAX_DURATION_FACTOR * expected, **options}
-    shape = next(iter(axes.values())).shape
-    scores = np.recarray(shape, dtype=[(name, np.float64) for name in (*axes, *SCORES)]).view(Sweep)
+    scores = _empty_sweep(axes)
+    shape = scores.shape
     plant = plant_of(**options) if options.keys() <= _ROLLOUT_OPTIONS else None
     if type(drives) is PID and plant and plant.has_fast_path:
-        gains = np.column_stack([axis.ravel() for axis in axes.values()])
+        gains = np.column_stack([axes[name].ravel() for name in held])
+        seeds = axes['seed'].ravel() if 'seed' in axes else None
         limit = options.get('acceleration_limit', ACCELERATION_LIMIT)
         steps = round(options['max_duration'] / plant.ts)
-        found = scores_of_gains(plant, gains, limit, speed, distance, steps)
-        for name, column in zip((*axes, *SCORES), (*gains.T, *found.T), strict=True):
+        found = scores_of_gains(plant, gains, limit, speed, distance, steps, seeds)
+        for name, column in zip(SCORES, found.T, strict=True):
             scores[name] = column.reshape(shape)
         return scores
+
     for i in np.ndindex(shape):
-        of_run = {name: float(axis[i]) for name, axis in axes.items()}
-        set_gains(drives, of_run)
+        set_gains(drives, {name: float(axes[name][i]) for name in held})
+        if 'seed' in axes:
+            options['seed'] = int(axes['seed'][i])
         log = simulate(controller=drives, **options)
-        scores[i] = *of_run.values(), *_scores(log, distance)
+        for name, score in zip(SCORES, _scores(log, distance), strict=True):
+            scores[name][i] = score
     set_gains(drives, held)
     return scores
+
+
+def _broadcast(values: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
+    """Return the arrays by name, each in the shape of all."""
+    return dict(zip(values, np.broadcast_arrays(*values.values()), strict=True))
+
+
+def _empty_sweep(axes: Mapping[str, NDArray[Any]]) -> Sweep:
+    """Return a sweep over these arrays of one shape, whose scores are not set yet."""
+    kinds = [(name, axis.dtype) for name, axis in axes.items()]
+    kinds += [(name, np.dtype(np.float64)) for name in SCORES]
+    shape = next(iter(axes.values())).shape
+    scores = np.recarray(shape, dtype=kinds).view(Sweep)
+    for name, axis in axes.items():
+        scores[name] = axis
+    return scores
+
+
+def _seeds(seeds: ArrayLike) -> Ints:
+    """Return seeds as an array of whole numbers; UserError: one is no seed."""
+    found = np.asarray(seeds)
+    if found.size and not np.issubdtype(found.dtype, np.integer):
+        raise UserError(f'seed {seeds!r} must be whole numbers, such as range(1000)')
+    for bound in (found.min, found.max):
+        if found.size:
+            check_arguments(seed=int(bound()))
+    return found.astype(np.intp)
 
 
 def _scores(log: Log, distance: float) -> tuple[float, ...]:

@@ -16,6 +16,8 @@ from barc_sim.simulation.metrics import summary
 from barc_sim.tuning.search import SCORES, rounded, search, sweep
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -102,6 +104,33 @@ def test_a_sweep_scores_the_runs_of_simulate(options: dict[str, Any]) -> None:
         assert each.max_error == pytest.approx(expected.max_error_after_run_up)
         assert each.overshoot == pytest.approx(expected.overshoot)
         assert each.effort == pytest.approx(np.sqrt(np.mean(log.motor**2)))
+
+
+@pytest.mark.parametrize('options', [{}, {'integrator': 'rk4'}])
+def test_each_seed_scores_the_run_of_simulate_with_it(options: dict[str, Any]) -> None:
+    seeds = np.array([[3], [0], [3]])
+    found = sweep([10.0, 30.0], noise=0.1, seed=seeds, distance=30.0, **options)
+    assert found.shape == (3, 2)
+    assert found.seed[:, 0].tolist() == [3, 0, 3]
+    for each in found.flat:
+        log = simulate(each.kp, seed=int(each.seed), noise=0.1, distance=30.0, **options)
+        assert each.rms_error == pytest.approx(summary(log).rms_error_after_run_up)
+    assert found.rms_error[0].tolist() == found.rms_error[2].tolist()
+
+
+def test_runs_that_take_long_have_the_noise_of_simulate_to_their_end() -> None:
+    options: dict[str, Any] = {'noise': 0.1, 'distance': 30.0, 'ts': 0.001}
+    found = sweep([5.0, 30.0], seed=[4, 4], **options)
+    for each in found:
+        log = simulate(each.kp, seed=4, **options)
+        assert len(log) > 2048
+        assert each.effort == pytest.approx(np.sqrt(np.mean(log.motor**2)))
+
+
+@pytest.mark.parametrize('seed', [[1.5], [-1], ['a'], [2**60]])
+def test_a_seed_that_is_none_is_refused(seed: Sequence[object]) -> None:
+    with pytest.raises(UserError, match='seed'):
+        sweep(noise=0.1, seed=seed)
 
 
 def test_gains_are_broadcast_and_the_best_is_found_by_name() -> None:
