@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _SHOWN = 1.0  #: [s] after which a lap that is not finished is shown
 #: [s] between two drawings of the live line, and between two plain lines.
 _LIVE_PERIOD, _PLAIN_PERIOD = 0.1, 1.0
+_USUAL_COLUMNS = 80  #: of a terminal that gives no size, such as a serial line
 
 
 def cruise_line(
@@ -100,8 +101,7 @@ class Display:
         if not self._progress:
             print(line(), flush=True)  # noqa: T201
             return
-        # Leave room for the terminal's ^C behind the line: a line that wraps is not overwritten.
-        self._progress.console.width = get_terminal_size().columns - len('^C')
+        self._progress.console.width = _live_columns()
         with suppress(OSError):
             self._progress.start()
             tasks = self._progress.task_ids or [self._progress.add_task('', total=self._total)]
@@ -113,6 +113,16 @@ class Display:
             self._draw()
             with suppress(OSError):
                 self._progress.stop()
+
+
+def _live_columns() -> int:
+    """Return how many columns the live line can have.
+
+    There is room for the terminal's ^C behind it: a line that wraps is not overwritten.
+    """
+    # Python 3.10 returns 0 columns where a terminal gives no size.
+    columns = get_terminal_size().columns or _USUAL_COLUMNS
+    return max(columns - len('^C'), 1)
 
 
 def _progress(distance: float | None) -> Progress:

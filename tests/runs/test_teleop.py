@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import termios
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -33,13 +32,7 @@ def fail(self, twist):
     raise ZeroDivisionError('a fault in a node')
 Relay._on_twist = fail
 """
-pytestmark = [
-    pytest.mark.usefixtures('ros_domain'),
-    pytest.mark.skipif(
-        sys.version_info < (3, 11),
-        reason='on 3.10 this pseudo-terminal shows no line of the run; not understood yet',
-    ),
-]
+pytestmark = pytest.mark.usefixtures('ros_domain')
 
 
 @pytest.fixture

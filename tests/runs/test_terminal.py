@@ -114,6 +114,20 @@ def test_the_line_leaves_room_for_what_ctrl_c_writes(
     assert max(map(len, lines)) == 38
 
 
+@pytest.mark.parametrize(('columns', 'shown'), [('0', LINE.strip()), ('1', '…'), ('2', '…')])
+def test_a_terminal_without_a_size_or_with_few_columns_has_a_line(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, columns: str, shown: str
+) -> None:
+    monkeypatch.setenv('COLUMNS', columns)  # 0: those of the terminal, which gives none
+    monkeypatch.setattr(sys, '__stdout__', terminal.stdout)
+    with redirect_stdout(terminal.stdout):
+        display = Display()
+        display.show(*STATE)
+        text = terminal.shown()
+        display.close()
+    assert shown in text
+
+
 def test_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
         shown = Display()
