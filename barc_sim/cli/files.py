@@ -16,16 +16,14 @@ from pathlib import Path, PurePath
 from secrets import token_hex
 from typing import TYPE_CHECKING, BinaryIO
 
-from barc_sim.errors import UserError, escaped
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from matplotlib.figure import Figure
     from typing_extensions import Self
 
 FIGURES = ('png', 'pdf', 'svg')  #: suffixes of a figure's file
-FIGURE_DPI = 150
 _KINDS = {
     stat.S_IFIFO: 'a named pipe',
     stat.S_IFSOCK: 'a socket',
@@ -230,13 +228,6 @@ def target(name: str, formats: Sequence[str]) -> Path:
 def figure_path(name: str | None) -> Path | None:
     """Return the path `name` to save a figure to, if there is one."""
     return None if name is None else target(name, FIGURES)
-
-
-def save_figure(path: Path, figure: Figure) -> None:
-    """Save a figure, and print where it is."""
-    with saving(path) as part:
-        figure.savefig(part, dpi=FIGURE_DPI)
-    print(escaped(str(path)))  # noqa: T201
 
 
 def make_folder(path: Path, within: Path) -> Path:

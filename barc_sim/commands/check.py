@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import FIGURES, save_figure, target
+from barc_sim.cli.files import FIGURES, target
 from barc_sim.errors import UserError, escaped, one_line
 from barc_sim.lab.files import RUBRICS, find_files, handout_of
 
@@ -77,6 +77,8 @@ def run(options: Namespace) -> int:
     print_report(report, rubric)
     composed = _composition(folder)
     if path and report.drive:
+        from barc_sim.figures.files import save_figure  # noqa: PLC0415 (slow: not for --help)
+
         title = escaped(f'{folder.resolve().name}: {report.gains or rubric.title}')
         save_figure(path, report.drive.figure(title))
     right = all(each.passed or each.skipped or each.open for each in report.findings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import check_plain, figure_path, save_figure, saving, target
+from barc_sim.cli.files import check_plain, figure_path, saving, target
 from barc_sim.cli.parser import add_bag_arguments, show
 from barc_sim.errors import UserError, escaped
 from barc_sim.runs.options import add_address_options
@@ -38,6 +38,7 @@ def run_plot(options: Namespace) -> None:
     """Save the figure, or show it in a window."""
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.figures import run_figures, style  # noqa: PLC0415
+    from barc_sim.figures.files import save_figure  # noqa: PLC0415
 
     path = figure_path(options.save)
     source = options.bag or reader.newest()

@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.cli.files import figure_path, save_figure, saving, target
+from barc_sim.cli.files import figure_path, saving, target
 from barc_sim.cli.parser import barc_path, number, show, whole
 from barc_sim.control.cruise_control import PROFILE, SPEED
 from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, SPEED_REFERENCE
@@ -248,6 +248,7 @@ def run_identify(options: Namespace) -> None:
     for remark in identified.remarks:
         show(f'- {remark}')
     if path:
+        from barc_sim.figures.files import save_figure  # noqa: PLC0415
         from barc_sim.figures.run_figures import identification_figure  # noqa: PLC0415
 
         title = escaped(', '.join(bag.resolve().name for bag in bags))
@@ -293,6 +294,7 @@ def run_raceline(options: Namespace) -> None:
             write_line(part, track, line, limits)
         show(output)
     if path:
+        from barc_sim.figures.files import save_figure  # noqa: PLC0415
         from barc_sim.figures.track_figure import line_figure  # noqa: PLC0415
 
         save_figure(path, line_figure(track, line, limits))

@@ -9,12 +9,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib import rc_context, style
+from matplotlib import style
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyBboxPatch
 
 from barc_sim.bags.names import EVERYONES, NODES
 from barc_sim.errors import escaped
+from barc_sim.figures import files
 from barc_sim.figures.style import BLUE, GREY, INK, MUTED, STYLE
 
 if TYPE_CHECKING:
@@ -113,5 +114,6 @@ def lines(graph: NodeGraph) -> list[str]:
 
 def save(figure: Figure, path: Path) -> None:
     """Save to a file in the format of its extension; text remains searchable text."""
-    with rc_context({'svg.fonttype': 'none', 'pdf.fonttype': 42}):
-        figure.savefig(path, dpi=min(_DPI, _MAX_PIXELS / max(figure.get_size_inches())))
+    settings = {'svg.fonttype': 'none', 'pdf.fonttype': 42}
+    dpi = min(_DPI, _MAX_PIXELS / max(figure.get_size_inches()))
+    files.save(figure, path, settings, dpi=dpi)

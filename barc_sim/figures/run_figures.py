@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError, one_line
+from barc_sim.figures.files import save
 from barc_sim.figures.style import (
     BLUE,
     COLOURS,
@@ -62,9 +63,14 @@ _MAX_GAINS = 46  #: characters
 class NotebookFigure(Figure):
     """A figure that a notebook shows without pyplot."""
 
+    @style.context(STYLE)
+    def __init__(self) -> None:
+        """Make an empty figure, which looks the same with any matplotlibrc."""
+        super().__init__()
+
     def _repr_png_(self) -> bytes:
         data = BytesIO()
-        self.savefig(data, format='png')
+        save(self, data, format='png')
         return data.getvalue()
 
 

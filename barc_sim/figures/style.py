@@ -161,7 +161,8 @@ def window(title: str) -> Figure | None:
     from matplotlib import pyplot as plt  # noqa: PLC0415 (chooses a backend: not for saving)
 
     try:
-        figure = plt.figure(title)
+        with plt.style.context(STYLE):
+            figure = plt.figure(title)
     except ImportError:  # the user's backend is not available here
         return None
     if figure.canvas.required_interactive_framework is None:

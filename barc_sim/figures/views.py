@@ -101,6 +101,7 @@ class RunView(ABC):
         Without a `stretch` of road, the driven part is drawn.
         """
         self.figure = figure
+        figure.set_facecolor('white')  # with any matplotlibrc
         self._given = stretch
         self.read(log)
         with style.context(STYLE):
@@ -541,7 +542,8 @@ def frames(view: RunView, times: Iterable[float]) -> Iterator[NDArray[np.uint8]]
     The fixed parts are drawn once. The next image overwrites the array.
     """
     canvas: Any = FigureCanvasAgg(view.figure)  # matplotlib has no types for it
-    canvas.draw()
+    with style.context(STYLE):
+        canvas.draw()
     still = canvas.copy_from_bbox(view.figure.bbox)
     image = np.asarray(canvas.buffer_rgba())
     for t in times:

@@ -10,16 +10,16 @@ from math import isnan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from matplotlib import rc_context, style
 from pygments import highlight
 from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
 
 from barc_sim.bags import reader
 from barc_sim.bags.names import NodeGraph
+from barc_sim.figures.files import save
 from barc_sim.figures.graph_figure import graph_figure
 from barc_sim.figures.run_figures import drive_figure, is_by_hand, speed_figure, terms_figure
-from barc_sim.figures.style import STYLE, use_measurement
+from barc_sim.figures.style import use_measurement
 from barc_sim.figures.track_figure import track_figure
 from barc_sim.lab.pages import data_url, render
 from barc_sim.lab.user_code.code import attached
@@ -165,8 +165,7 @@ class _Figure(NamedTuple):
 
 def page(facts: Facts) -> str:
     """Return the report as HTML."""
-    looks = rc_context({'svg.hashsalt': 'barc_sim'})  # the same figures each time
-    with warnings.catch_warnings(), style.context(STYLE), looks:
+    with warnings.catch_warnings():
         warnings.simplefilter('ignore')  # characters that the font lacks
         figures, graph = [*_figures(facts)], _graph(facts)
     lap_gains = facts.lap_gains
@@ -241,7 +240,8 @@ def _figures(facts: Facts) -> Iterator[_Figure]:
 
 def _drawn(figure: Figure, caption: str, alt: str) -> _Figure:
     text = io.StringIO()
-    figure.savefig(text, format='svg', metadata={'Date': None})
+    same_ids = {'svg.hashsalt': 'barc_sim'}  # the same figures each time
+    save(figure, text, same_ids, format='svg', metadata={'Date': None})
     return _Figure(data_url('image/svg+xml', text.getvalue().encode()), caption, alt)
 
 

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import threading
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import pytest
@@ -98,10 +97,6 @@ def test_a_lab_is_checked_and_packed_beside_modules_of_pythons_names(ada: Path) 
     assert 'missing' not in course
 
 
-@pytest.mark.skipif(
-    version('matplotlib').startswith('3.8.'),
-    reason='two figures of Matplotlib 3.8 differ here; not understood yet',
-)
 def test_settings_of_matplotlib_do_not_change_a_figure(tmp_path: Path) -> None:
     bag = bag_of(tmp_path, '--engine', 'local', '--realtime-factor', 'max', '--distance', '20')
     usual = barc('plot', str(bag), '--save', str(tmp_path / 'usual.png'))

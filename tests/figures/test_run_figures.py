@@ -18,7 +18,9 @@ from matplotlib.text import Text
 
 from barc_sim.control.driver import DriverInput
 from barc_sim.errors import UserError
+from barc_sim.figures.files import save
 from barc_sim.figures.run_figures import drive_figure, plot, run_figure, speed_figure
+from barc_sim.figures.views import frames, view_of
 from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.log import COLUMNS
 from barc_sim.vehicle.plant import NoiseLevels, Plant
@@ -26,6 +28,7 @@ from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from matplotlib.axes import Axes
 
@@ -194,6 +197,35 @@ def test_a_users_own_style_changes_nothing(log: Log) -> None:
         figure = speed_figure(log)
     assert figure.get_facecolor() == (1.0, 1.0, 1.0, 1.0)
     assert figure.axes[0].yaxis.label.get_fontsize() == 10.0
+
+
+USERS_STYLE = {
+    'figure.facecolor': 'black',
+    'savefig.facecolor': 'red',
+    'savefig.bbox': 'tight',
+    'lines.linewidth': 9.0,
+    'font.size': 30.0,
+    'xtick.color': 'red',
+    'xtick.major.size': 30.0,
+}
+
+
+@pytest.mark.parametrize('kind', ['file', 'notebook', 'video'])
+def test_a_users_own_style_changes_no_saved_figure(log: Log, tmp_path: Path, kind: str) -> None:
+    def saved() -> bytes:
+        if kind == 'video':
+            view = view_of(log, Figure())
+            return next(frames(view, [1.0])).tobytes()
+        if kind == 'notebook':
+            return plot(log)._repr_png_()
+        path = tmp_path / 'speed.png'
+        save(speed_figure(log), path)
+        return path.read_bytes()
+
+    usual = saved()
+    with mpl.rc_context(USERS_STYLE):
+        own = saved()
+    assert (own == usual) is True  # short, where it fails
 
 
 def test_drawing_opens_no_window_and_leaves_pyplot_alone() -> None:

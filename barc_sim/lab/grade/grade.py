@@ -22,6 +22,7 @@ import numpy as np
 from barc_sim import __version__
 from barc_sim.cli.yaml_files import read_yaml
 from barc_sim.errors import UserError, escaped, one_line
+from barc_sim.figures.files import save
 from barc_sim.lab.files import BY_HAND, RUBRICS, names_of
 from barc_sim.lab.judge import Settings, Thresholds
 from barc_sim.lab.labs.hills import HILLS
@@ -340,7 +341,7 @@ def page(grade: Grade) -> str:
     """Return the HTML report, with a figure of the judged drive."""
     png = io.BytesIO()
     for evidence in filter(None, (item.evidence for item in grade.items)):
-        evidence.figure('').savefig(png, format='png', dpi=_DPI, metadata={'Software': ''})
+        save(evidence.figure(''), png, format='png', dpi=_DPI, metadata={'Software': ''})
     return render(
         'grade',
         grade=grade,
