@@ -82,16 +82,22 @@ def spinning(executor: QuickExecutor) -> Iterator[threading.Thread]:
         raise failures[0]
 
 
-@pytest.fixture(params=[False, True], ids=['installed', '7.1.9'])
-def rclpys_tasks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have tasks resumed as in the rclpy that is installed, and as from rclpy 7.1.9 on.
+@pytest.fixture
+def tasks_of_7_1_9(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have tasks resumed as from rclpy 7.1.9 on.
 
     There, a coroutine gives the future that it awaits to its task, which adds a done callback.
     """
+    monkeypatch.setattr(Future, '__await__', _await_once)
+    monkeypatch.setattr(Task, '__call__', _step)
+    monkeypatch.setattr('barc_sim.ros.executor.tasks._RCLPY_RESUMES', True)
+
+
+@pytest.fixture(params=[False, True], ids=['installed', '7.1.9'])
+def rclpys_tasks(request: pytest.FixtureRequest) -> None:
+    """Have tasks resumed as in the rclpy that is installed, and as from rclpy 7.1.9 on."""
     if request.param:
-        monkeypatch.setattr(Future, '__await__', _await_once)
-        monkeypatch.setattr(Task, '__call__', _step)
-        monkeypatch.setattr('barc_sim.ros.executor.tasks._RCLPY_RESUMES', True)
+        request.getfixturevalue('tasks_of_7_1_9')
 
 
 def _await_once(future: Future) -> Iterator[Future]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import ctypes
 import platform
 import struct
@@ -435,38 +434,6 @@ def test_a_callback_waits_for_a_future_of_another_callback(
 
 
 @TASKS
-def test_a_waiting_coroutine_keeps_its_exclusive_group(
-    node: Node, executor: QuickExecutor, until: Until
-) -> None:
-    group = MutuallyExclusiveCallbackGroup()
-    future = Future(executor=executor)
-    order = []
-
-    async def wait() -> None:
-        order.append('begin')
-        await future
-        order.append('end')
-
-    guard = node.create_guard_condition(wait, callback_group=group)
-    guard.trigger()
-    until(lambda: order)
-    other = node.create_guard_condition(lambda: order.append('other'), callback_group=group)
-    other.trigger()
-    ticks = []
-    timer = node.create_timer(
-        0.001, lambda: ticks.append(1), callback_group=MutuallyExclusiveCallbackGroup()
-    )
-    until(lambda: len(ticks) > 5)
-    timer.cancel()
-    assert order == ['begin']
-
-    future.set_result(None)
-    executor.wake()
-    until(lambda: len(order) == 3)
-    assert order == ['begin', 'end', 'other']
-
-
-@TASKS
 def test_tasks_run_and_wait_for_one_another(executor: QuickExecutor, until: Until) -> None:
     async def double(future: Future) -> int:
         return 2 * await future
@@ -536,20 +503,6 @@ def test_a_waiting_coroutine_is_left_alone_while_nothing_happens(executor: Quick
     assert steps == []
 
 
-@pytest.mark.parametrize('rclpys_tasks', [True], indirect=True)
-@TASKS
-def test_a_coroutine_that_only_yields_goes_on_in_the_next_spin(executor: QuickExecutor) -> None:
-    async def yield_thrice() -> str:
-        for _ in range(3):
-            await asyncio.sleep(0)
-        return 'done'
-
-    task = executor.create_task(yield_thrice)
-    executor.spin_until_future_complete(task, 20.0)
-
-    assert task.result() == 'done'
-
-
 def test_tasks_that_make_new_ones_starve_no_timer_and_no_deadline(
     executor: QuickExecutor, node: Node
 ) -> None:
@@ -587,20 +540,6 @@ def test_a_coroutine_looks_again_at_what_no_event_tells_when_a_time_is_over(
         executor.spin_once(0.01)
 
     assert task.done()
-
-
-@TASKS
-def test_a_cancelled_task_is_dropped(executor: QuickExecutor, until: Until) -> None:
-    async def wait() -> None:
-        await Future(executor=executor)
-
-    task = executor.create_task(wait)
-    executor.spin_once(timeout_sec=0.01)
-    until(lambda: not task.executing())
-    task.cancel()
-    done = executor.create_task(lambda: 1)
-    until(done.done)
-    assert task.cancelled()
 
 
 @TASKS

@@ -76,18 +76,6 @@ def test_a_subscription_gets_the_message_or_its_information_too(node: Node, unti
     assert deserialize_message(raw[0], Time) == Time(sec=7)
 
 
-def test_a_guard_condition_is_executed_once_for_a_trigger(
-    node: Node, executor: QuickExecutor, until: Until
-) -> None:
-    calls = []
-    guard = node.create_guard_condition(lambda: calls.append(1))
-    for number in range(1, 4):
-        guard.trigger()
-        until(lambda number=number: len(calls) == number)
-        executor.spin_once(timeout_sec=0)
-    assert len(calls) == 3
-
-
 class Losses(EventHandler):
     """The event of lost messages, with losses that the test makes up."""
 

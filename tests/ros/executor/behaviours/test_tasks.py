@@ -24,6 +24,15 @@ pytestmark = pytest.mark.timeout(60)
 DEADLINE = 20.0
 
 
+@pytest.fixture(params=['Single', 'Multi', 'Quick', 'Quick-7.1.9'])
+def kind(request: pytest.FixtureRequest) -> str:
+    """Return the name of each executor; ours also runs with the tasks of rclpy 7.1.9."""
+    name, _, version = str(request.param).partition('-')
+    if version:
+        request.getfixturevalue('tasks_of_7_1_9')
+    return name
+
+
 def test_a_function_and_a_coroutine_return_results(executor: Executor, until: Until) -> None:
     async def add(a: int, b: int) -> int:
         return a + b
