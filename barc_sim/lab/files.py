@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
+from barc_sim.lab.f_strings import without_f_strings
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
@@ -244,7 +245,6 @@ _LATER = (
     ((3, 12), re.compile(r'type\s+\w+\s*(\[.*\]\s*)?='), 'a type statement'),
     ((3, 12), re.compile(r'(async\s+)?(def|class)\s+\w+\s*\['), 'a type parameter'),
 )
-_F_STRING = re.compile(r'(?<!\w)([fF][rR]?|[rR][fF])(\'\'\'|"""|\'|")')
 _F_STRINGS = (3, 12)  #: the version since which an f-string can contain its own quotes
 
 
@@ -257,75 +257,9 @@ def _later_syntax(source: Source, error: SyntaxError) -> str:
     if sys.version_info >= _F_STRINGS:
         return ''
     with suppress(SyntaxError, ValueError, RecursionError, MemoryError):
-        ast.parse(_without_f_strings(source.text))
+        ast.parse(without_f_strings(source.text))
         return f'this f-string {NEEDS_PYTHON} {_F_STRINGS[0]}.{_F_STRINGS[1]}'
     return ''
-
-
-def _without_f_strings(text: str) -> str:
-    """Return a source with an empty text for each f-string, as Python 3.12 reads f-strings."""
-    parts, at = [], 0
-    while found := _F_STRING.search(text, at):
-        end = _end_of_f_string(text, found.end(), found[2])
-        if end < 0:
-            break
-        lines = text.count('\n', found.start(), end)
-        parts += [text[at : found.start()], "''" + '\\\n' * lines]
-        at = end
-    return ''.join([*parts, text[at:]])
-
-
-_STRING = re.compile(r'[rRbBuU]*(\'\'\'|"""|\'|")')
-
-
-def _end_of_f_string(text: str, at: int, quotes: str) -> int:
-    """Return where an f-string ends, whose contents begin at `at`; -1 if it does not end."""
-    while at < len(text):
-        if text.startswith(quotes, at):
-            return at + len(quotes)
-        if text[at] == '\n' and len(quotes) == 1:
-            return -1
-        if text[at] == '{' and text[at : at + 2] != '{{':
-            at = _end_of_field(text, at + 1)
-            if at < 0:
-                return -1
-            continue
-        at += 2 if text[at] == '\\' or text[at : at + 2] in {'{{', '}}'} else 1
-    return -1
-
-
-def _end_of_field(text: str, at: int) -> int:
-    """Return where a field in braces ends, whose contents begin at `at`; -1 if it does not end."""
-    depth, begin = 1, at
-    while at < len(text):
-        inner = _F_STRING.match(text, at)
-        plain = _STRING.match(text, at)
-        if inner or plain:
-            found = inner or plain
-            assert found  # noqa: S101 (one of the two)
-            quotes = found[2] if inner else found[1]
-            at = (
-                _end_of_f_string(text, found.end(), quotes)
-                if inner
-                else _end_of_string(text, found.end(), quotes)
-            )
-            if at < 0:
-                return -1
-            continue
-        depth += (text[at] in '([{') - (text[at] in ')]}')
-        at += 1
-        if not depth:
-            # An empty field is an error in every version.
-            return at if text[begin : at - 1].strip() else -1
-    return -1
-
-
-def _end_of_string(text: str, at: int, quotes: str) -> int:
-    while at < len(text) and not text.startswith(quotes, at):
-        if text[at] == '\n' and len(quotes) == 1:
-            return -1
-        at += 2 if text[at] == '\\' else 1
-    return at + len(quotes) if at < len(text) else -1
 
 
 def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
