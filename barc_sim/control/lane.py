@@ -16,23 +16,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
-from math import asin, atan2, cos, hypot, inf, sin, sqrt
-from typing import TYPE_CHECKING, Any, Protocol
+from math import asin, atan2, cos, inf, sin, sqrt
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from barc_sim.control.speed import Gain, read_term, take_gains
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R
+from barc_sim.vehicle.law import law
 from barc_sim.vehicle.track import Frenet, beside_arc
 
 if TYPE_CHECKING:
     from barc_sim.vehicle.track import Track
+
+    Column = Any  #: a tuple of numbers in Python, an array in compiled code
 
 #: Distance ahead [m] to the curvature of the centre line [1/m].
 Curvature = Callable[[float], float]
 STEERING_LIMIT = 0.5  #: [rad] either way
 #: Before the names of a lane controller's gains among parameters, and of its terms in a log.
 LANE = 'lane.'
-_POINTS = 8  #: of the centre line between the car and the point that it pursues
+POINTS = 8  #: of the centre line between the car and the point that it pursues
 
 
 class LaneController(Protocol):
@@ -44,6 +47,21 @@ class LaneController(Protocol):
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
 
 
+class LaneTerms(NamedTuple):
+    """The terms [rad] of a steering law, whose sum is the angle."""
+
+    feedforward: float  #: for the track ahead
+    of_e_y: float  #: corrects the lateral error
+    of_e_psi: float  #: corrects the heading error
+
+
+@law
+def steering_angle(terms: LaneTerms) -> float:
+    """Return the front angle [rad], the sum of a law's terms."""
+    return terms.feedforward + terms.of_e_y + terms.of_e_psi
+
+
+@law
 def steady_turn(curvature: float, l_f: float = L_F, l_r: float = L_R) -> tuple[float, float]:
     """Return steering angle and e_psi [rad] of the steady turn of this curvature [1/m].
 
@@ -55,6 +73,105 @@ def steady_turn(curvature: float, l_f: float = L_F, l_r: float = L_R) -> tuple[f
     """
     turn = max(-1.0, min(l_r * curvature, 1.0))
     return atan2((l_f + l_r) * curvature, sqrt(1.0 - turn * turn)), -asin(turn)
+
+
+class PursuitGains(NamedTuple):
+    """The gains of pure pursuit, and the distances of the axles [m]."""
+
+    look_ahead: float  #: [m]
+    look_ahead_time: float  #: [s]
+    l_f: float
+    l_r: float
+
+
+@law
+def pursuit_step(gains: PursuitGains, speed: float) -> float:
+    """Return the distance [m] between the points of the centre line, at a speed in m/s."""
+    return (gains.look_ahead + gains.look_ahead_time * abs(speed)) / POINTS
+
+
+@law
+def pure_pursuit(
+    gains: PursuitGains, e_y: float, e_psi: float, step: float, curvatures: Column
+) -> LaneTerms:
+    """Return the terms of pure pursuit; the class `PurePursuit` has its equation.
+
+    `curvatures` [1/m] are those in the middle of each of `POINTS` pieces of the centre line, which
+    are `step` [m] long and begin beside the car.
+    """
+    # The centre line ahead, in the frame of its point beside the car.
+    x = 0.0
+    y = 0.0
+    heading = 0.0
+    for curvature in curvatures:
+        turn = curvature * step
+        x += step * cos(heading + 0.5 * turn)
+        y += step * sin(heading + 0.5 * turn)
+        heading += turn
+
+    # The point that is pursued, from the rear axle.
+    x += gains.l_r * cos(e_psi)
+    y = y - e_y + gains.l_r * sin(e_psi)
+    direction = atan2(y, x) - e_psi
+    across = 2.0 * (gains.l_f + gains.l_r) * sin(direction)
+    return LaneTerms(atan2(across, sqrt(x * x + y * y)), 0.0, 0.0)
+
+
+class StanleyGains(NamedTuple):
+    """The gains of Stanley's law, and the distance of the front axle [m]."""
+
+    k: float  #: [1/s]
+    v_soft: float  #: [m/s]
+    l_f: float
+
+
+@law
+def stanley(
+    gains: StanleyGains, e_y: float, e_psi: float, speed: float, curvature: float
+) -> LaneTerms:
+    """Return the terms of Stanley's law; the class `Stanley` has its equation.
+
+    `curvature` [1/m] is that of the centre line beside the car.
+    """
+    ahead = gains.l_f * cos(e_psi)
+    across = e_y + gains.l_f * sin(e_psi)
+    front, turned = beside_arc(curvature, ahead, across)
+    of_e_y = -atan2(gains.k * front, gains.v_soft + abs(speed))
+    return LaneTerms(turned, of_e_y, -e_psi)
+
+
+class LaneLqrGains(NamedTuple):
+    """The weights of the regulator of the lane, and the distances of the axles [m]."""
+
+    q_e_y: float  #: [rad²/m²]
+    q_e_psi: float
+    l_f: float
+    l_r: float
+
+
+@law
+def lane_feedback(gains: LaneLqrGains) -> tuple[float, float]:
+    """Return k1 [rad/m] and k2 of the regulator; the class `LaneLQR` has their equations."""
+    k1 = sqrt(gains.q_e_y)
+    length = gains.l_f + gains.l_r
+    root = gains.q_e_y * (gains.l_r * gains.l_r) + gains.q_e_psi + 2.0 * length * k1
+    return k1, sqrt(root) - k1 * gains.l_r
+
+
+@law
+def lane_lqr(
+    gains: LaneLqrGains, e_y: float, e_psi: float, curvature: float, ahead: float
+) -> LaneTerms:
+    """Return the terms of the regulator; the class `LaneLQR` has its equations.
+
+    `curvature` [1/m] is that of the centre line beside the car, `ahead` the one for which it
+    steers: the same, unless the steering has a delay.
+    """
+    k1, k2 = lane_feedback(gains)
+    feedforward, steady = steady_turn(curvature, gains.l_f, gains.l_r)
+    if ahead != curvature:
+        feedforward, _ = steady_turn(ahead, gains.l_f, gains.l_r)
+    return LaneTerms(feedforward, -k1 * e_y, -k2 * (e_psi - steady))
 
 
 class LaneLaw:
@@ -77,9 +194,11 @@ class LaneLaw:
         """Forget the past: the next call is the first."""
         self.feedforward = self.of_e_y = self.of_e_psi = 0.0
 
-    def _sum(self, feedforward: float, of_e_y: float, of_e_psi: float) -> float:
-        self.feedforward, self.of_e_y, self.of_e_psi = feedforward, of_e_y, of_e_psi
-        return feedforward + of_e_y + of_e_psi
+    def _sum(self, terms: LaneTerms) -> float:
+        self.feedforward = terms.feedforward
+        self.of_e_y = terms.of_e_y
+        self.of_e_psi = terms.of_e_psi
+        return steering_angle(terms)
 
 
 class PurePursuit(LaneLaw):
@@ -110,18 +229,10 @@ class PurePursuit(LaneLaw):
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
-        step = (self.look_ahead + self.look_ahead_time * abs(speed)) / _POINTS
-        # The centre line ahead, in the frame of its point beside the car.
-        x = y = heading = 0.0
-        for k in range(_POINTS):
-            turn = curvature((k + 0.5) * step) * step
-            x += step * cos(heading + 0.5 * turn)
-            y += step * sin(heading + 0.5 * turn)
-            heading += turn
-        x, y = x + self.l_r * cos(e_psi), y - e_y + self.l_r * sin(e_psi)  # from the rear axle
-        direction = atan2(y, x) - e_psi
-        steer = atan2(2.0 * (self.l_f + self.l_r) * sin(direction), hypot(x, y))
-        return self._sum(steer, 0.0, 0.0)
+        gains = PursuitGains(self.look_ahead, self.look_ahead_time, self.l_f, self.l_r)
+        step = pursuit_step(gains, speed)
+        curvatures = tuple(curvature((k + 0.5) * step) for k in range(POINTS))
+        return self._sum(pure_pursuit(gains, e_y, e_psi, step, curvatures))
 
 
 class Stanley(LaneLaw):
@@ -149,11 +260,8 @@ class Stanley(LaneLaw):
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
-        bend = curvature(0.0)
-        ahead, across = self.l_f * cos(e_psi), e_y + self.l_f * sin(e_psi)
-        front, turned = beside_arc(bend, ahead, across)
-        of_e_y = -atan2(self.k * front, self.v_soft + abs(speed))
-        return self._sum(turned, of_e_y, -e_psi)
+        gains = StanleyGains(self.k, self.v_soft, self.l_f)
+        return self._sum(stanley(gains, e_y, e_psi, speed, curvature(0.0)))
 
 
 class LaneLQR(LaneLaw):
@@ -188,21 +296,22 @@ class LaneLQR(LaneLaw):
     q_e_psi: float
     preview: float
 
+    @property
+    def law_gains(self) -> LaneLqrGains:
+        """The present weights, as `lane_lqr` takes them."""
+        return LaneLqrGains(self.q_e_y, self.q_e_psi, self.l_f, self.l_r)
+
     def feedback(self) -> tuple[float, float]:
         """Return k1 [rad/m] and k2."""
-        k1 = sqrt(self.q_e_y)
-        root = self.q_e_y * self.l_r**2 + self.q_e_psi + 2.0 * (self.l_f + self.l_r) * k1
-        return k1, sqrt(root) - k1 * self.l_r
+        return lane_feedback(self.law_gains)
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
-        k1, k2 = self.feedback()
-        feedforward, steady = steady_turn(curvature(0.0), self.l_f, self.l_r)
-        if self.preview:
-            feedforward, _ = steady_turn(curvature(self.preview * speed), self.l_f, self.l_r)
-        return self._sum(feedforward, -k1 * e_y, -k2 * (e_psi - steady))
+        here = curvature(0.0)
+        ahead = curvature(self.preview * speed) if self.preview else here
+        return self._sum(lane_lqr(self.law_gains, e_y, e_psi, here, ahead))
 
 
 class LaneKeeping:
@@ -280,24 +389,36 @@ class LaneKeeping:
         return self.track.curvature(self.place.s + ahead)
 
 
+class ProfileColumns(NamedTuple):
+    """The segments of a speed profile, in columns."""
+
+    lengths: Column  #: [m]
+    limits: Column  #: [m²/s²] squares of the maximum speeds
+    squares: Column  #: [m²/s²] of the speeds where segments begin, and at the end of an open track
+    along: float  #: [m/s²] longitudinal acceleration, either way
+
+
+@law
+def profile_speed(columns: ProfileColumns, segment: int, ahead: float) -> float:
+    """Return the speed [m/s] of a profile, `ahead` [m] of the start of a segment."""
+    following = (segment + 1) % len(columns.squares)
+    left = columns.lengths[segment] - ahead
+    by_begin = columns.squares[segment] + 2.0 * columns.along * ahead
+    by_end = columns.squares[following] + 2.0 * columns.along * left
+    return sqrt(max(min(columns.limits[segment], by_begin, by_end), 0.0))
+
+
 @dataclass(frozen=True)
 class SpeedProfile:
     """The speed [m/s] over a track, whose square is linear over s, or constant, on each segment."""
 
     track: Track
-    along: float  #: [m/s²] longitudinal acceleration, either way
-    limits: tuple[float, ...]  #: [m²/s²] squares of the maximum speeds of the segments
-    squares: tuple[float, ...]  #: [m²/s²] of the speeds where segments begin
+    columns: ProfileColumns
 
     def __call__(self, t: float, s: float) -> float:  # noqa: ARG002 (a `Signal` has it)
         """Return the speed [m/s] at `s` [m]; the time does not matter."""
-        i, ahead = self.track.segment(s)
-        begin = self.squares[i]
-        end = self.squares[(i + 1) % len(self.squares)]
-        left = self.track.lengths[i] - ahead
-        by_begin = begin + 2.0 * self.along * ahead
-        by_end = end + 2.0 * self.along * left
-        return sqrt(max(min(self.limits[i], by_begin, by_end), 0.0))
+        segment, ahead = self.track.segment(s)
+        return profile_speed(self.columns, segment, ahead)
 
 
 def speed_profile(track: Track, maximum: float, across: float, along: float) -> SpeedProfile:
@@ -329,4 +450,5 @@ def speed_profile(track: Track, maximum: float, across: float, along: float) -> 
         for begin, end, gain in reversed(segments):
             squares[begin] = min(squares[begin], squares[end] + gain)
 
-    return SpeedProfile(track, along, tuple(limits), tuple(squares))
+    columns = ProfileColumns(track.lengths, tuple(limits), tuple(squares), along)
+    return SpeedProfile(track, columns)

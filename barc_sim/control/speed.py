@@ -302,6 +302,7 @@ def speed_controller(
     return PID(kp, ki, kd, output_min=-limit, output_max=limit)
 
 
+@law
 def feedback_gain(speed_weight: float, effort_weight: float, dt: float) -> float:
     """Return K [1/s] that minimizes Σ q e² + r a² for e⁺ = e - dt a, by a = K e.
 
@@ -314,6 +315,63 @@ def feedback_gain(speed_weight: float, effort_weight: float, dt: float) -> float
     weighted = speed_weight * dt * dt
     cost = (weighted + sqrt(weighted * (weighted + 4.0 * effort_weight))) / (2.0 * dt * dt)
     return dt * cost / (effort_weight + dt * dt * cost)
+
+
+class LqrGains(NamedTuple):
+    """The weights of a regulator, the gain of its observer, and the limits of its output [m/s²]."""
+
+    speed_weight: float  #: [1/s²]
+    effort_weight: float
+    observer_gain: float
+    interval: float  #: [s] between calls, for which K is computed
+    output_min: float
+    output_max: float
+
+
+class LqrMemory(NamedTuple):
+    """What a regulator keeps from one call to the next."""
+
+    compensation: float = 0.0  #: [m/s²] the estimated disturbance, negative
+    output: float = 0.0  #: [m/s²]
+    previous: float = nan  #: [m/s] the latest measurement; NaN: the next call is the first
+
+
+class LqrTerms(NamedTuple):
+    """What a regulator returns, and how it came about; the memory has the other term."""
+
+    output: float  #: [m/s²] within the limits
+    feedback: float  #: [m/s²]
+    saturated: bool  #: whether a limit cut the output
+
+
+@law
+def lqr(
+    memory: LqrMemory, gains: LqrGains, reference: float, measured: float, dt: float
+) -> tuple[LqrMemory, LqrTerms]:
+    """Return the memory and the terms of a regulator after a call; `LQR` has its equations.
+
+    `reference` and `measured` are in m/s, and `dt` [s] is the time since the call before.
+    """
+    compensation = memory.compensation
+    if not isnan(memory.previous) and dt > 0.0:
+        disturbance = (measured - memory.previous) / dt - memory.output
+        if isfinite(disturbance):
+            compensation -= gains.observer_gain * (disturbance + compensation)
+
+    error = reference - measured
+    feedback = feedback_gain(gains.speed_weight, gains.effort_weight, gains.interval) * error
+    raw = feedback + compensation
+    output = raw
+    saturated = False
+    if raw > gains.output_max:
+        saturated = True
+        output = gains.output_max
+    elif raw < gains.output_min:
+        saturated = True
+        output = gains.output_min
+
+    previous = measured if isfinite(error) else nan
+    return LqrMemory(compensation, output, previous), LqrTerms(output, feedback, saturated)
 
 
 class LQR:
@@ -362,34 +420,43 @@ class LQR:
     ) -> None:
         """Start at rest with these gains; K is computed for the interval `dt` [s]."""
         take_gains(self, gains)
-        self.dt, self.output_min, self.output_max = dt, output_min, output_max
+        self.dt = dt
+        self.output_min = output_min
+        self.output_max = output_max
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: the next call is the first."""
+        self.memory = LqrMemory()
         self.feedback = 0.0
-        self.compensation = 0.0
         self.saturated = False
-        self._output = 0.0
-        self._previous: float | None = None
+
+    @property
+    def compensation(self) -> float:
+        """The estimated disturbance [m/s²], negative."""
+        return self.memory.compensation
+
+    @property
+    def law_gains(self) -> LqrGains:
+        """The present gains and limits, as `lqr` takes them."""
+        return LqrGains(
+            speed_weight=self.speed_weight,
+            effort_weight=self.effort_weight,
+            observer_gain=self.observer_gain,
+            interval=self.dt,
+            output_min=self.output_min,
+            output_max=self.output_max,
+        )
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
     ) -> float:
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
         dt = self.dt if dt is None else dt
-        if self._previous is not None and dt > 0.0:
-            disturbance = (speed_current - self._previous) / dt - self._output
-            if isfinite(disturbance):
-                self.compensation -= self.observer_gain * (disturbance + self.compensation)
-        error = speed_reference - speed_current
-        self._previous = speed_current if isfinite(error) else None
-
-        self.feedback = feedback_gain(self.speed_weight, self.effort_weight, self.dt) * error
-        raw = self.feedback + self.compensation
-        self._output = min(max(raw, self.output_min), self.output_max)
-        self.saturated = raw < self.output_min or raw > self.output_max
-        return self._output
+        self.memory, terms = lqr(self.memory, self.law_gains, speed_reference, speed_current, dt)
+        self.feedback = terms.feedback
+        self.saturated = terms.saturated
+        return terms.output
 
 
 _MEMBERS = ('gains', 'terms', 'output_min', 'output_max', 'saturated', 'reset')

@@ -21,10 +21,11 @@ from math import atan2, ceil, cos, floor, hypot, isfinite, pi, remainder, sin, s
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.errors import UserError
+from barc_sim.vehicle.law import law
 from barc_sim.vehicle.road import RowError, read_named
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Iterable, Iterator
     from os import PathLike
 
     import numpy as np
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Numbers = Any  #: one number, or an array of many
-    Function = Callable[[Numbers, Numbers], Numbers]
 
 WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
@@ -323,7 +323,7 @@ class Track:
         there = _Segment(*self._table.take(i, 0).T)
         dx, dy = x - there.x, y - there.y
         a, b = dx * there.cosine + dy * there.sine, dy * there.cosine - dx * there.sine
-        e_y, turned = beside_arc(there.curvature, a, b, np.hypot, np.arctan2)
+        e_y, turned = _beside_arcs(there.curvature, a, b)
         angle = there.half + _wrapped(turned - there.half)
         ahead = np.divide(angle, there.curvature, out=a, where=there.curvature != 0.0)
         return there.start + ahead, e_y, there.psi + there.curvature * ahead
@@ -376,17 +376,28 @@ def _ahead(pose: Pose, curvature: float, distance: float) -> Pose:
     return Pose(pose.x + chord * cos(psi), pose.y + chord * sin(psi), psi + half)
 
 
-def beside_arc(
-    curvature: Numbers, a: Numbers, b: Numbers, hypot: Function = hypot, atan2: Function = atan2
-) -> tuple[Numbers, Numbers]:
+@law
+def beside_arc(curvature: float, a: float, b: float) -> tuple[float, float]:
     """Return e_y [m] of a point `a` m ahead of an arc's start and `b` m to its left.
 
     The second value is the turn [rad] of the arc up to the point beside it, from -π to π.
-    All may be arrays, with NumPy's `hypot` and `atan2`.
     """
-    across, along = curvature * a, 1.0 - curvature * b
-    e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + hypot(across, along))
+    across = curvature * a
+    along = 1.0 - curvature * b
+    distance = sqrt(across * across + along * along)
+    e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + distance)
     return e_y, atan2(across, along)
+
+
+def _beside_arcs(curvature: Numbers, a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Return what `beside_arc` does, of many points."""
+    import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
+    across = curvature * a
+    along = 1.0 - curvature * b
+    distance = np.sqrt(across * across + along * along)
+    e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + distance)
+    return e_y, np.arctan2(across, along)
 
 
 # A centre line of points: between two of them a biarc, two arcs that meet with one heading (Bolton,
@@ -472,7 +483,7 @@ def _fit(
                 trial = _arc(joint - p, t), _arc(q - joint, heading)
                 z = (places[i + 1 : j] - joint) / heading  # of the points between
                 bend = np.where(z.real < 0.0, trial[0][1], trial[1][1])
-                e_y, _ = beside_arc(bend, z.real, z.imag, np.hypot, np.arctan2)
+                e_y, _ = _beside_arcs(bend, z.real, z.imag)
                 off = float(np.abs(e_y).max(initial=0.0))
                 if not off <= tolerance:
                     break
