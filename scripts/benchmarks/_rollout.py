@@ -1,4 +1,4 @@
-"""One measurement of closed loops: its task is JSON on the command line, so is its figure."""
+"""One measurement of closed loops: its task is JSON on the command line, so are its figures."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import json
 import sys
 import time
 from typing import TYPE_CHECKING
+from unittest.mock import patch
 
 import numpy as np
 from numpy import arctan, cos, float64, sin, tan
 
 from barc_sim.control.speed import KD, KP
+from barc_sim.simulation import rollout
 from barc_sim.simulation.closed_loop import DISTANCE, simulate
 from barc_sim.tuning.search import sweep
 from barc_sim.vehicle.road import Road
@@ -18,7 +20,9 @@ from barc_sim.vehicle.road import Road
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-_RUNS = 5000  #: that `sweep` scores at a time
+_RUNS = 100_000  #: that `sweep` scores at a time
+_RUNS_IN_PYTHON = 100
+_SEEDS = 5000
 
 
 class LabPid:
@@ -82,30 +86,54 @@ def noise_loop() -> int:
     return len(simulate(noise=0.1)) - 1
 
 
-def sweep_loop() -> int:
+def sweep_loop(runs: int = _RUNS) -> int:
     """Score the same gains many times; return the steps."""
-    sweep(np.full(_RUNS, KP))
-    return _RUNS * simulate_loop()
+    sweep(np.full(runs, KP))
+    return runs * simulate_loop()
 
 
-def _rate(drive: Callable[[], int], seconds: float) -> float:
+def sweep_in_one_thread() -> int:
+    """Score them on one core."""
+    with patch.object(rollout, 'cpu_count', lambda: 1):
+        return sweep_loop()
+
+
+def sweep_in_python() -> int:
+    """Score some of them without Numba."""
+    with patch.multiple(rollout, is_compiled=lambda: False, compiled=lambda loop: loop):
+        return sweep_loop(_RUNS_IN_PYTHON)
+
+
+def seeds_loop() -> int:
+    """Score runs that differ in their noise; return the steps."""
+    sweep(noise=0.1, seed=range(_SEEDS))
+    return _SEEDS * noise_loop()
+
+
+def _rates(drive: Callable[[], int], seconds: float) -> dict[str, float]:
     drive()  # to warm up
-    steps, began = 0, time.perf_counter()
-    while (took := time.perf_counter() - began) < seconds:
+    steps = 0
+    began = time.perf_counter()
+    began_processor = time.process_time()
+    while time.perf_counter() - began < seconds:
         steps += drive()
-    return steps / took
+    took = time.perf_counter() - began
+    processor = time.process_time() - began_processor
+    return {'steps/s': steps / took, 'steps/s of processor time': steps / processor}
 
 
 def main(task: dict[str, object]) -> dict[str, float]:
-    """Measure; return the figure."""
+    """Measure; return the figures."""
     drives = {
         'lab': lab_loop,
         'simulate': simulate_loop,
         'noise': noise_loop,
         'sweep': sweep_loop,
+        'one thread': sweep_in_one_thread,
+        'python': sweep_in_python,
+        'seeds': seeds_loop,
     }
-    rate = _rate(drives[str(task['subject'])], float(str(task['seconds'])))
-    return {'steps/s': rate}
+    return _rates(drives[str(task['subject'])], float(str(task['seconds'])))
 
 
 if __name__ == '__main__':
