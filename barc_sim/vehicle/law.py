@@ -17,7 +17,10 @@ import hashlib
 import inspect
 import os
 import platform
+import shutil
 import sys
+import time
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 
     _Function = TypeVar('_Function', bound=Callable[..., Any])
 
+_KEPT = 30 * 24 * 3600.0  #: [s] for which compiled code is kept after its last use
 _laws: list[Callable[..., Any]] = []
 
 
@@ -76,13 +80,25 @@ def compiled(loop: _Function) -> _Function:
 
 def _cache_folder() -> Path | None:
     """Return the folder of compiled code, of these sources and versions; None: there is none."""
-    caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
-    folder = caches / 'barc_sim' / f'compiled-{_fingerprint()}'
+    caches = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'barc_sim'
+    folder = caches / f'compiled-{_fingerprint()}'
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        os.utime(folder)  # which says when it was used last
     except OSError:
         return None
-    return folder if os.access(folder, os.W_OK) else None
+    if not os.access(folder, os.W_OK):
+        return None
+    _remove_unused(caches)
+    return folder
+
+
+def _remove_unused(caches: Path) -> None:
+    """Remove the compiled code of other sources that nothing has used for `_KEPT` seconds."""
+    for folder in caches.glob('compiled-*'):
+        with suppress(OSError):  # another process removes it, too
+            if time.time() - folder.stat().st_mtime > _KEPT:
+                shutil.rmtree(folder)
 
 
 def _fingerprint() -> str:

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -96,3 +97,19 @@ def test_a_cache_that_cannot_be_written_is_done_without(
     blocked.touch()
     monkeypatch.setenv('XDG_CACHE_HOME', str(blocked))
     assert compiled.__wrapped__(total)(3) == 8.0
+
+
+@pytest.mark.skipif(not is_compiled(), reason='needs the extra fast')
+def test_compiled_code_of_old_sources_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    old, other = (tmp_path / 'barc_sim' / name for name in ('compiled-old', 'compiled-other'))
+    for folder in (old, other):
+        folder.mkdir(parents=True)
+        (folder / 'loop.nbc').touch()
+    two_months_ago = time.time() - 60 * 24 * 3600.0
+    os.utime(old, (two_months_ago, two_months_ago))
+    assert compiled.__wrapped__(total)(3) == 8.0
+    assert not old.exists()
+    assert other.exists()
