@@ -1,6 +1,11 @@
 """Working directories that a stranger has written: modules of known names, settings of libraries.
 
 A command that is started there runs nothing of it, and gives what it gives elsewhere.
+
+A trial is the name of one module in the working directory of one command. It is a name that this
+command, or a process that it starts, imports from a file: another one would prove nothing. Some
+trials share a run, because a command needs seconds. Where a run fails, each of its trials is
+repeated alone.
 """
 
 from __future__ import annotations
@@ -11,21 +16,25 @@ import py_compile
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import time
+import venv
 from functools import cache
+from importlib.machinery import BuiltinImporter, FrozenImporter
+from itertools import groupby
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from _command import Ended, judge
-from _trial import ESCAPE, Trial
+from _trial import ESCAPE, RESULT, SENTENCE, Trial
 
 from barc_sim.cli.python import python_command
 from barc_sim.lab.files import HILLS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 _PATIENCE = 120.0  #: [s] for a command on a busy machine
 _RUN = 'acc -q --engine local --distance 8 --road flat --realtime-factor max'
@@ -41,6 +50,7 @@ _COMMANDS = {
     f'{_RUN} --lab . --bag-dir ../out/bags': (2, ''),
     'new ../out/new': (1, ''),
 }
+#: Names that are put beside those that are tried.
 _MODULES = sorted(
     sys.stdlib_module_names
     | {'sitecustomize', 'usercustomize', 'numpy', 'yaml', 'barc_sim', 'barc_interfaces', 'rclpy'}
@@ -70,7 +80,29 @@ with open(os.environ['TRAP'], 'a') as file:
     file.write(f'{__name__}\\n')
 raise SystemExit(__name__)
 """
-_KINDS = ('file', 'package', 'folder', 'compiled', 'link', 'damaged library', 'settings', 'pipe')
+_KINDS = ('file', 'package', 'compiled', 'link', 'damaged library')
+_FOLDER = 'folder'  #: without a file: it takes the place of no module
+_TOGETHER = 20  #: trials of one run
+_OTHERS = 60  #: names beside them
+_PIPES = 0.2  #: share of the settings that are named pipes
+#: Appends the name of each imported module to a file, also where the process is confined later.
+_LISTING = """\
+import os
+import sys
+
+_LIST = os.open({file!r}, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+
+
+def listed(event, values):
+    if event == 'import' and '.' not in values[0]:
+        try:
+            os.write(_LIST, f'{{values[0]}}\\n'.encode())
+        except OSError:
+            pass
+
+
+sys.addaudithook(listed)
+"""
 _CODE = {
     'bike_model.py': 'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n'
     '    return [x + ts * v, y, psi, v + ts * a]\n',
@@ -103,11 +135,12 @@ def _original() -> Path:
     return folder
 
 
-def _run(command: str, folder: Path) -> Ended:
+def _run(command: str, folder: Path, python: str = sys.executable) -> Ended:
     """Run a command in the lab of `folder`, as the installed program does."""
+    _, *words = python_command('barc_sim', *command.split())
     try:
         done = subprocess.run(  # noqa: S603 (our own)
-            python_command('barc_sim', *command.split()),
+            [python, *words],
             cwd=folder / 'lab',
             env=os.environ | {'TRAP': str(folder / 'caught'), 'BARC_SIM_NO_BROWSER': '1'},
             stdin=subprocess.DEVNULL,
@@ -140,61 +173,129 @@ def _expected(command: str) -> tuple[int | None, object]:
         return _run(command, place).code, _made(command, place)
 
 
-def _set(kind: str, name: str, lab: Path) -> None:
-    """Put a trap with the name of a module, or a settings file, into a lab."""
-    trap = lab / f'{name}.py'
-    match kind:
-        case 'file':
-            trap.write_text(_TRAP, encoding='ascii')
-        case 'package':
-            (lab / name).mkdir()
-            (lab / name / '__init__.py').write_text(_TRAP, encoding='ascii')
-        case 'folder':
-            (lab / name).mkdir()
-        case 'compiled':
-            trap.write_text(_TRAP, encoding='ascii')
-            py_compile.compile(str(trap), str(lab / f'{name}.pyc'))
-            trap.unlink()
-        case 'link':
-            (lab.parent / 'trap.py').write_text(_TRAP, encoding='ascii')
-            trap.symlink_to('../trap.py')
-        case 'damaged library':
-            (lab / f'{name}.so').write_bytes(b'\x7fELF')
-        case 'pipe':
-            os.mkfifo(lab / 'matplotlibrc')
-        case _:
-            chance = Random(name)  # noqa: S311 (no secret)
-            setting = chance.choice([*_SETTINGS])
-            (lab / setting).write_text(_SETTINGS[setting], encoding='ascii')
+@cache
+def _imported(command: str) -> list[str]:
+    """Return the modules that a command, and the processes that it starts, import from files."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder, 'place')
+        shutil.copytree(_original(), place)
+        imports = place / 'imports'
+        _run(command, place, _python_with_list(place / 'venv', imports))
+        names = {*imports.read_text(encoding='utf-8').split()}
+    inside = BuiltinImporter, FrozenImporter  # their modules come from no file
+    return sorted(name for name in names if not any(each.find_spec(name) for each in inside))
+
+
+def _python_with_list(folder: Path, file: Path) -> str:
+    """Make a Python that lists the modules that its processes import; return its program."""
+    venv.create(folder, symlinks=True)
+    packages = Path(sysconfig.get_path('purelib', 'posix_prefix', {'base': str(folder)}))
+    (packages / 'listing.pth').write_text('import listing\n', encoding='ascii')
+    (packages / 'listing.py').write_text(_LISTING.format(file=str(file)), encoding='utf-8')
+    return str(folder / 'bin' / 'python')
+
+
+class _Trap(NamedTuple):
+    """What is in the working directory in place of a module."""
+
+    number: int  #: of the trial
+    kind: str
+    name: str  #: of the module
+
+    def put(self, lab: Path) -> None:
+        """Write it into a lab."""
+        path = lab / f'{self.name}.py'
+        package = lab / self.name
+        match self.kind:
+            case 'file':
+                path.write_text(_TRAP, encoding='ascii')
+            case 'package':
+                package.mkdir()
+                (package / '__init__.py').write_text(_TRAP, encoding='ascii')
+            case 'compiled':
+                path.write_text(_TRAP, encoding='ascii')
+                py_compile.compile(str(path), f'{path}c')
+                path.unlink()
+            case 'link':
+                (lab.parent / 'trap.py').write_text(_TRAP, encoding='ascii')
+                path.symlink_to('../trap.py')
+            case 'damaged library':
+                path.with_suffix('.so').write_bytes(b'\x7fELF')
+            case _:
+                package.mkdir()
+
+
+class _Surroundings(NamedTuple):
+    """What else is in the working directory: it belongs to no single trial."""
+
+    others: Sequence[_Trap] = ()
+    settings: Sequence[tuple[str, bool]] = ()  #: names of files, and whether each is a pipe
+
+    @classmethod
+    def drawn(cls, chance: Random, names: Sequence[str]) -> _Surroundings:
+        """Draw some beside traps of these names."""
+        more = chance.sample(sorted({*_MODULES} - {*names}), _OTHERS)
+        others = [_Trap(-1, chance.choice((*_KINDS, _FOLDER)), name) for name in more]
+        settings = chance.sample([*_SETTINGS], chance.randint(0, len(_SETTINGS)))
+        return cls(others, [(name, chance.random() < _PIPES) for name in settings])
+
+    def put(self, lab: Path) -> None:
+        """Write them into a lab."""
+        for other in self.others:
+            other.put(lab)
+        for name, is_pipe in self.settings:
+            if is_pipe:
+                os.mkfifo(lab / name)
+            else:
+                (lab / name).write_text(_SETTINGS[name], encoding='ascii')
 
 
 def trials(seed: int, numbers: range) -> Iterator[Trial]:
-    """Yield what became of each command."""
-    for number in numbers:
-        chance = Random(f'{seed} {number}')  # noqa: S311 (no secret)
+    """Yield what became of each name."""
+    for run, together in groupby(numbers, lambda number: number // _TOGETHER):
+        chance = Random(f'{seed} {run}')  # noqa: S311 (no secret)
         command = chance.choices([*_COMMANDS], [often for often, _ in _COMMANDS.values()])[0]
-        kind = chance.choice(_KINDS)
-        names = chance.sample(_MODULES, 1 if kind == 'pipe' else chance.choice((1, 5, 60)))
-        expected = _expected(command)
-        with tempfile.TemporaryDirectory() as folder:
-            place = Path(folder, 'place')
-            shutil.copytree(_original(), place)
-            for name in names:
-                _set(kind, name, place / 'lab')
-            yield _try(number, command, kind, expected, place)
+        names = chance.sample(_imported(command), _TOGETHER)
+        traps = [
+            _Trap(run * _TOGETHER + k, chance.choice(_KINDS), name) for k, name in enumerate(names)
+        ]
+        surroundings = _Surroundings.drawn(chance, names)
+        wanted = [*together]
+        yield from _tried(command, [each for each in traps if each.number in wanted], surroundings)
 
 
-def _try(
-    number: int, command: str, kind: str, expected: tuple[int | None, object], place: Path
-) -> Trial:
-    began = time.monotonic()
-    ended = _run(command, place)
-    seconds = time.monotonic() - began
-    outcome, why = judge(ended)
-    caught = place / 'caught'
-    if caught.exists():
-        names = ' '.join(caught.read_text(encoding='ascii').split())
-        outcome, why = ESCAPE, f'{names} has run'
-    elif not why and (ended.code, _made(command, place)) != expected:
-        outcome, why = ESCAPE, f'another result: exit code {ended.code}\n{ended.text[-2000:]}'
-    return Trial(number, kind, outcome, seconds, 0.0, why and f'barc {command}: {why}')
+def _tried(command: str, traps: Sequence[_Trap], surroundings: _Surroundings) -> list[Trial]:
+    """Try traps in one run; each alone if it fails, so that the trial that fails is named."""
+    trial = _try(command, traps, surroundings)
+    is_failure = trial.outcome not in (RESULT, SENTENCE)
+    found = [trial._replace(number=each.number, damaged=each.kind) for each in traps]
+    if not is_failure or len(traps) == 1:
+        return found
+    alone = [_tried(command, [each], _Surroundings())[0] for each in traps]
+    if any(each.outcome not in (RESULT, SENTENCE) for each in alone):
+        return alone
+    return [found[0], *alone[1:]]  # by what is beside the traps
+
+
+def _try(command: str, traps: Sequence[_Trap], surroundings: _Surroundings) -> Trial:
+    """Run a command in a lab with traps; return what became of it."""
+    exit_code, made = _expected(command)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder, 'place')
+        shutil.copytree(_original(), place)
+        for trap in traps:
+            trap.put(place / 'lab')
+        surroundings.put(place / 'lab')
+
+        began = time.monotonic()
+        ended = _run(command, place)
+        seconds = time.monotonic() - began
+
+        outcome, why = judge(ended)
+        caught = place / 'caught'
+        if caught.exists():
+            names = ' '.join(caught.read_text(encoding='ascii').split())
+            outcome, why = ESCAPE, f'{names} has run'
+        elif not why and (ended.code, _made(command, place)) != (exit_code, made):
+            outcome, why = ESCAPE, f'another result: exit code {ended.code}\n{ended.text[-2000:]}'
+    return Trial(-1, '', outcome, seconds, 0.0, why and f'barc {command}: {why}')

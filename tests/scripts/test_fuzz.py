@@ -36,7 +36,7 @@ SOAK = 'BARC_SIM_SOAK' in os.environ
         ('replies', 20),
         pytest.param('texts', 2_000 if SOAK else 200, marks=pytest.mark.slow),
         pytest.param('replies', 2_000 if SOAK else 200, marks=pytest.mark.slow),
-        pytest.param('folders', 2_000 if SOAK else 5, marks=pytest.mark.slow),
+        pytest.param('folders', 2_000 if SOAK else 20, marks=pytest.mark.slow),
         ('tables', 20),
         pytest.param('tables', 2_000 if SOAK else 200, marks=pytest.mark.slow),
         pytest.param('drives', 2_000 if SOAK else 10, marks=pytest.mark.slow),
@@ -112,3 +112,43 @@ def test_each_fault_is_found_and_the_next_file_is_tried(
     assert [trial.outcome for trial in trials] == [outcome]
     first.append(None)
     assert [trial.outcome for trial in _trial.trials(kind, 1, range(3))] == ['result'] * 3
+
+
+#: Starts a module with the working directory first in the path, and leaves it there.
+UNSAFE = """\
+import sys
+sys.path.insert(0, '')
+from barc_sim.cli import python
+python._without_working_directory = lambda path: path
+from runpy import run_module
+run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)
+"""
+
+
+@pytest.mark.slow
+def test_a_module_of_the_working_directory_that_runs_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(FUZZING)
+    import folders  # type: ignore[import-not-found]  # noqa: PLC0415
+
+    command = 'info ../bag'
+    kinds = {'numpy': 'file', 'mcap': 'package', 'csv': 'link', 'yaml': 'compiled'}
+    imported = {*folders._imported(command)}  # noqa: SLF001
+    assert imported >= kinds.keys()
+    assert imported.isdisjoint({'sys', 'matplotlib', 'scipy'})
+    traps = [
+        folders._Trap(number, kind, name)  # noqa: SLF001
+        for number, (name, kind) in enumerate(kinds.items())
+    ]
+
+    safe = folders._tried(command, traps, folders._Surroundings())  # noqa: SLF001
+    monkeypatch.setattr(
+        folders, 'python_command', lambda *words: [sys.executable, '-c', UNSAFE, *words]
+    )
+    unsafe = folders._tried(command, traps, folders._Surroundings())  # noqa: SLF001
+
+    assert [each.outcome for each in safe] == ['result'] * len(traps)
+    assert [(each.number, each.outcome) for each in unsafe] == [
+        (trap.number, 'escape') for trap in traps
+    ]
