@@ -24,7 +24,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim.errors import UserError, extra
+from barc_sim.simulation.log import COLUMNS
 from barc_sim.tuning.prediction import (
+    AT_REST,
     CarModel,
     free_responses,
     noticed,
@@ -45,7 +47,7 @@ if TYPE_CHECKING:
 
 _STEERED = 0.01  #: [rad] rms of the commands of a car that steered
 _STEPS = 30  #: of a search, which usually converges in fewer
-_FIRST_STEPS = 10  #: from each of several starts
+_FIRST_STEPS = 10  #: from each of several starts, and from a better delay
 _WORST = 1e6  #: error of a car for which the integrator is unstable
 _NO_NOISE = 1e-6  #: smaller errors come from rounding
 _LAGS = 20  #: of the autocorrelation
@@ -57,7 +59,10 @@ _ROUNDS = 3  #: of scans
 _BETTER = 1e-6  #: share of the error by which another fit must be better
 _WIDENINGS = 40  #: of an interval, until the error is significantly larger
 _SIGNIFICANT = 0.01  #: p-value of residuals that are no white noise
+_LARGEST = 1e9  #: value in any unit
 _GAINS = 0.5, 2.0  #: Beyond them a unit is wrong.
+#: Noise is no sensor's beyond these shares of the speed's standard deviation and of its size.
+_OF_SPREAD, _OF_SIZE = 0.5, 0.05
 
 
 class _Unknown(NamedTuple):
@@ -141,7 +146,8 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     Raises
     ------
     UserError
-        if no log has two seconds of states with commands, or SciPy is not installed.
+        if no log has two seconds of states with commands, if speeds or commands are those of no
+        car, or if SciPy is not installed.
 
     Examples
     --------
@@ -155,6 +161,8 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     0.13014 ± 0.00088 s
     """
     special = extra('scipy.special', 'identify', 'identify')
+    for log in logs:
+        _check_sizes(log)
     parts = [each for log in logs for each in stretches(log)]
     if not parts:
         raise UserError(
@@ -163,6 +171,7 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
         )
     vehicle = vehicle or Vehicle()
     noise = _noise(parts)
+    _check_continuous(parts, noise)
     parts = [noticed(each, vehicle, noise) for each in parts]
     along = _Search(tuple(parts), vehicle, integrator, np.ones((1, 1)), noise)
     fit, remarks = _fit_along(along)
@@ -210,6 +219,34 @@ def _noise(parts: Sequence[Stretch]) -> float:
     """Return roughly the standard deviation of the speed's noise [m/s], of second differences."""
     bends = np.concatenate([np.diff(each.measured[0, each.counted], 2) for each in parts])
     return float(np.median(np.abs(bends))) / (0.6745 * sqrt(6.0))
+
+
+def _check_sizes(log: Log) -> None:
+    """Refuse values whose squares leave the range of numbers."""
+    for name in (*_SIGNALS, 'motor', 'servo'):
+        values = np.nan_to_num(getattr(log, name), posinf=0.0, neginf=0.0)
+        largest = float(values[np.argmax(np.abs(values))]) if len(values) else 0.0
+        if abs(largest) > _LARGEST:
+            unit, *_ = COLUMNS[name]
+            raise UserError(
+                f'a value of {name} is {largest:.3g} {unit}, as that of no car: expected at most '
+                f'{_LARGEST:g}; leave out its row'
+            )
+
+
+def _check_continuous(parts: Sequence[Stretch], noise: float) -> None:
+    """Refuse speeds that jump from state to state: no parameters explain them."""
+    speeds = np.concatenate([each.measured[0, each.counted] for each in parts])
+    commands = np.concatenate([each.motor.values for each in parts])
+    step = max(float(np.median(np.diff(each.t[each.counted]))) for each in parts)
+    # So much can the commands change the speed from one step to the next.
+    commanded = 2.0 * float(np.abs(commands).max()) * step
+    usual = _OF_SIZE * sqrt(float(np.mean(speeds**2)))
+    if noise > max(_OF_SPREAD * float(np.std(speeds)), usual + commanded + AT_REST):
+        raise UserError(
+            f'the speed v_x jumps by {noise:.2g} m/s from state to state, as that of no car: check '
+            'that the states are in the order of their times'
+        )
 
 
 def _fit_along(search: _Search) -> tuple[_Fit, list[str]]:
@@ -327,7 +364,8 @@ class _Search(NamedTuple):
             for _ in range(_ROUNDS):
                 profile = self._profile(fit, name)
                 delays = np.maximum(fit.values[name] + step * _SCANNED, 0.0).tolist()
-                other = self.fit(min(map(profile, delays), key=lambda each: each.cost).values)
+                best = min(map(profile, delays), key=lambda each: each.cost)
+                other = self.fit(best.values, _FIRST_STEPS)
                 if not other.cost < fit.cost * (1.0 - _BETTER):
                     break
                 fit = other

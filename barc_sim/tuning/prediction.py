@@ -61,6 +61,7 @@ class LostValue(NamedTuple):
     end: float  #: [s]
     before: float  #: the value before it: [m/s²], or the incline's sine
     after: float
+    jump: float  #: the part of their difference that is not a ramp on which the values were
     spread: float  #: standard deviation of the value from the mean of both
     messages: int  #: that were lost
     is_command: bool  #: of the motor, and not an incline
@@ -68,7 +69,7 @@ class LostValue(NamedTuple):
     @property
     def is_switch(self) -> bool:
         """Whether the value jumped from one level to another."""
-        return abs(self.after - self.before) > _JUMPED * self.spread
+        return abs(self.jump) > _JUMPED * self.spread
 
 
 class Stretch(NamedTuple):
@@ -408,10 +409,15 @@ def _filled(held: HeldValues) -> tuple[HeldValues, list[LostValue]]:
     filled = HeldValues(
         np.insert(held.t, gaps + 1, starts), np.insert(held.values, gaps + 1, middles)
     )
+    counts = np.maximum(np.round((ends - starts) / period), 1.0).astype(int)
+    # Where the values around it were on a ramp, the lost ones were on it, too.
+    slopes = np.pad(np.diff(held.values) / steps, 1)  # none before the first, and after the last
+    ramps = 0.5 * (slopes[gaps] + slopes[gaps + 2]) * steps[gaps]
+    changes = after - before
+    jumps = changes - np.clip(ramps, np.minimum(changes, 0.0), np.maximum(changes, 0.0))
     # Values between two others are so far from the mean of both.
     usual = float(np.median(np.abs(np.diff(held.values, 2)))) / 2.0 / 0.6745
-    spreads = np.hypot(0.5 * np.abs(after - before), usual)
-    counts = np.maximum(np.round((ends - starts) / period), 1.0).astype(int)
-    columns = starts, ends, before, after, spreads, counts
+    spreads = np.hypot(0.5 * jumps, usual)
+    columns = starts, ends, before, after, jumps, spreads, counts
     rows = zip(*(column.tolist() for column in columns), strict=True)
     return filled, [LostValue._make((*row, False)) for row in rows]

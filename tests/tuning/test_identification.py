@@ -180,6 +180,40 @@ def test_missing_rows_are_bridged(share: float) -> None:
     assert not found.remarks
 
 
+@pytest.mark.parametrize('law', [PRBS(), Steps()])
+def test_speeds_in_another_order_are_refused(law: PRBS | Steps) -> None:
+    log = closed_loop(plant_of_truth(0.02), law, distance=1e9, max_duration=14.0)
+    np.random.default_rng(2).shuffle(log.v_x)
+    with pytest.raises(UserError, match='jumps by .* m/s from state to state'):
+        identify(log)
+
+
+def test_a_steady_drive_with_a_noisy_sensor_is_no_jump() -> None:
+    log = simulate(road='flat', noise=0.3, kp=0.1, ki=0.0, kd=0.0, distance=40.0)
+    steady = log.map(lambda column: column[200:])
+    assert identify(steady).estimates
+
+
+@pytest.mark.parametrize('name', ['v_x', 'motor', 'servo', 'psi_dot'])
+def test_a_value_beyond_all_cars_is_refused(name: str) -> None:
+    log = drive(seed=1)
+    getattr(log, name)[50] = -1e308
+    with pytest.raises(UserError, match=rf'a value of {name} is -1e\+308 '):
+        identify(log)
+
+
+def test_a_ramp_of_the_command_is_no_switch() -> None:
+    """A command that was lost while a PID accelerates the car lay between its neighbours."""
+    motor = Actuator(delay=0.06, lag=0.1)
+    plant = Plant(vehicle=CAR, noise=NoiseLevels(v_x=0.02), seed=101, motor=motor)
+    log = closed_loop(plant, PID(kp=5.0, ki=2.0, kd=0.0), distance=40.0)
+    kept = np.ones(len(log), np.bool_)
+    kept[12] = False
+    found = identify(log.map(lambda column: column[kept]))
+    assert found['motor_delay'].value == pytest.approx(0.06, abs=0.0015)
+    assert found['motor_lag'].value == pytest.approx(0.1, abs=0.002)
+
+
 def test_lost_inclines_are_estimated() -> None:
     """Where a hill begins between two rows, the step of the speed is free."""
     log = simulate(controller=PRBS(), noise=0.02, delay=0.1, distance=70.0, vehicle=CAR)
