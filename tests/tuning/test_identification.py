@@ -184,7 +184,7 @@ def test_missing_rows_are_bridged(share: float) -> None:
 def test_speeds_in_another_order_are_refused(law: PRBS | Steps) -> None:
     log = closed_loop(plant_of_truth(0.02), law, distance=1e9, max_duration=14.0)
     np.random.default_rng(2).shuffle(log.v_x)
-    with pytest.raises(UserError, match='jumps by .* m/s from state to state'):
+    with pytest.raises(UserError, match=r'jumps by .* m/s from state to state'):
         identify(log)
 
 
