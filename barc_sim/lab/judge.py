@@ -69,6 +69,7 @@ def close(got: Floats, expected: Floats) -> bool:
 
 _ROUNDING = 1e-6  #: relative error, larger than in single precision
 _FACTOR, _SIGN = 0.4, 0.6  #: loss for a wrong factor, and for a wrong sign; see `Functions.loss`
+_UNRELATED = 0.95  #: relative error from which on a result has nothing of the right one
 _ABSENT = 'Absent'  #: The topic of a missing result begins so: each costs all its points.
 
 
@@ -83,7 +84,7 @@ def _loss(got: Floats, right: Floats, scale: float) -> float:
     if factor and np.abs(got - factor * right).max() <= _ROUNDING * np.abs(got).max():
         return min(abs(factor - 1.0), _FACTOR) if factor > 0.0 else _SIGN
     error = float(np.sqrt(np.vdot(got - right, got - right) / size))
-    return min(error, 1.0) if error >= 0.0 else 1.0
+    return error if error < _UNRELATED else 1.0  # 1 for NaN
 
 
 def _joined(trials: Sequence[Trial], name: str) -> Case:

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 PROGRAMS = read_programs("""
 right | 90 |  | right in all 5 cases
 no excitation | 55 |  | the car does not move
-    if t < 7.0: -> return 0.0⏎    if t < 7.0:
+    return 2.0⏎ -> return 0.0⏎
+    return 2.0 * ( -> return 0.0 * (
 beyond the limit | 85 |  | 2.5 m/s², but only 2 m/s² are allowed; it is too large from 0.00 s on
     return 2.0⏎    if -> return 2.5 if t < 4.0 else 2.0 if t < 6.0 else 0.0⏎    if
 a force | 80 |  | is it a force? Return an acceleration; the car reaches 4343.2 m/s

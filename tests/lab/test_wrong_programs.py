@@ -91,7 +91,7 @@ reversed error | 92 | e = | the error has the wrong sign: it is speed_reference 
     speed_reference - speed_current -> speed_current - speed_reference
 abs of the error | 92 | e = | the error has lost its sign: remove the abs
     speed_reference - speed_current -> abs(speed_reference - speed_current)
-an own error with a factor | 96 |  | right in all 240 outputs
+an own error with a factor | 100 |  | right in all 240 outputs
     speed_reference - speed_current -> 2 * (speed_reference - speed_current)
 P only | 84 | return output | I is always 0
     P + I + D -> P
@@ -106,6 +106,9 @@ the sum differentiated | 95 | D = | D is kd * e, not kd * (e - e_before)
     change = 0.0 if -> change = e * dt if True else 0.0 if
 D without memory | 95 | D = | D is kd * e
     self.e_before = e⏎ -> self.e_before = 0.0⏎
+D without memory in a weak loop | 74 | D = | D is kd * e, not kd * (e - e_before)
+    self.e_before = e⏎ -> self.e_before = 0.0⏎
+    kp=30, ki=60, kd=0.1 -> kp=2, ki=0.2, kd=0.5
 D after the error is stored | 92 | return output | replaced only after D has used it?
     self.total += -> self.e_before = e⏎        self.total +=
 D adds | 95 | D = | D adds e_before, but must subtract it

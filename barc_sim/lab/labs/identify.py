@@ -6,7 +6,6 @@ from contextlib import suppress
 from functools import lru_cache, partial
 from itertools import starmap
 from math import inf
-from operator import itemgetter
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -239,22 +238,35 @@ def _judge_information(car: Car, commands: Sequence[float]) -> Iterator[Finding]
 def _judge_intervals(trial: Trial) -> tuple[float, str]:
     """Judge whether the intervals contain the true values, and are not too wide.
 
-    Swapped results cost points only once: they are judged in both orders, and the better counts.
+    An interval counts where its estimate is right: a wider one around a wrong estimate gives no
+    points. Swapped results cost points only once: their intervals are judged in the right order.
     """
     got = np.column_stack([*trial.got.values()]).reshape(-1, 3, 2)
-    orders = [_judge_order(trial, got[:, order]) for order in ([0, 1, 2], [1, 0, 2])]
-    return max(orders, key=itemgetter(0))
+    if _are_swapped(trial):
+        got = got[:, [1, 0, 2]]
+    values, intervals = got.transpose(2, 0, 1)
+    true = np.column_stack([*trial.inputs.values()])
 
+    is_estimated = np.ptp(values, axis=0) > 0.0  # a constant is near the true value by chance
+    is_right = is_estimated & np.isclose(values, true, rtol=_WRONG, atol=0.0)
+    is_inside = np.abs(values - true) <= intervals
+    inside = float(np.mean(is_right & is_inside))
 
-def _judge_order(trial: Trial, got: Floats) -> tuple[float, str]:
-    true, (values, intervals) = np.column_stack([*trial.inputs.values()]), got.transpose(2, 0, 1)
     best = np.array([car.intervals(_USUAL) for car in starmap(Car, true.tolist())])
-    inside = float(np.mean(np.abs(values - true) <= intervals))
     width = float(np.median(intervals / best))
     max_score, hint = next(row[1:] for row in _HINTS if width <= row[0])
     score = share(-inside, -_FULL_SHARE, 0.0) * _WIDE / max(width, _WIDE)
-    text = f'{inside:.0%} of the intervals contain the true value; their size is {width:.2g} times '
-    return min(score, max_score), f'{text}the smallest possible one{hint}'
+    text = f'{inside:.0%} of the intervals contain the true value'
+    if not is_right.all():
+        text += f', around an estimate that is within {_WRONG:.0%} of it'
+    text += f'; their size is {width:.2g} times the smallest possible one{hint}'
+    return min(score, max_score), text
+
+
+def _are_swapped(trial: Trial) -> bool:
+    """Return whether drag or friction is returned in place of the other."""
+    pairs = (('drag', 'friction'), ('friction', 'drag'))
+    return any(FUNCTIONS.agree(trial.got[name], trial.right[other]) for name, other in pairs)
 
 
 IDENTIFY = Lab(
