@@ -1,17 +1,18 @@
 """Errors of a user as one sentence; the limits of numbers; text that is safe to show.
 
 There is one table of limits: a record declares its fields as `Annotated[float, description, low,
-high]`, and a node its parameters with `Parameter`. Constructors, `simulate`, nodes and options of
-commands check values against them, with the sentence of `not_between`.
+high]`, and `parameters_of` returns a `Parameter` for each. Constructors, `simulate`, nodes and
+options of commands check values against them, with the sentence of `not_between`.
 """
 
 from __future__ import annotations
 
 import re
+from dataclasses import fields, is_dataclass
 from importlib import import_module
 from math import inf
 from numbers import Integral, Real
-from typing import Any, NamedTuple, TypeVar, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeVar, get_origin, get_type_hints
 
 #: The bounds of a text or a flag: there are none.
 ANY = (-inf, inf)
@@ -101,14 +102,33 @@ class Parameter(NamedTuple):
             raise UserError(f'{name or self.name}: {why}')
 
 
-def parameters_of(record: type[tuple[Any, ...]]) -> list[Parameter]:
-    """Return a parameter for each field of a record that declares limits."""
-    defaults = record()
+def parameters_of(record: type[Any]) -> list[Parameter]:
+    """Return a parameter for each field of a NamedTuple or dataclass that declares its meaning.
+
+    A field is `Annotated[kind, description]`, `Annotated[kind, description, low, high]`, or
+    `Annotated[kind, parameter]`, which shares meaning and limits of another parameter.
+    """
+    if is_dataclass(record):
+        defaults = {each.name: each.default for each in fields(record)}
+    else:
+        defaults = record._field_defaults
     return [
-        Parameter(name, getattr(defaults, name), description, (low, high))
+        _parameter(name, defaults[name], *hint.__metadata__)
         for name, hint in get_type_hints(record, include_extras=True).items()
-        for description, low, high in [hint.__metadata__]
+        if get_origin(hint) is Annotated
     ]
+
+
+def _parameter(
+    name: str,
+    default: Any,  # noqa: ANN401 (of any kind)
+    meaning: str | Parameter,
+    low: float = -inf,
+    high: float = inf,
+) -> Parameter:
+    if isinstance(meaning, Parameter):
+        return meaning._replace(name=name, default=default)
+    return Parameter(name, default, meaning, (low, high))
 
 
 def limited(record: type[_Record]) -> type[_Record]:

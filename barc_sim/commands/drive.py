@@ -21,7 +21,7 @@ from barc_sim.control.cruise_control import (
 )
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.runs import options as run_options
-from barc_sim.simulation.stepper import DISTANCE, LAPS
+from barc_sim.simulation.scenario import LIMITS
 from barc_sim.vehicle.track import TRACKS
 
 if TYPE_CHECKING:
@@ -79,13 +79,13 @@ def add_arguments_acc(parser: Parser) -> None:
     )
     parser.add_argument(
         '--distance',
-        type=number(*DISTANCE.between),
+        type=number(*LIMITS['distance'].between),
         metavar='M',
         help='end of a lap; 0: none, until Ctrl-C (180 m; on a track, the end of the last lap)',
     )
     parser.add_argument(
         '--laps',
-        type=whole(*LAPS.between),
+        type=whole(*LIMITS['laps'].between),
         metavar='N',
         help='number of laps, each from standstill on a road; 0: until Ctrl-C (1)',
     )

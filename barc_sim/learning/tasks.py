@@ -7,23 +7,23 @@ and `Policy`, which drives a run.
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import product
 from math import copysign, inf, isnan, pi
 from operator import itemgetter
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from barc_sim.control.cruise_control import SPEED
 from barc_sim.control.lane import STEERING_LIMIT
-from barc_sim.control.speed import ACCELERATION_LIMIT, SPEED_REFERENCE
-from barc_sim.errors import UserError, extra, not_between
-from barc_sim.simulation.closed_loop import LIMITS, check_arguments, plant_of
+from barc_sim.errors import UserError, extra, not_between, parameters_of
+from barc_sim.simulation.closed_loop import LAP_SPEED, LAP_TRACK, chosen_scenario
+from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import State, Vehicle
-from barc_sim.vehicle.parameters import ROWS
+from barc_sim.vehicle.parameters import needs_track
 from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track
@@ -47,11 +47,21 @@ BLOCK = 64  #: measurements whose noise is drawn at once
 MAX_SPEED = 50.0  #: [m/s] A faster car's episode ends.
 BEHIND = -10.0  #: [m] So does that of a car that rolls so far back, before the start of the hills.
 _START_E_PSI = 0.2  #: [rad] either way
-#: The options of `simulate` and `lap` that an environment has.
+#: The fields of a `Scenario` that are options of an environment.
 OPTIONS = 'road', 'track', 'vehicle', 'dynamics', 'lateral', 'noise', 'delay', 'servo', 'ts'
-_NAMES = *Vehicle._fields, *LateralParameters._fields, 'noise', 'delay'
+#: Further fields that a scenario may have: the speed, its limit, and ends, which end no episode.
+_OF_RUN = 'speed_reference', 'acceleration_limit', 'distance', 'laps', 'max_duration'
+_SPEED = LIMITS['speed_reference']._replace(between=(1e-3, LIMITS['speed_reference'].between[1]))
 #: What `ranges` may have, and its limits.
-_VARIED = {name: (ROWS | LIMITS)[name].between for name in _NAMES}
+_VARIED = {
+    row.name: row.between
+    for row in (
+        *parameters_of(Vehicle),
+        *parameters_of(LateralParameters),
+        LIMITS['noise'],
+        LIMITS['delay'],
+    )
+}
 #: What a car measures, and its latest command: speed to hold less the measured one [m/s], e_y [m],
 #: e_psi [rad], speed along the car's axis [m/s], acceleration [m/s²], steering [rad].
 SEEN = 'error', 'e_y', 'e_psi', 'speed', 'motor', 'servo'
@@ -63,41 +73,37 @@ class Task:
     measured: ClassVar[tuple[str, ...]] = ('e_y', 'e_psi', 'speed')  #: and observed, of `SEEN`
     #: What an action commands, each from -1 to 1: that share of the limit. It is observed, too.
     actions: ClassVar[tuple[str, ...]]
-    course: ClassVar[Mapping[str, str]] = {'track': 'L', 'road': 'flat'}
-    default_speed: ClassVar[float] = 6.0
+    course: ClassVar[Mapping[str, str]] = {'track': LAP_TRACK, 'road': 'flat'}
+    default_speed: ClassVar[float] = LAP_SPEED
     start_speeds: ClassVar[tuple[float, float]] = (0.0, 2.0)  #: from and to, as shares of it
 
     def __init__(
         self,
         *,
         speed: float | None = None,
-        acceleration_limit: float = ACCELERATION_LIMIT,
+        acceleration_limit: float = Scenario.acceleration_limit,
         ranges: Mapping[str, tuple[float, float]] | None = None,
+        scenario: Scenario | None = None,
         **options: Any,  # noqa: ANN401 (of `simulate` and `lap`)
     ) -> None:
-        """Take `OPTIONS` by the names that they have in `simulate` and `lap`.
+        """Take `OPTIONS` by the names that they have in `simulate` and `lap`, or a `scenario`.
 
-        `ranges` has the limits of the values that each episode draws at random, by the name of the
-        option, or of the parameter of vehicle or tyres: `{'mass': (1500.0, 2500.0), 'delay': (0.0,
-        0.1)}`.
+        A scenario has the speed as `speed_reference`; its ends end no episode, and gains,
+        controllers and others beyond `OPTIONS` are refused. `ranges` has the limits of the values
+        that each episode draws at random, by the name of the option, or of the parameter of vehicle
+        or tyres: `{'mass': (1500.0, 2500.0), 'delay': (0.0, 0.1)}`.
 
         UserError: an option is unknown, or out of its limits.
         """
-        allowed = [name for name in OPTIONS if name != 'track' or name in self.course]
-        for name in options.keys() - {*allowed}:
-            allowed += 'speed', 'acceleration_limit', 'ranges'
-            raise UserError(f'option {name!r} must be one of {", ".join(allowed)}')
-        self.speed = self.default_speed if speed is None else speed
-        SPEED._replace(between=(1e-3, SPEED.between[1])).check(self.speed, 'speed')
-        given = {name: _of_json(name, each) for name, each in options.items()}
-        chosen = {name: each for name, each in given.items() if each not in (None, '')}
-        check_arguments(acceleration_limit=acceleration_limit)
-        self.delays_servo = 'servo' not in chosen  #: Whether `delay` is that of the servo, too.
-        self._options: dict[str, Any] = {**self.course, **chosen}
+        made = self._of_options(speed, acceleration_limit, options)
+        self.scenario = chosen_scenario(scenario, made, self._of_options())
+        self._check_scenario()
+        self.speed = self.scenario.speed_reference
+        #: Whether `delay` is that of the servo, too.
+        self.delays_servo = self.scenario.servo is None
         self.plain = self.plant({})  #: the plant of the options alone
         self.road, self.track, self.ts = self.plain.road, self.plain.track, self.plain.ts
         self._noise = self.plain.sensor.noise  # of the sensor's kind, but of `np_random`
-        self._options |= {'road': self.road, 'track': self.track}  # read once
         self.ranges = _checked('ranges', ranges, _VARIED, are_pairs=True)
         for corner in product(*self.ranges.values()):
             self.plant(dict(zip(self.ranges, corner, strict=True)))
@@ -124,7 +130,7 @@ class Task:
             'e_y': 2.0 * self.half_width,
             'e_psi': pi,
             'speed': MAX_SPEED,
-            'motor': acceleration_limit,
+            'motor': self.scenario.acceleration_limit,
             'servo': STEERING_LIMIT,
         }
         observed = *self.measured, *self.actions
@@ -132,15 +138,52 @@ class Task:
         self.high = np.array([*self._high, *[max_ahead] * len(AHEAD)])
         self._own = itemgetter(*map(SEEN.index, observed))
 
+    def _of_options(
+        self,
+        speed: float | None = None,
+        acceleration_limit: float = Scenario.acceleration_limit,
+        options: Mapping[str, Any] = MappingProxyType({}),
+    ) -> Scenario:
+        """Return the scenario of the options of an environment; UserError: one is unknown."""
+        allowed = self._allowed_options()
+        for name in options.keys() - {*allowed}:
+            allowed += 'speed', 'acceleration_limit', 'ranges', 'scenario'
+            raise UserError(f'option {name!r} must be one of {", ".join(allowed)}')
+        speed = self.default_speed if speed is None else speed
+        _SPEED.check(speed, 'speed')
+        given = {name: _of_json(name, each) for name, each in options.items()}
+        chosen = {name: each for name, each in given.items() if each not in (None, '')}
+        return Scenario(
+            speed_reference=speed,
+            acceleration_limit=acceleration_limit,
+            **{**self.course, **chosen},
+        )
+
+    def _allowed_options(self) -> list[str]:
+        return [name for name in OPTIONS if name != 'track' or name in self.course]
+
+    def _check_scenario(self) -> None:
+        """Raise UserError if an environment has no part for a field of the scenario."""
+        scenario = self.scenario
+        if 'track' in self.course and not scenario.track:
+            raise needs_track(f'{type(self).__name__}-v0')
+        _SPEED.check(scenario.speed_reference, 'speed_reference')
+        for name in scenario.changes().keys() - {*self._allowed_options(), *_OF_RUN}:
+            raise UserError(
+                f'scenario {scenario!r} has {name}, which is no option of {type(self).__name__}-v0:'
+                ' leave it out'
+            )
+
     def plant(self, drawn: Mapping[str, float]) -> Plant:
         """Return the plant of an episode with these values of `ranges`."""
-        options = {**self._options}
-        for name, kind in (('vehicle', Vehicle), ('lateral', LateralParameters)):
-            if mine := {each: drawn[each] for each in drawn.keys() & {*kind._fields}}:
-                options[name] = (options.get(name) or kind())._replace(**mine)
-        if 'delay' in drawn:
-            options['delay'] = drawn['delay']
-        return plant_of(**options)
+        scenario = self.scenario
+        varied = replace(
+            scenario,
+            vehicle=_varied(scenario.vehicle or Vehicle(), drawn),
+            lateral=_varied(scenario.lateral or LateralParameters(), drawn),
+            delay=drawn.get('delay', scenario.delay),
+        )
+        return varied.plant()
 
     def errors(self, generator: np.random.Generator, noise: float) -> Floats:
         """Return the errors of the next `BLOCK` measurements, each of shape (6,).
@@ -216,6 +259,11 @@ class Task:
     def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
         """Return the reward of a step of `way` [m] that ended there: the way."""
         return way
+
+
+def _varied(record: Any, drawn: Mapping[str, float]) -> Any:  # noqa: ANN401 (a NamedTuple)
+    """Return a record with those of the drawn values that it has."""
+    return record._replace(**{name: drawn[name] for name in record._fields if name in drawn})
 
 
 def _checked(
@@ -329,7 +377,7 @@ class Hills(Task):
     measured = ('error', 'speed')
     actions = ('motor',)
     course: ClassVar = {'road': 'lab'}
-    default_speed = SPEED_REFERENCE
+    default_speed = Scenario.speed_reference
 
     def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
         """Return the reward of a step of `way` [m] that ended in this state."""

@@ -26,7 +26,8 @@ from barc_sim.ros.node_helpers import (
     frames,
 )
 from barc_sim.ros.peers import claim
-from barc_sim.simulation.stepper import Stepper, parameters
+from barc_sim.simulation.scenario import Scenario
+from barc_sim.simulation.stepper import Stepper, StepperOptions, parameters
 from barc_sim.vehicle.bike_model import Command, bikeFE
 from barc_sim.vehicle.road import Road
 
@@ -97,7 +98,9 @@ class VehicleSimulator(Node):
         self.track = declare_track(self, track)
         self.values = values = declare(self, parameters(distance, on_track=bool(self.track)))
         self.road = road or Road.named(values['road'])
-        self.stepper = Stepper(values, self, model, self.road, self.track)
+        self._model = model
+        pace = StepperOptions(*(values[name] for name in StepperOptions._fields))
+        self.stepper = Stepper(self._scenario(), pace, self)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
         self.finished, self.refused, self.on_step = Future(), RefusedInput(self), on_step
@@ -110,7 +113,7 @@ class VehicleSimulator(Node):
         self._time, self._environment = ClockMessage(clock=self._stamp), Environment(header=on_map)
         self._state, self._error = ZDynBkMdl(header=on_map), EZDynBkMdl(header=on_car)
         self.clock_pub, self._track_pub = None, None
-        if keeps_clock and (values['clock'] or values['realtime_factor'] != 1.0):
+        if keeps_clock and (pace.clock or pace.realtime_factor != 1.0):
             self.clock_pub = self.create_publisher(ClockMessage, names.CLOCK, names.QOS)
         if self.track:
             self._place = TrackState(header=on_map)
@@ -130,7 +133,7 @@ class VehicleSimulator(Node):
         self._deferred = self.create_guard_condition(self.stepper.decide)
         self.peers = PeerWatch(self, self.stepper, self._publish_state, self._publish_clock)
         self.create_timer(check_period, self.peers.check, clock=wall)
-        self._gate = StartGate(self, wall, self.stepper.start, wait=values['wait_for_controller'])
+        self._gate = StartGate(self, wall, self.stepper.start, wait=pace.wait_for_controller)
 
     def destroy_node(self) -> None:
         """Release the topic, and destroy the node."""
@@ -192,8 +195,14 @@ class VehicleSimulator(Node):
             self.refused.add(lambda: why)
 
     def _on_parameters(self, changed: list[Parameter]) -> None:
-        self.values.update({parameter.name: parameter.value for parameter in changed})
-        self.stepper.retune(self.values)
+        self.values = self.values | {parameter.name: parameter.value for parameter in changed}
+        self.stepper.retune(self._scenario())
+
+    def _scenario(self) -> Scenario:
+        """Return the record of the present parameters."""
+        return Scenario.of_parameters(
+            self.values, road=self.road, track=self.track, model=self._model
+        )
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = True, 'the car is back at the start'

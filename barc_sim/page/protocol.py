@@ -183,7 +183,7 @@ def _number(value: object, limit: float) -> float:
 class RunFacts(NamedTuple):
     """Facts of a run that the page shows and no topic has: the present settings of its nodes."""
 
-    simulator: Mapping[str, Any] = {}  #: parameters of `vehicle_simulator`
+    simulator: Callable[[], Mapping[str, Any]] = dict  #: parameters of `vehicle_simulator`
     control: CruiseControl | None = None  #: of the node `controller`
     road: Road | None = None
     track: Track | None = None
@@ -211,8 +211,8 @@ class RunFacts(NamedTuple):
     def distance(self) -> float:
         """The distance of a lap, on a track of the run [m]; 0: none."""
         if self.track:
-            return float(self.simulator.get('laps', 0) * self.track.length)
-        return float(self.simulator.get('distance', 0.0))
+            return float(self.simulator().get('laps', 0) * self.track.length)
+        return float(self.simulator().get('distance', 0.0))
 
     def limits(self, name: str) -> tuple[float, float]:
         """Return what a slider's parameter can be, ends included."""
@@ -233,13 +233,13 @@ class RunFacts(NamedTuple):
     @property
     def values(self) -> dict[str, Any]:
         """The present values of the sliders, if known."""
-        values = {**self.simulator, **(self.control.values if self.control else {})}
+        values = {**self.simulator(), **(self.control.values if self.control else {})}
         return {name: values[name] for name in self.sliders if name in values}
 
 
 def facts(mode: str, run: RunFacts) -> dict[str, Any]:
     """Return the fields of the message `hello`; unknown parameters are left out."""
-    law, simulator = run.control.controller if run.control else PID, run.simulator
+    law, simulator = run.control.controller if run.control else PID, run.simulator()
     lane = run.control.lane.lane if run.control and run.control.lane else None
     shown = {name: simulator[name] for name in _OF_RUN if name in simulator}
     if run.track:
@@ -249,7 +249,7 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
         'mode': mode,
         'columns': COLUMNS,
         'road': run.road and road_facts(run.road),
-        'axles': [-simulator.get('l_r', 1.5), simulator.get('l_f', 1.5)],
+        'axles': [-simulator.get('l_r', Vehicle().l_r), simulator.get('l_f', Vehicle().l_f)],
         'mass': simulator.get('mass', Vehicle().mass),
         'terms': list(law.terms),
         'sliders': {

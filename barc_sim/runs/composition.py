@@ -249,7 +249,7 @@ class Run:
             host=options.view_host,
             port=options.view_port and options.view_port + number,
             run=RunFacts(
-                simulator.values,
+                lambda: simulator.values,
                 next((c.control for c in controllers if c.get_namespace() == namespace), None),
                 simulator.road,
                 simulator.track,

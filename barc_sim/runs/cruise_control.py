@@ -26,6 +26,7 @@ from barc_sim.runs.terminal import (
 )
 from barc_sim.simulation.closed_loop import Progress, check_ahead
 from barc_sim.simulation.metrics import Laps, TrackLaps
+from barc_sim.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
     from barc_sim.runs.inputs import Inputs
     from barc_sim.simulation.metrics import Summary
     from barc_sim.vehicle.plant import Observation
-
-_DISTANCE = 180.0  #: [m] to the end of the lab's road
 
 
 def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
@@ -103,7 +102,7 @@ def add_car(run: Run, number: int) -> Car:
         },
         road=road,
         track=track,
-        distance=0.0 if track else _DISTANCE,
+        distance=0.0 if track else Scenario.distance,
         keeps_clock=number == 0,
         namespace=name,
     )

@@ -20,8 +20,9 @@ from barc_sim.cli.process import (
 )
 from barc_sim.errors import UserError
 from barc_sim.lab.files import FILES
+from barc_sim.simulation.stepper import REALTIME_FACTORS
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
-from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
+from barc_sim.vehicle.parameters import ROWS
 
 #: The options that `--help` shows; `--help-all` shows the others, too.
 USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--no-bag', '--quiet')

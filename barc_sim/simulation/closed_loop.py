@@ -1,25 +1,22 @@
 """The closed loop of vehicle and controller without ROS: the nodes' trajectory bit for bit.
 
-`simulate` takes a user's options, `closed_loop` a plant and a controller. `Progress` ends the run
-of a car that never arrives.
+`simulate` takes a user's options or a `Scenario`, `closed_loop` a plant and a controller.
+`Progress` ends the run of a car that never arrives.
 """
 
 from __future__ import annotations
 
-import inspect
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import inf, nan
 from operator import attrgetter
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.control.cruise_control import LIMIT, SPEED, reference_of
+from barc_sim.control.cruise_control import SPEED
 from barc_sim.control.lane import LANE, LaneKeeping, LaneLQR
 from barc_sim.control.speed import (
-    ACCELERATION_LIMIT,
     FIRST_DT,
     PID,
     SPEED_REFERENCE,
@@ -27,16 +24,13 @@ from barc_sim.control.speed import (
     check_gains,
     speed_controller,
 )
-from barc_sim.errors import Parameter, UserError
+from barc_sim.errors import UserError
 from barc_sim.simulation.log import LANE_STATE, TrackLog, columns_of, log_of
 from barc_sim.simulation.rollout import pid_log
-from barc_sim.simulation.stepper import DISTANCE as END
-from barc_sim.simulation.stepper import LAPS
-from barc_sim.vehicle.bicycles import LateralParameters
-from barc_sim.vehicle.bike_model import Command, State, Vehicle, bikeFE
-from barc_sim.vehicle.parameters import FORCE_COLUMN, NANOSECONDS, ROWS, SERVO
-from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
-from barc_sim.vehicle.road import Road, signal
+from barc_sim.simulation.scenario import LIMITS, Scenario
+from barc_sim.vehicle.bike_model import Command, bikeFE
+from barc_sim.vehicle.parameters import needs_track
+from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
@@ -46,35 +40,17 @@ if TYPE_CHECKING:
     from barc_sim.control.lane import LaneController
     from barc_sim.control.speed import Controller
     from barc_sim.simulation.log import Log
-    from barc_sim.vehicle.bike_model import Model
-    from barc_sim.vehicle.plant import Observation, TrackState
-    from barc_sim.vehicle.road import Signal
+    from barc_sim.vehicle.bicycles import LateralParameters
+    from barc_sim.vehicle.bike_model import Model, Vehicle
+    from barc_sim.vehicle.plant import Actuator, NoiseLevels, Observation, TrackState
+    from barc_sim.vehicle.road import Road, Signal
 
     #: Observation, command, and what the controllers computed.
     _Row = tuple[Observation, Command, tuple[float, ...]]
 
 
-DISTANCE = 180.0  #: [m] of a run
-MAX_DURATION = 600.0  #: [s]
-#: The limits of the arguments of `simulate`: those of the nodes' parameters.
-LIMITS = {
-    'speed_reference': SPEED,
-    'acceleration_limit': LIMIT,
-    'distance': END,
-    'max_duration': Parameter('max_duration', MAX_DURATION, 'simulated time [s]', (0.0, 1e5)),
-    'seed': ROWS['seed'],
-    'noise': ROWS['noise_v_x'],
-    'delay': ROWS['motor_delay'],
-    'ts': Parameter('ts', 0.02, 'step [s]', (0.001, 1.0)),
-    'e_y': Parameter('e_y', 0.0, 'start of the car, to the left [m]', (-1e3, 1e3)),
-}
-
-
-def check_arguments(**arguments: object) -> None:
-    """Raise UserError if an argument of `simulate` is beyond its limits."""
-    for name, value in arguments.items():
-        if not isinstance(value, NoiseLevels):  # which has checked itself
-            LIMITS[name].check(value, name)
+LAP_TRACK, LAP_SPEED, LAPS = 'L', 6.0, 3  #: of `lap`; [m/s]
+_LAPS = LIMITS['laps']._replace(between=(1, 10**6))
 
 
 def check_ahead(speed_reference: float, distance: float) -> None:
@@ -93,27 +69,30 @@ def simulate(
     *,
     road: Road | str | PathLike[str] | None = None,
     vehicle: Vehicle | None = None,
-    noise: float | NoiseLevels = 0.0,
-    delay: float = 0.0,
-    disturbance: float | str | PathLike[str] | Signal = 0.0,
+    noise: float | NoiseLevels = Scenario.noise,
+    delay: float = Scenario.delay,
+    disturbance: float | str | PathLike[str] | Signal = Scenario.disturbance,
     controller: object | None = None,
     model: Model = bikeFE,
-    speed_reference: float = SPEED_REFERENCE,
+    speed_reference: float = Scenario.speed_reference,
     reference: str | PathLike[str] | Signal | None = None,
-    distance: float = DISTANCE,
-    max_duration: float = MAX_DURATION,
-    seed: int = 0,
-    acceleration_limit: float = ACCELERATION_LIMIT,
-    integrator: str = 'euler',
-    dynamics: str = 'kinematic',
+    distance: float = Scenario.distance,
+    max_duration: float = Scenario.max_duration,
+    seed: int = Scenario.seed,
+    acceleration_limit: float = Scenario.acceleration_limit,
+    integrator: str = Scenario.integrator,
+    dynamics: str = Scenario.dynamics,
     lateral: LateralParameters | None = None,
-    ts: float = 0.02,
+    ts: float = Scenario.ts,
     track: Track | str | PathLike[str] | None = None,
     lane: LaneController | None = None,
     servo: Actuator | None = None,
-    e_y: float = 0.0,
+    e_y: float = Scenario.e_y,
+    scenario: Scenario | None = None,
 ) -> Log:
     """Return the log of a cruise-control run: the trajectory of `acc` with these options.
+
+    They are the fields of a `Scenario`, which can be given in their place.
 
     Parameters
     ----------
@@ -158,6 +137,8 @@ def simulate(
         The actuator of the steering; by default on a track a lag of 0.1 s and at most 1 rad/s.
     e_y
         [m] start of the car on a track, to the left of the centre line.
+    scenario
+        A run as a value, in place of all other arguments.
 
     Raises
     ------
@@ -171,85 +152,89 @@ def simulate(
     >>> print(f'{log.speed[-1]:.1f} m/s after {log.t[-1]:.1f} s')
     8.0 m/s after 23.0 s
     """
-    arguments = locals()
-    named = {'kp': kp, 'ki': ki, 'kd': kd}
-    gains = {name: gain for name, gain in named.items() if gain is not None}
-    if controller is not None and gains:
-        raise UserError(
-            f'{", ".join(gains)} are gains of the PID, which controller={controller!r} replaces: '
-            'give one or the other'
-        )
-    plant = plant_of(**arguments)
-    if isinstance(lane, type) or (lane and not callable(getattr(lane, 'steer_calculate', None))):
-        raise UserError(
-            f'lane={lane!r} must be an object with a method steer_calculate(e_y, e_psi, speed, '
-            'curvature), such as LaneLQR()'
-        )
-    if not plant.track and (lane or e_y):
-        argument = f'lane={lane!r}' if lane else f'e_y={e_y:g}'
-        raise UserError(f"{argument} needs a track: give one, such as track='L'")
-    if reference is None:
-        check_ahead(speed_reference, distance)
-    driving: Controller = PID(**gains)
-    if controller is not None:
-        driving = as_controller(controller)
-        check_gains(driving)
-    driving.output_min, driving.output_max = -acceleration_limit, acceleration_limit
-    driving.reset()
+    made = Scenario(
+        kp=kp,
+        ki=ki,
+        kd=kd,
+        road=road,
+        vehicle=vehicle,
+        noise=noise,
+        delay=delay,
+        disturbance=disturbance,
+        controller=controller,
+        model=model,
+        speed_reference=speed_reference,
+        reference=reference,
+        distance=distance,
+        max_duration=max_duration,
+        seed=seed,
+        acceleration_limit=acceleration_limit,
+        integrator=integrator,
+        dynamics=dynamics,
+        lateral=lateral,
+        ts=ts,
+        track=track,
+        lane=lane,
+        servo=servo,
+        e_y=e_y,
+    )
+    return drive_scenario(chosen_scenario(scenario, made))
+
+
+def drive_scenario(scenario: Scenario) -> Log:
+    """Return the log of a run; UserError: the car can never arrive, or fields contradict."""
+    plant = scenario.plant()
+    if scenario.laps > 1 and not plant.track:
+        raise needs_track(f'laps={scenario.laps}')
+    if scenario.reference is None:
+        check_ahead(scenario.speed_reference, scenario.distance)
+
+    controller: Controller = PID(**scenario.gains)
+    if scenario.controller is not None:
+        controller = as_controller(scenario.controller)
+        check_gains(controller)
+    controller.output_min = -scenario.acceleration_limit
+    controller.output_max = scenario.acceleration_limit
+    controller.reset()
     return closed_loop(
         plant,
-        driving,
-        speed_reference=speed_reference,
-        reference=None if reference is None else reference_of(reference),
-        distance=distance or inf,
-        max_duration=max_duration,
-        lane=deepcopy(lane),
+        controller,
+        speed_reference=scenario.speed_reference,
+        reference=scenario.signal(),
+        distance=scenario.end,
+        max_duration=scenario.max_duration,
+        lane=deepcopy(scenario.lane),
     )
 
 
-def plant_of(**arguments: Any) -> Plant:  # noqa: ANN401 (of `simulate`)
-    """Return the plant at the start of a run of `simulate` with these of its arguments.
+def chosen_scenario(
+    scenario: Scenario | None, made: Scenario, default: Scenario | None = None
+) -> Scenario:
+    """Return `scenario`, or the one `made` of the other arguments.
 
-    UserError: one of them is out of its limits, or they contradict one another.
+    UserError: both are given, as `made` is not the `default`, that of no arguments.
     """
-    options = SimpleNamespace(**{**(simulate.__kwdefaults__ or {}), **arguments})
-    check_arguments(**{name: value for name, value in arguments.items() if name in LIMITS})
-    for name, kind in (('vehicle', Vehicle), ('lateral', LateralParameters), ('servo', Actuator)):
-        value = getattr(options, name)
-        if value is not None and not isinstance(value, kind):
-            field = kind._fields[0]
-            example = f'{kind.__name__}({field}={getattr(kind(), field)})'
-            raise UserError(f'{name} {value!r} must be of type {kind.__name__}, such as {example}')
-    force = signal(options.disturbance, ROWS['disturbance'], FORCE_COLUMN)
-    is_constant = isinstance(options.disturbance, (float, int))
-    noise, model, vehicle = options.noise, options.model, options.vehicle
-    plant = Plant(
-        road=None if options.road is None else Road.of(options.road),
-        vehicle=vehicle and Vehicle(*vehicle),  # which checks it: `_replace` does not
-        ts=round(options.ts * NANOSECONDS) / NANOSECONDS,
-        noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),
-        seed=options.seed,
-        force=force(0.0, 0.0) if is_constant else 0.0,
-        disturbance=None if is_constant else force,
-        model=model if model is bikeFE else _with_options(model),
-        motor=Actuator(delay=options.delay),
-        servo=options.servo or (SERVO._replace(delay=options.delay) if options.track else None),
-        integrator=options.integrator,
-        dynamics=options.dynamics,
-        lateral=options.lateral,
-        track=Track.of(options.track) if options.track else None,
-    )
-    if plant.track and options.e_y:
-        plant.place(State(*plant.track.place(0.0, options.e_y)))
-    return plant
+    default = default or Scenario()
+    if scenario is None:
+        return made
+    if not isinstance(scenario, Scenario):
+        raise UserError(f'scenario {scenario!r} must be of type Scenario, such as {Scenario()!r}')
+    for each in fields(made):
+        if getattr(made, each.name) != getattr(default, each.name):
+            raise UserError(
+                f'{each.name} beside a scenario: give one or the other; '
+                f'dataclasses.replace(scenario, {each.name}=…) makes another scenario'
+            )
+    return scenario
 
 
 def lap(
     lane: LaneController | None = None,
-    track: Track | str | PathLike[str] = 'L',
+    track: Track | str | PathLike[str] = LAP_TRACK,
     *,
-    speed: float | str | PathLike[str] | Signal = 6.0,
-    laps: int = 3,
+    speed: float | str | PathLike[str] | Signal = LAP_SPEED,
+    laps: int = LAPS,
+    scenario: Scenario | None = None,
     **options: Any,  # noqa: ANN401 (of `simulate`)
 ) -> TrackLog:
     """Return the log of laps from a standstill; it ends early if the car leaves the track.
@@ -267,6 +252,8 @@ def lap(
         `speed_profile` returns.
     laps
         Number of laps, one after another.
+    scenario
+        A run on a track as a value, in place of all other arguments.
     options
         All other arguments of `simulate`. A `delay` delays the steering, too.
 
@@ -281,17 +268,33 @@ def lap(
     >>> print(f'{log.best:.2f} s, at most {abs(log.e_y).max():.2f} m off the centre line')
     29.18 s, at most 0.16 m off the centre line
     """
+    default = _of_laps(None, LAP_TRACK, LAP_SPEED, LAPS)
+    scenario = chosen_scenario(scenario, _of_laps(lane, track, speed, laps, **options), default)
+    if not scenario.track:
+        raise needs_track('lap')
+    log = drive_scenario(replace(scenario, lane=scenario.lane or LaneLQR()))
+    assert isinstance(log, TrackLog)  # noqa: S101 (it has a track)
+    return log
+
+
+def _of_laps(
+    lane: LaneController | None,
+    track: Track | str | PathLike[str],
+    speed: float | str | PathLike[str] | Signal,
+    laps: int,
+    **options: Any,  # noqa: ANN401 (of `Scenario`)
+) -> Scenario:
+    """Return the scenario of `lap`."""
     road = Track.of(track)
-    LAPS._replace(between=(1, 10**6)).check(laps)
+    _LAPS.check(laps)
     road.check_laps(laps)
-    options = {'max_duration': min(laps * MAX_DURATION, 1e5), **options}
-    return simulate(  # type: ignore[return-value]  # on a track
-        track=road,
-        lane=lane or LaneLQR(),
-        reference=reference_of(speed),
-        distance=laps * road.length,
-        **options,
-    )
+    speeds: dict[str, Any] = {'reference': speed}
+    if isinstance(speed, (float, int)):
+        SPEED.check(speed, 'reference')
+        speeds = {'speed_reference': speed}
+    longest = min(laps * Scenario.max_duration, LIMITS['max_duration'].between[1])
+    options = {'max_duration': longest, **speeds, **options}
+    return Scenario(lane=lane, track=road, laps=laps, distance=0.0, **options)
 
 
 def closed_loop(
@@ -300,8 +303,8 @@ def closed_loop(
     *,
     speed_reference: float = SPEED_REFERENCE,
     reference: Signal | None = None,
-    distance: float = DISTANCE,
-    max_duration: float = MAX_DURATION,
+    distance: float = Scenario.distance,
+    max_duration: float = Scenario.max_duration,
     progress: Progress | None = None,
     lane: LaneController | None = None,
 ) -> Log:
@@ -385,20 +388,6 @@ def log_of_rows(
 def _arrays(records: Sequence[Any]) -> Any:  # noqa: ANN401 (a record of arrays)
     """Return `n` records as one, whose fields are arrays of shape `(n,)`."""
     return type(records[0])(*np.array(records, dtype=np.float64).T.copy())
-
-
-def _with_options(model: Model) -> Model:
-    """Return `model` with those of the arguments `l_f`, `l_r` and `g` that it takes."""
-    parameters = inspect.signature(model).parameters.values()
-    if any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters):
-        return model
-    names = {each.name for each in parameters}
-
-    def adapted(*state_and_input: float, **options: float) -> Sequence[float]:
-        accepted = {name: value for name, value in options.items() if name in names}
-        return model(*state_and_input, **accepted)
-
-    return adapted
 
 
 #: [s] of simulated time without progress, after which the run ends.

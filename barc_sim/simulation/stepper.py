@@ -8,29 +8,19 @@ from __future__ import annotations
 
 import time
 from enum import Enum
-from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Protocol
 
-from barc_sim.errors import Parameter, UserError
-from barc_sim.vehicle.bike_model import Command, bikeFE
-from barc_sim.vehicle.parameters import (
-    LIVE,
-    NANOSECONDS,
-    ON_TRACK,
-    PARAMETERS,
-    REALTIME_FACTORS,
-    plant,
-    retune,
-)
+from barc_sim.errors import Parameter, UserError, limited, parameters_of
+from barc_sim.simulation.scenario import LIMITS
+from barc_sim.vehicle.bike_model import Command
+from barc_sim.vehicle.parameters import LIVE, NANOSECONDS, ON_TRACK, PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
-    from barc_sim.vehicle.bike_model import Model
+    from barc_sim.simulation.scenario import Scenario
     from barc_sim.vehicle.plant import Observation
-    from barc_sim.vehicle.road import Road
-    from barc_sim.vehicle.track import Track
 
 
 #: Share of a period by which a deadline may be late and still counts as punctual.
@@ -134,21 +124,47 @@ def out_of_order(stamp: int, present: int) -> str:
 
 
 RESET = 'reset: the car is back at the start'
-DISTANCE = Parameter(
-    'distance', 0.0, 'end of a lap, on a track of the run [m]; 0: none', (0.0, 1e6), read_only=True
-)
-LAPS = Parameter(
-    'laps', 1, 'number of laps, on a track flying; 0: no end', (0, 10**6), read_only=True
-)
+#: Simulated seconds per second; besides, 0 is as fast as commands arrive.
+REALTIME_FACTORS = (0.001, 1000.0)
+
+
+@limited
+class StepperOptions(NamedTuple):
+    """How a simulator goes through a scenario: its pace, and the commands that it accepts."""
+
+    realtime_factor: Annotated[
+        float,
+        'simulated seconds per second; 0: each step as soon as its command has arrived',
+        0.0,
+        REALTIME_FACTORS[1],
+    ] = 1.0
+    clock: Annotated[
+        bool, 'whether to publish the simulated time on /clock even if realtime_factor is 1'
+    ] = False
+    wait_for_controller: Annotated[bool, 'whether time begins only once a node publishes ecu'] = (
+        True
+    )
+    command_timeout: Annotated[
+        float,
+        'time without a command [s, wall clock] after which the car brakes; with it, states have '
+        'no deadline until a command has a stamp; 0: never',
+        0.0,
+        3600.0,
+    ] = 0.0
+    timeout_braking: Annotated[float, 'deceleration after command_timeout [m/s²]', 0.0, 100.0] = 8.0
+    refuse_motor_above: Annotated[float, 'maximum accepted command [m/s²]', 0.0, 1e6] = 100.0
+    refuse_servo_above: Annotated[float, 'maximum accepted command [rad]', 0.0, 1.5] = 1.5
 
 
 def parameters(distance: float = 0.0, *, on_track: bool = False) -> list[Parameter]:
     """Return a simulator's parameters; `distance` [m] is the default of the parameter."""
-    defaults: dict[str, Any] = {'distance': distance} | (ON_TRACK if on_track else {})
-    table = [parameter._replace(read_only=parameter.name not in LIVE) for parameter in PARAMETERS]
+    defaults: dict[str, Any] = {'distance': distance, 'laps': 1} | (ON_TRACK if on_track else {})
+    table = (*PARAMETERS, *parameters_of(StepperOptions), LIMITS['distance'], LIMITS['laps'])
     return [
-        each._replace(default=defaults.get(each.name, each.default))
-        for each in (*table, DISTANCE, LAPS)
+        each._replace(
+            default=defaults.get(each.name, each.default), read_only=each.name not in LIVE
+        )
+        for each in table
     ]
 
 
@@ -244,45 +260,44 @@ class Stepper:
 
     def __init__(
         self,
-        values: Mapping[str, Any],
+        scenario: Scenario,
+        options: StepperOptions,
         outputs: Outputs,
-        model: Model = bikeFE,
-        road: Road | None = None,
-        track: Track | None = None,
         *,
         clock: Callable[[], float] = time.monotonic,
         wall_clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        """Begin in STARTING, with the `values` of `parameters`.
+        """Begin in STARTING, with the plant and the end of `scenario`.
 
-        `model` steps the car on `road`, by default the parameter's, or along `track`, on which laps
-        follow one another without a stop. `clock` [s] paces the steps, and `wall_clock` [ns] gives
-        the first stamp.
+        On a track laps follow one another without a stop. `clock` [s] paces the steps, and
+        `wall_clock` [ns] gives the first stamp.
 
         Raises
         ------
         UserError
-            if the values contradict one another.
+            if fields of the scenario or of the options contradict one another.
         """
-        factor, (low, high) = values['realtime_factor'], REALTIME_FACTORS
+        factor, (low, high) = options.realtime_factor, REALTIME_FACTORS
         if 0.0 < factor < low:
             raise UserError(
                 f'realtime_factor {factor:g} is too small: expected 0, or {low:g} to {high:g}'
             )
-        if values['laps'] != 1 and not (values['distance'] or track):
+        if scenario.laps != 1 and not (scenario.distance or scenario.track):
             raise UserError(
-                f'laps {values["laps"]} with distance 0, at which no lap ends: expected a distance '
+                f'laps {scenario.laps} with distance 0, at which no lap ends: expected a distance '
                 'above 0, or one lap'
             )
-        self.distance, self._laps = values['distance'] or inf, values['laps']
-        if track:
-            track.check_laps(self._laps)
-            self.distance = min(self.distance, self._laps * track.length or inf)
-        self._max_command = Command(values['refuse_motor_above'], values['refuse_servo_above'])
-        self._timeout, self._braking = values['command_timeout'], values['timeout_braking']
+        self._plant = scenario.plant()
+        if self._plant.track:
+            self._plant.track.check_laps(scenario.laps)
+        self._scenario = scenario
+        self._is_retuned = False  # since the latest step
+        self.distance = scenario.end
+        self._laps = scenario.laps
+        self._max_command = Command(options.refuse_motor_above, options.refuse_servo_above)
+        self._timeout = options.command_timeout
+        self._braking = options.timeout_braking
         self._in_real_time = factor == 1.0
-        self._new_plant = partial(plant, values, model, road, track)
-        self._plant = self._new_plant()
         self._outputs = outputs
         self._clock, self._wall_clock = clock, wall_clock
         self._period_ns = round(self._plant.ts * NANOSECONDS)
@@ -297,7 +312,6 @@ class Stepper:
         self._request: Literal['step', 'reset'] | None = None  # once the state is answered
         self._undecided: Literal['punctual', 'late'] | None = None  # the deadline that has passed
         self._ends = False
-        self._values: Mapping[str, Any] | None = None  # for the plant
 
     @property
     def slipped(self) -> int:
@@ -404,9 +418,13 @@ class Stepper:
             Phase.RUNNING: 'time runs: pause it first',
         }.get(self.phase, 'the run has ended')
 
-    def retune(self, values: Mapping[str, Any]) -> None:
-        """Give the plant the `LIVE` values before the next step; may be called from any thread."""
-        self._values = values
+    def retune(self, scenario: Scenario) -> None:
+        """Give the plant the `LIVE` parameters of `scenario` before the next step.
+
+        Later starts are its plant's, too. May be called from any thread.
+        """
+        self._scenario = scenario
+        self._is_retuned = True
 
     def reset(self) -> bool:
         """Put the car back to the start once the present state is answered; return whether now."""
@@ -441,9 +459,9 @@ class Stepper:
             self._end_lap()
             return
 
-        if self._values:
-            values, self._values = self._values, None
-            retune(values, plant)
+        if self._is_retuned:
+            self._is_retuned = False
+            self._scenario.retune(plant)
         if timed_out:
             self._outputs.warn(
                 lambda: f'no command for {self._timeout:g} s: the car brakes',
@@ -503,7 +521,7 @@ class Stepper:
         self._request = None
         self._ends = False
         self._stop_deadlines()
-        self._plant = self._new_plant()
+        self._plant = self._scenario.plant()
         self._commands = Commands(self._timeout)
         self._first_state = self.states
         self._outputs.prepare_start(why)

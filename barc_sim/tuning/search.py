@@ -9,29 +9,18 @@ or unstable gains.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from barc_sim import tuning
-from barc_sim.control.speed import (
-    ACCELERATION_LIMIT,
-    PID,
-    SPEED_REFERENCE,
-    as_controller,
-    set_gains,
-)
+from barc_sim.control.speed import PID, as_controller, set_gains
 from barc_sim.errors import UserError, extra
-from barc_sim.simulation.closed_loop import (
-    DISTANCE,
-    LIMITS,
-    check_arguments,
-    plant_of,
-    simulate,
-)
+from barc_sim.simulation.closed_loop import chosen_scenario, drive_scenario
 from barc_sim.simulation.metrics import summary
 from barc_sim.simulation.rollout import scores_of_gains
-from barc_sim.vehicle.road import Road
+from barc_sim.simulation.scenario import LIMITS, Scenario
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -58,11 +47,6 @@ SCORES = {
     'max_error': 'Maximum speed error [m/s]',
     'overshoot': 'Overshoot',
     'effort': 'RMS command [m/s²]',
-}
-#: The options of runs that a compiled loop can make.
-_ROLLOUT_OPTIONS = {
-    *('road', 'vehicle', 'noise', 'seed', 'delay', 'speed_reference', 'distance', 'max_duration'),
-    *('acceleration_limit', 'integrator', 'dynamics', 'lateral', 'model', 'ts'),
 }
 
 
@@ -155,6 +139,7 @@ def sweep(
     kd: ArrayLike | None = None,
     *,
     controller: object | None = None,
+    scenario: Scenario | None = None,
     **options: Any,  # noqa: ANN401 (of `simulate`)
 ) -> Sweep:
     """Drive one closed loop for each of the gains, and return the scores of all.
@@ -168,6 +153,8 @@ def sweep(
         Numbers or arrays of gains, broadcast against one another; by default those of `acc`.
     controller
         An object as in `simulate`, in place of the PID. Its gains, by name, are options.
+    scenario
+        The run but for its gains and its seed, in place of the options.
     options
         All other arguments of `simulate`. A loop ends after `max_duration`, by default three times
         as long as it should take. `seed` can be an array, too, which is broadcast with the gains:
@@ -196,6 +183,8 @@ def sweep(
     >>> print(f'{many.rms_error.mean():.3f} ± {many.rms_error.std():.3f} m/s')
     0.085 ± 0.003 m/s
     """
+    if controller is None and scenario is not None:
+        controller = scenario.controller or PID(**scenario.gains)
     drives = as_controller(PID() if controller is None else controller)
     held = {name: getattr(drives, name) for name in drives.gains}
     if not held:
@@ -208,37 +197,48 @@ def sweep(
     if np.ndim(options.get('seed', 0)):
         passed['seed'] = _seeds(options.pop('seed'))
     axes = _broadcast({**held, **passed})
-    check_arguments(**{name: options[name] for name in options.keys() & LIMITS.keys()})
-    if road := options.get('road'):
-        options['road'] = Road.of(road)  # which is read once
-    speed = options.get('speed_reference', SPEED_REFERENCE)
-    distance = options.get('distance', DISTANCE)
-    tuning.SPEED.check(speed)
-    tuning.DISTANCE.check(distance)
-    expected = distance / speed + speed / options.get('acceleration_limit', ACCELERATION_LIMIT)
-    options = {'max_duration': _MAX_DURATION_FACTOR * expected, **options}
+    scenario = _run_of(scenario, options)
     scores = _empty_sweep(axes)
     shape = scores.shape
-    plant = plant_of(**options) if options.keys() <= _ROLLOUT_OPTIONS else None
-    if type(drives) is PID and plant and plant.has_fast_path:
-        gains = np.column_stack([axes[name].ravel() for name in held])
-        seeds = axes['seed'].ravel() if 'seed' in axes else None
-        limit = options.get('acceleration_limit', ACCELERATION_LIMIT)
-        steps = round(options['max_duration'] / plant.ts)
-        found = scores_of_gains(plant, gains, limit, speed, distance, steps, seeds)
+    plant = scenario.plant()
+    if type(drives) is PID and plant.has_fast_path and scenario.reference is None:
+        found = scores_of_gains(
+            plant,
+            np.column_stack([axes[name].ravel() for name in held]),
+            scenario.acceleration_limit,
+            scenario.speed_reference,
+            scenario.distance,
+            round(scenario.max_duration / plant.ts),
+            axes['seed'].ravel() if 'seed' in axes else None,
+        )
         for name, column in zip(SCORES, found.T, strict=True):
             scores[name] = column.reshape(shape)
         return scores
 
     for i in np.ndindex(shape):
         set_gains(drives, {name: float(axes[name][i]) for name in held})
-        if 'seed' in axes:
-            options['seed'] = int(axes['seed'][i])
-        log = simulate(controller=drives, **options)
-        for name, score in zip(SCORES, _scores(log, distance), strict=True):
+        seed = int(axes['seed'][i]) if 'seed' in axes else scenario.seed
+        log = drive_scenario(replace(scenario, controller=drives, seed=seed))
+        for name, score in zip(SCORES, _scores(log, scenario.distance), strict=True):
             scores[name][i] = score
     set_gains(drives, held)
     return scores
+
+
+def _run_of(scenario: Scenario | None, options: dict[str, Any]) -> Scenario:
+    """Return the scenario of a sweep, but for its gains: `scenario`, or the one of the options.
+
+    UserError: the car cannot reach its distance in time.
+    """
+    chosen = chosen_scenario(scenario, Scenario(**options))
+    speed, distance = chosen.speed_reference, chosen.distance
+    tuning.SPEED.check(speed)
+    tuning.DISTANCE.check(distance)
+    if scenario is None and 'max_duration' not in options:
+        expected = distance / speed + speed / chosen.acceleration_limit
+        longest = LIMITS['max_duration'].between[1]
+        chosen = replace(chosen, max_duration=min(_MAX_DURATION_FACTOR * expected, longest))
+    return replace(chosen, kp=None, ki=None, kd=None, controller=None)
 
 
 def _broadcast(values: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
@@ -264,7 +264,7 @@ def _seeds(seeds: ArrayLike) -> Ints:
         raise UserError(f'seed {seeds!r} must be whole numbers, such as range(1000)')
     for bound in (found.min, found.max):
         if found.size:
-            check_arguments(seed=int(bound()))
+            LIMITS['seed'].check(int(bound()))
     return found.astype(np.intp)
 
 

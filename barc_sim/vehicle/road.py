@@ -339,13 +339,17 @@ def signal(given: object, row: Parameter, column: str) -> Signal:
     """Return a function of time and position from a user's number, function or CSV file.
 
     A file has two columns: `time_s` or `distance_m`, and `column`. Values are in the limits of
-    `row`.
+    `row`. A `Profile`, such as that of a file, is returned as it is.
 
     Raises
     ------
     UserError
         if there is no such file, or a value is out of the limits; the function raises it, too.
     """
+    if isinstance(given, Profile):
+        for value in given.values:
+            row.check(value)
+        return given
     if callable(given):
 
         def checked(t: float, x: float) -> float:

@@ -13,7 +13,8 @@ from numpy import arctan, cos, float64, sin, tan
 
 from barc_sim.control.speed import KD, KP
 from barc_sim.simulation import rollout
-from barc_sim.simulation.closed_loop import DISTANCE, simulate
+from barc_sim.simulation.closed_loop import simulate
+from barc_sim.simulation.scenario import Scenario
 from barc_sim.tuning.search import sweep
 from barc_sim.vehicle.road import Road
 
@@ -69,7 +70,7 @@ def lab_loop() -> int:
     pid, road = LabPid(KP, 20.0, KD), Road.lab()
     x = y = psi = v = float64(0.0)
     steps = 0
-    while x < DISTANCE:
+    while x < Scenario.distance:
         theta = np.radians(road.grade_deg(x))
         x, y, psi, v = lab_bike_fe(x, y, psi, v, pid.acc_calculate(8.0, v), float64(0.0), theta)
         steps += 1

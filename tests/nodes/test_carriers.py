@@ -17,7 +17,7 @@ from barc_sim.control.cruise_control import TYPES
 from barc_sim.control.speed import ACCELERATION_LIMIT
 from barc_sim.nodes import controller, relay, simulator
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.vehicle.parameters import PARAMETERS, plant
+from barc_sim.vehicle.parameters import PARAMETERS, PlantOptions
 
 CARRIERS = ('local', 'QuickExecutor', 'SingleThreadedExecutor', 'MultiThreadedExecutor')
 #: Drives each case as its parameters say, in lock-step; then by hand: a request is taken with the
@@ -142,7 +142,8 @@ def test_states_are_those_of_the_closed_loop_and_by_hand_those_of_any_carrier(
 ) -> None:
     found, hand = json.loads(run(DRIVE, carrier, json.dumps([*CASES.values()]), folder=tmp_path))
     for (case, (kind, values)), states in zip(CASES.items(), found, strict=True):
-        car = plant({each.name: each.default for each in PARAMETERS} | values)
+        defaults = {each.name: each.default for each in PARAMETERS}
+        car = PlantOptions.of_parameters(defaults | values).plant()
         law = TYPES[kind]()
         law.output_min, law.output_max = -ACCELERATION_LIMIT, ACCELERATION_LIMIT
         log = closed_loop(car, law, distance=12.0)

@@ -40,7 +40,7 @@ def test_every_state_reaches_the_page_with_its_messages(ros: Context, kind: str,
     driven = overrides(distance=25.0, realtime_factor=10.0)
     simulator = VehicleSimulator(context=ros, parameter_overrides=driven)
     controller = CruiseController(context=ros, parameter_overrides=overrides(controller_type=kind))
-    view = ViewNode(context=ros, run=RunFacts(simulator.values, controller.control))
+    view = ViewNode(context=ros, run=RunFacts(lambda: simulator.values, controller.control))
     received: list[dict[str, float]] = []
     with spinning(ros, view, simulator, controller), connect_page(view.url) as socket:
         facts = wait(socket, 'hello')
@@ -66,7 +66,7 @@ def test_the_pages_missed_deadlines_are_the_simulators_to_the_end(ros: Context) 
     driven = overrides(realtime_factor=50.0, wait_for_controller=False)
     simulator = VehicleSimulator(context=ros, parameter_overrides=driven)
     stepper = simulator.stepper
-    run = RunFacts(simulator.values, status=lambda: Status(stepper.missed, stepper.paused))
+    run = RunFacts(lambda: simulator.values, status=lambda: Status(stepper.missed, stepper.paused))
     view = ViewNode(context=ros, run=run)
     with spinning(ros, view, simulator), connect_page(view.url) as socket:
         wait(socket, lambda each: bool(each.get('missed')))

@@ -147,7 +147,7 @@ def run(
     car = Car(context, 'lab' if mode == 'acc' else 'flat')
     controller = CruiseController(context=context) if mode == 'acc' else None
     run = RunFacts(
-        car.values,
+        lambda: car.values,
         controller and controller.control,
         car.road,
         status=lambda: Status(missed=2, paused=car.paused),
@@ -842,7 +842,7 @@ def test_laps_of_a_track_are_those_of_the_log(ros: Context, open_: Open) -> None
         context=ros, parameter_overrides=overrides(track='circle', speed_reference=10.0)
     )
     simulator = VehicleSimulator(context=ros, parameter_overrides=overrides(**driven))
-    run = RunFacts(simulator.values, controller.control, track=simulator.track)
+    run = RunFacts(lambda: simulator.values, controller.control, track=simulator.track)
     view = ViewNode(context=ros, run=run)
     with spinning(ros, view, simulator, controller):
         tab = open_(view.url)

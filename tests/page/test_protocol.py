@@ -131,7 +131,8 @@ def driven(law: object, lane: object = None, track: Track | None = None) -> RunF
         """Take no warning."""
 
     control = CruiseControl(as_controller(law), declare, 8.0, never, never, track, lane)
-    return RunFacts({'l_f': 1.25, 'l_r': 1.75, 'motor_delay': 0.1}, control, Road.lab(), track)
+    car = {'l_f': 1.25, 'l_r': 1.75, 'motor_delay': 0.1}
+    return RunFacts(lambda: car, control, Road.lab(), track)
 
 
 def test_road_and_car_are_among_the_facts() -> None:
@@ -175,7 +176,7 @@ def test_a_slider_refuses_what_python_does_in_the_same_sentence(
     name: str, value: float, argument: str
 ) -> None:
     run = driven(PID())
-    run = run._replace(simulator={**run.simulator, 'distance': 180.0})
+    run = run._replace(simulator=lambda: {'distance': 180.0})
     with pytest.raises(UserError) as refusal:
         run.check(name, value)
     with pytest.raises(UserError) as python:
@@ -189,11 +190,11 @@ def test_a_slider_takes_its_limits_and_a_car_without_an_end_goes_backwards() -> 
         run.check(name, low)
         run.check(name, high)
     run.check('speed_reference', -5.0)
-    ahead = run._replace(simulator={'distance': 180.0})
+    ahead = run._replace(simulator=lambda: {'distance': 180.0})
     assert ahead.limits('speed_reference') == (0.0, 100.0)
     lap = driven(PID(), LaneLQR(), Track.named('L'))
     lap.check('speed_reference', -5.0)
-    lap = lap._replace(simulator={'laps': 3})
+    lap = lap._replace(simulator=lambda: {'laps': 3})
     with pytest.raises(UserError, match='leads away from the distance'):
         lap.check('speed_reference', -5.0)
     with pytest.raises(UserError, match='mass: this page has no such slider'):

@@ -16,7 +16,7 @@ from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import STALL_TIMEOUT, Progress, closed_loop, simulate
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import State, Vehicle, bikeFE
-from barc_sim.vehicle.parameters import PARAMETERS, plant
+from barc_sim.vehicle.parameters import PARAMETERS, PlantOptions
 from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
 
@@ -81,8 +81,9 @@ def test_run_that_does_not_arrive_ends_after_its_longest_duration(
 
 
 def test_a_step_counts_in_whole_nanoseconds_as_the_nodes_rate_does() -> None:
-    plant_of_node = plant({row.name: row.default for row in PARAMETERS} | {'rate': 333.0})
-    assert simulate(ts=1 / 333, distance=30.0) == closed_loop(plant_of_node, distance=30.0)
+    values = {row.name: row.default for row in PARAMETERS} | {'rate': 333.0}
+    of_node = PlantOptions.of_parameters(values)
+    assert simulate(ts=1 / 333, distance=30.0) == closed_loop(of_node.plant(), distance=30.0)
 
 
 def assert_same(left: Log, right: Log) -> None:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from math import inf, nan
+from math import cos, inf, nan
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,9 +12,17 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from barc_sim.simulation.stepper import PUNCTUAL, Commands, Pace, Phase, Stepper, parameters
+from barc_sim.simulation.scenario import Scenario
+from barc_sim.simulation.stepper import (
+    PUNCTUAL,
+    Commands,
+    Pace,
+    Phase,
+    Stepper,
+    StepperOptions,
+    parameters,
+)
 from barc_sim.vehicle.bike_model import Command
-from barc_sim.vehicle.parameters import PARAMETERS
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -89,10 +97,12 @@ class Engine:
         self.limited: list[str] = []  #: what each warning is about
         self.log: list[str] = []
         self.late: list[tuple[Command, int]] = []  #: commands that are delivered on request only
+        self.values = {row.name: row.default for row in parameters()} | settings
+        pace = {name: self.values[name] for name in StepperOptions._fields}
         self.stepper = Stepper(
-            {row.name: row.default for row in parameters()} | settings,
+            Scenario.of_parameters(self.values, road=Road.flat()),
+            StepperOptions(**pace),
             self,
-            road=Road.flat(),
             clock=lambda: self.now,
             wall_clock=lambda: self.wall,
         )
@@ -337,13 +347,30 @@ def test_laps_go_on_until_the_run_is_stopped() -> None:
 
 def test_change_of_the_plant_takes_effect_with_the_next_step() -> None:
     engine = lock_step()
-    values = {parameter.name: parameter.default for parameter in PARAMETERS}
-    engine.stepper.retune(values | {'motor_delay': 2 * PERIOD / 1e9})
+    slow = engine.values | {'motor_delay': 2 * PERIOD / 1e9}
+    engine.stepper.retune(Scenario.of_parameters(slow, road=Road.flat()))
     for _ in range(4):
         engine.answer(5.0)
     speeds = [seen.true.v_x for _, seen, _ in engine.published]
     assert speeds[:3] == [0.0, 0.0, 0.0]
     assert 0.0 < speeds[3] < speeds[4]
+
+
+def test_change_of_the_plant_lasts_over_a_reset() -> None:
+    engine = lock_step()
+    weak = engine.values | {'motor_limit': 1.0}
+    engine.stepper.retune(Scenario.of_parameters(weak, road=Road.flat()))
+    engine.answer(5.0)
+    engine.stepper.reset()
+    engine.answer(5.0)
+    engine.stepper.start()
+    engine.answer(5.0)
+    assert engine.speed == pytest.approx(1.0 * PERIOD / 1e9, rel=1e-3)
+
+
+def test_no_command_turns_the_wheels_beyond_a_right_angle() -> None:
+    (bounds,) = (each.between for each in parameters() if each.name == 'refuse_servo_above')
+    assert bounds[0] == 0.0 < cos(bounds[1])
 
 
 def test_car_without_commands_brakes_after_the_timeout() -> None:

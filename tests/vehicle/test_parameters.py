@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from math import cos, inf, isfinite
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from barc_sim.vehicle.bike_model import Command
-from barc_sim.vehicle.parameters import LIVE, PARAMETERS, plant, retune
+from barc_sim.vehicle.parameters import LIVE, PARAMETERS, PlantOptions
+
+if TYPE_CHECKING:
+    from barc_sim.vehicle.plant import Plant
 
 DEFAULTS = {each.name: each.default for each in PARAMETERS}
 BOUNDS = [
@@ -26,13 +30,6 @@ def test_defaults_are_the_labs_and_the_documented_ones() -> None:
         'gravity': 9.8,
         'rate': 50.0,
         'road': 'lab',
-        'realtime_factor': 1.0,
-        'clock': False,
-        'wait_for_controller': True,
-        'command_timeout': 0.0,
-        'timeout_braking': 8.0,
-        'refuse_motor_above': 100.0,
-        'refuse_servo_above': 1.5,
         'seed': 0,
         'integrator': 'euler',
         'dynamics': 'kinematic',
@@ -47,6 +44,10 @@ def test_defaults_are_the_labs_and_the_documented_ones() -> None:
     assert not any(off.values())
 
 
+def plant(values: dict[str, Any]) -> Plant:
+    return PlantOptions.of_parameters(values).plant()
+
+
 @pytest.mark.parametrize(('name', 'bound'), BOUNDS)
 def test_car_drives_at_each_bound(name: str, bound: float) -> None:
     car = plant(DEFAULTS | {name: bound})
@@ -56,19 +57,13 @@ def test_car_drives_at_each_bound(name: str, bound: float) -> None:
     assert all(map(isfinite, (*car.state, *seen.measured, *seen.surroundings)))
 
 
-def test_no_command_turns_the_wheels_beyond_a_right_angle() -> None:
-    (bounds,) = (each.between for each in PARAMETERS if each.name == 'refuse_servo_above')
-    assert bounds
-    assert bounds[0] == 0.0 < cos(bounds[1])
-
-
 def test_live_parameters_change_a_car_that_drives() -> None:
     car = plant(DEFAULTS)
-    retune(DEFAULTS | {'motor_limit': 4.0}, car)
+    PlantOptions.of_parameters(DEFAULTS | {'motor_limit': 4.0}).retune(car)
     car.advance(Command(motor=8.0))
     assert car.state.v == pytest.approx(0.08, abs=1e-4)
     assert not car.actuators.is_ideal
-    retune(DEFAULTS, car)
+    PlantOptions.of_parameters(DEFAULTS).retune(car)
     assert car.actuators.is_ideal
 
 

@@ -30,8 +30,9 @@ from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Trial
 from barc_sim.lab.labs import relay
 from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
-from barc_sim.simulation.closed_loop import DISTANCE, Progress, closed_loop
+from barc_sim.simulation.closed_loop import Progress, closed_loop
 from barc_sim.simulation.metrics import summary
+from barc_sim.simulation.scenario import Scenario
 from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Vehicle
 from barc_sim.vehicle.plant import Plant
 
@@ -155,8 +156,8 @@ def _limits_of(code: JudgedCode, gains: ChosenGains) -> tuple[float, float]:
 
 def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float, str, Evidence]:
     """Drive over the lab's road; return score, message and evidence."""
-    progress = Progress(DISTANCE)
-    log = closed_loop(Plant(), controller, distance=DISTANCE, progress=progress)
+    progress = Progress(Scenario.distance)
+    log = closed_loop(Plant(), controller, progress=progress)
     result, limit = summary(log), _own_limit(log)
     rms, maximum = result.rms_error_after_run_up, result.max_error_after_run_up
     score = 0.0 if progress.failure else by.score(round(rms, 6), round(maximum, 6))
@@ -213,7 +214,7 @@ def _figure(log: Log, title: str = '') -> Figure:
 @cache
 def _usual() -> Log:
     """Return the run with barc_sim's controller."""
-    return closed_loop(controller=speed_controller(limit=inf), distance=DISTANCE)
+    return closed_loop(controller=speed_controller(limit=inf))
 
 
 class _Driving(PID):

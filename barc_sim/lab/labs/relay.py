@@ -9,7 +9,7 @@ from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.errors import UserError
 from barc_sim.lab.judge import Finding
 from barc_sim.lab.user_code.folder import BY_EYE, NOT_WRITTEN, Command, TimedTwist
-from barc_sim.vehicle.parameters import PARAMETERS
+from barc_sim.simulation.stepper import StepperOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,7 +31,6 @@ _LATER = 4.9  #: [s] 1.9 s after the release
 _NEGLIGIBLE = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad]
 _TOLERANCE = 1e-6
 _SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these gets full marks.
-_PARAMETERS = {each.name: float(each.default) for each in PARAMETERS if 'refuse' in each.name}
 
 
 #: By key: linear.x and angular.z of its Twist; their sum is the right sign of its command.
@@ -135,7 +134,7 @@ def _direction(
 
 
 #: The maximum servo [rad] and motor [m/s²]; a larger value is probably in other units.
-_BOUNDS = {'servo': 0.8, 'motor': _PARAMETERS['refuse_motor_above']}
+_BOUNDS = {'servo': 0.8, 'motor': StepperOptions().refuse_motor_above}
 _BEYOND = {
     'servo': 'servo reaches {0:.3g} rad, which is {2:.0f}°: the wheels of a car turn by about 0.5 '
     'rad. Is it in degrees ({0:.3g}° are {3:.3g} rad), or does it grow without a limit?',
