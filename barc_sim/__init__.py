@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.closed_loop import lap, simulate
     from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import summary
+    from barc_sim.simulation.scenario import Scenario
     from barc_sim.tuning.identification import identify
     from barc_sim.tuning.search import sweep
     from barc_sim.vehicle.bike_model import Vehicle
@@ -81,6 +82,7 @@ __all__ = [
     'Log',
     'PurePursuit',
     'Road',
+    'Scenario',
     'SpeedMPC',
     'Stanley',
     'Track',
@@ -107,6 +109,7 @@ _EXPORTS = {
     'PurePursuit': ('control.lane', 'PurePursuit'),
     'SpeedMPC': ('control.mpc', 'SpeedMPC'),
     'Road': ('vehicle.road', 'Road'),
+    'Scenario': ('simulation.scenario', 'Scenario'),
     'Stanley': ('control.lane', 'Stanley'),
     'Track': ('vehicle.track', 'Track'),
     'Vehicle': ('vehicle.bicycles', 'Vehicle'),

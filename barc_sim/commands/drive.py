@@ -21,7 +21,8 @@ from barc_sim.control.cruise_control import (
 )
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.runs import options as run_options
-from barc_sim.simulation.scenario import LIMITS
+from barc_sim.simulation.scenario import Scenario
+from barc_sim.simulation.stepper import parameters
 from barc_sim.vehicle.track import TRACKS
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from barc_sim.control.speed import Tunable
 
 _MAX_CARS = 100
+#: Of the simulator on a road.
+_PARAMETERS = {each.name: each for each in parameters(Scenario.distance)}
 _MODULES = {'acc': 'cruise_control', 'teleop': 'teleop'}  #: in `runs`
 
 
@@ -79,15 +82,17 @@ def add_arguments_acc(parser: Parser) -> None:
     )
     parser.add_argument(
         '--distance',
-        type=number(*LIMITS['distance'].between),
+        type=number(*_PARAMETERS['distance'].between),
         metavar='M',
-        help='end of a lap; 0: none, until Ctrl-C (180 m; on a track, the end of the last lap)',
+        help=f'end of a lap; 0: none, until Ctrl-C ({_PARAMETERS["distance"].default:g} m; on a '
+        'track, the end of the last lap)',
     )
     parser.add_argument(
         '--laps',
-        type=whole(*LIMITS['laps'].between),
+        type=whole(*_PARAMETERS['laps'].between),
         metavar='N',
-        help='number of laps, each from standstill on a road; 0: until Ctrl-C (1)',
+        help='number of laps, each from standstill on a road; 0: until Ctrl-C '
+        f'({_PARAMETERS["laps"].default})',
     )
     parser.add_argument(
         '--cars',

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.cli.files import figure_path, saving, target
 from barc_sim.cli.parser import barc_path, number, show, whole
 from barc_sim.control.cruise_control import PROFILE, SPEED
-from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, SPEED_REFERENCE
+from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT
 from barc_sim.errors import UserError, escaped
+from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.tuning import DISTANCE
 from barc_sim.tuning import SPEED as TUNED_SPEED
+from barc_sim.vehicle.bicycles import INTEGRATORS
 from barc_sim.vehicle.parameters import ROWS
 
 if TYPE_CHECKING:
@@ -62,16 +64,22 @@ def add_arguments_tune(parser: Parser) -> None:
         help="'lab', 'flat', or CSV files with the columns start_m,grade_deg; with several, the "
         'mean cost counts (lab)',
     )
-    noise, gain = number(*ROWS['noise_v_x'].between), number(0.0, _MAX_GAIN)
-    delay = number(*ROWS['motor_delay'].between)
+    noise, delay, seed = (LIMITS[name] for name in ('noise', 'delay', 'seed'))
+    gain = number(0.0, _MAX_GAIN)
     _add_numbers(
         parser,
         ('effort', gain, 0.0, 'WEIGHT', 'add this times the effort to the cost'),
-        ('speed', number(*TUNED_SPEED.between), SPEED_REFERENCE, 'M/S', 'speed to hold'),
+        ('speed', number(*TUNED_SPEED.between), TUNED_SPEED.default, 'M/S', 'speed to hold'),
         ('distance', number(*DISTANCE.between), DISTANCE.default, 'M', 'length of a drive'),
-        ('noise', noise, 0.0, 'M/S', "standard deviation of the measured speed's noise"),
-        ('delay', delay, 0.0, 'S', 'time from a command to its effect'),
-        ('seed', whole(*ROWS['seed'].between), 0, 'N', 'seed of the search and of the noise'),
+        (
+            'noise',
+            number(*noise.between),
+            noise.default,
+            'M/S',
+            "standard deviation of the measured speed's noise",
+        ),
+        ('delay', number(*delay.between), delay.default, 'S', 'time from a command to its effect'),
+        ('seed', whole(*seed.between), seed.default, 'N', 'seed of the search and of the noise'),
     )
     for name, (_, high) in GAINS.items():
         parser.add_argument(
@@ -209,8 +217,8 @@ def add_arguments_identify(parser: Parser) -> None:
     _add_numbers(parser, ('mass', number(*mass.between), mass.default, 'KG', 'mass of the car'))
     parser.add_argument(
         '--integrator',
-        choices=('euler', 'rk4'),
-        default='euler',
+        choices=tuple(INTEGRATORS),
+        default=Scenario.integrator,
         help="euler: the simulator's default; rk4: for a real car (euler)",
     )
     parser.add_argument('--save', metavar='FILE', help='save a figure as .png, .pdf or .svg')

@@ -20,7 +20,7 @@ from barc_sim.cli.process import (
 )
 from barc_sim.errors import UserError
 from barc_sim.lab.files import FILES
-from barc_sim.simulation.stepper import REALTIME_FACTORS
+from barc_sim.simulation.stepper import REALTIME_FACTORS, StepperOptions
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import ROWS
 
@@ -46,7 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         '--realtime-factor',
         type=_factor,
         metavar='FACTOR',
-        help='simulated seconds per second; max: at full speed (1)',
+        help='simulated seconds per second; max: at full speed '
+        f'({StepperOptions().realtime_factor:g})',
     )
     parser.add_argument(
         '--lab', type=Path, metavar='DIR', help="folder with a lab's files (see `barc new`)"
@@ -82,12 +83,16 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         '--seed',
         type=whole(*ROWS['seed'].between),
         metavar='N',
-        help=f'{ROWS["seed"].description} (0)',
+        help=f'{ROWS["seed"].description} ({ROWS["seed"].default})',
     )
     parser.add_argument(
-        '--integrator', choices=tuple(INTEGRATORS), help='method of each step (euler)'
+        '--integrator',
+        choices=tuple(INTEGRATORS),
+        help=f'method of each step ({ROWS["integrator"].default})',
     )
-    parser.add_argument('--dynamics', choices=tuple(DYNAMICS), help='bicycle model (kinematic)')
+    parser.add_argument(
+        '--dynamics', choices=tuple(DYNAMICS), help=f'bicycle model ({ROWS["dynamics"].default})'
+    )
     parser.add_argument('-q', '--quiet', action='store_true', help="print only the bag's path")
     parser.add_argument(
         '--network',

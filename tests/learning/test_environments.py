@@ -16,6 +16,7 @@ from barc_sim.errors import UserError
 from barc_sim.figures import style
 from barc_sim.learning.tasks import AHEAD, TASKS
 from barc_sim.simulation.closed_loop import lap
+from barc_sim.simulation.scenario import Scenario
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.plant import Actuator, NoiseLevels
@@ -283,6 +284,38 @@ def test_what_is_ahead_is_that_of_road_and_track() -> None:
 def test_what_cannot_be_is_refused_in_a_sentence(options: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=message):
         gymnasium.make(IDS['Lane'], **options)
+
+
+@pytest.mark.parametrize('name', IDS)
+@pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
+def test_a_scenario_is_the_options_of_an_environment(name: str, mode: str) -> None:
+    options: dict[str, Any] = {**ELSEWHERE[name], 'noise': NOISE, 'dynamics': 'dynamic'}
+    ranges = options.pop('ranges', {})
+    of_scenario = Scenario(speed_reference=7.0, max_duration=5.0, **options)
+    envs = [
+        gymnasium.make_vec(IDS[name], 2, vectorization_mode=mode, ranges=ranges, **each)
+        for each in (dict(speed=7.0, **options), {'scenario': of_scenario})
+    ]
+    np.testing.assert_array_equal(*(env.reset(seed=1)[0] for env in envs))
+    for action in actions_of(envs[0].action_space.shape, 50):
+        np.testing.assert_array_equal(*(env.step(action)[0] for env in envs))
+
+
+@pytest.mark.parametrize(
+    ('scenario', 'message'),
+    [
+        (Scenario(track='L', kp=1.0), 'has kp, which is no option of Lane-v0: leave it out'),
+        (Scenario(track='L', integrator='rk4'), 'has integrator, which is no option of Lane-v0'),
+        (Scenario(), 'Lane-v0 needs a track'),
+        (Scenario(track='L', speed_reference=-1.0), 'speed_reference: -1 is not a number from'),
+        ({'track': 'L'}, 'must be of type Scenario, such as Scenario'),
+    ],
+)
+def test_a_scenario_that_makes_no_environment_is_refused(scenario: object, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        gymnasium.make(IDS['Lane'], scenario=scenario)
+    with pytest.raises(UserError, match='acceleration_limit beside a scenario'):
+        gymnasium.make(IDS['Lane'], scenario=Scenario(track='L'), acceleration_limit=2.0)
 
 
 @pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
