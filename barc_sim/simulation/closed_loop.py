@@ -214,9 +214,9 @@ def chosen_scenario(
 
     UserError: both are given, as `made` is not the `default`, that of no arguments.
     """
-    default = default or Scenario()
     if scenario is None:
         return made
+    default = default or Scenario()
     if not isinstance(scenario, Scenario):
         raise UserError(f'scenario {scenario!r} must be of type Scenario, such as {Scenario()!r}')
     for each in fields(made):

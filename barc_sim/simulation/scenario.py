@@ -59,7 +59,8 @@ class Scenario(PlantOptions):
                 f'{", ".join(self.gains)} are gains of the PID, which '
                 f'controller={self.controller!r} replaces: give one or the other'
             )
-        PID(**self.gains)  # which checks them
+        if self.gains:
+            PID(**self.gains)  # which checks them
         lane = self.lane
         if isinstance(lane, type) or (
             lane and not callable(getattr(lane, 'steer_calculate', None))

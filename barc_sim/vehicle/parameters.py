@@ -14,7 +14,7 @@ from math import inf
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
-from barc_sim.errors import Parameter, UserError, parameters_of
+from barc_sim.errors import ANY, Parameter, UserError, parameters_of
 from barc_sim.vehicle.bicycles import DYNAMICS, LateralParameters
 from barc_sim.vehicle.bike_model import Model, State, Vehicle, bikeFE
 from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
@@ -46,7 +46,8 @@ class PlantOptions:
     Raises
     ------
     UserError
-        if a field is out of its limits, a file cannot be read, or a field needs another.
+        if a field is out of its limits, a file cannot be read, or a field needs another. Names of
+        laws, and how they go together with the step, are checked by `plant`.
     """
 
     road: Annotated[
@@ -77,9 +78,15 @@ class PlantOptions:
 
     def __post_init__(self) -> None:
         """Check the fields, and read the files that they name."""
-        kind: Any = type(self)
-        for row in _rows(kind):
-            self._check(row)
+        record: Any = type(self)
+        for row in _limits(record):
+            if row.name not in {'noise', 'disturbance'}:
+                row.check(getattr(self, row.name))
+        if not isinstance(self.noise, NoiseLevels):  # which has checked itself
+            _OPTIONS['noise'].check(self.noise)
+        force = signal(self.disturbance, _OPTIONS['disturbance'], FORCE_COLUMN)
+        if isinstance(force, Profile):
+            self._set('disturbance', force)
         for name, kind in _RECORDS.items():
             _check_kind(name, getattr(self, name), kind)
         if self.road is not None:
@@ -92,15 +99,6 @@ class PlantOptions:
                 f'delay={self.delay:g} and motor={self.motor!r} contradict each other: give the '
                 'delay of the motor in motor'
             )
-
-    def _check(self, row: Parameter) -> None:
-        value = getattr(self, row.name)
-        if row.name == 'disturbance':
-            force = signal(value, row, FORCE_COLUMN)
-            if isinstance(force, Profile):
-                self._set('disturbance', force)
-        elif not isinstance(value, NoiseLevels):  # which has checked itself
-            row.check(value)
 
     def _set(self, name: str, value: object) -> None:
         """Set a field to what was read."""
@@ -180,7 +178,7 @@ class PlantOptions:
         """Return the constant part of the disturbance [N], and the part that changes."""
         if isinstance(self.disturbance, (float, int)):
             return float(self.disturbance), None
-        return 0.0, signal(self.disturbance, ROWS['disturbance'], FORCE_COLUMN)
+        return 0.0, signal(self.disturbance, _OPTIONS['disturbance'], FORCE_COLUMN)
 
 
 def _shown(value: object) -> str:
@@ -211,7 +209,7 @@ def _check_kind(name: str, value: object, kind: Any) -> None:  # noqa: ANN401 (a
         field = kind._fields[0]
         example = f'{kind.__name__}({field}={kind._field_defaults[field]})'
         raise UserError(f'{name} {value!r} must be of type {kind.__name__}, such as {example}')
-    for row in _rows(kind):  # `_replace` has not checked it
+    for row in _limits(kind):  # `_replace` has not checked it
         row.check(getattr(value, row.name))
 
 
@@ -221,9 +219,9 @@ def needs_track(argument: str) -> UserError:
 
 
 @cache
-def _rows(record: Any) -> list[Parameter]:  # noqa: ANN401 (a class)
-    """Return what `parameters_of` returns, which takes longer than to make a record."""
-    return parameters_of(record)
+def _limits(record: Any) -> list[Parameter]:  # noqa: ANN401 (a class)
+    """Return a parameter for each field of a record that has limits."""
+    return [row for row in parameters_of(record) if row.between != ANY]
 
 
 def _with_options(model: Model) -> Model:
