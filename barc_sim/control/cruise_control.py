@@ -5,12 +5,21 @@ Tables list the controllers of speed and lane by name.
 
 from __future__ import annotations
 
-from math import isfinite, nan
+from math import nan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.excitation import PRBS, CoastDown, SineSteer, Steps
-from barc_sim.control.lane import LANE, LaneKeeping, LaneLQR, PurePursuit, Stanley, speed_profile
+from barc_sim.control.lane import LANE, LaneLQR, PurePursuit, Stanley, speed_profile
 from barc_sim.control.mpc import MPC, SpeedMPC
+from barc_sim.control.pilots import (
+    LaneKeeping,
+    LanePilot,
+    Pilot,
+    SpeedPilot,
+    as_lane_pilot,
+    as_pilot,
+)
+from barc_sim.control.situation import Navigator
 from barc_sim.control.speed import (
     ACCELERATION_LIMIT,
     FIRST_DT,
@@ -18,8 +27,6 @@ from barc_sim.control.speed import (
     NO_LIMIT,
     PID,
     SPEED_REFERENCE,
-    as_controller,
-    gain_parameters,
 )
 from barc_sim.errors import Parameter, UserError
 from barc_sim.vehicle.parameters import NANOSECONDS
@@ -30,8 +37,9 @@ if TYPE_CHECKING:
 
     from barc_sim.control.lane import LaneLaw
     from barc_sim.control.speed import Controller, Gain
+    from barc_sim.vehicle.bike_model import Motion
     from barc_sim.vehicle.road import Signal
-    from barc_sim.vehicle.track import Track
+    from barc_sim.vehicle.track import Pose, Track
 
     #: Takes a function that returns a sentence, so that a suppressed warning costs nothing.
     Warn = Callable[[Callable[[], str]], None]
@@ -64,6 +72,7 @@ TERMS: Mapping[str, str] = {
     name: meaning for controller in TYPES.values() for name, meaning in controller.terms.items()
 }
 _FASTEST = 1e6  #: [m/s] A faster state is refused.
+_FARTHEST = 1e9  #: [m], [rad] So is a state farther away on a track: squares can be infinite.
 _TYPE = Parameter(
     'controller_type', DEFAULT_TYPE, f'which controller: {", ".join(TYPES)}', read_only=True
 )
@@ -116,14 +125,21 @@ class Answer(NamedTuple):
 
 
 class CruiseControl:
-    """A controller with its parameters; its dt is the difference of the states' stamps.
+    """A pilot with its parameters; its dt is the difference of the states' stamps.
 
-    On a track `lane` steers.
+    Attributes
+    ----------
+    speed
+        The pilot of the speed.
+    lane
+        On a track, the one that both keeps the lane and holds the speed; otherwise None.
+    values
+        The parameters by name.
     """
 
     def __init__(
         self,
-        controller: Controller | None,
+        controller: object,
         declare: Callable[[list[Parameter]], dict[str, Any]],
         acceleration_limit: float,
         refuse: Warn,
@@ -133,23 +149,42 @@ class CruiseControl:
     ) -> None:
         """Use `controller`, an object with `acc_calculate`; by default, the parameter chooses it.
 
-        On a `track` it uses `lane`, an object with `steer_calculate`, likewise. `declare` declares
-        parameters and returns their values; `acceleration_limit` [m/s²] is a default. `refuse` gets
-        the reason why a state or a reference is refused, and `warn` gets other warnings.
+        On a `track` it uses `lane`, an object with `steer_calculate`, likewise. Either can be a
+        `Pilot`. `declare` declares parameters and returns their values; `acceleration_limit` [m/s²]
+        is a default. `refuse` gets the reason why a state or a reference is refused, and `warn`
+        gets other warnings.
         """
-        self._refuse, self._warn = refuse, warn
-        self.controller = as_controller(controller or _chosen(declare, _TYPE, TYPES))
-        self._see = getattr(controller, 'see', None)  # takes its place: of a policy
+        self._refuse = refuse
+        self._warn = warn
+
+        self.speed = as_pilot(controller or _chosen(declare, _TYPE, TYPES))
         self.lane: LaneKeeping | None = None
         if track:
-            self.lane = LaneKeeping(lane or _chosen(declare, _LANE_TYPE, LANE_TYPES), track)
-        self.is_pid = self.controller.terms.keys() == PID.terms.keys()
+            steering = as_lane_pilot(lane or _chosen(declare, _LANE_TYPE, LANE_TYPES))
+            self.lane = LaneKeeping(self.speed, steering)
+        self._pilot: Pilot = self.lane or self.speed
+        self._navigator = Navigator(track)
+        self.is_pid = self.speed.terms.keys() == PID.terms.keys()
+
         self._previous: int | None = None  # [ns] stamp of the latest state
-        self.values: dict[str, Any] = {}  #: the parameters by name
-        self._reference: Signal | None = None  # over time and place
         self._start: int | None = None  # [ns] stamp of the first state
+        self._reference: Signal | None = None  # over time and place
+        self.values: dict[str, Any] = {}
         self.configure(declare(self.parameters(acceleration_limit)))
         self.reset()
+
+    @property
+    def controller_type(self) -> str:
+        """The name of the speed controller among `TYPES`; empty: it is another one."""
+        law = self.speed.controller if isinstance(self.speed, SpeedPilot) else None
+        return next((name for name, kind in TYPES.items() if type(law) is kind), '')
+
+    @property
+    def lane_type(self) -> str:
+        """The name of the steering law among `LANE_TYPES`; empty: it is another one, or none."""
+        steering = self.lane.lane if self.lane else None
+        law = steering.law if isinstance(steering, LanePilot) else None
+        return next((name for name, kind in LANE_TYPES.items() if type(law) is kind), '')
 
     def parameters(self, acceleration_limit: float = ACCELERATION_LIMIT) -> list[Parameter]:
         """Return the declarations of the parameters: gains first.
@@ -157,9 +192,9 @@ class CruiseControl:
         `acceleration_limit` [m/s²] is the default of that parameter.
         """
         limit = LIMIT._replace(default=acceleration_limit)
-        table = [*gain_parameters(self.controller), limit, *_PARAMETERS]
+        table = [*gain_parameters(self.speed), limit, *_PARAMETERS]
         if self.lane:
-            gains = gain_parameters(self.lane.lane) if self.lane.gains else []
+            gains = gain_parameters(self.lane.lane)
             table += [*(each._replace(name=LANE + each.name) for each in gains), *PROFILE]
         return table
 
@@ -170,15 +205,10 @@ class CruiseControl:
             self._has_file = bool(file)
             self._reference = reference_of(file) if file else None
         self.values.update(values)
-        if self.lane:
-            self.lane.set_gains({name: self.values[LANE + name] for name in self.lane.gains})
-            if not self._has_file:
-                self._reference = self._profile(self.lane.track)
-        controller = self.controller
-        for name in controller.gains:
-            setattr(controller, name, self.values[name])
-        controller.output_max = self.values['acceleration_limit']
-        controller.output_min = -controller.output_max
+        if self._navigator.track and not self._has_file:
+            self._reference = self._profile(self._navigator.track)
+        self._pilot.set_gains({name: self.values[name] for name in self._pilot.gains})
+        self._pilot.limit(self.values['acceleration_limit'])
 
     def _profile(self, track: Track) -> Signal | None:
         speed, *limits = (self.values[each.name] for each in (SPEED, *PROFILE))
@@ -199,22 +229,22 @@ class CruiseControl:
 
     def reset(self) -> None:
         """Begin anew."""
-        self.controller.reset()
-        if self.lane:
-            self.lane.reset()
-        self._start = self._previous = None
+        self._pilot.reset()
+        self._navigator.reset()
+        self._start = None
+        self._previous = None
         self._answer = Answer(nan, nan, nan, 0)  # the latest
 
-    def take_state(
-        self, stamp: int, speed: float, x: float = 0.0, y: float = 0.0, psi: float = 0.0
-    ) -> Answer | None:
+    def take_state(self, stamp: int, measured: Motion) -> Answer | None:
         """Return the answer to the state stamped `stamp` [ns]; None: it is refused."""
+        x, y, psi, speed = measured.x, measured.y, measured.psi, measured.v_x
         if not abs(speed) <= _FASTEST:  # NaN, too
             self._refuse(lambda: f'a state whose speed is {speed} m/s')
             return None
-        if self.lane and not isfinite(x + y + psi):
+        if self.lane and not abs(x) + abs(y) + abs(psi) <= _FARTHEST:
             self._refuse(lambda: f'a state at x={x}, y={y}, psi={psi}')
             return None
+
         dt = FIRST_DT
         if self._start is None or stamp < self._start:
             self._start = stamp
@@ -223,40 +253,52 @@ class CruiseControl:
             if dt < 0.0:
                 back = -dt
                 self._warn(lambda: f'time went back by {back:g} s: the controller is reset')
-                self.controller.reset()
+                self.speed.reset()
                 dt = FIRST_DT
         self._previous = stamp
-        steering = 0.0
-        if self.lane:
-            steering, x = self.lane.steer(x, y, psi, speed), self.lane.place.s
-        reference = self.reference((stamp - self._start) / NANOSECONDS, x)
-        if self._see:
-            self._see(x)
-        acceleration = float(self.controller.acc_calculate(reference, speed, dt))
-        if self.lane:
-            acceleration = self.lane.acceleration(acceleration)
-        self._answer = Answer(reference, speed, acceleration, stamp, steering)
+
+        t = (stamp - self._start) / NANOSECONDS
+        situation = self._navigator.situation(t, dt, measured, self.reference)
+        command = self._pilot.command(situation)
+        self._answer = Answer(situation.reference, speed, command.motor, stamp, command.servo)
         return self._answer
+
+    @property
+    def makes_plans(self) -> bool:
+        """Whether `predicted` returns poses."""
+        return self._pilot.plan is not None
+
+    def predicted(self) -> Pose:
+        """Return the poses of the latest plan, as arrays."""
+        assert self._pilot.plan is not None  # noqa: S101 (it makes plans)
+        return self._navigator.poses(self._pilot.plan)
 
     def computed(self) -> dict[str, Any]:
         """Return the fields of the message about the latest answer: the reference and the terms.
 
-        The message is a PidState if `is_pid`, else a ControllerState. The reference is NaN for
-        commands that a user's function gives, and for a law that plans the speed itself.
+        The message is a PidState if `is_pid`, else a ControllerState. The reference is NaN for a
+        pilot that does not follow it.
         """
-        controller, answer = self.controller, self._answer
-        holds = getattr(controller, 'holds_speed', not (self.lane and self.lane.plans_speed))
-        reference = answer.reference if holds else nan
-        terms = {name: float(getattr(controller, name)) for name in controller.terms}
+        answer = self._answer
+        reference = answer.reference if self._pilot.follows_reference else nan
+        terms = dict(zip(self.speed.terms, self.speed.values(), strict=True))
         named = terms if self.is_pid else {'names': [*terms], 'values': [*terms.values()]}
         return {
             'reference': reference,
             'measurement': answer.speed,
             'error': reference - answer.speed,
             'output': answer.acceleration,
-            'saturated': bool(controller.saturated),
+            'saturated': bool(self.speed.saturated),
             **named,
         }
+
+
+def gain_parameters(pilot: Pilot) -> list[Parameter]:
+    """Return a parameter for each gain of a pilot, with its present value as the default."""
+    return [
+        Parameter(name, value, f'{gain.meaning} [{gain.unit}]', gain.between)
+        for (name, gain), value in zip(pilot.gains.items(), pilot.gain_values.values(), strict=True)
+    ]
 
 
 def _chosen(

@@ -13,17 +13,18 @@ A law that brings e_psi to zero instead keeps an error e_y on every arc.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from math import asin, atan2, cos, inf, sin, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from barc_sim.control.speed import Gain, read_term, take_gains
+from barc_sim.control.speed import Adapter, Gain, take_gains
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R
 from barc_sim.vehicle.law import law
-from barc_sim.vehicle.track import Frenet, beside_arc
+from barc_sim.vehicle.track import beside_arc
 
 if TYPE_CHECKING:
     from barc_sim.vehicle.track import Track
@@ -45,6 +46,20 @@ class LaneController(Protocol):
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature, /
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
+
+
+class SteeringLaw(LaneController, Protocol):
+    """A whole steering law, which gains and terms are attributes of, as of a `Controller`."""
+
+    gains: Mapping[str, Gain]
+    terms: Mapping[str, str]  #: [rad]
+    #: [m/s²] in place of the speed controller's; None: it does not plan the speed.
+    acceleration: float | None
+    #: The latest plan, an array of shape `(n, 2)`: distance ahead and e_y [m]; None: it makes none.
+    prediction: Any
+
+    def reset(self) -> None:
+        """Forget the past: the next call is the first."""
 
 
 class LaneTerms(NamedTuple):
@@ -174,7 +189,7 @@ def lane_lqr(
     return LaneTerms(feedforward, -k1 * e_y, -k2 * (e_psi - steady))
 
 
-class LaneLaw:
+class LaneLaw(ABC):
     """Base of the laws here: gains as attributes, and three terms."""
 
     gains: Mapping[str, Gain] = {}
@@ -183,12 +198,20 @@ class LaneLaw:
         'of_e_y': 'correction of the lateral error',
         'of_e_psi': 'correction of the heading error',
     }
+    acceleration: float | None = None  #: [m/s²] of a law that plans the speed
+    prediction: Any = None  #: of a law that makes plans
 
     def __init__(self, *, l_f: float = L_F, l_r: float = L_R, **gains: float) -> None:
         """Take gains by name, and the distances of the axles [m]."""
         self.l_f, self.l_r = l_f, l_r
         take_gains(self, gains)
         self.reset()
+
+    @abstractmethod
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
+        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
 
     def reset(self) -> None:
         """Forget the past: the next call is the first."""
@@ -314,79 +337,78 @@ class LaneLQR(LaneLaw):
         return self._sum(lane_lqr(self.law_gains, e_y, e_psi, here, ahead))
 
 
-class LaneKeeping:
-    """Steers with any object that has `steer_calculate`: projects the pose, and limits the angle.
+class LaneAdapter(Adapter):
+    """A `SteeringLaw` around an object of the user's."""
 
-    Without a `reset` of the object, a copy of it begins each run. Without an object nothing steers.
-    """
+    acceleration: float | None = None
+    prediction: Any = None
 
-    def __init__(self, lane: Any, track: Track) -> None:  # noqa: ANN401 (any object of the user's)
-        """Start at the beginning of the track."""
-        self.track, self.lane, self._first = track, lane, lane
-        self.gains: Mapping[str, Gain] = getattr(lane, 'gains', {})
-        declared = getattr(lane, 'terms', ())
-        #: The terms that `LaneLaw` does not have.
-        self.own_terms = [name for name in declared if name not in LaneLaw.terms]
-        self.reset()
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
+        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
+        angle: float = self._call('steer_calculate', e_y, e_psi, speed, curvature)
+        return angle
+
+
+class _PlanAdapter(LaneAdapter):
+    """One whose object may have an acceleration and a prediction, as `SpeedMPC` has them."""
 
     def reset(self) -> None:
-        """Return to the start of the track, with the present gains."""
-        self.place = Frenet(0.0, 0.0, 0.0, 0.0)  #: of the latest pose
-        self.output, self.saturated = 0.0, False
-        if callable(getattr(self.lane, 'reset', None)):
-            self.lane.reset()
-        else:
-            gains = {name: getattr(self.lane, name) for name in self.gains}
-            self.lane = deepcopy(self._first)
-            self.set_gains(gains)
+        """Begin with a fresh object."""
+        super().reset()
+        self._read_plan()
 
-    def set_gains(self, values: Mapping[str, float]) -> None:
-        """Change gains, by name."""
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
+        """Return the front angle [rad], and take the rest of the plan."""
+        angle = super().steer_calculate(e_y, e_psi, speed, curvature)
+        self._read_plan()
+        return angle
+
+    def _read_plan(self) -> None:
+        self.acceleration = getattr(self._object, 'acceleration', None)
+        self.prediction = getattr(self._object, 'prediction', None)
+
+
+def check_steering_law(lane: object) -> None:
+    """Raise UserError if `lane` is no object with `steer_calculate`."""
+    if isinstance(lane, type) or not callable(getattr(lane, 'steer_calculate', None)):
+        raise UserError(
+            f'lane={lane!r} must be an object with a method steer_calculate(e_y, e_psi, speed, '
+            'curvature), such as LaneLQR()'
+        )
+
+
+def as_steering_law(lane: Any) -> SteeringLaw:  # noqa: ANN401 (any object of the user's)
+    """Return `lane` itself if it is one of the laws here, an adapter around it otherwise.
+
+    Gains and terms are those that the object declares. It plans the speed if it has an attribute
+    `acceleration` [m/s²]. Without a `reset` of its own, a copy of it begins each run.
+
+    Raises
+    ------
+    UserError
+        if it is not an object with `steer_calculate`.
+    """
+    check_steering_law(lane)
+    if isinstance(lane, (LaneLaw, LaneAdapter)):
+        return lane
+    has_reset = callable(getattr(lane, 'reset', None))
+
+    def new(**values: float) -> Any:  # noqa: ANN401 (as above)
+        fresh = lane if has_reset else deepcopy(lane)
         for name, value in values.items():
-            setattr(self.lane, name, value)
+            setattr(fresh, name, value)
+        if has_reset:
+            fresh.reset()
+        return fresh
 
-    def steer(self, x: float, y: float, psi: float, speed: float) -> float:
-        """Return the front angle [rad] for a measured pose, and a speed in m/s."""
-        place = self.track.frenet(x, y, psi, self.place.s)
-        if abs(place.e_y) > self.track.width:  # the car was put somewhere else
-            place = self.track.frenet(x, y, psi)
-        self.place = place
-        if self.lane is None:
-            return 0.0
-        raw = self.lane.steer_calculate(place.e_y, place.e_psi, speed, self._curvature)
-        self.output = float(min(max(raw, -STEERING_LIMIT), STEERING_LIMIT))
-        # At the limit except for rounding, like the plan of an MPC; NaN, too.
-        self.saturated = not abs(raw) < STEERING_LIMIT * (1.0 - 1e-9)
-        return self.output
-
-    @property
-    def plans_speed(self) -> bool:
-        """Whether the law commands the acceleration itself, in place of a speed controller."""
-        return hasattr(self.lane, 'acceleration')
-
-    def acceleration(self, of_speed: float) -> float:
-        """Return the law's own acceleration [m/s²] if it has one, else the one `of_speed`."""
-        return float(getattr(self.lane, 'acceleration', of_speed))
-
-    def predicted(self) -> Any:  # noqa: ANN401 (a Pose of arrays)
-        """Return the poses of the law's plan; None if it has no plan."""
-        plan = getattr(self.lane, 'prediction', None)
-        return None if plan is None else self.track.place(self.place.s + plan[:, 0], plan[:, 1])
-
-    def computed(self) -> dict[str, Any]:
-        """Return the terms of the latest angle, as the fields of LaneState; NaN: no such term."""
-        return {
-            'e_y': self.place.e_y,
-            'e_psi': self.place.e_psi,
-            **{name: read_term(self.lane, name) for name in LaneLaw.terms},
-            'output': self.output,
-            'saturated': self.saturated,
-            'names': self.own_terms,
-            'values': [read_term(self.lane, name) for name in self.own_terms],
-        }
-
-    def _curvature(self, ahead: float) -> float:
-        return self.track.curvature(self.place.s + ahead)
+    gains: Mapping[str, Gain] = getattr(lane, 'gains', {})
+    values = {name: getattr(lane, name) for name in gains}
+    declared = dict.fromkeys(getattr(lane, 'terms', ()), '')
+    return _PlanAdapter(new, gains, values, {**LaneLaw.terms, **declared})
 
 
 class ProfileColumns(NamedTuple):

@@ -6,7 +6,7 @@ The quadratic program is in `planning`, which needs NumPy: `--help` lists the ga
 from __future__ import annotations
 
 from time import thread_time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, steady_turn
 from barc_sim.control.speed import Gain
@@ -70,7 +70,7 @@ class MPC(LaneLaw):
         self._servo = self._latest = 0.0  # [rad] the angle, and the command before
         self._sent: list[float] = []  # the commands on their way
         #: The latest plan, shape `(21, 2)`: distance ahead and e_y [m].
-        self.prediction: Any = np.zeros((HORIZON + 1, 2))
+        self.prediction = np.zeros((HORIZON + 1, 2))
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
@@ -158,7 +158,7 @@ class SpeedMPC(MPC):
     top_speed: float
     lateral: float
     longitudinal: float
-    acceleration = 0.0
+    acceleration: float = 0.0
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature

@@ -53,19 +53,6 @@ class Controller(Protocol):
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
 
 
-def gain_parameters(controller: Tunable) -> list[Parameter]:
-    """Return a parameter for each gain of a controller, with its present value as the default."""
-    return [
-        Parameter(
-            name,
-            float(getattr(controller, name)),
-            f'{gain.meaning} [{gain.unit}]',
-            gain.between,
-        )
-        for name, gain in controller.gains.items()
-    ]
-
-
 def read_term(controller: object, name: str) -> float:
     """Return an attribute of a controller; NaN if it is missing, or not a number."""
     try:
@@ -439,14 +426,8 @@ class LQR:
     @property
     def law_gains(self) -> LqrGains:
         """The present gains and limits, as `lqr` takes them."""
-        return LqrGains(
-            speed_weight=self.speed_weight,
-            effort_weight=self.effort_weight,
-            observer_gain=self.observer_gain,
-            interval=self.dt,
-            output_min=self.output_min,
-            output_max=self.output_max,
-        )
+        weights = self.speed_weight, self.effort_weight
+        return LqrGains(*weights, self.observer_gain, self.dt, self.output_min, self.output_max)
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None

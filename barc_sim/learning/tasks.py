@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT
+from barc_sim.control.pilots import Pilot
 from barc_sim.errors import UserError, extra, not_between, parameters_of
 from barc_sim.simulation.closed_loop import LAP_SPEED, LAP_TRACK, chosen_scenario
 from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.vehicle.bicycles import LateralParameters
-from barc_sim.vehicle.bike_model import State, Vehicle
+from barc_sim.vehicle.bike_model import Command, State, Vehicle
 from barc_sim.vehicle.parameters import needs_track
 from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.road import Road
@@ -34,8 +35,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from barc_sim.control.lane import Curvature
-    from barc_sim.control.speed import Gain
+    from barc_sim.control.situation import Situation
     from barc_sim.vehicle.plant import Plant
 
     Floats = NDArray[np.float64]
@@ -432,16 +432,12 @@ class Race(Task):
 TASKS: Mapping[str, type[Task]] = {each.__name__: each for each in (Hills, Lane, Race)}
 
 
-class Policy:
-    """A policy as a controller: it drives a run as in its environment.
+class Policy(Pilot):
+    """A policy as a pilot: it drives a run as in its environment.
 
-    A policy of `barc_sim/Lane-v0` or `barc_sim/Race-v0` is a lane controller for `lap`, and one of
-    `barc_sim/Hills-v0` a speed controller for `simulate`; `barc acc --policy FILE` takes both.
+    A policy of `barc_sim/Lane-v0` or `barc_sim/Race-v0` steers in `lap`, and one of
+    `barc_sim/Hills-v0` is a controller for `simulate`; `barc acc --policy FILE` takes both.
     """
-
-    gains: ClassVar[Mapping[str, Gain]] = {}
-    terms: ClassVar[Mapping[str, str]] = {}
-    output_min, output_max, saturated = -inf, inf, False
 
     def __init__(
         self,
@@ -459,33 +455,31 @@ class Policy:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: the next call is the first."""
-        self._motor = self._servo = self._x = 0.0
+        """Forget the past: the next situation is the first."""
+        self._motor = 0.0
+        self._servo = 0.0
 
-    def steer_calculate(
-        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
-    ) -> float:
-        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
-        ahead = [curvature(d) for d in AHEAD]
-        self._act(self.task.speed - speed, e_y, e_psi, speed, ahead)
-        if 'motor' in self.task.actions:
-            self.acceleration = self._motor  #: [m/s²] in place of the speed controller's
-        return self._servo
+    @property
+    def plans_speed(self) -> bool:
+        """Whether its actions command the acceleration, too."""
+        return 'motor' in self.task.actions
 
-    def see(self, x: float) -> None:
-        """Store the measured position on the road [m], before each call of `acc_calculate`."""
-        self._x = x
+    def command(self, situation: Situation) -> Command:
+        """Return the command of the policy's action."""
+        speed = situation.measured.v_x
+        ahead: Numbers
+        if self.task.track:
+            track, place = situation.on_track()
+            error, e_y, e_psi = self.task.speed - speed, place.e_y, place.e_psi
+            ahead = [track.curvature(place.s + d) for d in AHEAD]
+        else:
+            error, e_y, e_psi = situation.reference - speed, 0.0, 0.0
+            ahead = self.task.ahead(situation.along)
 
-    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:  # noqa: ARG002
-        """Return the acceleration [m/s²] for speeds in m/s."""
-        ahead = self.task.ahead(self._x)
-        self._act(speed_reference - speed_current, 0.0, 0.0, speed_current, ahead)
-        return self._motor
-
-    def _act(self, error: float, e_y: float, e_psi: float, speed: float, ahead: Numbers) -> None:
         seen = error, e_y, e_psi, speed, self._motor, self._servo
         motor, self._servo = self.task.command(self._policy(self.task.observe(seen, ahead)))
         self._motor = motor or 0.0
+        return Command(self._motor, self._servo)
 
 
 class OnnxPolicy:

@@ -23,11 +23,11 @@ from barc_sim.ros.node_helpers import (
     frames,
     to_poses,
 )
+from barc_sim.vehicle.bike_model import Motion
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter
 
-    from barc_sim.control.speed import Controller
     from barc_sim.vehicle.track import Track
 
 
@@ -55,44 +55,57 @@ class CruiseController(Node):
     def __init__(
         self,
         *,
-        controller: Controller | None = None,
+        controller: object = None,
         track: Track | None = None,
         lane: object = None,
         acceleration_limit: float = ACCELERATION_LIMIT,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        """Use `controller`, any object with the lab's `acc_calculate`.
+        """Use `controller`: a `Pilot`, or any object with the lab's `acc_calculate`.
 
-        On a `track`, `lane` steers: any object with `steer_calculate`. By default the parameters
-        choose all three. `acceleration_limit` [m/s²] is the default of its parameter.
+        On a `track`, `lane` steers: a `Pilot`, or any object with `steer_calculate`. By default the
+        parameters choose all three. `acceleration_limit` [m/s²] is the default of its parameter.
 
         UserError: a parameter is out of range.
         """
         super().__init__('controller', **options)
-        self.refused, track = RefusedInput(self), declare_track(self, track)
-        refuse, warn = self.refused.add, self.refused.warn
-        self.control = control = CruiseControl(
-            controller, partial(declare, self), acceleration_limit, refuse, warn, track, lane
+        track = declare_track(self, track)
+        self.refused = RefusedInput(self)
+        self.control = CruiseControl(
+            controller,
+            partial(declare, self),
+            acceleration_limit,
+            self.refused.add,
+            self.refused.warn,
+            track,
+            lane,
         )
-        self.values, self.reference = control.values, control.reference
-        self.lane = keeping = control.lane
+        self.values = self.control.values
+        self.reference = self.control.reference
+        self.lane = self.control.lane
         self.add_post_set_parameters_callback(self._on_parameters)
 
-        on_map, on_car = (Header(frame_id=frame) for frame in frames(self))
-        self._ecu, self._outputs = ECU(header=on_car), Outputs(self)
-        kind, topic = PidState, names.PID_STATE
-        if not control.is_pid:
-            kind, topic = ControllerState, names.CONTROLLER_STATE
-        self._outputs.add(topic, kind(header=on_car), control.computed)
-        if keeping:
-            self._outputs.add(names.LANE_STATE, LaneState(header=on_car), keeping.computed)
-        if keeping and keeping.predicted():
-            plan, poses = Path(header=on_map), lambda: to_poses(on_map, keeping.predicted())
-            self._outputs.add(names.PREDICTION, plan, poses, every=5)
+        self._on_map, on_car = (Header(frame_id=frame) for frame in frames(self))
+        self._ecu = ECU(header=on_car)
+        self._outputs = Outputs(self)
+        if self.control.is_pid:
+            self._outputs.add(names.PID_STATE, PidState(header=on_car), self.control.computed)
+        else:
+            of_speed = ControllerState(header=on_car)
+            self._outputs.add(names.CONTROLLER_STATE, of_speed, self.control.computed)
+        if self.lane:
+            self._outputs.add(names.LANE_STATE, LaneState(header=on_car), self.lane.computed)
+        if self.control.makes_plans:
+            plan = Path(header=self._on_map)
+            self._outputs.add(names.PREDICTION, plan, self._predicted, every=5)
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
+
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
         self.create_subscription(Float64, names.SPEED_REFERENCE, self._on_speed, names.QOS_NEWEST)
         self.create_service(Trigger, names.RESET_CONTROLLER, self._on_reset)
+
+    def _predicted(self) -> dict[str, Any]:
+        return to_poses(self._on_map, self.control.predicted())
 
     def _on_parameters(self, parameters: list[Parameter]) -> None:
         self.control.configure({parameter.name: parameter.value for parameter in parameters})
@@ -106,9 +119,11 @@ class CruiseController(Node):
         return response
 
     def _on_state(self, state: ZDynBkMdl) -> None:
-        stamp, pose = to_nanoseconds(state.header.stamp), (state.x, state.y, state.psi)
-        if answer := self.control.take_state(stamp, state.v_x, *pose):
+        stamp = to_nanoseconds(state.header.stamp)
+        measured = Motion(state.x, state.y, state.psi, state.v_x, state.v_y, state.psi_dot)
+        if answer := self.control.take_state(stamp, measured):
             self._ecu.header.stamp = state.header.stamp
-            self._ecu.motor, self._ecu.servo = answer.acceleration, answer.steering
+            self._ecu.motor = answer.acceleration
+            self._ecu.servo = answer.steering
             self._ecu_pub.publish(self._ecu)
             self._outputs.publish(state.header.stamp)

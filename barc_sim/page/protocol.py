@@ -16,15 +16,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 from barc_sim.control.cruise_control import (
     DEFAULT_TYPE,
-    LANE_TYPES,
     LIMIT,
     SPEED,
     TERMS,
-    TYPES,
 )
 from barc_sim.control.driver import DriverInput
 from barc_sim.control.lane import LANE, LaneLaw
-from barc_sim.control.speed import ACCELERATION_LIMIT, PID, Gain
+from barc_sim.control.pilots import SpeedPilot
+from barc_sim.control.speed import ACCELERATION_LIMIT, PID, Gain, speed_controller
 from barc_sim.errors import Parameter, UserError
 from barc_sim.simulation.closed_loop import check_ahead
 from barc_sim.simulation.log import (
@@ -45,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from barc_sim.control.cruise_control import CruiseControl
+    from barc_sim.control.pilots import Pilot
     from barc_sim.simulation.metrics import Lap, Laps
     from barc_sim.vehicle.road import Road
     from barc_sim.vehicle.track import Track
@@ -195,14 +195,19 @@ class RunFacts(NamedTuple):
     def gains(self) -> dict[str, Gain]:
         """The gains by parameter: of the lane controller on a track, else of the controller."""
         if self.track:
-            lane = self.control.lane if self.control else None
+            lane = self.control.lane.lane if self.control and self.control.lane else None
             return {LANE + name: gain for name, gain in lane.gains.items()} if lane else {}
-        return dict((self.control.controller if self.control else PID).gains)
+        return dict(self.speed.gains)
+
+    @property
+    def speed(self) -> Pilot:
+        """The pilot of the speed; without a controller, one of the run's PID."""
+        return self.control.speed if self.control else SpeedPilot(speed_controller())
 
     @property
     def sliders(self) -> dict[str, Gain]:
         """The sliders by parameter; none for an identification drive, which holds no speed."""
-        if self.control and not getattr(self.control.controller, 'holds_speed', True):
+        if not self.speed.follows_reference:
             return {}
         others = {'speed_reference': OTHERS['speed_reference']} if self.track else {**OTHERS, **CAR}
         return self.gains | others
@@ -239,11 +244,12 @@ class RunFacts(NamedTuple):
 
 def facts(mode: str, run: RunFacts) -> dict[str, Any]:
     """Return the fields of the message `hello`; unknown parameters are left out."""
-    law, simulator = run.control.controller if run.control else PID, run.simulator()
-    lane = run.control.lane.lane if run.control and run.control.lane else None
+    pilot = run.speed
+    control = run.control
+    simulator = run.simulator()
     shown = {name: simulator[name] for name in _OF_RUN if name in simulator}
     if run.track:
-        steers = next((name for name, kind in LANE_TYPES.items() if type(lane) is kind), '')
+        steers = control.lane_type if control else ''
         shown = {'track': run.track.name, 'lane': steers, 'laps': shown.get('laps', 1)}
     return {
         'mode': mode,
@@ -251,7 +257,7 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
         'road': run.road and road_facts(run.road),
         'axles': [-simulator.get('l_r', Vehicle().l_r), simulator.get('l_f', Vehicle().l_f)],
         'mass': simulator.get('mass', Vehicle().mass),
-        'terms': list(law.terms),
+        'terms': list(pilot.terms),
         'sliders': {
             name: {
                 'label': _label(name, gain),
@@ -264,10 +270,8 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
             }
             for name, gain in run.sliders.items()
         },
-        'presets': _presets(law),
-        'controller_type': next(
-            (name for name, kind in TYPES.items() if type(law) is kind), DEFAULT_TYPE
-        ),
+        'presets': _presets(pilot),
+        'controller_type': (control.controller_type if control else '') or DEFAULT_TYPE,
         'tuning': run.values,
         'run': {**shown, **run.options},
         'can_finish': run.finish is not None,
@@ -294,11 +298,11 @@ def track_facts(track: Track) -> dict[str, Any]:
     }
 
 
-def _presets(law: object) -> dict[str, dict[str, float]]:
+def _presets(pilot: Pilot) -> dict[str, dict[str, float]]:
     """Return the values of each preset, for all sliders except the speed reference."""
-    own = getattr(law, 'presets', {})
+    own = pilot.presets
     usual = {'acceleration_limit': ACCELERATION_LIMIT, **dict.fromkeys(CAR, 0.0)}
-    return {name: usual | gains for name, gains in {**own, **(_OF_CAR if own else {})}.items()}
+    return {name: {**usual, **gains} for name, gains in {**own, **(_OF_CAR if own else {})}.items()}
 
 
 def _short(name: str) -> str:

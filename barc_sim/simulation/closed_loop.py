@@ -15,13 +15,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from barc_sim.control.cruise_control import SPEED
-from barc_sim.control.lane import LANE, LaneKeeping, LaneLQR
+from barc_sim.control.lane import LANE, LaneLQR
+from barc_sim.control.pilots import (
+    LaneKeeping,
+    Pilot,
+    SpeedPilot,
+    as_lane_pilot,
+    as_pilot,
+)
+from barc_sim.control.situation import Navigator
 from barc_sim.control.speed import (
     FIRST_DT,
     PID,
     SPEED_REFERENCE,
-    as_controller,
-    check_gains,
     speed_controller,
 )
 from barc_sim.errors import UserError
@@ -46,7 +52,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.road import Road, Signal
 
     #: Observation, command, and what the controllers computed.
-    _Row = tuple[Observation, Command, tuple[float, ...]]
+    _Row = tuple[Observation, Command, Sequence[float]]
 
 
 LAP_TRACK, LAP_SPEED, LAPS = 'L', 6.0, 3  #: of `lap`; [m/s]
@@ -85,7 +91,7 @@ def simulate(
     lateral: LateralParameters | None = None,
     ts: float = Scenario.ts,
     track: Track | str | PathLike[str] | None = None,
-    lane: LaneController | None = None,
+    lane: LaneController | Pilot | None = None,
     servo: Actuator | None = None,
     e_y: float = Scenario.e_y,
     scenario: Scenario | None = None,
@@ -113,7 +119,7 @@ def simulate(
         `time_s,force_n` or `distance_m,force_n`.
     controller
         An object with the lab's `acc_calculate(speed_reference, speed_current)`, to which dt [s]
-        is a third argument if it takes one. A copy of it drives in place of the PID.
+        is a third argument if it takes one. A copy of it drives in place of the PID. Or a `Pilot`.
     model
         A function with the arguments and the result of `bikeFE`; `l_f`, `l_r` and `g` are passed
         if it has parameters of these names.
@@ -189,21 +195,19 @@ def drive_scenario(scenario: Scenario) -> Log:
     if scenario.reference is None:
         check_ahead(scenario.speed_reference, scenario.distance)
 
-    controller: Controller = PID(**scenario.gains)
-    if scenario.controller is not None:
-        controller = as_controller(scenario.controller)
-        check_gains(controller)
-    controller.output_min = -scenario.acceleration_limit
-    controller.output_max = scenario.acceleration_limit
-    controller.reset()
+    controller = scenario.controller
+    pilot = as_pilot(PID(**scenario.gains) if controller is None else controller)
+    pilot.set_gains(pilot.gain_values)  # which checks them
+    pilot.limit(scenario.acceleration_limit)
+    pilot.reset()
     return closed_loop(
         plant,
-        controller,
+        pilot,
         speed_reference=scenario.speed_reference,
         reference=scenario.signal(),
         distance=scenario.end,
         max_duration=scenario.max_duration,
-        lane=deepcopy(scenario.lane),
+        lane=as_lane_pilot(deepcopy(scenario.lane)),
     )
 
 
@@ -229,7 +233,7 @@ def chosen_scenario(
 
 
 def lap(
-    lane: LaneController | None = None,
+    lane: LaneController | Pilot | None = None,
     track: Track | str | PathLike[str] = LAP_TRACK,
     *,
     speed: float | str | PathLike[str] | Signal = LAP_SPEED,
@@ -244,7 +248,7 @@ def lap(
     lane
         The steering law, an object with `steer_calculate(e_y, e_psi, speed, curvature)`:
         `LaneLQR()`, `Stanley()`, `PurePursuit()`, or your own. `curvature(d)` returns the curvature
-        of the centre line `d` metres ahead [1/m]. A copy of it drives.
+        of the centre line `d` metres ahead [1/m]. A copy of it drives. Or a `Pilot`.
     track
         A `Track`, the name of one, or the path of a CSV file with the columns `length_m,radius_m`.
     speed
@@ -278,7 +282,7 @@ def lap(
 
 
 def _of_laps(
-    lane: LaneController | None,
+    lane: LaneController | Pilot | None,
     track: Track | str | PathLike[str],
     speed: float | str | PathLike[str] | Signal,
     laps: int,
@@ -299,14 +303,14 @@ def _of_laps(
 
 def closed_loop(
     plant: Plant | None = None,
-    controller: Controller | None = None,
+    controller: Controller | Pilot | None = None,
     *,
     speed_reference: float = SPEED_REFERENCE,
     reference: Signal | None = None,
     distance: float = Scenario.distance,
     max_duration: float = Scenario.max_duration,
     progress: Progress | None = None,
-    lane: LaneController | None = None,
+    lane: LaneController | Pilot | None = None,
 ) -> Log:
     """Drive until `distance` [m] is reached, or for `max_duration` [s] of simulated time.
 
@@ -317,46 +321,53 @@ def closed_loop(
     first state at or beyond `distance`, with the command that answers it.
     """
     plant = plant or Plant()
-    controller = speed_controller() if controller is None else as_controller(controller)
+    speed = as_pilot(speed_controller() if controller is None else controller)
     steps = round(max_duration / plant.ts)
-    if type(controller) is PID and plant.has_fast_path and not (progress or reference):
-        return pid_log(plant, controller, speed_reference, distance, steps)
-    names = ['saturated', *controller.terms]
-    # With one name alone, an attrgetter would return no tuple.
-    read = attrgetter(*names) if names[1:] else lambda each: (each.saturated,)
-    rows: list[_Row] = []
-    held, references = speed_reference, []
-    dt, servo = FIRST_DT, 0.0
-    track, keeping, steering = plant.track, None, ()
+    law = speed.controller if isinstance(speed, SpeedPilot) else None
+    if type(law) is PID and plant.has_fast_path and not (progress or reference):
+        return pid_log(plant, law, speed_reference, distance, steps)
+
+    track = plant.track
+    of_lane = columns_of(LANE_STATE)
+    read_lane = attrgetter(*of_lane)
+    names = ['saturated', *speed.terms]
+    pilot: Pilot = speed
+    keeping: LaneKeeping | None = None
     if track:
         progress = progress or Progress(inf)
-        keeping, of_lane = LaneKeeping(lane, track), columns_of(LANE_STATE)
+        keeping = LaneKeeping(speed, as_lane_pilot(lane))
+        pilot = keeping
         names += [*of_lane.values(), *(LANE + name for name in keeping.own_terms)]
-    see = getattr(controller, 'see', lambda _: None)  # its place, of a policy
+
+    def held(_t: float, _x: float) -> float:
+        return speed_reference
+
+    reference = reference or held
+    navigator = Navigator(track)
+    dt = FIRST_DT
+    rows: list[_Row] = []
+    references: list[float] = []
     for k in range(steps + 1):
         seen = plant.observe()
-        place, y, psi, speed, *_ = seen.measured
+        t = k * plant.period_ns / 1e9
+        situation = navigator.situation(t, dt, seen.measured, reference)
+        command = pilot.command(situation)
+
+        values = [speed.saturated, *speed.values()]
         if keeping:
-            servo = keeping.steer(place, y, psi, speed)
-            place, made = keeping.place.s, keeping.computed()
-            steering = *(made[field] for field in of_lane), *made['values']
-        if reference:
-            held = reference(k * plant.period_ns / 1e9, place)
-        see(place)
-        motor = controller.acc_calculate(held, speed, dt)
-        motor = keeping.acceleration(motor) if keeping else motor
-        command = Command(motor, servo)
-        references.append(nan if keeping and keeping.plans_speed else held)
-        rows.append((seen, command, read(controller) + steering))
+            values += [*read_lane(keeping.lane_values()), *keeping.own_values()]
+        rows.append((seen, command, values))
+        references.append(situation.reference)
         if plant.distance >= distance:
             break
         if progress and progress.add(
-            k * plant.ts, plant.distance, seen.true.v_x, held, seen.on_track
+            k * plant.ts, plant.distance, seen.true.v_x, situation.reference, seen.on_track
         ):
             break
         plant.advance(command)
         dt = plant.period_ns / 1e9  # as the nodes take it from stamps
-    return log_of_rows(rows, plant.period_ns, references, names, track)
+    shown = references if pilot.follows_reference else nan
+    return log_of_rows(rows, plant.period_ns, shown, names, track)
 
 
 def log_of_rows(

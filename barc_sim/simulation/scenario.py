@@ -8,7 +8,8 @@ from os import PathLike  # noqa: TC003 (`parameters_of` evaluates it)
 from typing import Annotated
 
 from barc_sim.control.cruise_control import LIMIT, SPEED, reference_of
-from barc_sim.control.lane import LaneController  # noqa: TC001 (`parameters_of` evaluates it)
+from barc_sim.control.lane import LaneController, check_steering_law
+from barc_sim.control.pilots import Pilot
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.errors import ANY, UserError, parameters_of
 from barc_sim.vehicle.parameters import PlantOptions, needs_track
@@ -44,7 +45,7 @@ class Scenario(PlantOptions):
     kd: float | None = None
     controller: object | None = None
     acceleration_limit: Annotated[float, LIMIT] = ACCELERATION_LIMIT
-    lane: LaneController | None = None
+    lane: LaneController | Pilot | None = None
     speed_reference: Annotated[float, SPEED] = SPEED_REFERENCE
     reference: str | PathLike[str] | Signal | None = None
     distance: Annotated[float, 'end of a lap, on a track of the run [m]; 0: none', 0.0, 1e6] = 180.0
@@ -62,14 +63,9 @@ class Scenario(PlantOptions):
         if self.gains:
             PID(**self.gains)  # which checks them
         lane = self.lane
-        if isinstance(lane, type) or (
-            lane and not callable(getattr(lane, 'steer_calculate', None))
-        ):
-            raise UserError(
-                f'lane={lane!r} must be an object with a method steer_calculate(e_y, e_psi, speed, '
-                'curvature), such as LaneLQR()'
-            )
-        if lane and not self.track:
+        if lane is not None and not isinstance(lane, Pilot):
+            check_steering_law(lane)
+        if lane is not None and not self.track:
             raise needs_track(f'lane={lane!r}')
         if self.track and self.laps:
             Track.of(self.track).check_laps(self.laps)

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from barc_sim.control.cruise_control import CruiseControl
+from barc_sim.control.pilots import SpeedPilot
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID
+from barc_sim.vehicle.bike_model import Motion
+from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,6 +22,11 @@ if TYPE_CHECKING:
 
 def defaults(table: list[Parameter]) -> dict[str, Any]:
     return {each.name: each.default for each in table}
+
+
+def moving(speed: float, x: float = 0.0, y: float = 0.0, psi: float = 0.0) -> Motion:
+    """Return the motion of a car at this speed [m/s]."""
+    return Motion(x, y, psi, speed, 0.0, 0.0)
 
 
 @pytest.fixture
@@ -36,7 +44,7 @@ def cruise(refused: list[str]) -> CruiseControl:
 
 @pytest.mark.parametrize('speed', [1e6, -1e6, 0.0])
 def test_states_up_to_the_speed_limit_are_answered(cruise: CruiseControl, speed: float) -> None:
-    answer = cruise.take_state(0, speed)
+    answer = cruise.take_state(0, moving(speed))
     assert answer is not None
     assert answer.acceleration == (8.0 if speed <= 0.0 else -8.0)
 
@@ -45,8 +53,24 @@ def test_states_up_to_the_speed_limit_are_answered(cruise: CruiseControl, speed:
 def test_states_beyond_the_speed_limit_are_refused(
     cruise: CruiseControl, refused: list[str], speed: float
 ) -> None:
-    assert cruise.take_state(0, speed) is None
+    assert cruise.take_state(0, moving(speed)) is None
     assert refused == [f'a state whose speed is {speed} m/s']
+
+
+@pytest.mark.parametrize('pose', [(nan, 0.0), (0.0, inf), (1e200, 0.0), (0.0, -1e200)])
+def test_on_a_track_a_pose_that_is_nowhere_is_refused(
+    refused: list[str], pose: tuple[float, float]
+) -> None:
+    """The square of its distance can be infinite."""
+
+    def refuse(sentence: Callable[[], str]) -> None:
+        refused.append(sentence())
+
+    oval = Track.named('oval')
+    cruise = CruiseControl(None, defaults, ACCELERATION_LIMIT, refuse, refuse, oval)
+    assert cruise.take_state(0, moving(5.0, *pose)) is None
+    assert refused == [f'a state at x={pose[0]}, y={pose[1]}, psi=0.0']
+    assert cruise.take_state(0, moving(5.0, 1e6, -1e6)) is not None
 
 
 @pytest.mark.parametrize(('speed', 'taken'), [(100.0, 1), (-100.0, 1), (100.1, 0), (nan, 0)])
@@ -59,7 +83,9 @@ def test_references_are_between_plus_and_minus_100(
 
 
 def test_parameters_are_a_pid_that_holds_8_meters_a_second(cruise: CruiseControl) -> None:
-    assert isinstance(cruise.controller, PID)
+    assert isinstance(cruise.speed, SpeedPilot)
+    assert isinstance(cruise.speed.controller, PID)
+    assert (cruise.controller_type, cruise.lane_type) == ('pid', '')
     assert cruise.values == {
         'kp': 30.0,
         'ki': 200.0,
@@ -72,9 +98,9 @@ def test_parameters_are_a_pid_that_holds_8_meters_a_second(cruise: CruiseControl
 
 
 def test_time_that_goes_back_begins_anew(cruise: CruiseControl, refused: list[str]) -> None:
-    first = cruise.take_state(1_000_000_000, 7.75)
-    assert cruise.take_state(1_020_000_000, 7.75) != first
-    assert cruise.take_state(1_000_000_000, 7.75) == first
+    first = cruise.take_state(1_000_000_000, moving(7.75))
+    assert cruise.take_state(1_020_000_000, moving(7.75)) != first
+    assert cruise.take_state(1_000_000_000, moving(7.75)) == first
     assert refused == ['time went back by 0.02 s: the controller is reset']
 
 
@@ -90,7 +116,7 @@ def test_a_reference_over_time_begins_with_the_first_state_and_ends_with_a_speed
     cruise = CruiseControl(PID(), values, ACCELERATION_LIMIT, lambda _: None, lambda _: None)
 
     def held(seconds: float) -> float:
-        answer = cruise.take_state(round((1000.0 + seconds) * 1e9), 5.0)
+        answer = cruise.take_state(round((1000.0 + seconds) * 1e9), moving(5.0))
         assert answer
         return answer.reference
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from barc_sim.control.lane import (
-    LaneKeeping,
     LaneLaw,
     LaneLQR,
     PurePursuit,
@@ -18,10 +17,12 @@ from barc_sim.control.lane import (
     speed_profile,
     steady_turn,
 )
-from barc_sim.control.speed import Gain
+from barc_sim.control.pilots import LaneKeeping, as_lane_pilot, as_pilot
+from barc_sim.control.situation import Navigator, Situation
+from barc_sim.control.speed import PID, Gain
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import lap
-from barc_sim.vehicle.bike_model import Command, State, Vehicle
+from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle
 from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.track import Track
 
@@ -192,9 +193,11 @@ class Gained:
     """A law of a user's: gains, but no `reset`."""
 
     gains: ClassVar = {'k': Gain(0.5, 'rad/m', 'gain of the error across', 1.0)}
+    terms = ('calls',)
 
     def __init__(self) -> None:
-        self.k, self.calls = 0.5, 0
+        self.k = 0.5
+        self.calls = 0
 
     def steer_calculate(self, e_y: float, *_: object) -> float:
         """Return the angle [rad]."""
@@ -202,24 +205,34 @@ class Gained:
         return -self.k * e_y
 
 
+def situation(navigator: Navigator, x: float, y: float, psi: float, speed: float) -> Situation:
+    """Return the situation of a car at a pose on the map."""
+    measured = Motion(x, y, psi, speed, 0.0, 0.0)
+    return navigator.situation(0.0, 0.02, measured, lambda _t, _s: 8.0)
+
+
 def test_a_reset_begins_with_a_fresh_law_and_the_present_gains() -> None:
-    keeping = LaneKeeping(Gained(), Track.named('oval'))
-    keeping.set_gains({'k': 0.1})
-    assert [keeping.steer(1.0, 0.5, 0.0, 5.0) for _ in range(2)] == [-0.05, -0.05]
-    assert keeping.lane.calls == 2
+    navigator = Navigator(Track.named('oval'))
+    keeping = LaneKeeping(as_pilot(PID()), as_lane_pilot(Gained()))
+    keeping.set_gains({'lane.k': 0.1})
+    beside = situation(navigator, 1.0, 0.5, 0.0, 5.0)
+    assert [keeping.command(beside).servo for _ in range(2)] == [-0.05, -0.05]
+    assert keeping.term('lane.calls') == 2
     keeping.reset()
-    assert (keeping.lane.calls, keeping.lane.k) == (0, 0.1)
-    assert keeping.steer(1.0, 20.0, 0.0, 5.0) == pytest.approx(-0.5)
+    assert keeping.gain_values['lane.k'] == 0.1
+    off = situation(navigator, 1.0, 20.0, 0.0, 5.0)
+    assert keeping.command(off).servo == pytest.approx(-0.5)
     assert keeping.saturated
+    assert keeping.term('lane.calls') == 1
 
 
 def test_a_car_that_is_put_somewhere_else_is_found_again() -> None:
     track = Track.named('L')
-    keeping = LaneKeeping(LaneLQR(), track)
+    navigator = Navigator(track)
     for s in (0.0, 0.5, 120.0, 120.5, track.length - 0.1, track.length + 0.4, 60.0):
-        keeping.steer(*track.place(s, 0.2), 5.0)
-        assert keeping.place.s % track.length == pytest.approx(s % track.length)
-        assert keeping.place.e_y == pytest.approx(0.2)
+        _, place = situation(navigator, *track.place(s, 0.2), 5.0).on_track()
+        assert place.s % track.length == pytest.approx(s % track.length)
+        assert place.e_y == pytest.approx(0.2)
 
 
 def test_a_profile_of_speed_is_pickled() -> None:

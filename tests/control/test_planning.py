@@ -12,9 +12,12 @@ from command_line import printed, refused
 
 from barc_sim import MPC, LaneLQR, SpeedMPC, Track, lap, racing_line, speed_profile
 from barc_sim.control import mpc
-from barc_sim.control.lane import LaneKeeping, steady_turn
+from barc_sim.control.lane import steady_turn
+from barc_sim.control.pilots import as_lane_pilot
 from barc_sim.control.planning import bending, cost_to_go, lap_time
+from barc_sim.control.situation import Navigator
 from barc_sim.errors import UserError
+from barc_sim.vehicle.bike_model import Motion
 from barc_sim.vehicle.plant import Actuator
 
 if TYPE_CHECKING:
@@ -93,9 +96,12 @@ def test_l_is_driven_within_a_quarter_of_a_metre_in_spite_of_delay_and_lag(dynam
 
 def test_prediction_is_where_the_car_goes() -> None:
     track, law = Track.named('oval'), MPC()
-    keeping = LaneKeeping(law, track)
-    keeping.steer(*track.place(40.0, 0.5, 0.0), 6.0)
-    predicted = keeping.predicted()
+    navigator = Navigator(track)
+    pilot = as_lane_pilot(law)
+    measured = Motion(*track.place(40.0, 0.5, 0.0), 6.0, 0.0, 0.0)
+    pilot.command(navigator.situation(0.0, 0.02, measured, lambda _t, _s: 6.0))
+    assert pilot.plan is not None
+    predicted = navigator.poses(pilot.plan)
     beside = track.frenet(predicted.x, predicted.y, predicted.psi)
     np.testing.assert_allclose(np.diff(beside.s), law.step, atol=1e-9)
     assert beside.e_y[0] == pytest.approx(0.5)

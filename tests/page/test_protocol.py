@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.control.driver import DriverInput
-from barc_sim.control.excitation import PRBS
 from barc_sim.control.lane import LaneLQR
-from barc_sim.control.speed import LQR, PID, Gain, as_controller, speed_controller
+from barc_sim.control.pilots import Pilot
+from barc_sim.control.speed import LQR, PID, Gain, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.page.protocol import (
     CAR,
@@ -30,11 +30,13 @@ from barc_sim.page.protocol import (
 )
 from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.metrics import summary
+from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
+    from barc_sim.control.situation import Situation
     from barc_sim.errors import Parameter
 
 MALFORMED = [
@@ -130,7 +132,7 @@ def driven(law: object, lane: object = None, track: Track | None = None) -> RunF
     def never(_: object) -> None:
         """Take no warning."""
 
-    control = CruiseControl(as_controller(law), declare, 8.0, never, never, track, lane)
+    control = CruiseControl(law, declare, 8.0, never, never, track, lane)
     car = {'l_f': 1.25, 'l_r': 1.75, 'motor_delay': 0.1}
     return RunFacts(lambda: car, control, Road.lab(), track)
 
@@ -240,9 +242,16 @@ def test_what_the_default_gains_leave_to_improve_is_true_and_within_the_sliders(
 
 def test_a_drive_of_commands_alone_has_no_sliders() -> None:
     """It holds no speed, and its car is what a student is to identify."""
-    law = PRBS()
-    law.holds_speed = False  # type: ignore[attr-defined]
-    found = facts('acc', driven(law))
+
+    class Commands(Pilot):
+        @property
+        def follows_reference(self) -> bool:
+            return False
+
+        def command(self, situation: Situation) -> Command:
+            return Command(situation.t, 0.0)
+
+    found = facts('acc', driven(Commands()))
     assert (found['sliders'], found['tuning'], found['presets']) == ({}, {}, {})
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from barc_sim.control.driver import Driver, limited
-from barc_sim.control.excitation import Steps
-from barc_sim.control.lane import LaneLaw
+from barc_sim.control.lane import LaneAdapter, LaneLaw
+from barc_sim.control.pilots import Pilot
 from barc_sim.control.planning import line_beside
 from barc_sim.control.speed import KD, KI, KP, PID, Adapter, Gain, SpeedAdapter
 from barc_sim.errors import UserError
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.control.lane import Curvature
+    from barc_sim.control.situation import Situation
     from barc_sim.lab.user_code.code import UserObject
     from barc_sim.vehicle.track import Track
 
@@ -65,26 +67,41 @@ def controller_of(file: Path) -> UserController:
     return UserController(UserCode({'controller': file}, output=lambda _: None).load())
 
 
-class UserCommands(Steps):
-    """Uses a user's function `command` of the time as a `Controller` without gains and terms."""
-
-    gains: Mapping[str, Gain] = {}
-    terms: Mapping[str, str] = {}
-    hold = 0.0
-    holds_speed = False
+class UserCommands(Pilot):
+    """Commands a user's function `command` of the time [s], whatever the car does."""
 
     def __init__(self, code: UserCode) -> None:
         """Begin at 0 s."""
         self._command: Any = code.identify
-        super().__init__()
+        self._limit = inf
+        self._is_limited = False
 
-    def signal(self, _: float, __: float, /) -> float:
-        """Return the acceleration [m/s²] at `t`."""
-        return float(self._command(self.t)) if self.t < COMMANDS - _HALF_STEP else 0.0
+    @property
+    def follows_reference(self) -> bool:
+        """Whether it holds a speed: it does not."""
+        return False
+
+    @property
+    def saturated(self) -> bool:
+        """Whether the limit cut the latest command."""
+        return self._is_limited
+
+    def limit(self, acceleration: float) -> None:
+        """Limit the commanded acceleration [m/s²], either way."""
+        self._limit = acceleration
+
+    def command(self, situation: Situation) -> Command:
+        """Return the command at the time of a situation."""
+        raw = 0.0
+        if situation.t < COMMANDS - _HALF_STEP:
+            raw = float(self._command(situation.t))
+        motor = limited(raw, self._limit)
+        self._is_limited = motor != raw
+        return Command(motor, 0.0)
 
 
-class UserLane(_OfUserObject):
-    """Uses a user's class `Lane` as a lane controller."""
+class UserLane(_OfUserObject, LaneAdapter):
+    """Uses a user's class `Lane` as a steering law."""
 
     def __init__(self, code: UserCode) -> None:
         """Begin with the defaults of its constructor as gains."""
