@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from math import nan
-from typing import TYPE_CHECKING, Any, NamedTuple
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.lane import LANE, STEERING_LIMIT, LaneLaw, as_steering_law
 from barc_sim.control.speed import PID, as_controller, read_term, set_gains
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import Command
-from barc_sim.vehicle.track import Frenet
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from barc_sim.control.lane import SteeringLaw
     from barc_sim.control.situation import Situation
     from barc_sim.control.speed import Controller, Gain
+    from barc_sim.vehicle.track import Frenet
 
 
 class Pilot(ABC):
@@ -84,7 +85,7 @@ class Pilot(ABC):
         """Return a term of the latest command; NaN: it has no such term."""
         return nan
 
-    def values(self) -> list[float]:
+    def values(self) -> Sequence[float]:
         """Return the terms of the latest command, in the order of `terms`."""
         return [self.term(name) for name in self.terms]
 
@@ -99,6 +100,7 @@ class SpeedPilot(Pilot):
         self.terms = controller.terms
         if isinstance(controller, PID):
             self.presets = controller.presets
+        self._read = _reader([*self.terms])
 
     def command(self, situation: Situation) -> Command:
         """Return the command that answers a situation."""
@@ -133,6 +135,10 @@ class SpeedPilot(Pilot):
     def term(self, name: str) -> float:
         """Return a term of the latest command."""
         return float(getattr(self.controller, name))
+
+    def values(self) -> Sequence[float]:
+        """Return the terms of the latest command, in the order of `terms`."""
+        return self._read(self.controller)
 
 
 class LanePilot(Pilot):
@@ -203,16 +209,8 @@ class StraightAhead(Pilot):
         return Command(0.0, 0.0)
 
 
-class LaneValues(NamedTuple):
-    """What a pilot of the lane computed, by the names of LaneState's fields."""
-
-    e_y: float  #: [m]
-    e_psi: float  #: [rad]
-    feedforward: float  #: [rad]; NaN: its law has no such term
-    of_e_y: float  #: [rad]
-    of_e_psi: float  #: [rad]
-    output: float  #: [rad] within the limit of the steering
-    saturated: bool
+#: What `LaneKeeping.steering_values` returns, by the names of LaneState's fields.
+STEERING = (*LaneLaw.terms, 'saturated')
 
 
 class LaneKeeping(Pilot):
@@ -239,13 +237,13 @@ class LaneKeeping(Pilot):
 
     def _reset_lane(self) -> None:
         self.lane.reset()
-        self._place = Frenet(0.0, 0.0, 0.0, 0.0)
+        self._place: Frenet | None = None
         self._is_limited = False
         self.output = 0.0  #: [rad] the latest front angle
 
     def command(self, situation: Situation) -> Command:
         """Return the command that answers a situation."""
-        _, self._place = situation.on_track()
+        self._place = situation.place
         steering = self.lane.command(situation)
         driving = self.speed.command(situation)
 
@@ -298,17 +296,10 @@ class LaneKeeping(Pilot):
             return self.lane.term(name.removeprefix(LANE))
         return self.speed.term(name)
 
-    def lane_values(self) -> LaneValues:
-        """Return what was computed for the latest front angle."""
-        return LaneValues(
-            e_y=self._place.e_y,
-            e_psi=self._place.e_psi,
-            feedforward=self.lane.term('feedforward'),
-            of_e_y=self.lane.term('of_e_y'),
-            of_e_psi=self.lane.term('of_e_psi'),
-            output=self.output,
-            saturated=self._is_limited,
-        )
+    def steering_values(self) -> list[float]:
+        """Return what `STEERING` names; NaN: the law has no such term."""
+        terms = [self.lane.term(name) for name in LaneLaw.terms]
+        return [*terms, self._is_limited]
 
     def own_values(self) -> list[float]:
         """Return the values of `own_terms`."""
@@ -316,8 +307,22 @@ class LaneKeeping(Pilot):
 
     def computed(self) -> dict[str, Any]:
         """Return the fields of LaneState for the latest front angle."""
-        own = {'names': self.own_terms, 'values': self.own_values()}
-        return {**self.lane_values()._asdict(), **own}
+        place = self._place
+        return {
+            'e_y': place.e_y if place else 0.0,
+            'e_psi': place.e_psi if place else 0.0,
+            'output': self.output,
+            **dict(zip(STEERING, self.steering_values(), strict=True)),
+            'names': self.own_terms,
+            'values': self.own_values(),
+        }
+
+
+def _reader(names: Sequence[str]) -> Callable[[object], Sequence[float]]:
+    """Return a fast function that reads these attributes of an object."""
+    if len(names) > 1:
+        return attrgetter(*names)
+    return lambda each: [getattr(each, name) for name in names]
 
 
 def as_pilot(controller: object) -> Pilot:
