@@ -6,7 +6,7 @@ Tables list the controllers of speed and lane by name.
 from __future__ import annotations
 
 from math import nan
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.excitation import PRBS, CoastDown, SineSteer, Steps
 from barc_sim.control.lane import LANE, LaneLQR, PurePursuit, Stanley, speed_profile
@@ -29,6 +29,7 @@ from barc_sim.control.speed import (
     SPEED_REFERENCE,
 )
 from barc_sim.errors import Parameter, UserError
+from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.parameters import NANOSECONDS
 from barc_sim.vehicle.road import signal
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from barc_sim.control.lane import LaneLaw
+    from barc_sim.control.situation import Situation
     from barc_sim.control.speed import Controller, Gain
     from barc_sim.vehicle.bike_model import Motion
     from barc_sim.vehicle.road import Signal
@@ -114,16 +116,6 @@ def reference_of(given: object) -> Signal:
     return signal(given, SPEED._replace(name='reference'), 'speed_mps')
 
 
-class Answer(NamedTuple):
-    """The command that a controller computed for a state, with its reference."""
-
-    reference: float  #: [m/s]
-    speed: float  #: [m/s] that the controller received
-    acceleration: float  #: [m/s²]
-    stamp: int  #: [ns] of the state
-    steering: float = 0.0  #: [rad]
-
-
 class CruiseControl:
     """A pilot with its parameters; its dt is the difference of the states' stamps.
 
@@ -133,6 +125,8 @@ class CruiseControl:
         The pilot of the speed.
     lane
         On a track, the one that both keeps the lane and holds the speed; otherwise None.
+    situation, command
+        The latest ones; None and NaN before the first state.
     values
         The parameters by name.
     """
@@ -233,16 +227,16 @@ class CruiseControl:
         self._navigator.reset()
         self._start = None
         self._previous = None
-        self._answer = Answer(nan, nan, nan, 0)  # the latest
+        self.situation: Situation | None = None
+        self.command = Command(nan, nan)
 
-    def take_state(self, stamp: int, measured: Motion) -> Answer | None:
+    def take_state(self, stamp: int, measured: Motion) -> Command | None:
         """Return the answer to the state stamped `stamp` [ns]; None: it is refused."""
-        x, y, psi, speed = measured.x, measured.y, measured.psi, measured.v_x
-        if not abs(speed) <= _FASTEST:  # NaN, too
-            self._refuse(lambda: f'a state whose speed is {speed} m/s')
+        if not abs(measured.v_x) <= _FASTEST:  # NaN, too
+            self._refuse(lambda: f'a state whose speed is {measured.v_x} m/s')
             return None
-        if self.lane and not abs(x) + abs(y) + abs(psi) <= _FARTHEST:
-            self._refuse(lambda: f'a state at x={x}, y={y}, psi={psi}')
+        if self.lane and not _is_near(measured):
+            self._refuse(lambda: f'a state at x={measured.x}, y={measured.y}, psi={measured.psi}')
             return None
 
         dt = FIRST_DT
@@ -258,10 +252,9 @@ class CruiseControl:
         self._previous = stamp
 
         t = (stamp - self._start) / NANOSECONDS
-        situation = self._navigator.situation(t, dt, measured, self.reference)
-        command = self._pilot.command(situation)
-        self._answer = Answer(situation.reference, speed, command.motor, stamp, command.servo)
-        return self._answer
+        self.situation = self._navigator.situation(t, dt, measured, self.reference)
+        self.command = self._pilot.command(self.situation)
+        return self.command
 
     @property
     def makes_plans(self) -> bool:
@@ -274,23 +267,29 @@ class CruiseControl:
         return self._navigator.poses(self._pilot.plan)
 
     def computed(self) -> dict[str, Any]:
-        """Return the fields of the message about the latest answer: the reference and the terms.
+        """Return the fields of the message about the latest command: the reference and the terms.
 
         The message is a PidState if `is_pid`, else a ControllerState. The reference is NaN for a
         pilot that does not follow it.
         """
-        answer = self._answer
-        reference = answer.reference if self._pilot.follows_reference else nan
+        assert self.situation  # noqa: S101 (a state was answered)
+        speed = self.situation.measured.v_x
+        reference = self.situation.reference if self._pilot.follows_reference else nan
         terms = dict(zip(self.speed.terms, self.speed.values(), strict=True))
         named = terms if self.is_pid else {'names': [*terms], 'values': [*terms.values()]}
         return {
             'reference': reference,
-            'measurement': answer.speed,
-            'error': reference - answer.speed,
-            'output': answer.acceleration,
+            'measurement': speed,
+            'error': reference - speed,
+            'output': self.command.motor,
             'saturated': bool(self.speed.saturated),
             **named,
         }
+
+
+def _is_near(measured: Motion) -> bool:
+    """Return whether a pose is within the limit; NaN is not."""
+    return abs(measured.x) + abs(measured.y) + abs(measured.psi) <= _FARTHEST
 
 
 def gain_parameters(pilot: Pilot) -> list[Parameter]:

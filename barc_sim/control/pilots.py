@@ -151,17 +151,14 @@ class LanePilot(Pilot):
         self.terms = law.terms
 
     def command(self, situation: Situation) -> Command:
-        """Return the command that answers a situation."""
-        return Command(0.0, self._steer(situation))
-
-    def _steer(self, situation: Situation) -> float:
-        """Return the front angle [rad] of the law, without a limit."""
+        """Return the command that answers a situation, without a limit of the angle."""
         track, place = situation.on_track()
 
         def curvature(ahead: float) -> float:
             return track.curvature(place.s + ahead)
 
-        return self.law.steer_calculate(place.e_y, place.e_psi, situation.measured.v_x, curvature)
+        speed = situation.measured.v_x
+        return Command(0.0, self.law.steer_calculate(place.e_y, place.e_psi, speed, curvature))
 
     def reset(self) -> None:
         """Reset the law."""
@@ -191,9 +188,9 @@ class PlanPilot(LanePilot):
     """Steers along a track with a law that plans the speed, too."""
 
     def command(self, situation: Situation) -> Command:
-        """Return the command that answers a situation."""
-        servo = self._steer(situation)
-        return Command(float(self.law.acceleration or 0.0), servo)
+        """Return the command that answers a situation, without a limit of the angle."""
+        steering = super().command(situation)
+        return Command(float(self.law.acceleration or 0.0), steering.servo)
 
     @property
     def plans_speed(self) -> bool:

@@ -121,9 +121,9 @@ class CruiseController(Node):
     def _on_state(self, state: ZDynBkMdl) -> None:
         stamp = to_nanoseconds(state.header.stamp)
         measured = Motion(state.x, state.y, state.psi, state.v_x, state.v_y, state.psi_dot)
-        if answer := self.control.take_state(stamp, measured):
+        if command := self.control.take_state(stamp, measured):
             self._ecu.header.stamp = state.header.stamp
-            self._ecu.motor = answer.acceleration
-            self._ecu.servo = answer.steering
+            self._ecu.motor = command.motor
+            self._ecu.servo = command.servo
             self._ecu_pub.publish(self._ecu)
             self._outputs.publish(state.header.stamp)

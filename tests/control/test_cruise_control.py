@@ -46,7 +46,7 @@ def cruise(refused: list[str]) -> CruiseControl:
 def test_states_up_to_the_speed_limit_are_answered(cruise: CruiseControl, speed: float) -> None:
     answer = cruise.take_state(0, moving(speed))
     assert answer is not None
-    assert answer.acceleration == (8.0 if speed <= 0.0 else -8.0)
+    assert answer.motor == (8.0 if speed <= 0.0 else -8.0)
 
 
 @pytest.mark.parametrize('speed', [1.1e6, -1.1e6, nan, inf, -inf])
@@ -118,7 +118,8 @@ def test_a_reference_over_time_begins_with_the_first_state_and_ends_with_a_speed
     def held(seconds: float) -> float:
         answer = cruise.take_state(round((1000.0 + seconds) * 1e9), moving(5.0))
         assert answer
-        return answer.reference
+        assert cruise.situation
+        return cruise.situation.reference
 
     assert [held(0.0), held(5.0)] == [4.0, 6.0]
     cruise.reset()

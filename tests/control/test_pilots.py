@@ -124,7 +124,7 @@ def test_a_law_that_plans_the_speed_replaces_the_acceleration_and_has_no_referen
     assert control.makes_plans
     answer = control.take_state(0, AT_REST._replace(x=5.0, y=0.5))
     assert answer is not None
-    assert answer.acceleration == 8.0
+    assert answer.motor == 8.0
     assert isnan(control.computed()['reference'])
     assert control.predicted().x == pytest.approx([5.0, 6.0, 7.0])
     assert control.predicted().y == pytest.approx([0.5, 0.5, 0.5])
@@ -142,7 +142,7 @@ def test_commands_over_time_act_at_their_time_in_the_node_and_without_ros() -> N
     control = answered(Schedule())
     stamps = range(10**18, 10**18 + 151 * 20_000_000, 20_000_000)
     answers = [control.take_state(stamp, AT_REST) for stamp in stamps]
-    assert [each.acceleration for each in answers if each] == log.motor.tolist()
+    assert [each.motor for each in answers if each] == log.motor.tolist()
     found = control.computed()
     assert isnan(found['reference'])
     assert (found['names'], found['values']) == (['seconds'], [3.0])
