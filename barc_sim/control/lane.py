@@ -17,10 +17,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
-from math import asin, atan2, cos, inf, sin, sqrt
+from math import asin, atan2, cos, inf, nan, sin, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from barc_sim.control.speed import Adapter, Gain, take_gains
+from barc_sim.control.speed import Adapter, Gain, OfRecord, take_gains
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R
 from barc_sim.vehicle.law import law
@@ -203,7 +203,8 @@ class LaneLaw(ABC):
 
     def __init__(self, *, l_f: float = L_F, l_r: float = L_R, **gains: float) -> None:
         """Take gains by name, and the distances of the axles [m]."""
-        self.l_f, self.l_r = l_f, l_r
+        self.l_f = l_f
+        self.l_r = l_r
         take_gains(self, gains)
         self.reset()
 
@@ -245,17 +246,19 @@ class PurePursuit(LaneLaw):
         'look_ahead': Gain(2.0, 'm', 'distance of the point at a standstill', 20.0, (0.1, 100.0)),
         'look_ahead_time': Gain(0.2, 's', 'more distance per speed', 3.0, (0.0, 10.0)),
     }
-    look_ahead: float
-    look_ahead_time: float
+    law_gains = PursuitGains(nan, nan, nan, nan)  #: the present ones, as `pure_pursuit` takes them
+    look_ahead = OfRecord()
+    look_ahead_time = OfRecord()
+    l_f = OfRecord()
+    l_r = OfRecord()
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
-        gains = PursuitGains(self.look_ahead, self.look_ahead_time, self.l_f, self.l_r)
-        step = pursuit_step(gains, speed)
-        curvatures = tuple(curvature((k + 0.5) * step) for k in range(POINTS))
-        return self._sum(pure_pursuit(gains, e_y, e_psi, step, curvatures))
+        step = pursuit_step(self.law_gains, speed)
+        curvatures = tuple([curvature((k + 0.5) * step) for k in range(POINTS)])
+        return self._sum(pure_pursuit(self.law_gains, e_y, e_psi, step, curvatures))
 
 
 class Stanley(LaneLaw):
@@ -276,15 +279,16 @@ class Stanley(LaneLaw):
         'k': Gain(2.0, '1/s', 'gain of the lateral error', 10.0),
         'v_soft': Gain(1.0, 'm/s', 'softens the law at low speed', 10.0, (1e-3, 1e3)),
     }
-    k: float
-    v_soft: float
+    law_gains = StanleyGains(nan, nan, nan)  #: the present ones, as `stanley` takes them
+    k = OfRecord()
+    v_soft = OfRecord()
+    l_f = OfRecord()
 
     def steer_calculate(
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
-        gains = StanleyGains(self.k, self.v_soft, self.l_f)
-        return self._sum(stanley(gains, e_y, e_psi, speed, curvature(0.0)))
+        return self._sum(stanley(self.law_gains, e_y, e_psi, speed, curvature(0.0)))
 
 
 class LaneLQR(LaneLaw):
@@ -315,14 +319,12 @@ class LaneLQR(LaneLaw):
             0.0, 's', 'delay of the steering, for which it looks ahead', 1.0, (0.0, 10.0)
         ),
     }
-    q_e_y: float
-    q_e_psi: float
+    law_gains = LaneLqrGains(nan, nan, nan, nan)  #: the present ones, as `lane_lqr` takes them
+    q_e_y = OfRecord()
+    q_e_psi = OfRecord()
+    l_f = OfRecord()
+    l_r = OfRecord()
     preview: float
-
-    @property
-    def law_gains(self) -> LaneLqrGains:
-        """The present weights, as `lane_lqr` takes them."""
-        return LaneLqrGains(self.q_e_y, self.q_e_psi, self.l_f, self.l_r)
 
     def feedback(self) -> tuple[float, float]:
         """Return k1 [rad/m] and k2."""

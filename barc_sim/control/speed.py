@@ -98,6 +98,26 @@ NO_LIMIT = 1e6
 FIRST_DT = 0.02
 
 
+class OfRecord:
+    """An attribute of a controller that is a field of its `law_gains`, the record of its law.
+
+    So the record is made when a gain changes, and not for each call of the law.
+    """
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        """Take the name of the field."""
+        self._name = name
+
+    def __get__(self, controller: Any, owner: type | None = None) -> float:  # noqa: ANN401
+        """Return the present value."""
+        value: float = getattr(controller.law_gains, self._name)
+        return value
+
+    def __set__(self, controller: Any, value: float) -> None:  # noqa: ANN401
+        """Change the record."""
+        controller.law_gains = controller.law_gains._replace(**{self._name: value})
+
+
 class PidGains(NamedTuple):
     """The gains of a PID, and the limits of its output [m/s²]."""
 
@@ -216,6 +236,12 @@ class PID:
         'Too much I': {'kp': 0.3, 'ki': 40.0, 'kd': 0.0},
     }
 
+    kp = OfRecord()
+    ki = OfRecord()
+    kd = OfRecord()
+    output_min = OfRecord()
+    output_max = OfRecord()
+
     def __init__(
         self,
         kp: float = KP,
@@ -235,12 +261,9 @@ class PID:
         """
         if not output_min < output_max:
             raise UserError(f'output_min={output_min!r} must be below output_max={output_max!r}')
-        self.kp = kp
-        self.ki = ki
-        self.kd = kd
+        #: The present gains and limits, as `pid` takes them.
+        self.law_gains = PidGains(kp, ki, kd, output_min, output_max)
         self.dt = dt
-        self.output_min = output_min
-        self.output_max = output_max
         check_gains(self)
         self.reset()
 
@@ -264,11 +287,6 @@ class PID:
     @integral.setter
     def integral(self, value: float) -> None:
         self.memory = self.memory._replace(integral=value)
-
-    @property
-    def law_gains(self) -> PidGains:
-        """The present gains and limits, as `pid` takes them."""
-        return PidGains(self.kp, self.ki, self.kd, self.output_min, self.output_max)
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
@@ -310,7 +328,7 @@ class LqrGains(NamedTuple):
     speed_weight: float  #: [1/s²]
     effort_weight: float
     observer_gain: float
-    interval: float  #: [s] between calls, for which K is computed
+    dt: float  #: [s] between calls, for which K is computed
     output_min: float
     output_max: float
 
@@ -346,7 +364,7 @@ def lqr(
             compensation -= gains.observer_gain * (disturbance + compensation)
 
     error = reference - measured
-    feedback = feedback_gain(gains.speed_weight, gains.effort_weight, gains.interval) * error
+    feedback = feedback_gain(gains.speed_weight, gains.effort_weight, gains.dt) * error
     raw = feedback + compensation
     output = raw
     saturated = False
@@ -393,9 +411,12 @@ class LQR:
         'feedback': 'K times the error',
         'compensation': 'the estimated disturbance, negative',
     }
-    speed_weight: float
-    effort_weight: float
-    observer_gain: float
+    speed_weight = OfRecord()
+    effort_weight = OfRecord()
+    observer_gain = OfRecord()
+    dt = OfRecord()
+    output_min = OfRecord()
+    output_max = OfRecord()
 
     def __init__(
         self,
@@ -406,10 +427,9 @@ class LQR:
         **gains: float,
     ) -> None:
         """Start at rest with these gains; K is computed for the interval `dt` [s]."""
+        #: The present gains and limits, as `lqr` takes them.
+        self.law_gains = LqrGains(nan, nan, nan, dt, output_min, output_max)
         take_gains(self, gains)
-        self.dt = dt
-        self.output_min = output_min
-        self.output_max = output_max
         self.reset()
 
     def reset(self) -> None:
@@ -422,12 +442,6 @@ class LQR:
     def compensation(self) -> float:
         """The estimated disturbance [m/s²], negative."""
         return self.memory.compensation
-
-    @property
-    def law_gains(self) -> LqrGains:
-        """The present gains and limits, as `lqr` takes them."""
-        weights = self.speed_weight, self.effort_weight
-        return LqrGains(*weights, self.observer_gain, self.dt, self.output_min, self.output_max)
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
