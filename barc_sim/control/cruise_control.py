@@ -275,7 +275,7 @@ class CruiseControl:
         assert self.situation  # noqa: S101 (a state was answered)
         speed = self.situation.measured.v_x
         reference = self.situation.reference if self._pilot.follows_reference else nan
-        terms = dict(zip(self.speed.terms, self.speed.values(), strict=True))
+        terms = dict(zip(self.speed.terms, map(float, self.speed.values()), strict=True))
         named = terms if self.is_pid else {'names': [*terms], 'values': [*terms.values()]}
         return {
             'reference': reference,

@@ -123,7 +123,7 @@ class CruiseController(Node):
         measured = Motion(state.x, state.y, state.psi, state.v_x, state.v_y, state.psi_dot)
         if command := self.control.take_state(stamp, measured):
             self._ecu.header.stamp = state.header.stamp
-            self._ecu.motor = command.motor
-            self._ecu.servo = command.servo
+            self._ecu.motor = float(command.motor)
+            self._ecu.servo = float(command.servo)
             self._ecu_pub.publish(self._ecu)
             self._outputs.publish(state.header.stamp)

@@ -122,7 +122,8 @@ def simulate(
         `time_s,force_n` or `distance_m,force_n`.
     controller
         An object with the lab's `acc_calculate(speed_reference, speed_current)`, to which dt [s]
-        is a third argument if it takes one. A copy of it drives in place of the PID. Or a `Pilot`.
+        is a third argument if it takes one. A copy of it drives in place of the PID; a `Pilot`
+        drives itself.
     model
         A function with the arguments and the result of `bikeFE`; `l_f`, `l_r` and `g` are passed
         if it has parameters of these names.
@@ -251,7 +252,7 @@ def lap(
     lane
         The steering law, an object with `steer_calculate(e_y, e_psi, speed, curvature)`:
         `LaneLQR()`, `Stanley()`, `PurePursuit()`, or your own. `curvature(d)` returns the curvature
-        of the centre line `d` metres ahead [1/m]. A copy of it drives. Or a `Pilot`.
+        of the centre line `d` metres ahead [1/m]. A copy of it drives; it can be a `Pilot`, too.
     track
         A `Track`, the name of one, or the path of a CSV file with the columns `length_m,radius_m`.
     speed
@@ -386,15 +387,15 @@ def log_of_rows(
     `names` are the columns and own terms that the values of a row are.
     """
     seen, commands, values = zip(*rows, strict=True)
-    _, measured, errors, around, _, on_track = zip(*seen, strict=True)
+    is_on_track = seen[0].on_track is not None
     columns = _columns(values)
     log = log_of(
         period_ns,
-        _arrays(measured),
-        _arrays(errors),
+        _arrays([each.measured for each in seen]),
+        _arrays([each.error for each in seen]),
         _arrays(commands),
-        _arrays(around),
-        on_track[0] and _arrays(on_track),
+        _arrays([each.surroundings for each in seen]),
+        _arrays([each.on_track for each in seen]) if is_on_track else None,
         **dict(zip(names, columns, strict=True)) | {'reference': np.full(len(rows), references)},
     )
     return replace(log, track=track) if isinstance(log, TrackLog) else log

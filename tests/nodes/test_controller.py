@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import pytest
 
@@ -19,16 +19,18 @@ from std_srvs.srv import Trigger
 from barc_sim.bags import names
 from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.control.lane import LaneLQR
+from barc_sim.control.pilots import Pilot
 from barc_sim.control.speed import LQR, speed_controller
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros.node_helpers import to_header
+from barc_sim.vehicle.bike_model import Command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from rclpy.context import Context
 
-    from barc_sim.control.speed import Controller
+    from barc_sim.control.situation import Situation
 
     Make = Callable[..., 'Bench']
 
@@ -42,7 +44,7 @@ class Bench(NodeBench):
         self,
         context: Context,
         spin_until: Callable[..., None],
-        controller: Controller | None = None,
+        controller: object = None,
         lane: object = None,
         **parameters: float | str | bool,
     ) -> None:
@@ -168,6 +170,33 @@ def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(bench: Make) ->
     assert [state.saturated for state in received] == [False, False, True]
     assert [result.successful for result in one.set(observer_gain=1.0)] == [True]
     assert [result.successful for result in one.set(observer_gain=1.1, kp=1.0)] == [False, False]
+
+
+class Whole(Pilot):
+    """A pilot whose command and term are whole numbers, which no message takes."""
+
+    terms: ClassVar = {'one': 'a whole number'}
+
+    def command(self, situation: Situation) -> Command:  # noqa: ARG002
+        """Return the command."""
+        return Command(1, 0)
+
+    def term(self, _: str) -> float:
+        """Return the term."""
+        return 1
+
+
+def test_a_pilot_of_ones_own_drives(bench: Make) -> None:
+    one = bench(controller=Whole())
+    received: list[ControllerState] = []
+    one.peer.create_subscription(
+        ControllerState, names.CONTROLLER_STATE, received.append, names.QOS
+    )
+    one.until(lambda: one.controller.count_subscribers(names.CONTROLLER_STATE) == 1)
+    assert one.answers([(0, 7.0)]) == [1.0]
+    one.until(lambda: len(received) == 1)
+    assert (received[0].output, received[0].error) == (1.0, 1.0)
+    assert (received[0].names, received[0].values.tolist()) == (['one'], [1.0])
 
 
 def test_on_a_track_both_commands_answer_and_gains_can_be_changed(bench: Make) -> None:

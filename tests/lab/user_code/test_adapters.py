@@ -11,8 +11,13 @@ import pytest
 from user_files import CONTROLLER, MODEL, load, load_folder
 
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
-from barc_sim.lab.user_code.adapters import UserController, UserDriver, controller_of
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.lab.user_code.adapters import (
+    UserCommands,
+    UserController,
+    UserDriver,
+    controller_of,
+)
+from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
@@ -82,6 +87,18 @@ def test_a_reset_makes_a_fresh_object_with_the_present_gains(controller: UserCon
     controller.kp = 2.0
     controller.reset()
     assert controller.acc_calculate(8.0, 7.0, 0.02) == 2.0 + 1.0
+
+
+def test_commands_over_time_are_asked_for_at_the_states_own_times(tmp_path: Path) -> None:
+    """A sum of 300 intervals of 0.02 s is less than 6 s, and would make a command too many."""
+    code = written(tmp_path, 'identify.py', 'command = lambda t: 1.0 if t < 6.0 else 0.0')
+    commands = UserCommands(code)
+    options = {'road': 'flat', 'distance': 0.0, 'max_duration': 7.0, 'acceleration_limit': 0.5}
+    log = simulate(controller=commands, **options)  # type: ignore[arg-type]
+    assert log.motor.tolist() == [0.5] * 300 + [0.0] * 51
+    assert log.saturated.tolist() == [1.0] * 300 + [0.0] * 51
+    assert np.isnan(log.reference).all()
+    assert commands.gains == commands.terms == {}
 
 
 def test_commands_are_cut_to_the_cars_limits(tmp_path: Path) -> None:
