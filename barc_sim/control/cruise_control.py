@@ -281,7 +281,7 @@ class CruiseControl:
             'reference': reference,
             'measurement': speed,
             'error': reference - speed,
-            'output': self.command.motor,
+            'output': float(self.command.motor),
             'saturated': bool(self.speed.saturated),
             **named,
         }

@@ -295,12 +295,12 @@ class LaneKeeping(Pilot):
 
     def steering_values(self) -> list[float]:
         """Return what `STEERING` names; NaN: the law has no such term."""
-        terms = [self.lane.term(name) for name in LaneLaw.terms]
+        terms = [float(self.lane.term(name)) for name in LaneLaw.terms]
         return [*terms, self._is_limited]
 
     def own_values(self) -> list[float]:
         """Return the values of `own_terms`."""
-        return [self.lane.term(name) for name in self.own_terms]
+        return [float(self.lane.term(name)) for name in self.own_terms]
 
     def computed(self) -> dict[str, Any]:
         """Return the fields of LaneState for the latest front angle."""

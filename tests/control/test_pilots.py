@@ -209,4 +209,4 @@ def test_a_pilot_of_the_speed_is_limited() -> None:
     assert pilot.command(Situation(0.0, 0.02, AT_REST, 8.0)) == (3.0, 0.0)
     assert pilot.saturated
     assert isinstance(pilot, SpeedPilot)
-    assert pilot.values() == [80.0, 0.0, 0.0]
+    assert [*pilot.values()] == [80.0, 0.0, 0.0]
