@@ -199,6 +199,7 @@ class CruiseControl:
             self._has_file = bool(file)
             self._reference = reference_of(file) if file else None
         self.values.update(values)
+        self._held = float(self.values[SPEED.name])
         if self._navigator.track and not self._has_file:
             self._reference = self._profile(self._navigator.track)
         self._pilot.set_gains({name: self.values[name] for name in self._pilot.gains})
@@ -219,7 +220,7 @@ class CruiseControl:
 
     def reference(self, t: float, x: float) -> float:
         """Return the speed to hold [m/s] at `t` seconds and `x` metres after the start."""
-        return self._reference(t, x) if self._reference else float(self.values[SPEED.name])
+        return self._reference(t, x) if self._reference else self._held
 
     def reset(self) -> None:
         """Begin anew."""

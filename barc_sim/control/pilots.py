@@ -225,6 +225,7 @@ class LaneKeeping(Pilot):
         self.terms = {**speed.terms, **{LANE + name: each for name, each in lane.terms.items()}}
         #: The terms that `LaneLaw` does not have.
         self.own_terms = [name for name in lane.terms if name not in LaneLaw.terms]
+        self._plans_speed = lane.plans_speed
         self._reset_lane()
 
     def reset(self) -> None:
@@ -248,18 +249,18 @@ class LaneKeeping(Pilot):
         self.output = float(min(max(raw, -STEERING_LIMIT), STEERING_LIMIT))
         # At the limit except for rounding, like the plan of an MPC; NaN, too.
         self._is_limited = not abs(raw) < STEERING_LIMIT * (1.0 - 1e-9)
-        motor = steering.motor if self.lane.plans_speed else driving.motor
+        motor = steering.motor if self._plans_speed else driving.motor
         return Command(motor, self.output)
 
     @property
     def follows_reference(self) -> bool:
         """Whether the acceleration is that of a pilot that follows it."""
-        return self.speed.follows_reference and not self.lane.plans_speed
+        return self.speed.follows_reference and not self._plans_speed
 
     @property
     def plans_speed(self) -> bool:
         """Whether the pilot that steers plans the speed."""
-        return self.lane.plans_speed
+        return self._plans_speed
 
     @property
     def saturated(self) -> bool:
