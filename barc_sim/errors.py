@@ -96,6 +96,12 @@ class Parameter(NamedTuple):
     between: tuple[float, float] = ANY
     read_only: bool = False
 
+    @property
+    def unit(self) -> str:
+        """The unit, which stands in brackets in the description; empty without one."""
+        unit = re.search(r'\[([^]]+)\]', self.description)
+        return unit[1] if unit else ''
+
     def check(self, value: object, name: str = '') -> None:
         """Raise UserError if `value`, given as the argument `name`, is not `between` the bounds."""
         if self.between != ANY and (why := not_between(value, *self.between)):

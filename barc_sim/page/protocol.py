@@ -68,21 +68,21 @@ COLUMNS = (
 )
 
 
-def _slider(parameter: Parameter, unit: str, meaning: str, maximum: float) -> Gain:
+def _slider(parameter: Parameter, meaning: str, maximum: float) -> Gain:
     """Return the slider of a parameter, from 0 to `maximum`; the limits are the parameter's."""
-    return Gain(float(parameter.default), unit, meaning, maximum, parameter.between)
+    return Gain(float(parameter.default), parameter.unit, meaning, maximum, parameter.between)
 
 
 #: Sliders of every controller, in addition to its gains.
 OTHERS = {
-    'speed_reference': _slider(SPEED, 'm/s', 'speed to hold', 20.0),
-    'acceleration_limit': _slider(LIMIT, 'm/s²', 'acceleration limit', 20.0),
+    'speed_reference': _slider(SPEED, 'speed to hold', 20.0),
+    'acceleration_limit': _slider(LIMIT, 'acceleration limit', 20.0),
 }
 #: The sliders of the car: parameters of the simulator that may be set while it drives.
 CAR = {
-    'noise_v_x': _slider(ROWS['noise_v_x'], 'm/s', 'noise of the measured speed', 1.0),
-    'motor_delay': _slider(ROWS['motor_delay'], 's', 'delay of the motor', 0.5),
-    'motor_limit': _slider(ROWS['motor_limit'], 'm/s²', 'limit of the motor, 0: none', 20.0),
+    'noise_v_x': _slider(ROWS['noise_v_x'], 'noise of the measured speed', 1.0),
+    'motor_delay': _slider(ROWS['motor_delay'], 'delay of the motor', 0.5),
+    'motor_limit': _slider(ROWS['motor_limit'], 'limit of the motor, 0: none', 20.0),
 }
 _OF_RUN = ('road', 'distance', 'laps')
 #: Short names of the sliders, if they differ from the parameter's.
