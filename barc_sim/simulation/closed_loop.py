@@ -196,8 +196,8 @@ def drive_scenario(scenario: Scenario) -> Log:
     plant = scenario.plant()
     if scenario.laps > 1 and not plant.track:
         raise needs_track(f'laps={scenario.laps}')
-    if scenario.reference is None:
-        check_ahead(scenario.speed_reference, scenario.distance)
+    if scenario.reference is None and scenario.end < inf:
+        check_ahead(scenario.speed_reference, scenario.end)
 
     controller = scenario.controller
     pilot = as_pilot(PID(**scenario.gains) if controller is None else controller)

@@ -154,7 +154,7 @@ def sweep(
     controller
         An object as in `simulate`, in place of the PID. Its gains, by name, are options.
     scenario
-        The run but for its gains and its seed, in place of the options.
+        The run but for its gains and its seed, in place of the options; its `max_duration` counts.
     options
         All other arguments of `simulate`. A loop ends after `max_duration`, by default three times
         as long as it should take. `seed` can be an array, too, which is broadcast with the gains:

@@ -157,6 +157,8 @@ def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
         'node': 'controller',
     }
     assert facts('acc', driven(PID()))['sliders']['kp']['label'] == 'Proportional gain, kp [1/s]'
+    assert found['sliders']['motor_limit']['label'] == 'Limit of the motor, 0: none [m/s²]'
+    assert found['sliders']['speed_reference']['unit'] == 'm/s'
     values = {'observer_gain': 0.5, 'acceleration_limit': 8.0, 'motor_delay': 0.1}
     assert values.items() <= found['tuning'].items()
     assert found['controller_type'] == 'lqr'

@@ -170,6 +170,8 @@ def test_a_run_refuses_what_makes_no_run_of_a_scenario() -> None:
         simulate(scenario='L')  # type: ignore[arg-type]
     with pytest.raises(UserError, match='lap needs a track'):
         lap(scenario=Scenario())
+    with pytest.raises(UserError, match='speed_reference -1 leads away from the distance, 225'):
+        lap(track='oval', speed=-1.0, laps=1)
     with pytest.raises(UserError, match='laps=2 needs a track'):
         simulate(scenario=Scenario(laps=2))
 
