@@ -106,9 +106,6 @@ the sum differentiated | 95 | D = | D is kd * e, not kd * (e - e_before)
     change = 0.0 if -> change = e * dt if True else 0.0 if
 D without memory | 95 | D = | D is kd * e
     self.e_before = e⏎ -> self.e_before = 0.0⏎
-D without memory in a weak loop | 74 | D = | D is kd * e, not kd * (e - e_before)
-    self.e_before = e⏎ -> self.e_before = 0.0⏎
-    kp=30, ki=60, kd=0.1 -> kp=2, ki=0.2, kd=0.5
 D after the error is stored | 92 | return output | replaced only after D has used it?
     self.total += -> self.e_before = e⏎        self.total +=
 D adds | 95 | D = | D adds e_before, but must subtract it
@@ -199,6 +196,16 @@ def test_points_sentence_and_line(name: str) -> None:
         (part,) = (part for part, name in FILES.items() if name == file)
         line = texts[part].splitlines()[int(number) - 1]
         assert line.strip().startswith(program.line)
+
+
+def test_a_multiple_of_the_error_in_place_of_d_makes_no_weak_loop_stronger() -> None:
+    weak = replaced(PLAIN_CONTROLLER, ('kp=30, ki=60, kd=0.1', 'kp=2, ki=0.2, kd=0.5'))
+    wrong = replaced(weak, ('self.e_before = e\n', 'self.e_before = 0.0\n'))
+    alone, more = (judged({'controller': text}) for text in (weak, wrong))
+    drives = [findings['loop.lab_road'].score for findings in (alone, more)]
+    assert drives[0] == pytest.approx(drives[1], abs=0.01)
+    assert drives[0] < 0.5
+    assert more['pid.derivative'].score == 0.0
 
 
 @pytest.mark.parametrize(

@@ -511,8 +511,8 @@ def judge_terms(
 ) -> tuple[list[Finding], dict[str, float]]:
     """Return a finding for each term, and the terms to correct, as `judge_lab_road` takes them.
 
-    With a wrong term, random outputs are mentioned. A term without effect is not corrected: the car
-    drives without it. A multiple of the error in place of D has no points, but an effect.
+    With a wrong term, random outputs are mentioned. A term that never changes is not corrected: the
+    car drives with it, or without it if it is 0.
     """
     rows, random = wandering(seed, 'gains', 0.01), ''
     with suppress(UserError):
@@ -540,20 +540,14 @@ def judge_terms(
         if name in scaled:
             score = max(term_score - _KP_COSTS, 0.0)
             message = '; '.join(filter(None, (_KP, mistake)))
-        has_effect = score > 0.0 or _is_multiple_of_error(trial)
-        if has_effect and score < 1.0:
+        is_constant = not np.ptp(trial.got[name], axis=-1).any()
+        if score < 1.0 and not (is_constant or trial.failure):
             negated = trial._replace(got={name: -trial.got[name]})
             is_negative = name not in scaled and factor_of(negated) > 0.0
             wrong[name] = -1.0 if is_negative else 0.0
         right = f'right in all {trial.got[name].size} outputs{_remark(name, factor_of(trial))}'
         findings.append(Finding(trial.name, score, f'{random}{message}' if message else right))
     return findings, wrong
-
-
-def _is_multiple_of_error(trial: Trial) -> bool:
-    ((name, outputs),) = trial.got.items()
-    e = trial.inputs['reference'] - trial.inputs['measured']
-    return bool(_fitted(outputs / trial.inputs[f'k{name.lower()}'], e))
 
 
 def _with_fixed_gains(outputs: Sequence[float], rows: Sequence[Sample]) -> list[Finding]:
