@@ -14,6 +14,7 @@ import shlex
 import shutil
 import sys
 from contextlib import contextmanager, suppress
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -32,6 +33,8 @@ _ROS_ARGS_HELP = (
 MAX_PORT = 65_535
 USAGE_ERROR = 2
 INTERRUPTED = 130
+_USUAL_COLUMNS = 80  #: of a terminal that gives no size, such as a serial line
+_MARGIN = 2  #: columns that argparse leaves free
 #: The names under which packages are installed, where these differ.
 _DISTRIBUTIONS = {'PIL': 'pillow', 'yaml': 'pyyaml'}
 #: Errors of writing to the standard output.
@@ -45,6 +48,8 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401 (ArgumentParser's own)
         """Accept only whole names of options: a shortened one could mean another option."""
+        formatter = options.pop('formatter_class', argparse.HelpFormatter)
+        options['formatter_class'] = partial(formatter, width=columns() - _MARGIN)
         super().__init__(allow_abbrev=False, **options)
 
     def shorten_help(self, *usual: str) -> None:
@@ -94,6 +99,12 @@ class _HelpAll(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         print(argparse.ArgumentParser.format_help(parser), end='')  # noqa: T201
         parser.exit()
+
+
+def columns() -> int:
+    """Return how many columns the terminal has, or is taken to have."""
+    # Python 3.10 returns 0 for a terminal that gives no size.
+    return shutil.get_terminal_size().columns or _USUAL_COLUMNS
 
 
 def accept_ros_args(parser: argparse.ArgumentParser) -> None:

@@ -6,9 +6,9 @@ import sys
 import time
 from contextlib import suppress
 from math import degrees, inf, isnan
-from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.parser import columns
 from barc_sim.control.driver import COAST, DriverInput
 from barc_sim.simulation.metrics import LAP_HEADINGS
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 _SHOWN = 1.0  #: [s] after which a lap that is not finished is shown
 #: [s] between two drawings of the live line, and between two plain lines.
 _LIVE_PERIOD, _PLAIN_PERIOD = 0.1, 1.0
-_USUAL_COLUMNS = 80  #: of a terminal that gives no size, such as a serial line
 
 
 def cruise_line(
@@ -120,9 +119,7 @@ def _live_columns() -> int:
 
     There is room for the terminal's ^C behind it: a line that wraps is not overwritten.
     """
-    # Python 3.10 returns 0 columns where a terminal gives no size.
-    columns = get_terminal_size().columns or _USUAL_COLUMNS
-    return max(columns - len('^C'), 1)
+    return max(columns() - len('^C'), 1)
 
 
 def _progress(distance: float | None) -> Progress:

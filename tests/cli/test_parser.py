@@ -127,3 +127,20 @@ def test_whole_number_within_its_bounds_is_taken(text: str) -> None:
 def test_other_whole_number_is_refused(text: str) -> None:
     with pytest.raises(ArgumentTypeError, match='is not a whole number from 1 to 10'):
         whole(1, 10)(text)
+
+
+def drive_parser() -> Parser:
+    """Return a parser with an option whose help is long."""
+    parser = Parser(prog='drive')
+    parser.add_argument('--speed', help='the speed that the car holds on its way ' * 3)
+    return parser
+
+
+def test_help_in_a_terminal_without_a_size_is_as_wide_as_usual(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv('COLUMNS', '80')
+    usual = drive_parser().format_help()
+    monkeypatch.delenv('COLUMNS')
+    monkeypatch.setattr(os, 'get_terminal_size', lambda *_: os.terminal_size((0, 0)))
+    assert drive_parser().format_help() == usual
