@@ -15,8 +15,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from barc_sim import LQR, PID, Vehicle, simulate, sweep
-from barc_sim.control.cruise_control import LIMIT, SPEED
-from barc_sim.control.speed import gain_parameters
+from barc_sim.control.cruise_control import LIMIT, SPEED, gain_parameters
+from barc_sim.control.pilots import as_pilot
 from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import declare
 from barc_sim.simulation.scenario import LIMITS, Scenario
@@ -29,7 +29,13 @@ if TYPE_CHECKING:
 
     from rclpy.context import Context
 
-TABLE = [*parameters(), *gain_parameters(PID()), *gain_parameters(LQR()), LIMIT, SPEED]
+TABLE = [
+    *parameters(),
+    *gain_parameters(as_pilot(PID())),
+    *gain_parameters(as_pilot(LQR())),
+    LIMIT,
+    SPEED,
+]
 
 
 def sentence(function: Callable[..., object], arguments: dict[str, Any]) -> str:
