@@ -411,8 +411,10 @@ def _filled(held: HeldValues) -> tuple[HeldValues, list[LostValue]]:
     )
     counts = np.maximum(np.round((ends - starts) / period), 1.0).astype(int)
     # Where the values around it were on a ramp, the lost ones were on it, too.
-    slopes = np.pad(np.diff(held.values) / steps, 1)  # none before the first, and after the last
-    ramps = 0.5 * (slopes[gaps] + slopes[gaps + 2]) * steps[gaps]
+    slopes = np.diff(held.values) / steps
+    slopes_before = slopes[np.where(gaps > 0, gaps - 1, gaps + 1)]
+    slopes_after = slopes[np.where(gaps + 1 < len(slopes), gaps + 1, gaps - 1)]
+    ramps = 0.5 * (slopes_before + slopes_after) * steps[gaps]
     changes = after - before
     jumps = changes - np.clip(ramps, np.minimum(changes, 0.0), np.maximum(changes, 0.0))
     # Values between two others are so far from the mean of both.
