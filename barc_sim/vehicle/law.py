@@ -71,7 +71,9 @@ def compiled(loop: _Function) -> _Function:
     from numba.extending import register_jitable  # noqa: PLC0415
 
     while _laws:
-        register_jitable(_laws.pop())
+        # Inlined, records of numbers stay in registers. Nothing is allocated in a law, so that the
+        # arrays of a record need no references counted, which takes longer than most laws.
+        register_jitable(forceinline=True, _nrt=False)(_laws.pop())
     folder = _cache_folder()
     if folder:
         numba.config.CACHE_DIR = str(folder)
