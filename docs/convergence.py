@@ -7,7 +7,7 @@ where. `python docs/convergence.py` prints the errors.
 from __future__ import annotations
 
 from itertools import groupby
-from math import atanh, cos, hypot, inf, log, pi, radians, sin, sinh, sqrt
+from math import atanh, cos, hypot, inf, log, sin, sinh, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREY, INK, MUTED, STYLE, VERMILLION
-from barc_sim.vehicle.bicycles import INTEGRATORS, DynamicBicycle, KinematicBicycle
+from barc_sim.vehicle.bicycles import INTEGRATORS, Slip, bicycle_of, bicycle_step
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, slip_angle
-from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.road import LEVEL, Inclines, Road, stretch_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -49,14 +49,15 @@ class ReferenceDrive(NamedTuple):
     start: State
     duration: float  #: [s]
     held: Command = Command()
-    grade: Callable[[float], float] = lambda _: 0.0  #: distance along the road [m] to incline [rad]
+    inclines: Inclines = LEVEL
     vehicle: Vehicle = Vehicle()
     models: tuple[str, ...] = ('kinematic', 'dynamic')
     exact: Callable[[ReferenceDrive], tuple[float, float]] | None = None  #: x and y [m] at the end
 
 
-def _lab(x: float) -> float:
-    return radians(_LAB.grade_deg(x))
+def _slope(degrees: float) -> Inclines:
+    """Return the inclines of a road of one grade."""
+    return Road((0.0,), (degrees,)).inclines()
 
 
 def _circle(test_drive: ReferenceDrive) -> tuple[float, float]:
@@ -70,7 +71,7 @@ def _circle(test_drive: ReferenceDrive) -> tuple[float, float]:
 def _descent(test_drive: ReferenceDrive) -> tuple[float, float]:
     """Return how far a car rolls that slows down to where drag and friction balance gravity."""
     vehicle = test_drive.vehicle
-    pull = -vehicle.mass * vehicle.gravity * sin(test_drive.grade(0.0)) - vehicle.friction
+    pull = -vehicle.mass * vehicle.gravity * sin(test_drive.inclines.thetas[0]) - vehicle.friction
     terminal = sqrt(pull / vehicle.air_drag_coeff)
     rate = sqrt(pull * vehicle.air_drag_coeff) / vehicle.mass
     begin = atanh(terminal / test_drive.start.v)
@@ -81,8 +82,9 @@ def _stretches(test_drive: ReferenceDrive) -> tuple[float, float]:
     """Return how far a car without drag comes on stretches of constant grade."""
     vehicle, left = test_drive.vehicle, test_drive.duration
     x, _, _, v = test_drive.start
-    for end in (*_LAB.starts[1:], inf):
-        a = test_drive.held.motor - vehicle.gravity * sin(_lab(x)) - vehicle.friction / vehicle.mass
+    inclines = test_drive.inclines
+    for end, theta in zip((*inclines.starts[1:], inf), inclines.thetas, strict=True):
+        a = test_drive.held.motor - vehicle.gravity * sin(theta) - vehicle.friction / vehicle.mass
         time = 2.0 * (end - x) / (v + sqrt(v * v + 2.0 * a * (end - x))) if end < inf else inf
         if time > left:
             break
@@ -113,25 +115,26 @@ REFERENCE_DRIVES = (
         name='descent',
         text='30° down, strong drag',
         start=State(v=20.0),
-        grade=lambda _: radians(-30.0),
+        inclines=_slope(-30.0),
         vehicle=Vehicle(mass=1000.0, air_drag_coeff=200.0, friction=50.0),
         duration=2.0,
         exact=_descent,
     ),
     ReferenceDrive(
-        name='hills',
-        text='smooth, ±10°, 0.03 rad',
-        start=State(v=10.0),
+        name='bend downhill',
+        text='10° down, strong drag, 0.03 rad',
+        start=State(v=25.0),
         held=Command(0.5, 0.03),
-        grade=lambda x: radians(10.0) * sin(pi * x / 20.0),
-        duration=6.0,
+        inclines=_slope(-10.0),
+        vehicle=Vehicle(air_drag_coeff=100.0),
+        duration=4.0,
     ),
     ReferenceDrive(
         name="lab's road",
         text='its grade jumps',
         start=State(v=8.0),
         held=Command(3.0),
-        grade=_lab,
+        inclines=_LAB.inclines(),
         vehicle=Vehicle(air_drag_coeff=0.0),
         duration=8.0,
         exact=_stretches,
@@ -165,14 +168,14 @@ def studies() -> Iterator[Study]:
 
 def final_state(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) -> State:
     """Return the state at the end, in steps of `ts` seconds."""
-    bicycle: KinematicBicycle | DynamicBicycle = (
-        DynamicBicycle(integrator=integrator)
-        if model == 'dynamic'
-        else KinematicBicycle(integrator)
-    )
+    bicycle = bicycle_of(model, integrator, test_drive.vehicle)
+    held, inclines = test_drive.held, test_drive.inclines
     state = test_drive.start
+    slip = Slip()
+    stretch = 0
     for _ in range(round(test_drive.duration / ts)):
-        state = bicycle.step(state, test_drive.held, test_drive.grade, test_drive.vehicle, ts)
+        stretch = stretch_at(inclines.starts, state.x, stretch)
+        state, slip = bicycle_step(bicycle, state, slip, held, inclines, stretch, ts)
     return state
 
 

@@ -28,9 +28,17 @@ from barc_sim.figures.track_figure import TRACK_GROUND, track_figure
 from barc_sim.figures.views import SIZE, SideView, TopView, frames
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.log import COLUMNS, Log
-from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle
-from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, slip_angle, step
-from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.bicycles import Slip, bicycle_motion, bicycle_of, bicycle_step
+from barc_sim.vehicle.bike_model import (
+    Command,
+    Motion,
+    State,
+    Vehicle,
+    motion,
+    slip_angle,
+    step,
+)
+from barc_sim.vehicle.road import LEVEL, Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -254,26 +262,26 @@ def kinematic_and_dynamic() -> Figure:
     speeds = np.arange(4.0, 31.0, 1.0)
     vehicle = Vehicle(air_drag_coeff=0.0, friction=0.0)
 
-    def driven(bicycle: KinematicBicycle | DynamicBicycle, v: float, steps: int) -> list[Any]:
-        state, states = State(v=v), []
+    def driven(dynamics: str, v: float, steps: int) -> list[Motion]:
+        bicycle = bicycle_of(dynamics, 'rk4', vehicle)
+        held = Command(0.0, steering)
+        state, slip = State(v=v), Slip()
+        motions = []
         for _ in range(steps):
-            state = bicycle.step(state, Command(0.0, steering), lambda _: 0.0, vehicle, 0.005)
-            states.append(bicycle.motion(state, steering, vehicle))
-        return states
+            state, slip = bicycle_step(bicycle, state, slip, held, LEVEL, 0, 0.005)
+            motions.append(bicycle_motion(bicycle, state, slip, steering))
+        return motions
 
     kinematic = [v / vehicle.l_r * sin(slip_angle(steering)) for v in speeds]
-    dynamic = [driven(DynamicBicycle(integrator='rk4'), v, 600)[-1].psi_dot for v in speeds]
+    dynamic = [driven('dynamic', v, 600)[-1].psi_dot for v in speeds]
     rate.plot(speeds, np.degrees(kinematic), color=BLUE, label='kinematic')
     rate.plot(speeds, np.degrees(dynamic), color=RED, label='dynamic')
     rate.set_xlabel('Speed [m/s]')
     rate.set_ylabel('Steady yaw rate [°/s]')
     rate.set_title('Steering 0.05 rad', loc='left', fontsize=11)
     rate.legend()
-    for name, colour, model in (
-        ('kinematic', BLUE, KinematicBicycle('rk4')),
-        ('dynamic', RED, DynamicBicycle(integrator='rk4')),
-    ):
-        states = driven(model, 20.0, 800)
+    for name, colour in (('kinematic', BLUE), ('dynamic', RED)):
+        states = driven(name, 20.0, 800)
         way.plot([s.x for s in states], [s.y for s in states], color=colour, label=name)
     way.set_aspect('equal')
     way.set_xlabel('x [m]')

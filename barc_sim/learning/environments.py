@@ -1,8 +1,11 @@
-"""The environments: one car, stepped by the plant of a run, and many in one NumPy batch."""
+"""The environments: one car, stepped by the plant of a run, and many in one compiled batch."""
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from math import cos, sin
+from os import cpu_count
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
@@ -15,13 +18,14 @@ from gymnasium.vector.utils import batch_space
 
 from barc_sim.control.speed import speed_controller
 from barc_sim.errors import UserError
-from barc_sim.learning.tasks import BLOCK, TASKS, Task
-from barc_sim.simulation.fast import PIDs, Plants
+from barc_sim.learning.batch import begin_cars, columns_of, step_cars, world_of
+from barc_sim.learning.tasks import BLOCK, TASKS, Seen, Task, command_of, is_over, reward
 from barc_sim.vehicle.bike_model import Command
-from barc_sim.vehicle.plant import MeasurementError, with_error
+from barc_sim.vehicle.law import compiled, is_compiled
+from barc_sim.vehicle.plant import error_of, in_steps, with_error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -32,64 +36,16 @@ if TYPE_CHECKING:
     Cars = NDArray[np.intp]
     Options = Mapping[str, float] | None
 
-
-class _Drive:
-    """Base of one car and of a batch: a number of the first is an array in the second.
-
-    `_plant` is a `Plant` or `Plants`, which have the same names.
-    """
-
-    task: Task
-    _plant: Any
-    _pid: Any
-    _begin: Callable[[Any], None]
-    _measured: Callable[[Motion], Motion]  #: a motion, with noise
-    _command: Any = None  #: a Command; None before the first episode
-
-    def _check_reset(self, method: str) -> None:
-        """Raise ResetNeeded if no episode has begun."""
-        if self._command is None:
-            raise ResetNeeded(f'no episode has begun: call reset() before {method}()')
-
-    def _go(self, motor: Any, servo: Any, over: Cars | tuple[()] = ()) -> tuple[Any, ...]:  # noqa: ANN401
-        """Take a step; return the observation, the reward, whether the episode ended, and `info`.
-
-        `motor` is None if the PID drives; the cars in `over` begin a new episode.
-        """
-        task, plant, before = self.task, self._plant, self._s
-        if motor is None:
-            motor = self._pid.acc_calculate(task.speed, self._speed, task.ts)
-        self._command = Command(motor, servo)
-        plant.advance(self._command)
-        if len(over):
-            self._begin(over)
-        observation, info = self._observe()
-        s, e_y, v = self._s, info.get('e_y', 0.0), plant.state.v
-        return observation, task.reward(s - before, e_y, v), task.is_over(s, e_y, v), info
-
-    def _observe(self) -> tuple[Any, dict[str, Any]]:
-        """Return the observation, and `info`."""
-        task, plant, track = self.task, self._plant, self.task.track
-        s, e_y, e_psi, _ = plant.frenet or (plant.state.x, 0.0, 0.0, 0.0)
-        info, motion, self._s = {'s': s}, plant.motion(), s
-        if track:
-            info = {
-                's': s,
-                'e_y': e_y,
-                'lap': plant.lap,
-                'lap_time': plant.lap_time,
-                'lap_times': plant.lap_times,
-            }
-        if task.is_noisy:
-            motion = self._measured(motion)
-            x, y, psi, *_ = motion
-            s, e_y, e_psi, _ = track.frenet(x, y, psi, s) if track else (x, 0.0, 0.0, 0.0)
-        self._speed = speed = motion.v_x
-        seen = task.speed - speed, e_y, e_psi, speed, *self._command
-        return task.observe(seen, task.ahead(s)), info
+_MIN_PIECE = 400  #: cars that a thread steps at least
+_SIGNALS = 6  #: with noise
 
 
-class CarEnv(_Drive, gymnasium.Env[Any, Any]):
+def _not_reset(method: str) -> ResetNeeded:
+    """Return the error of a method that is called before an episode has begun."""
+    return ResetNeeded(f'no episode has begun: call reset() before {method}()')
+
+
+class CarEnv(gymnasium.Env[Any, Any]):
     """One car: the plant of the runs, to the last bit.
 
     The classes of `learning.tasks`, by the environment's name, describe observation, action and
@@ -111,7 +67,8 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
         self.metadata = self.metadata | {'render_fps': round(1.0 / self.task.ts)}
         self._picture: Picture | None = None
         self._plant = self.task.plain
-        self._pid = speed_controller(limit=self.task.limits['motor'])
+        self._pid = speed_controller(limit=self.task.limits.motor)
+        self._command: Command | None = None  # None before the first episode
 
     def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Floats, Any]:
         """Begin an episode."""
@@ -122,33 +79,82 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
             self._plant = task.plant(drawn)
         self._plant.place(task.state(drawn), near=drawn['s'])
         self._pid.reset()
-        self._command, self._noise = Command(), drawn['noise']
+        self._command = Command()
+        self._noise = task.noise(drawn['noise'])
         if self._picture:
             self._picture.begin()
-        found = self._observe()
+        found = self._observe(self._command), self._info()
         if self._is_shown:
             self.render()
         return found
 
     def step(self, action: Any) -> tuple[Floats, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """Take one step of the plant."""
-        self._check_reset('step')
-        observation, reward, is_over, info = self._go(*self.task.command(action))
+        if self._command is None:
+            raise _not_reset('step')
+        task, rules, plant = self.task, self.task.rules, self._plant
+        numbers = task.action(action)
+        of_speed = 0.0
+        if 'motor' not in task.actions:
+            of_speed = self._pid.acc_calculate(rules.speed, self._speed, task.ts)
+        command = command_of(rules, of_speed, numbers)
+        before = plant.distance
+        plant.advance(command)
+        self._command = command
+
+        observation = self._observe(command)
+        s = plant.distance
+        e_y = plant.now.frenet.e_y
+        v = plant.now.state.v
+        gained = reward(rules, s - before, e_y, v)
+        over = is_over(rules, s, e_y, v)
         if self._is_shown:
             self.render()
-        return observation, reward, is_over, False, info
+        return observation, gained, over, False, self._info()
+
+    def _observe(self, command: Command) -> Floats:
+        """Measure the present state; return the observation."""
+        task, plant, track = self.task, self._plant, self.task.track
+        place = plant.now.frenet
+        motion = plant.motion()
+        if task.is_noisy:
+            motion = self._measured(motion)
+            if track:
+                place = track.frenet(motion.x, motion.y, motion.psi, place.s)
+        speed = motion.v_x
+        self._speed = speed
+        error = task.rules.speed - speed
+        seen = Seen(error, place.e_y, place.e_psi, speed, command.motor, command.servo)
+        return task.observe(seen, task.ahead(place.s if track else motion.x))
+
+    def _info(self) -> dict[str, Any]:
+        """Return what is known of the car besides the observation."""
+        plant = self._plant
+        if not plant.track:
+            return {'s': plant.state.x}
+        frenet, laps = plant.now.frenet, plant.now.laps
+        return {
+            's': frenet.s,
+            'e_y': frenet.e_y,
+            'lap': laps.lap,
+            'lap_time': laps.time,
+            'lap_times': plant.lap_times,
+        }
 
     def _measured(self, true: Motion) -> Motion:
+        """Return a motion with noise."""
         k = self._plant.steps % BLOCK
         if not k:
-            self._errors = self.task.errors(self.np_random, self._noise).tolist()
-        return with_error(true, MeasurementError(*self._errors[k]), cos(true.psi), sin(true.psi))
+            self._normals = self.np_random.standard_normal((BLOCK, _SIGNALS)).tolist()
+        error = error_of(self._noise, self._normals[k])
+        return with_error(true, error, cos(true.psi), sin(true.psi))
 
     def render(self) -> Any:  # noqa: ANN401 (as Gymnasium's)
         """Return a picture of the present state, or show it in a window."""
         if not self.render_mode:
             return None
-        self._check_reset('render')
+        if self._command is None:
+            raise _not_reset('render')
         if not self._picture:
             from barc_sim.learning.rendering import Picture  # noqa: PLC0415 (slow)
 
@@ -165,12 +171,13 @@ class CarEnv(_Drive, gymnasium.Env[Any, Any]):
         return {**self.__dict__, '_picture': None}
 
 
-class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
-    """Many cars in one batch of NumPy arrays, each as `CarEnv` steps it, to 1e-12.
+class CarVectorEnv(VectorEnv[Any, Any, Any]):
+    """Many cars in one batch, each as `CarEnv` steps it, to the last bit.
 
-    Car `i` has the random numbers of a `CarEnv` that was reset with `seed + i`. An episode ends
-    beyond the limits, or after `max_episode_steps`; the next step resets its car and ignores the
-    action. The numbers of `info` are arrays.
+    Where Numba is installed the batch is compiled, and uses all cores. Car `i` has the random
+    numbers of a `CarEnv` that was reset with `seed + i`. An episode ends beyond the limits, or
+    after `max_episode_steps`; the next step resets its car and ignores the action. The numbers of
+    `info` are arrays.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -192,6 +199,9 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._max_steps = max_episode_steps or np.inf
         self._generators: list[np.random.Generator] = []
+        self._world = world_of(self.task, speed_controller(limit=self.task.limits.motor))
+        self._columns: Any = None  # None before the first episode
+        self._threads: ThreadPoolExecutor | None = None
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Options = None
@@ -202,13 +212,12 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
         """
         n, task = self.num_envs, self.task
         self._seed(seed)
-        self._plant = Plants(n, task.plain, max(task.ranges.get('delay', (0.0,))))
-        self._pid = PIDs(n, speed_controller(limit=task.limits['motor']))
-        self._command = Command(*np.zeros((2, n)))
-        self._noise, self._over = np.zeros(n), np.zeros(n, np.bool_)
-        self._errors = np.zeros((n, BLOCK, 6))
+        self._columns = columns_of(task, n, max(task.ranges.get('delay', (0.0,))))
+        self._lap_times = np.full(n, None)
         self._begin(np.arange(n), options)
-        return self._observe()
+        self._step_all()
+        self._over = np.zeros(n, np.bool_)
+        return self._columns.observations.copy(), self._info()
 
     def _seed(self, seed: int | Sequence[int | None] | None) -> None:
         """Give each car a generator of its own, as Gymnasium's vector environments do."""
@@ -231,42 +240,92 @@ class CarVectorEnv(_Drive, VectorEnv[Any, Any, Any]):
 
     def step(self, actions: Any) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:  # noqa: ANN401
         """Take a step with each car; a car whose episode has ended begins a new one instead."""
-        self._check_reset('step')
-        motor, servo = self.task.command(actions, self.num_envs)
+        columns = self._columns
+        if columns is None:
+            raise _not_reset('step')
+        columns.actions[:] = self.task.action_rows(actions, self.num_envs)
         restarted = np.flatnonzero(self._over)
-        observation, rewards, terminated, info = self._go(motor, servo, restarted)
-        truncated = self._plant.steps >= self._max_steps
-        rewards[restarted] = 0.0
-        terminated[restarted] = truncated[restarted] = False
+        if len(restarted):
+            self._begin(restarted)
+        self._step_all()
+        terminated = columns.over.copy()
+        truncated = columns.cars['steps'] >= self._max_steps
+        if len(restarted):
+            truncated[restarted] = False
         self._over = terminated | truncated
-        return observation, rewards, terminated, truncated, info
+        return (
+            columns.observations.copy(),
+            columns.rewards.copy(),
+            terminated,
+            truncated,
+            self._info(),
+        )
 
-    def _measured(self, true: Motion) -> Motion:
-        k = self._plant.steps % BLOCK
-        for car in np.flatnonzero(k == 0).tolist():
-            self._errors[car] = self.task.errors(self._generators[car], self._noise[car])
-        error = MeasurementError(*self._errors[np.arange(self.num_envs), k].T)
-        return with_error(true, error, np.cos(true.psi), np.sin(true.psi))
+    def _step_all(self) -> None:
+        """Take a step with each car that is not new, and measure all."""
+        columns, n = self._columns, self.num_envs
+        if self.task.is_noisy:
+            steps = columns.cars['steps'] + ~columns.cars['is_new']
+            for car in np.flatnonzero(steps % BLOCK == 0).tolist():
+                self._generators[car].standard_normal(out=columns.normals[car])
+        step = compiled(step_cars)
+        pieces = min(n // _MIN_PIECE, cpu_count() or 1) if is_compiled() else 1
+        if pieces <= 1:
+            step(self._world, columns, 0, n)
+        else:
+            self._threads = self._threads or ThreadPoolExecutor(pieces - 1)
+            edges = [n * k // pieces for k in range(pieces + 1)]
+            others = [
+                self._threads.submit(step, self._world, columns, first, last)
+                for first, last in pairwise(edges[1:])
+            ]
+            step(self._world, columns, 0, edges[1])
+            for other in others:
+                other.result()
+        if self.task.track:
+            finished = columns.cars['finished']
+            for car in np.flatnonzero(~np.isnan(finished)).tolist():
+                self._lap_times[car] += (float(finished[car]),)
 
-    def _observe(self) -> tuple[Any, dict[str, Any]]:
-        observation, info = super()._observe()
-        return observation, {name: each.copy() for name, each in info.items()}
+    def _info(self) -> dict[str, Any]:
+        """Return what is known of the cars besides the observations."""
+        cars = self._columns.cars
+        if not self.task.track:
+            return {'s': cars['x'].copy()}
+        names = ('s', 'e_y', 'lap', 'lap_time')
+        return {name: cars[name].copy() for name in names} | {'lap_times': self._lap_times.copy()}
 
-    def _begin(self, cars: Cars, options: Options = None) -> None:
+    def _begin(self, which: Cars, options: Options = None) -> None:
         """Begin an episode with each of these cars."""
-        task, plants, count = self.task, self._plant, len(self.task.draws)
-        shares = np.array([self._generators[car].random(count) for car in cars.tolist()]).T
+        task, cars = self.task, self._columns.cars
+        count = len(task.draws)
+        shares = np.array([self._generators[car].random(count) for car in which.tolist()]).T
         drawn = task.draw(shares, options)
-        plants.vary(cars, drawn)
+        for name in task.ranges:
+            if name in cars.dtype.names:
+                cars[name][which] = drawn[name]
         if 'delay' in drawn:
-            plants.motor.delay(cars, drawn['delay'])
-            if task.delays_servo:
-                plants.servo.delay(cars, drawn['delay'])
-        plants.place(cars, task.state(drawn), drawn)
-        self._pid.reset(cars)
-        self._noise[cars] = drawn['noise']
-        for column in self._command:
-            column[cars] = 0.0
+            steps = np.array([in_steps(delay, task.ts) for delay in drawn['delay'].tolist()])
+            for name in ('motor', 'servo') if task.delays_servo else ('motor',):
+                cars[f'{name}_whole'][which] = steps[:, 0]
+                cars[f'{name}_early'][which] = steps[:, 1]
+        cars['noise'][which] = drawn['noise']
+        starts = np.zeros((len(which), 4))
+        for column, name in enumerate(('s', 'e_y', 'e_psi', 'v')):
+            if name in drawn:
+                starts[:, column] = drawn[name]
+        compiled(begin_cars)(self._world, self._columns, which, starts)
+        for car in which.tolist():
+            self._lap_times[car] = ()
+
+    def close_extras(self, **_: Any) -> None:  # noqa: ANN401 (as Gymnasium's)
+        """End the threads."""
+        if self._threads:
+            self._threads.shutdown()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the threads out of a copy, which starts its own."""
+        return {**self.__dict__, '_threads': None}
 
 
 def spaces(task: Task) -> tuple[Box, Box]:

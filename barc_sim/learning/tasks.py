@@ -1,7 +1,7 @@
-"""The tasks of the environments: observations, actions, rewards and ends, of one car or many.
+"""The tasks of the environments: observations, actions, rewards and ends.
 
-The functions take numbers or arrays: each is written once for the single environment, the batch,
-and `Policy`, which drives a run.
+The laws are written once for the single environment, for the compiled batch, and for `Policy`,
+which drives a run.
 """
 
 from __future__ import annotations
@@ -10,10 +10,9 @@ from bisect import bisect_right
 from dataclasses import fields, replace
 from itertools import product
 from math import copysign, inf, isnan, pi
-from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from barc_sim.simulation.closed_loop import LAP_SPEED, LAP_TRACK, chosen_scenari
 from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Command, State, Vehicle
+from barc_sim.vehicle.law import law
 from barc_sim.vehicle.parameters import needs_track
 from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.road import Road
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Numbers = Any  #: a number of one car, or an array of many
+    Column = Any  #: a list or tuple of numbers in Python, an array in compiled code
 
 #: [m] where the road ahead is observed: its curvature or its incline.
 AHEAD = (0.0, 5.0, 10.0, 15.0, 20.0)
@@ -62,15 +63,98 @@ _VARIED = {
         LIMITS['delay'],
     )
 }
-#: What a car measures, and its latest command: speed to hold less the measured one [m/s], e_y [m],
-#: e_psi [rad], speed along the car's axis [m/s], acceleration [m/s²], steering [rad].
-SEEN = 'error', 'e_y', 'e_psi', 'speed', 'motor', 'servo'
+#: The numbers of the tasks, by which their laws are chosen.
+HILLS, LANE, RACE = range(3)
+
+
+class Seen(NamedTuple):
+    """What a car measures, and its latest command."""
+
+    error: float  #: [m/s] speed to hold less the measured one
+    e_y: float  #: [m]
+    e_psi: float  #: [rad]
+    speed: float  #: [m/s] along the car's axis
+    motor: float  #: [m/s²]
+    servo: float  #: [rad]
+
+
+class Rules(NamedTuple):
+    """The numbers of a task, as its laws take them."""
+
+    task: int  #: `HILLS`, `LANE` or `RACE`
+    limits: Seen  #: the bounds of what is seen and commanded, either way
+    speed: float  #: [m/s] to hold, or typical
+    half_width: float  #: [m] of the track; infinite on a road
+    length: float  #: [m] of the track or road
+    has_track: bool
+    is_closed: bool  #: a lap ends no episode
+
+
+@law
+def within(value: float, limit: float) -> float:
+    """Return the number from -`limit` to `limit` that is nearest to a value."""
+    return value if -limit <= value <= limit else copysign(limit, value)
+
+
+@law
+def command_of(rules: Rules, of_speed: float, action: Column) -> Command:
+    """Return the command of an action; `of_speed` [m/s²] is that of the PID, which `Lane` uses."""
+    if rules.task == HILLS:
+        return Command(within(action[0], 1.0) * rules.limits.motor, 0.0)
+    if rules.task == LANE:
+        return Command(of_speed, within(action[0], 1.0) * rules.limits.servo)
+    motor = within(action[0], 1.0) * rules.limits.motor
+    return Command(motor, within(action[1], 1.0) * rules.limits.servo)
+
+
+@law
+def observe(rules: Rules, seen: Seen, ahead: Column, observation: Column) -> None:
+    """Store the observation of a car; `ahead` are the values at each of `AHEAD`."""
+    limits = rules.limits
+    if rules.task == HILLS:
+        observation[0] = within(seen.error, limits.error)
+        observation[1] = within(seen.speed, limits.speed)
+        observation[2] = within(seen.motor, limits.motor)
+        count = 3
+    else:
+        observation[0] = within(seen.e_y, limits.e_y)
+        observation[1] = within(seen.e_psi, limits.e_psi)
+        observation[2] = within(seen.speed, limits.speed)
+        count = 3
+        if rules.task == RACE:
+            observation[count] = within(seen.motor, limits.motor)
+            count += 1
+        observation[count] = within(seen.servo, limits.servo)
+        count += 1
+    for j in range(len(ahead)):
+        observation[count + j] = ahead[j]
+
+
+@law
+def reward(rules: Rules, way: float, e_y: float, v: float) -> float:
+    """Return the reward of a step of `way` [m] that ended in this state."""
+    if rules.task == HILLS:
+        return 1.0 - abs(rules.speed - v) / rules.speed
+    if rules.task == LANE:
+        return 1.0 - abs(e_y) / rules.half_width
+    return way
+
+
+@law
+def is_over(rules: Rules, s: float, e_y: float, v: float) -> bool:
+    """Return whether the car is off the track, or beyond the limits."""
+    if abs(v) > MAX_SPEED:
+        return True
+    if not rules.has_track:
+        return s < BEHIND
+    return abs(e_y) > rules.half_width or (not rules.is_closed and s >= rules.length)
 
 
 class Task:
     """A task: its options, plant, observations, actions, rewards and ends."""
 
-    measured: ClassVar[tuple[str, ...]] = ('e_y', 'e_psi', 'speed')  #: and observed, of `SEEN`
+    number: ClassVar[int]  #: `HILLS`, `LANE` or `RACE`
+    measured: ClassVar[tuple[str, ...]] = ('e_y', 'e_psi', 'speed')  #: and observed, of `Seen`
     #: What an action commands, each from -1 to 1: that share of the limit. It is observed, too.
     actions: ClassVar[tuple[str, ...]]
     course: ClassVar[Mapping[str, str]] = {'track': LAP_TRACK, 'road': 'flat'}
@@ -125,18 +209,26 @@ class Task:
         self.draws = {'s': (0.0, self.length), **starts, 'noise': (self._noise.v_x,) * 2}
         self.draws |= self.ranges
         #: The bounds of what is seen and commanded, either way.
-        self.limits = {
-            'error': 2.0 * MAX_SPEED,
-            'e_y': 2.0 * self.half_width,
-            'e_psi': pi,
-            'speed': MAX_SPEED,
-            'motor': self.scenario.acceleration_limit,
-            'servo': STEERING_LIMIT,
-        }
-        observed = *self.measured, *self.actions
-        self._high = [self.limits[name] for name in observed]
-        self.high = np.array([*self._high, *[max_ahead] * len(AHEAD)])
-        self._own = itemgetter(*map(SEEN.index, observed))
+        self.limits = Seen(
+            error=2.0 * MAX_SPEED,
+            e_y=2.0 * self.half_width,
+            e_psi=pi,
+            speed=MAX_SPEED,
+            motor=self.scenario.acceleration_limit,
+            servo=STEERING_LIMIT,
+        )
+        bounds = self.limits._asdict()
+        observed = [bounds[name] for name in (*self.measured, *self.actions)]
+        self.high = np.array([*observed, *[max_ahead] * len(AHEAD)])
+        self.rules = Rules(
+            task=self.number,
+            limits=self.limits,
+            speed=float(self.speed),
+            half_width=self.half_width,
+            length=self.length,
+            has_track=self.track is not None,
+            is_closed=self.track is not None and self.track.is_closed,
+        )
 
     def _of_options(
         self,
@@ -185,12 +277,9 @@ class Task:
         )
         return varied.plant()
 
-    def errors(self, generator: np.random.Generator, noise: float) -> Floats:
-        """Return the errors of the next `BLOCK` measurements, each of shape (6,).
-
-        `noise` [m/s] is that of the speed.
-        """
-        return generator.standard_normal((BLOCK, 6)) * self._noise._replace(v_x=noise)
+    def noise(self, of_speed: float) -> NoiseLevels:
+        """Return the levels of an episode whose noise of the speed is `of_speed` [m/s]."""
+        return self._noise._replace(v_x=of_speed)
 
     def draw(self, shares: Numbers, options: Mapping[str, float] | None) -> dict[str, Numbers]:
         """Return the random values of an episode, at these shares of `draws`, or from `options`.
@@ -210,55 +299,37 @@ class Task:
             return State(*self.track.place(s, drawn['e_y'], drawn['e_psi']), v)
         return State(s, 0.0 * s, 0.0 * s, v)
 
-    def command(self, action: Numbers, cars: int | None = None) -> tuple[Numbers, Numbers]:
-        """Return acceleration [m/s²] (None: the PID's) and steering angle [rad] of an action.
-
-        For the actions of many `cars` they are arrays. UserError: it is not an action.
-        """
-        names = self.actions
-        shares: Numbers
+    def action(self, given: Any) -> list[float]:  # noqa: ANN401 (a user's)
+        """Return the numbers of an action; UserError: it is not an action."""
         try:
-            if cars is None:
-                shares = [1.0 if x > 1.0 else max(x, -1.0) for x in np.asarray(action).tolist()]
-                fits = len(shares) == len(names) and not isnan(sum(shares))
-            else:
-                shares = np.minimum(np.maximum(np.asarray(action, np.float64).T, -1.0), 1.0)
-                fits = shares.shape == (len(names), cars) and not np.isnan(shares).any()
+            numbers = np.asarray(given).tolist()
+            if len(numbers) == len(self.actions) and not isnan(sum(numbers)):
+                return [*map(float, numbers)]
         except (TypeError, ValueError):
-            fits = False
-        if not fits:
-            raise UserError(
-                f'action {action}: each car takes a list of {" and ".join(names)}, from -1 to 1 '
-                'and not NaN'
-            )
-        motor: Numbers = shares[0] * self.limits['motor'] if 'motor' in names else None
-        servo = shares[-1] * self.limits['servo'] if 'servo' in names else 0.0 * abs(motor)
-        return motor, servo
+            pass
+        raise self._not_an_action(given)
 
-    def observe(self, seen: tuple[Numbers, ...], ahead: Numbers) -> Floats:
-        """Return the observation, of shape (numbers,), or (cars, numbers).
+    def action_rows(self, given: Any, cars: int) -> Floats:  # noqa: ANN401 (as above)
+        """Return the actions of many cars, shape (cars, numbers); UserError as of one."""
+        try:
+            rows = np.ascontiguousarray(given, np.float64)
+            if rows.shape == (cars, len(self.actions)) and not np.isnan(rows).any():
+                return rows
+        except (TypeError, ValueError):
+            pass
+        raise self._not_an_action(given)
 
-        `seen` is what `SEEN` names, and `ahead` the curvature [1/m], or incline [rad], at each of
-        `AHEAD`.
-        """
-        pairs = zip(self._own(seen), self._high, strict=True)
-        # What is ahead is within its bounds. Of one car, NumPy takes twice as long for so few.
-        if isinstance(seen[-1], float):
-            return np.array([*[x if -h <= x <= h else copysign(h, x) for x, h in pairs], *ahead])
-        values: Floats
-        values = np.array([*[np.minimum(np.maximum(x, -h), h) for x, h in pairs], *ahead]).T
-        return values
+    def _not_an_action(self, given: object) -> UserError:
+        return UserError(
+            f'action {given}: each car takes a list of {" and ".join(self.actions)}, from -1 to 1 '
+            'and not NaN'
+        )
 
-    def is_over(self, s: Numbers, e_y: Numbers, v: Numbers) -> Numbers:
-        """Return whether the car is off the track, or beyond the limits."""
-        if not self.track:
-            return (abs(v) > MAX_SPEED) | (s < BEHIND)
-        over = (abs(e_y) > self.half_width) | (abs(v) > MAX_SPEED)
-        return over if self.track.is_closed else over | (s >= self.length)
-
-    def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
-        """Return the reward of a step of `way` [m] that ended there: the way."""
-        return way
+    def observe(self, seen: Seen, ahead: Column) -> Floats:
+        """Return the observation of a car, shape (numbers,)."""
+        observation = [0.0] * len(self.high)
+        observe(self.rules, seen, ahead, observation)
+        return np.array(observation)
 
 
 def _varied(record: Any, drawn: Mapping[str, float]) -> Any:  # noqa: ANN401 (a NamedTuple)
@@ -324,6 +395,28 @@ def _of_json(name: str, value: Any) -> Any:  # noqa: ANN401 (of any option)
     return value
 
 
+class Table(NamedTuple):
+    """The values of a course at each of `AHEAD`, as a law takes them."""
+
+    edges: Column  #: [m] places, in order, where a value changes
+    rows: Column  #: the values before the first edge, between two, and beyond the last
+    length: float  #: [m] of the course
+    is_closed: bool
+
+
+@law
+def ahead_at(table: Table, s: float, near: int) -> int:
+    """Return the number of the row for a place [m]; `near` is one not far from it."""
+    if table.is_closed and not 0.0 <= s < table.length:
+        s %= table.length
+    edges = table.edges
+    while near < len(edges) and s >= edges[near]:
+        near += 1
+    while near > 0 and s < edges[near - 1]:
+        near -= 1
+    return near
+
+
 class Preview:
     """The values of a course at each of `AHEAD` from a place: a function of s [m].
 
@@ -335,25 +428,20 @@ class Preview:
         self, starts: Sequence[float], at: Callable[[Floats], Floats], is_closed: bool = False
     ) -> None:
         """Tabulate the values that `at` returns for places [m]."""
-        self._length = starts[-1]
-        self._is_closed = is_closed
+        length = starts[-1]
         places = np.subtract.outer(starts, AHEAD)
-        edges = np.unique(places % self._length if is_closed else places)
-        first, last = (0.0, self._length) if is_closed else (edges[0] - 1.0, edges[-1] + 1.0)
+        edges = np.unique(places % length if is_closed else places)
+        first, last = (0.0, length) if is_closed else (edges[0] - 1.0, edges[-1] + 1.0)
         middles = 0.5 * (np.append(first, edges) + np.append(edges, last))
-        self._edges = edges
-        self._rows = at(np.add.outer(AHEAD, middles))
-        self._ends: list[float] = edges.tolist()
-        self._table = [*map(tuple, self._rows.T.tolist())]
+        rows = at(np.add.outer(AHEAD, middles)).T
+        self.table = Table(edges.tolist(), [*map(tuple, rows.tolist())], length, is_closed)
 
-    def __call__(self, s: Numbers) -> Numbers:
-        """Return the values ahead of `s` [m]: a tuple; of an array of places, rows of arrays."""
-        length = self._length
-        if isinstance(s, float):
-            return self._table[bisect_right(self._ends, s % length if self._is_closed else s)]
-        if self._is_closed:
-            s = s - np.floor(s / length) * length  # as `%` does, in a third of the time
-        return self._rows.take(self._edges.searchsorted(s, 'right'), 1)
+    def __call__(self, s: float) -> tuple[float, ...]:
+        """Return the values ahead of `s` [m]."""
+        table = self.table
+        place = s % table.length if table.is_closed else s
+        values: tuple[float, ...] = table.rows[bisect_right(table.edges, place)]
+        return values
 
 
 class Hills(Task):
@@ -374,14 +462,11 @@ class Hills(Task):
         faster than 50 m/s, or 10 m before the start of the road
     """
 
+    number = HILLS
     measured = ('error', 'speed')
     actions = ('motor',)
     course: ClassVar = {'road': 'lab'}
     default_speed = Scenario.speed_reference
-
-    def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
-        """Return the reward of a step of `way` [m] that ended in this state."""
-        return 1.0 - abs(self.speed - v) / self.speed
 
 
 class Lane(Task):
@@ -403,12 +488,9 @@ class Lane(Task):
         off the track, or faster than 50 m/s
     """
 
+    number = LANE
     actions = ('servo',)
     start_speeds = (1.0, 1.0)
-
-    def reward(self, way: Numbers, e_y: Numbers, v: Numbers) -> Numbers:  # noqa: ARG002
-        """Return the reward of a step of `way` [m] that ended in this state."""
-        return 1.0 - abs(e_y) / self.half_width
 
 
 class Race(Task):
@@ -426,6 +508,7 @@ class Race(Task):
         as in `Lane`
     """
 
+    number = RACE
     actions = ('motor', 'servo')
 
 
@@ -451,7 +534,7 @@ class Policy(Pilot):
         """
         self.task = TASKS[task](**options)
         self._policy = policy if callable(policy) else OnnxPolicy(policy)
-        self.task.command(self._policy(np.zeros(len(self.task.high))))
+        self.task.action(self._policy(np.zeros(len(self.task.high))))
         self.reset()
 
     def reset(self) -> None:
@@ -467,7 +550,7 @@ class Policy(Pilot):
     def command(self, situation: Situation) -> Command:
         """Return the command of the policy's action."""
         speed = situation.measured.v_x
-        ahead: Numbers
+        ahead: Column
         if self.task.track:
             track, place = situation.on_track()
             error, e_y, e_psi = self.task.speed - speed, place.e_y, place.e_psi
@@ -476,10 +559,12 @@ class Policy(Pilot):
             error, e_y, e_psi = situation.reference - speed, 0.0, 0.0
             ahead = self.task.ahead(situation.along)
 
-        seen = error, e_y, e_psi, speed, self._motor, self._servo
-        motor, self._servo = self.task.command(self._policy(self.task.observe(seen, ahead)))
-        self._motor = motor or 0.0
-        return Command(self._motor, self._servo)
+        seen = Seen(error, e_y, e_psi, speed, self._motor, self._servo)
+        action = self.task.action(self._policy(self.task.observe(seen, ahead)))
+        command = command_of(self.task.rules, 0.0, action)
+        self._motor = command.motor
+        self._servo = command.servo
+        return command
 
 
 class OnnxPolicy:

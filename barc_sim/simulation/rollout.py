@@ -8,7 +8,7 @@ last bit.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from math import ceil, inf, nan, radians, sqrt
+from math import ceil, inf, nan, sqrt
 from os import cpu_count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,6 +20,7 @@ from barc_sim.simulation.metrics import RUN_UP
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step, surroundings
 from barc_sim.vehicle.law import compiled, is_compiled, law
 from barc_sim.vehicle.plant import Actuator, MeasurementError, Sensor, actuate, with_error
+from barc_sim.vehicle.road import stretch_at
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -88,17 +89,18 @@ def course_of(
 
     of_speed = errors[:, _SPEED]
 
-    motor = plant.actuators.motor
+    motor = plant.model.motor
+    inclines = plant.model.inclines
     return Course(
-        starts=column(plant.road.starts),
-        thetas=column(map(radians, plant.road.grades_deg)),
+        starts=column(inclines.starts),
+        thetas=column(inclines.thetas),
         vehicle=plant.vehicle,
         motor=motor.actuator,
         is_ideal=motor.is_ideal,
         early=motor.early,
-        waiting=column(motor.waiting),
+        waiting=column(plant.waiting.motor),
         start=plant.state,
-        value=motor.value,
+        value=plant.acting.motor,
         reference=reference,
         distance=distance,
         ts=plant.ts,
@@ -112,16 +114,6 @@ def trace_of(course: Course, states: int, *, is_array: bool = False) -> Trace:
     rooms = Trace(*[states] * len(Trace._fields))
     rooms = rooms._replace(commands=len(course.waiting) + states)
     return Trace(*[np.zeros(room) if is_array else [0.0] * room for room in rooms])
-
-
-@law
-def stretch_at(starts: Column, x: float, near: int) -> int:
-    """Return the number of the stretch at `x` [m], which is `near` or not far from it."""
-    while near + 1 < len(starts) and x >= starts[near + 1]:
-        near += 1
-    while near > 0 and x < starts[near]:
-        near -= 1
-    return near
 
 
 @law

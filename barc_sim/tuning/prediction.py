@@ -14,9 +14,18 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.bicycles import LateralParameters, bicycle, check_step
+from barc_sim.vehicle.bicycles import (
+    LateralParameters,
+    Slip,
+    bicycle_motion,
+    bicycle_of,
+    bicycle_step,
+    check_step,
+    kinematic_step,
+)
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, next_speed
 from barc_sim.vehicle.plant import Actuator, actuator_response
+from barc_sim.vehicle.road import LEVEL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -126,15 +135,16 @@ def predict(stretch: Stretch, car: CarModel, v: float) -> Floats:
 def _straight(stretch: Stretch, car: CarModel, v: float, along: Floats) -> list[float]:
     """Return the speed at each step, for commanded accelerations `along` [m/s²]."""
     vehicle = car.vehicle
-    law = bicycle('kinematic', car.integrator)
+    bicycle = bicycle_of('kinematic', car.integrator, vehicle)
     gravity_forces = -vehicle.mass * vehicle.gravity * stretch.sines[:-1]
     columns = np.diff(stretch.t), along, gravity_forces
     speeds = [v]
     for h, a, force in zip(*(column.tolist() for column in columns), strict=True):
-        if law.is_lab:
+        if not bicycle.is_rk4:
             v = next_speed(v, a, force, vehicle, h)
         else:
-            v = law.step(State(v=v), Command(a + force / vehicle.mass), _level, vehicle, h).v
+            held = Command(a + force / vehicle.mass)
+            v = kinematic_step(bicycle, State(v=v), held, LEVEL, 0, h).v
         speeds.append(v)
     return speeds
 
@@ -147,22 +157,20 @@ def _steered(
     steps = np.diff(stretch.t)
     if car.lateral:
         check_step(car.lateral, vehicle, float(steps.max()), car.integrator)
-    law = bicycle('dynamic' if car.lateral else 'kinematic', car.integrator, lateral=car.lateral)
+    dynamics = 'dynamic' if car.lateral else 'kinematic'
+    bicycle = bicycle_of(dynamics, car.integrator, vehicle, car.lateral)
     angles, servo = respond(steering, stretch.servo, stretch.t, is_start=stretch.is_start)
     free = along - vehicle.gravity * stretch.sines[:-1]
     columns = np.diff(stretch.t), free, servo, angles[1:]
     state = State(v=v)
-    motions = [law.motion(state, float(angles[0]), vehicle)]
+    slip = Slip()
+    motions = [bicycle_motion(bicycle, state, slip, float(angles[0]))]
     for h, a, turned, angle in zip(*(column.tolist() for column in columns), strict=True):
-        state = law.step(state, Command(a, turned), _level, vehicle, h)
-        motions.append(law.motion(state, angle, vehicle))
+        # Gravity is part of the acceleration.
+        state, slip = bicycle_step(bicycle, state, slip, Command(a, turned), LEVEL, 0, h)
+        motions.append(bicycle_motion(bicycle, state, slip, angle))
     signals: Floats = np.array([(each.v_x, each.psi_dot, each.v_y) for each in motions]).T
     return signals
-
-
-def _level(_: float) -> float:
-    """Return the incline [rad] of a flat road: gravity is part of the acceleration."""
-    return 0.0
 
 
 def respond(

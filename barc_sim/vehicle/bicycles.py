@@ -24,10 +24,8 @@ ch. II.1.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from math import atan2, copysign, cos, hypot, sin
-from typing import Annotated, Any, NamedTuple
+from math import atan2, copysign, cos, sin, sqrt
+from typing import Annotated, NamedTuple
 
 from barc_sim.errors import UserError, limited
 from barc_sim.vehicle.bike_model import (
@@ -36,7 +34,6 @@ from barc_sim.vehicle.bike_model import (
     Motion,
     State,
     Vehicle,
-    bikeFE,
     clamped_at_zero,
     motion,
     next_speed,
@@ -45,41 +42,17 @@ from barc_sim.vehicle.bike_model import (
     step,
 )
 from barc_sim.vehicle.law import law
+from barc_sim.vehicle.road import Inclines, theta_at
 
 # Here: bike_model.py, as it is handed in, imports nothing of barc_sim.
 limited(Vehicle)
 for _law in (slip_angle, resistance, clamped_at_zero, next_speed, step, motion):
     law(_law)
 
-#: Distance along the road [m] to incline [rad].
-Grade = Callable[[float], float]
-Vector = Sequence[float]
-#: The derivative of a state by time, if only the state changes in a step.
-Rates = Callable[[Vector], Vector]
-
-
-def euler(rates: Rates, state: Vector, ts: float) -> Vector:
-    """Return the state `ts` seconds later, by forward Euler."""
-    return _shifted(state, rates(state), ts)
-
-
-def rk4(rates: Rates, state: Vector, ts: float) -> Vector:
-    """Return the state `ts` seconds later, by the classical Runge-Kutta method."""
-    k1 = rates(state)
-    k2 = rates(_shifted(state, k1, 0.5 * ts))
-    k3 = rates(_shifted(state, k2, 0.5 * ts))
-    k4 = rates(_shifted(state, k3, ts))
-    return [
-        value + ts / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-        for value, a, b, c, d in zip(state, k1, k2, k3, k4, strict=True)
-    ]
-
-
-def _shifted(state: Vector, rate: Vector, ts: float) -> Vector:
-    return [value + ts * slope for value, slope in zip(state, rate, strict=True)]
-
-
-INTEGRATORS = {'euler': euler, 'rk4': rk4}
+#: The names of the integrators, and what each is.
+INTEGRATORS = {'euler': 'forward Euler', 'rk4': 'the classical Runge-Kutta method'}
+#: The names of the bicycles, and what each is.
+DYNAMICS = {'kinematic': 'tyres do not slip', 'dynamic': 'linear tyres'}
 
 
 @limited
@@ -97,6 +70,91 @@ class LateralParameters(NamedTuple):
     ] = 3.0
 
 
+class Slip(NamedTuple):
+    """The part of the dynamic bicycle's state that `State` does not have."""
+
+    beta: float = 0.0  #: [rad] from the vehicle's axis to its velocity
+    psi_dot: float = 0.0  #: [rad/s]
+
+
+class Bicycle(NamedTuple):
+    """A bicycle: its parameters, its equations and its integrator."""
+
+    vehicle: Vehicle
+    lateral: LateralParameters
+    is_dynamic: bool  #: otherwise it is the kinematic one
+    is_rk4: bool  #: otherwise the integrator is forward Euler
+
+
+def bicycle_of(
+    dynamics: str = 'kinematic',
+    integrator: str = 'euler',
+    vehicle: Vehicle | None = None,
+    lateral: LateralParameters | None = None,
+) -> Bicycle:
+    """Return the bicycle of these names; UserError: a name is unknown."""
+    if dynamics not in DYNAMICS:
+        raise UserError(f'dynamics {dynamics!r} must be {" or ".join(map(repr, DYNAMICS))}')
+    if integrator not in INTEGRATORS:
+        raise UserError(f'integrator {integrator!r} must be {" or ".join(map(repr, INTEGRATORS))}')
+    return Bicycle(
+        vehicle or Vehicle(),
+        lateral or LateralParameters(),
+        is_dynamic=dynamics == 'dynamic',
+        is_rk4=integrator == 'rk4',
+    )
+
+
+@law
+def bicycle_step(
+    bicycle: Bicycle,
+    state: State,
+    slip: Slip,
+    held: Command,
+    inclines: Inclines,
+    stretch: int,
+    ts: float,
+) -> tuple[State, Slip]:
+    """Return state and slip `ts` seconds later, with acceleration and steering `held`.
+
+    The step begins on the stretch of the road of this number.
+    """
+    if bicycle.is_dynamic:
+        return dynamic_step(bicycle, state, slip, held, inclines, stretch, ts)
+    return kinematic_step(bicycle, state, held, inclines, stretch, ts), slip
+
+
+@law
+def bicycle_motion(bicycle: Bicycle, state: State, slip: Slip, servo: float) -> Motion:
+    """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad]."""
+    if bicycle.is_dynamic and is_slipping(bicycle, state, slip):
+        return slipping_motion(state, slip)
+    return motion(state, servo, bicycle.vehicle)
+
+
+def model_step(
+    model: Model, state: State, held: Command, theta: float, vehicle: Vehicle, ts: float
+) -> State:
+    """Return the state after a step of a user's own model, which has the arguments of `bikeFE`."""
+    x, y, psi, v = model(
+        *state,
+        *held,
+        vehicle.air_drag_coeff,
+        vehicle.mass,
+        vehicle.friction,
+        theta,
+        ts,
+        l_f=vehicle.l_f,
+        l_r=vehicle.l_r,
+        g=vehicle.gravity,
+    )
+    return State(x, y, psi, v)
+
+
+# Along the road
+
+
+@law
 def acceleration(v: float, motor: float, sine: float, vehicle: Vehicle, direction: float) -> float:
     """Return dv/dt [m/s²] at speed `v` [m/s] on an incline with this sine.
 
@@ -106,147 +164,234 @@ def acceleration(v: float, motor: float, sine: float, vehicle: Vehicle, directio
     return motor - vehicle.gravity * sine - opposing / vehicle.mass
 
 
+@law
 def direction_of(v: float) -> float:
     """Return the sign of `v`, zero for zero."""
     return copysign(1.0, v) if v else 0.0
 
 
-def with_static_resistance(v: float, after: float, free: Callable[[], float]) -> float:
-    """Return the speed after a step from `v` to `after`, by the rule of `clamped_at_zero`.
-
-    `free` returns the speed after a step without resistance; it is called only if the sign changes.
-    """
-    return clamped_at_zero(v, after, free()) if after < 0.0 < v or v < 0.0 < after else after
+@law
+def passes_zero(before: float, after: float) -> bool:
+    """Return whether the sign of a speed changes in a step."""
+    return after < 0.0 < before or before < 0.0 < after
 
 
-class KinematicBicycle:
-    """Steps a state by `bikeFE`, by a model with the same arguments, or by `rk4`."""
-
-    def __init__(self, integrator: str = 'euler', model: Model = bikeFE) -> None:
-        """Take an integrator by name: 'euler', or 'rk4', which needs the equations of `bikeFE`."""
-        if integrator not in INTEGRATORS:
-            raise UserError(f"integrator {integrator!r} must be 'euler' or 'rk4'")
-        self.integrator = INTEGRATORS[integrator]
-        self._model = model if integrator == 'euler' else None
-        self.is_lab = self._model is bikeFE  #: `bikeFE` makes the steps
-        if not self._model and model is not bikeFE:
-            raise UserError(
-                f'integrator {integrator!r} cannot be used with a model of your own, which makes '
-                "its steps itself: leave the integrator at 'euler'"
-            )
-
-    def step(self, state: State, held: Command, grade: Grade, vehicle: Vehicle, ts: float) -> State:
-        """Return the state `ts` seconds later, with acceleration and steering `held`."""
-        if self.is_lab:
-            return step(state, held, grade(state.x), vehicle, ts)
-        if self._model:
-            resisting = vehicle.air_drag_coeff, vehicle.mass, vehicle.friction
-            numbers = *state[:4], *held, *resisting, grade(state.x), ts
-            others = {'l_f': vehicle.l_f, 'l_r': vehicle.l_r, 'g': vehicle.gravity}
-            x, y, psi, v = self._model(*numbers, **others)
-            return State(x, y, psi, v)
-
-        beta = slip_angle(held.servo, vehicle.l_f, vehicle.l_r)
-        turn = sin(beta) / vehicle.l_r
-
-        def after(direction: float) -> State:
-            rates = kinematic_rates(held.motor, beta, turn, grade, vehicle, direction)
-            return State(*self.integrator(rates, state, ts))
-
-        stepped = after(direction_of(state.v))
-        return stepped._replace(v=with_static_resistance(state.v, stepped.v, lambda: after(0.0).v))
-
-    def reset(self) -> None:
-        """Do nothing: a step depends only on the state."""
-
-    #: `bike_model.motion`: the velocities follow from state and steering alone.
-    motion = staticmethod(motion)
+# The kinematic bicycle
 
 
+@law
+def kinematic_step(
+    bicycle: Bicycle, state: State, held: Command, inclines: Inclines, stretch: int, ts: float
+) -> State:
+    """Return the state of the kinematic bicycle `ts` seconds later."""
+    if not bicycle.is_rk4:
+        return step(state, held, inclines.thetas[stretch], bicycle.vehicle, ts)
+    vehicle = bicycle.vehicle
+    after = _kinematic_rk4(vehicle, state, held, inclines, stretch, ts, direction_of(state.v))
+    if not passes_zero(state.v, after.v):
+        return after
+    free = _kinematic_rk4(vehicle, state, held, inclines, stretch, ts, 0.0)
+    return State(after.x, after.y, after.psi, clamped_at_zero(state.v, after.v, free.v))
+
+
+@law
 def kinematic_rates(
-    motor: float,
-    beta: float,
-    turn: float,
-    grade: Grade,
-    vehicle: Vehicle,
-    direction: float,
-    functions: Any = math,  # noqa: ANN401 (a namespace)
-) -> Rates:
-    """Return the derivative of (x, y, psi, v), the equations that `bikeFE` integrates.
+    vehicle: Vehicle, state: State, motor: float, beta: float, theta: float, direction: float
+) -> State:
+    """Return the derivatives by time of the state, the equations that `bikeFE` integrates.
 
-    The car moves at an angle of `beta` [rad] to its axis, and turns by `turn` [rad] per metre. All
-    numbers may be arrays, with NumPy's sin, cos, hypot and atan2 as `functions`.
+    The car moves at an angle of `beta` [rad] to its axis. `direction` is the sign of the motion
+    that the resistance opposes; 0: there is none.
     """
-    sin, cos = functions.sin, functions.cos
-
-    def rates(state: Vector) -> Vector:
-        x, _, psi, v, *_ = state
-        course = psi + beta
-        return (
-            v * cos(course),
-            v * sin(course),
-            v * turn,
-            acceleration(v, motor, sin(grade(x)), vehicle, direction),
-        )
-
-    return rates
+    course = state.psi + beta
+    return State(
+        state.v * cos(course),
+        state.v * sin(course),
+        state.v * (sin(beta) / vehicle.l_r),
+        acceleration(state.v, motor, sin(theta), vehicle, direction),
+    )
 
 
-class DynamicBicycle:
-    """Steps the dynamic bicycle; it keeps slip angle and yaw rate, which `State` does not have."""
+@law
+def _kinematic_rk4(
+    vehicle: Vehicle,
+    state: State,
+    held: Command,
+    inclines: Inclines,
+    stretch: int,
+    ts: float,
+    direction: float,
+) -> State:
+    """Return the state after a step by Runge-Kutta."""
+    motor = held.motor
+    beta = slip_angle(held.servo, vehicle.l_f, vehicle.l_r)
+    k1 = kinematic_rates(vehicle, state, motor, beta, inclines.thetas[stretch], direction)
+    at = _shifted_state(state, k1, 0.5 * ts)
+    theta = theta_at(inclines, stretch, at.x)
+    k2 = kinematic_rates(vehicle, at, motor, beta, theta, direction)
+    at = _shifted_state(state, k2, 0.5 * ts)
+    theta = theta_at(inclines, stretch, at.x)
+    k3 = kinematic_rates(vehicle, at, motor, beta, theta, direction)
+    at = _shifted_state(state, k3, ts)
+    theta = theta_at(inclines, stretch, at.x)
+    k4 = kinematic_rates(vehicle, at, motor, beta, theta, direction)
+    return State(
+        state.x + rk4_change(k1.x, k2.x, k3.x, k4.x, ts),
+        state.y + rk4_change(k1.y, k2.y, k3.y, k4.y, ts),
+        state.psi + rk4_change(k1.psi, k2.psi, k3.psi, k4.psi, ts),
+        state.v + rk4_change(k1.v, k2.v, k3.v, k4.v, ts),
+    )
 
-    is_lab = False
 
-    def __init__(self, lateral: LateralParameters | None = None, integrator: str = 'euler') -> None:
-        """Begin without slip and yaw rate."""
-        self.lateral = lateral or LateralParameters()
-        self._kinematic = KinematicBicycle(integrator)
-        self._integrator = self._kinematic.integrator
-        self._beta = self._psi_dot = 0.0
+@law
+def _shifted_state(state: State, rates: State, t: float) -> State:
+    """Return the state after `t` seconds of these rates."""
+    return State(
+        state.x + t * rates.x,
+        state.y + t * rates.y,
+        state.psi + t * rates.psi,
+        state.v + t * rates.v,
+    )
 
-    def step(self, state: State, held: Command, grade: Grade, vehicle: Vehicle, ts: float) -> State:
-        """Return the state `ts` seconds later, with acceleration and steering `held`."""
-        if not self._dynamic(state):
-            after = self._kinematic.step(state, held, grade, vehicle, ts)
-            self._set_kinematic_slip(after.v, held.servo, vehicle)
-            return after
-        begin = self._motion(state)
 
-        def end(direction: float) -> Motion:
-            slopes = rates(held, grade, vehicle, self.lateral, direction)
-            return Motion(*self._integrator(slopes, begin, ts))
+@law
+def rk4_change(k1: float, k2: float, k3: float, k4: float, ts: float) -> float:
+    """Return the change of a value in a step of `ts` seconds, from its four rates."""
+    return ts / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
-        moved = end(direction_of(begin.v_x))
-        v_x = with_static_resistance(begin.v_x, moved.v_x, lambda: end(0.0).v_x)
-        if v_x <= self.lateral.dynamic_above:
-            v = v_x / cos(slip_angle(held.servo, vehicle.l_f, vehicle.l_r))
-            self._set_kinematic_slip(v, held.servo, vehicle)
-        else:
-            v = hypot(v_x, moved.v_y)
-            self._beta, self._psi_dot = atan2(moved.v_y, v_x), moved.psi_dot
-        return State(moved.x, moved.y, moved.psi, v)
 
-    def reset(self) -> None:
-        """Reset slip and yaw rate to zero."""
-        self._beta = self._psi_dot = 0.0
+# The dynamic bicycle
 
-    def motion(self, state: State, servo: float, vehicle: Vehicle) -> Motion:
-        """Return the velocities in the vehicle's frame; `servo` [rad] counts at low speed only."""
-        if self._dynamic(state):
-            return self._motion(state)
-        return self._kinematic.motion(state, servo, vehicle)
 
-    def _dynamic(self, state: State) -> bool:
-        return state.v * cos(self._beta) > self.lateral.dynamic_above
+@law
+def is_slipping(bicycle: Bicycle, state: State, slip: Slip) -> bool:
+    """Return whether the car is fast enough for the equations of the dynamic bicycle."""
+    return state.v * cos(slip.beta) > bicycle.lateral.dynamic_above
 
-    def _motion(self, state: State) -> Motion:
-        x, y, psi, v = state
-        return Motion(x, y, psi, v * cos(self._beta), v * sin(self._beta), self._psi_dot)
 
-    def _set_kinematic_slip(self, v: float, servo: float, vehicle: Vehicle) -> None:
-        """Set slip and yaw rate to those of the kinematic bicycle."""
-        self._beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
-        self._psi_dot = v / vehicle.l_r * sin(self._beta)
+@law
+def slipping_motion(state: State, slip: Slip) -> Motion:
+    """Return the velocities of the dynamic bicycle in the vehicle's frame."""
+    return Motion(
+        state.x,
+        state.y,
+        state.psi,
+        state.v * cos(slip.beta),
+        state.v * sin(slip.beta),
+        slip.psi_dot,
+    )
+
+
+@law
+def kinematic_slip(v: float, servo: float, vehicle: Vehicle) -> Slip:
+    """Return the slip of the kinematic bicycle at speed `v` [m/s]."""
+    beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
+    return Slip(beta, v / vehicle.l_r * sin(beta))
+
+
+@law
+def dynamic_step(
+    bicycle: Bicycle,
+    state: State,
+    slip: Slip,
+    held: Command,
+    inclines: Inclines,
+    stretch: int,
+    ts: float,
+) -> tuple[State, Slip]:
+    """Return state and slip of the dynamic bicycle `ts` seconds later."""
+    vehicle = bicycle.vehicle
+    if not is_slipping(bicycle, state, slip):
+        after = kinematic_step(bicycle, state, held, inclines, stretch, ts)
+        return after, kinematic_slip(after.v, held.servo, vehicle)
+
+    before = slipping_motion(state, slip)
+    direction = direction_of(before.v_x)
+    end = _dynamic_end(bicycle, before, held, inclines, stretch, ts, direction)
+    v_x = end.v_x
+    if passes_zero(before.v_x, v_x):
+        free = _dynamic_end(bicycle, before, held, inclines, stretch, ts, 0.0)
+        v_x = clamped_at_zero(before.v_x, v_x, free.v_x)
+    if v_x <= bicycle.lateral.dynamic_above:
+        v = v_x / cos(slip_angle(held.servo, vehicle.l_f, vehicle.l_r))
+        return State(end.x, end.y, end.psi, v), kinematic_slip(v, held.servo, vehicle)
+    v = sqrt(v_x * v_x + end.v_y * end.v_y)
+    return State(end.x, end.y, end.psi, v), Slip(atan2(end.v_y, v_x), end.psi_dot)
+
+
+@law
+def dynamic_rates(
+    bicycle: Bicycle, at: Motion, held: Command, theta: float, direction: float
+) -> Motion:
+    """Return the derivatives by time of a motion of the dynamic bicycle.
+
+    `direction` is the sign of the motion that the resistance opposes; 0: there is none.
+    """
+    vehicle = bicycle.vehicle
+    lateral = bicycle.lateral
+    cos_servo = cos(held.servo)
+    sin_servo = sin(held.servo)
+    front_y = at.v_y + vehicle.l_f * at.psi_dot
+    rear_y = at.v_y - vehicle.l_r * at.psi_dot
+    front = lateral.front_stiffness * (held.servo - atan2(front_y, at.v_x))
+    rear = -lateral.rear_stiffness * atan2(rear_y, at.v_x)
+
+    v = sqrt(at.v_x * at.v_x + at.v_y * at.v_y)
+    free = acceleration(v, held.motor, sin(theta), vehicle, direction)
+    cos_psi = cos(at.psi)
+    sin_psi = sin(at.psi)
+    turning = vehicle.l_f * front * cos_servo - vehicle.l_r * rear
+    return Motion(
+        at.v_x * cos_psi - at.v_y * sin_psi,
+        at.v_x * sin_psi + at.v_y * cos_psi,
+        at.psi_dot,
+        free - front * sin_servo / vehicle.mass + at.v_y * at.psi_dot,
+        (front * cos_servo + rear) / vehicle.mass - at.v_x * at.psi_dot,
+        turning / lateral.yaw_inertia,
+    )
+
+
+@law
+def _dynamic_end(
+    bicycle: Bicycle,
+    begin: Motion,
+    held: Command,
+    inclines: Inclines,
+    stretch: int,
+    ts: float,
+    direction: float,
+) -> Motion:
+    """Return the motion after a step, by the bicycle's integrator."""
+    k1 = dynamic_rates(bicycle, begin, held, inclines.thetas[stretch], direction)
+    if not bicycle.is_rk4:
+        return _shifted_motion(begin, k1, ts)
+    at = _shifted_motion(begin, k1, 0.5 * ts)
+    k2 = dynamic_rates(bicycle, at, held, theta_at(inclines, stretch, at.x), direction)
+    at = _shifted_motion(begin, k2, 0.5 * ts)
+    k3 = dynamic_rates(bicycle, at, held, theta_at(inclines, stretch, at.x), direction)
+    at = _shifted_motion(begin, k3, ts)
+    k4 = dynamic_rates(bicycle, at, held, theta_at(inclines, stretch, at.x), direction)
+    return Motion(
+        begin.x + rk4_change(k1.x, k2.x, k3.x, k4.x, ts),
+        begin.y + rk4_change(k1.y, k2.y, k3.y, k4.y, ts),
+        begin.psi + rk4_change(k1.psi, k2.psi, k3.psi, k4.psi, ts),
+        begin.v_x + rk4_change(k1.v_x, k2.v_x, k3.v_x, k4.v_x, ts),
+        begin.v_y + rk4_change(k1.v_y, k2.v_y, k3.v_y, k4.v_y, ts),
+        begin.psi_dot + rk4_change(k1.psi_dot, k2.psi_dot, k3.psi_dot, k4.psi_dot, ts),
+    )
+
+
+@law
+def _shifted_motion(motion: Motion, rates: Motion, t: float) -> Motion:
+    """Return the motion after `t` seconds of these rates."""
+    return Motion(
+        motion.x + t * rates.x,
+        motion.y + t * rates.y,
+        motion.psi + t * rates.psi,
+        motion.v_x + t * rates.v_x,
+        motion.v_y + t * rates.v_y,
+        motion.psi_dot + t * rates.psi_dot,
+    )
 
 
 #: The longest stable step of an integrator, as a multiple of the shortest time constant.
@@ -267,61 +412,3 @@ def check_step(lateral: LateralParameters, vehicle: Vehicle, ts: float, integrat
             f'steps of {ts:g} s are too long for the dynamic bicycle at {v:g} m/s, where it '
             f'settles in {1e3 * settling:.0f} ms: raise the parameter rate or dynamic_above'
         )
-
-
-#: The names of the bicycles, and what each is.
-DYNAMICS = {'kinematic': 'tyres do not slip', 'dynamic': 'linear tyres'}
-
-
-def bicycle(
-    dynamics: str,
-    integrator: str = 'euler',
-    model: Model = bikeFE,
-    lateral: LateralParameters | None = None,
-) -> KinematicBicycle | DynamicBicycle:
-    """Return the bicycle of this name; UserError: a name is unknown, or names contradict."""
-    if dynamics not in DYNAMICS:
-        raise UserError(f'dynamics {dynamics!r} must be {" or ".join(map(repr, DYNAMICS))}')
-    if dynamics == 'kinematic':
-        return KinematicBicycle(integrator, model)
-    if model is not bikeFE:
-        raise UserError(
-            f'dynamics {dynamics!r} and a model of your own contradict each other: leave dynamics '
-            "at 'kinematic', or leave out the model"
-        )
-    return DynamicBicycle(lateral, integrator)
-
-
-def rates(
-    held: Command,
-    grade: Grade,
-    vehicle: Vehicle,
-    lateral: LateralParameters,
-    direction: float = 1.0,
-    functions: Any = math,  # noqa: ANN401 (a namespace)
-) -> Rates:
-    """Return the derivative by time of a `Motion`, with acceleration and steering `held`.
-
-    `direction` is the sign of the motion that the resistance opposes; 0: there is none. All
-    numbers may be arrays, as in `kinematic_rates`.
-    """
-    sin, cos, hypot, atan2 = functions.sin, functions.cos, functions.hypot, functions.atan2
-    motor, servo = held
-    l_f, l_r, mass = vehicle.l_f, vehicle.l_r, vehicle.mass
-    cos_servo, sin_servo = cos(servo), sin(servo)
-
-    def derivative(motion: Vector) -> Vector:
-        x, _, psi, v_x, v_y, psi_dot = motion
-        front = lateral.front_stiffness * (servo - atan2(v_y + l_f * psi_dot, v_x))
-        rear = -lateral.rear_stiffness * atan2(v_y - l_r * psi_dot, v_x)
-        free = acceleration(hypot(v_x, v_y), motor, sin(grade(x)), vehicle, direction)
-        return (
-            v_x * cos(psi) - v_y * sin(psi),
-            v_x * sin(psi) + v_y * cos(psi),
-            psi_dot,
-            free - front * sin_servo / mass + v_y * psi_dot,
-            (front * cos_servo + rear) / mass - v_x * psi_dot,
-            (l_f * front * cos_servo - l_r * rear) / lateral.yaw_inertia,
-        )
-
-    return derivative

@@ -96,7 +96,7 @@ def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
 def resistance(v: float, vehicle: Vehicle) -> float:
     """Return the force [N] of air drag and rolling friction at speed `v` [m/s].
 
-    `surroundings` has its two parts. `simulation/fast.py` passes arrays of speeds.
+    `surroundings` has its two parts.
     """
     return vehicle.air_drag_coeff * v * v + vehicle.friction
 

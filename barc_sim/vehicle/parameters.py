@@ -160,7 +160,7 @@ class PlantOptions:
         """Give a plant the noise, the actuators and the disturbance; waiting commands stay."""
         plant.sensor.noise = self._noise()
         plant.force, plant.disturbance = self._forces()
-        plant.actuators.replace(*self._actuators())
+        plant.replace_actuators(*self._actuators())
 
     def _noise(self) -> NoiseLevels:
         return self.noise if isinstance(self.noise, NoiseLevels) else NoiseLevels(v_x=self.noise)

@@ -5,13 +5,20 @@ Actuators delay, limit and lag a command; each is off by default. The sensor add
 
 from __future__ import annotations
 
-from collections import deque
-from math import copysign, cos, expm1, floor, inf, radians, sin
+from math import copysign, cos, expm1, floor, inf, isnan, nan, sin
 from operator import mul
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from barc_sim.errors import limited
-from barc_sim.vehicle.bicycles import DynamicBicycle, bicycle, check_step
+from barc_sim.errors import UserError, limited
+from barc_sim.vehicle.bicycles import (
+    Bicycle,
+    Slip,
+    bicycle_motion,
+    bicycle_of,
+    bicycle_step,
+    check_step,
+    model_step,
+)
 from barc_sim.vehicle.bike_model import (
     Command,
     Model,
@@ -23,7 +30,8 @@ from barc_sim.vehicle.bike_model import (
     surroundings,
 )
 from barc_sim.vehicle.law import law
-from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.road import Inclines, Road, stretch_at
+from barc_sim.vehicle.track import CentreLine, Frenet, nearest, project
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,9 +39,10 @@ if TYPE_CHECKING:
 
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.road import Signal
-    from barc_sim.vehicle.track import Frenet, Track
+    from barc_sim.vehicle.track import Track
 
     Floats = NDArray[np.float64]
+    Column = Any  #: a list of numbers in Python, an array in compiled code
 
 
 #: Share of a step within which a delay counts as whole steps.
@@ -130,88 +139,61 @@ def in_steps(delay: float, ts: float) -> tuple[int, float]:
     )
 
 
-class ActuatorState:
-    """The state of one actuator, in steps of a fixed length.
+class Channel(NamedTuple):
+    """An actuator in steps of a fixed length."""
 
-    Commands wait in a queue, one per step; `actuate` has the law.
-    """
-
+    actuator: Actuator
+    whole: int  #: steps from a command to its effect
     early: float  #: share of a step for which the older command still acts
-
-    def __init__(self, actuator: Actuator, ts: float) -> None:
-        """Begin at zero, in steps of `ts` seconds, with only zeros commanded before."""
-        self._ts = ts
-        self.value = 0.0  #: where the actuator is now
-        self._queue = deque([0.0, 0.0])
-        self.replace(actuator)
-
-    @property
-    def waiting(self) -> list[float]:
-        """The commands that have not acted yet; the oldest acts in the early part of a step."""
-        return [*self._queue][1:]
-
-    def replace(self, actuator: Actuator) -> None:
-        """Use the parameters of `actuator` from now on; waiting commands stay.
-
-        If the delay is shorter, the oldest commands are dropped; if it is longer, the command that
-        acts now acts until the next one is due.
-        """
-        self.actuator = actuator
-        self.is_ideal = actuator == Actuator()  #: each command takes effect at once
-        whole, self.early = in_steps(actuator.delay, self._ts)
-        size = whole + 2
-        _, acting, *waiting = self._queue
-        self._queue = deque([*[acting] * (size - len(waiting)), *waiting], maxlen=size)
-
-    def advance(self, command: float) -> float:
-        """Take a step with `command`; return the mean of the value over the step."""
-        self._queue.append(command)
-        if self.is_ideal:
-            self.value = command
-            return command
-        older, newer = self._queue[0], self._queue[1]
-        self.value, mean = actuate(self.actuator, self.value, older, newer, self.early, self._ts)
-        return mean
-
-    def hold(self, value: float) -> None:
-        """Set the value, as if it had been commanded for a long time."""
-        self.value = value
-        self._queue.extend([value] * len(self._queue))
+    is_ideal: bool  #: each command takes effect at once
 
 
-class Actuators:
-    """Motor and servo: from the commanded to the actual acceleration and steering."""
+def channel_of(actuator: Actuator, ts: float) -> Channel:
+    """Return an actuator in steps of `ts` seconds."""
+    whole, early = in_steps(actuator.delay, ts)
+    return Channel(actuator, whole, early, actuator == Actuator())
 
-    def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:
-        """Begin at rest, in steps of `ts` seconds."""
-        self.motor, self.servo = ActuatorState(motor, ts), ActuatorState(servo, ts)
-        self.is_ideal = motor == servo == Actuator()
 
-    @property
-    def now(self) -> Command:
-        """The present acceleration and steering angle."""
-        return Command(self.motor.value, self.servo.value)
+def queue_room(channel: Channel) -> int:
+    """Return how many commands the queue of an actuator has at least."""
+    return channel.whole + 2
 
-    def advance(self, command: Command) -> Command:
-        """Take a step with `command`; return mean acceleration and steering angle over it."""
-        if self.is_ideal:
-            self.motor.value, self.servo.value = command
-            return command
-        return Command(self.motor.advance(command.motor), self.servo.advance(command.servo))
 
-    def replace(self, motor: Actuator, servo: Actuator) -> None:
-        """Use the parameters of these actuators from now on; waiting commands stay."""
-        if self.is_ideal:  # the queues have had no part so far
-            self.motor.hold(self.motor.value)
-            self.servo.hold(self.servo.value)
-        self.motor.replace(motor)
-        self.servo.replace(servo)
-        self.is_ideal = motor == servo == Actuator()
+@law
+def act(
+    channel: Channel, value: float, queue: Column, k: int, command: float, ts: float
+) -> tuple[float, float]:
+    """Return an actuator's value after its step number `k` with a command, and its mean.
 
-    def stop(self) -> None:
-        """Set both to zero, and drop the waiting commands."""
-        self.motor.hold(0.0)
-        self.servo.hold(0.0)
+    `queue` is a ring of the latest commands: that of step `k` is at `k` modulo its length.
+    """
+    room = len(queue)
+    queue[k % room] = command
+    if channel.is_ideal:
+        return command, command
+    newer = queue[(k - channel.whole) % room]
+    older = queue[(k - channel.whole - 1) % room]
+    return actuate(channel.actuator, value, older, newer, channel.early, ts)
+
+
+def latest_commands(queue: Column, k: int, count: int) -> list[float]:
+    """Return this number of the commands before step `k`, the oldest first."""
+    return [queue[(k - age) % len(queue)] for age in range(count, 0, -1)]
+
+
+def requeued(queue: Column, k: int, before: Channel, after: Channel) -> list[float]:
+    """Return the queue of another actuator, in which the commands before step `k` wait.
+
+    If the delay is shorter, the oldest commands are dropped; if it is longer, the command that acts
+    now acts until the next one is due.
+    """
+    room = queue_room(after)
+    acting, *waiting = latest_commands(queue, k, before.whole + 1)
+    history = [*[acting] * (room - len(waiting)), *waiting][-room:]
+    again = [0.0] * room
+    for age, command in enumerate(reversed(history), 1):
+        again[(k - age) % room] = command
+    return again
 
 
 @limited
@@ -286,15 +268,32 @@ class Sensor:
         return self._generator.standard_normal((n, len(self.noise)))
 
 
+@law
+def error_of(noise: NoiseLevels, normals: Column) -> MeasurementError:
+    """Return the error of a measurement, from a standard normal number for each signal."""
+    return MeasurementError(
+        noise.s * normals[0],
+        noise.ey * normals[1],
+        noise.epsi * normals[2],
+        noise.v_x * normals[3],
+        noise.v_y * normals[4],
+        noise.psi_dot * normals[5],
+    )
+
+
+@law
 def with_error(true: Motion, error: MeasurementError, cos_psi: float, sin_psi: float) -> Motion:
-    """Return the motion as measured, of numbers or arrays, with cosine and sine of the heading."""
-    return true._replace(
-        x=true.x + error.s * cos_psi + error.ey * -sin_psi,
-        y=true.y + error.s * sin_psi + error.ey * cos_psi,
-        psi=true.psi + error.epsi,
-        v_x=true.v_x + error.v_x,
-        v_y=true.v_y + error.v_y,
-        psi_dot=true.psi_dot + error.psi_dot,
+    """Return the motion as measured, with cosine and sine of the heading.
+
+    A log passes records of arrays.
+    """
+    return Motion(
+        true.x + error.s * cos_psi + error.ey * -sin_psi,
+        true.y + error.s * sin_psi + error.ey * cos_psi,
+        true.psi + error.epsi,
+        true.v_x + error.v_x,
+        true.v_y + error.v_y,
+        true.psi_dot + error.psi_dot,
     )
 
 
@@ -319,6 +318,145 @@ class Observation(NamedTuple):
     surroundings: Surroundings
     acting: Command  #: the present values of the actuators
     on_track: TrackState | None = None  #: true; None without a track
+
+
+class Laps(NamedTuple):
+    """The laps of a car on its track."""
+
+    lap: int = 0  #: laps before this one
+    began: float = 0.0  #: [s] when it began
+    is_whole: bool = False  #: the car has been on all of this lap
+    time: float = 0.0  #: [s] since it began
+    finished: float = nan  #: [s] of a whole lap that ended in the latest step; NaN: none did
+
+
+class PlantModel(NamedTuple):
+    """The car on its road or track, without what changes in a run."""
+
+    bicycle: Bicycle
+    motor: Channel
+    servo: Channel
+    is_ideal: bool  #: both actuators are, and their queues are not in use
+    inclines: Inclines
+    line: CentreLine
+    has_track: bool  #: otherwise the car drives along its road, and there is no `line`
+    ts: float  #: [s] of a step
+
+
+class PlantState(NamedTuple):
+    """The state of the car, its actuators, and its place."""
+
+    state: State
+    slip: Slip = Slip()
+    acting: Command = Command()  #: the present values of the actuators
+    frenet: Frenet = Frenet(0.0, 0.0, 0.0, 0.0)  #: the pose on the track
+    laps: Laps = Laps()
+    steps: int = 0  #: since it was placed
+    segment: int = 0  #: of the track, where the car is
+    stretch: int = 0  #: of the road, where the car is
+
+
+class Queues(NamedTuple):
+    """The latest commands to the actuators, which `act` stores."""
+
+    motor: Column
+    servo: Column
+
+
+@law
+def start(model: PlantModel, state: State, near: float, is_whole: bool) -> PlantState:
+    """Return the plant at the start of a run, at rest but for the car's speed.
+
+    On a track the car is near s = `near` [m], and its first lap may count as a whole one.
+    """
+    frenet = Frenet(0.0, 0.0, 0.0, 0.0)
+    laps = Laps(0, 0.0, is_whole, 0.0, nan)
+    segment = 0
+    if model.has_track:
+        line = model.line
+        frenet, segment = project(line, state.x, state.y, state.psi, near, 0)
+        laps = Laps(max(floor(frenet.s / line.length), 0), 0.0, is_whole, 0.0, nan)
+    stretch = stretch_at(model.inclines.starts, on_road(model, state.x, frenet.s), 0)
+    return PlantState(state, Slip(0.0, 0.0), Command(0.0, 0.0), frenet, laps, 0, segment, stretch)
+
+
+@law
+def take_command(
+    model: PlantModel, now: PlantState, queues: Queues, command: Command, force: float
+) -> tuple[Command, Command]:
+    """Return the actuators after a step, and what is held in it: their means, with a force [N]."""
+    if model.is_ideal:
+        acting = command
+        held = command
+    else:
+        k = now.steps
+        motor, mean_motor = act(
+            model.motor, now.acting.motor, queues.motor, k, command.motor, model.ts
+        )
+        servo, mean_servo = act(
+            model.servo, now.acting.servo, queues.servo, k, command.servo, model.ts
+        )
+        acting = Command(motor, servo)
+        held = Command(mean_motor, mean_servo)
+    if force:
+        held = Command(held.motor + force / model.bicycle.vehicle.mass, held.servo)
+    return acting, held
+
+
+@law
+def on_road(model: PlantModel, x: float, s: float) -> float:
+    """Return the position [m] on the road of a car at `x`, or on a track at `s`."""
+    if not model.has_track:
+        return x
+    return s % model.line.length if model.line.is_closed else s
+
+
+@law
+def arrive(
+    model: PlantModel, now: PlantState, acting: Command, state: State, slip: Slip
+) -> PlantState:
+    """Return the plant after a step to this state."""
+    frenet = now.frenet
+    laps = now.laps
+    segment = now.segment
+    steps = now.steps + 1
+    if model.has_track:
+        before = now.frenet.s
+        frenet, segment = project(model.line, state.x, state.y, state.psi, before, segment)
+        t = steps * model.ts
+        s = frenet.s
+        length = model.line.length
+        lap = floor(s / length)
+        if lap > laps.lap:
+            began = t - (s - lap * length) / (s - before) * model.ts
+            finished = began - laps.began if laps.is_whole else nan
+            laps = Laps(lap, began, True, t - began, finished)
+        else:
+            laps = Laps(laps.lap, laps.began, laps.is_whole, t - laps.began, nan)
+    stretch = stretch_at(model.inclines.starts, on_road(model, state.x, frenet.s), now.stretch)
+    return PlantState(state, slip, acting, frenet, laps, steps, segment, stretch)
+
+
+@law
+def advance(
+    model: PlantModel, now: PlantState, queues: Queues, command: Command, force: float
+) -> PlantState:
+    """Return the plant after a step with a command, and with a force [N] on the car."""
+    acting, held = take_command(model, now, queues, command, force)
+    state, slip = bicycle_step(
+        model.bicycle, now.state, now.slip, held, model.inclines, now.stretch, model.ts
+    )
+    return arrive(model, now, acting, state, slip)
+
+
+@law
+def true_motion(model: PlantModel, now: PlantState) -> Motion:
+    """Return the true state, with the velocities in the vehicle's frame."""
+    return bicycle_motion(model.bicycle, now.state, now.slip, now.acting.servo)
+
+
+#: In place of the centre line of a track.
+_NO_LINE = CentreLine((), (), 0.0, is_closed=False)
 
 
 class Plant:
@@ -351,35 +489,90 @@ class Plant:
         name is unknown, arguments contradict one another, or the step is too long.
         """
         self.road = road or (Road.flat() if track else Road.lab())
-        self.vehicle = vehicle or Vehicle()
-        self.ts = ts
-        self.state = State()
-        self.sensor = Sensor(noise, seed)
-        self.force, self.disturbance = force, disturbance
-        self.steps = 0  #: since it was placed
-        self.actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
-        self.bicycle = bicycle(dynamics, integrator, model, lateral)
-        if isinstance(self.bicycle, DynamicBicycle):
-            check_step(self.bicycle.lateral, self.vehicle, ts, integrator)
         self.track = track
-        self.frenet: Frenet | None = None  #: the pose on the track; None without one
-        self.lap, self.lap_time, self._lap_began = 0, 0.0, 0.0  #: as in `TrackState`, [s]
+        self.sensor = Sensor(noise, seed)
+        self.force = force
+        self.disturbance = disturbance
         self.lap_times: tuple[float, ...] = ()  #: [s] of the laps that were driven whole
-        if track:
-            self.state = State(*track.place(0.0))
-            self._locate(near=0.0)
+        self._own_model = None if model is bikeFE else model
+        car = bicycle_of(dynamics, integrator, vehicle, lateral)
+        if self._own_model:
+            check_own_model(car)
+        if car.is_dynamic:
+            check_step(car.lateral, car.vehicle, ts, integrator)
+        self.model = PlantModel(
+            bicycle=car,
+            motor=channel_of(motor or Actuator(), ts),
+            servo=channel_of(servo or Actuator(), ts),
+            is_ideal=(motor or Actuator()) == (servo or Actuator()) == Actuator(),
+            inclines=self.road.inclines(is_held=track is not None),
+            line=track.line if track else _NO_LINE,
+            has_track=track is not None,
+            ts=ts,
+        )
+        self.now: PlantState
+        self.place(State(*track.place(0.0)) if track else State(), near=0.0)
+
+    @property
+    def ts(self) -> float:
+        """The length of a step [s]."""
+        return self.model.ts
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle's parameters."""
+        return self.model.bicycle.vehicle
+
+    @vehicle.setter
+    def vehicle(self, vehicle: Vehicle) -> None:
+        self.model = self.model._replace(bicycle=self.model.bicycle._replace(vehicle=vehicle))
+
+    @property
+    def state(self) -> State:
+        """The state of the car; it can be set between steps."""
+        return self.now.state
+
+    @state.setter
+    def state(self, state: State) -> None:
+        self.now = self._in_stretch(self.now._replace(state=state))
+
+    @property
+    def steps(self) -> int:
+        """The steps since the car was placed."""
+        return self.now.steps
+
+    @property
+    def acting(self) -> Command:
+        """The present acceleration and steering angle."""
+        return self.now.acting
+
+    @property
+    def frenet(self) -> Frenet | None:
+        """The pose on the track; None without one."""
+        return self.now.frenet if self.model.has_track else None
+
+    @property
+    def lap(self) -> int:
+        """The laps before this one, as in `TrackState`."""
+        return self.now.laps.lap
+
+    @property
+    def lap_time(self) -> float:
+        """The time since the lap began [s], as in `TrackState`."""
+        return self.now.laps.time
 
     @property
     def distance(self) -> float:
         """The distance so far [m], along the track or along the road."""
-        return self.frenet.s if self.frenet else self.state.x
+        return self.now.frenet.s if self.model.has_track else self.now.state.x
 
     @property
     def on_track(self) -> TrackState | None:
         """The position of the car on its track; None without one."""
-        if not (self.frenet and self.track):
+        if not self.track:
             return None
-        return TrackState(*self.frenet, self.track.width, self.lap, self.lap_time)
+        laps = self.now.laps
+        return TrackState(*self.now.frenet, self.track.width, laps.lap, laps.time)
 
     @property
     def period_ns(self) -> int:
@@ -389,76 +582,102 @@ class Plant:
     @property
     def has_fast_path(self) -> bool:
         """Whether `bikeFE` moves the car straight ahead along its road."""
-        actuators = self.actuators
+        car = self.model.bicycle
         return (
             type(self) is Plant
             and not self.track
-            and self.bicycle.is_lab
+            and not (self._own_model or car.is_dynamic or car.is_rk4)
             and not (self.force or self.disturbance)
-            and self.state.psi == actuators.servo.value == 0.0
-            and not any(actuators.servo.waiting)
+            and self.state.psi == self.acting.servo == 0.0
+            and not any(self.waiting.servo)
+        )
+
+    @property
+    def waiting(self) -> Queues:
+        """The commands that have not acted yet; the oldest acts in the early part of a step."""
+        model, queues, k = self.model, self._queues, self.now.steps
+        return Queues(
+            latest_commands(queues.motor, k, model.motor.whole + 1),
+            latest_commands(queues.servo, k, model.servo.whole + 1),
         )
 
     def observe(self) -> Observation:
         """Measure the present state; each call draws new measurement noise."""
-        state = self.state
-        true = self.motion()
+        now = self.now
+        true = true_motion(self.model, now)
         measured, error = self.sensor.measure(true)
-        around = surroundings(state.v, self.road.at(self._on_road(state.x)), self.vehicle)
-        return Observation(true, measured, error, around, self.actuators.now, self.on_track)
+        place = on_road(self.model, now.state.x, now.frenet.s)
+        around = surroundings(now.state.v, self.road.at(place), self.vehicle)
+        return Observation(true, measured, error, around, now.acting, self.on_track)
 
     def motion(self) -> Motion:
         """Return the true state, with the velocities in the vehicle's frame."""
-        return self.bicycle.motion(self.state, self.actuators.servo.value, self.vehicle)
+        return true_motion(self.model, self.now)
 
     def advance(self, command: Command) -> None:
         """Take one step with `command`."""
-        held = self.actuators.advance(command)
-        if self.force or self.disturbance:
-            force = self.force
-            if self.disturbance:
-                force += self.disturbance(self.steps * self.ts, self.distance)
-            held = held._replace(motor=held.motor + force / self.vehicle.mass)
-        self.state = self.bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)
-        self.steps += 1
-        if self.frenet:
-            self._locate(self.frenet.s)
+        model, now = self.model, self.now
+        force = self.force
+        if self.disturbance:
+            force += self.disturbance(now.steps * model.ts, self.distance)
+        if self._own_model:
+            acting, held = take_command(model, now, self._queues, command, force)
+            theta = model.inclines.thetas[now.stretch]
+            vehicle = model.bicycle.vehicle
+            state = model_step(self._own_model, now.state, held, theta, vehicle, model.ts)
+            self.now = arrive(model, now, acting, state, now.slip)
+        else:
+            self.now = advance(model, now, self._queues, command, force)
+        finished = self.now.laps.finished
+        if not isnan(finished):
+            self.lap_times += (finished,)
 
     def place(self, state: State, near: float | None = None) -> None:
         """Start a run in this state, on a track near s = `near` [m], without waiting commands."""
-        self.state, self.steps = state, 0
-        self.actuators.stop()
-        self.bicycle.reset()
-        if self.track:
-            self.frenet = None
-            self._locate(near)
+        model = self.model
+        self._queues = Queues(
+            [0.0] * queue_room(model.motor),
+            [0.0] * queue_room(model.servo),
+        )
+        is_whole = near == 0.0
+        if near is None:
+            near = nearest(model.line, state.x, state.y) if self.track else 0.0
+        self.now = start(model, state, near, is_whole)
+        self.lap_times = ()
 
-    def _on_road(self, x: float) -> float:
-        """Return the position [m] on the road of a car at `x`: on a track, where the step began."""
-        if not self.track:
-            return x
-        return self.distance % self.track.length if self.track.is_closed else self.distance
+    def replace_actuators(self, motor: Actuator, servo: Actuator) -> None:
+        """Use the parameters of these actuators from now on; waiting commands stay."""
+        before, k = self.model, self.now.steps
+        queues = self._queues
+        if before.is_ideal:  # the queues have had no part so far
+            acting = self.acting
+            queues = Queues([acting.motor] * 2, [acting.servo] * 2)
+        channels = channel_of(motor, self.ts), channel_of(servo, self.ts)
+        self._queues = Queues(
+            requeued(queues.motor, k, before.motor, channels[0]),
+            requeued(queues.servo, k, before.servo, channels[1]),
+        )
+        self.model = before._replace(
+            motor=channels[0],
+            servo=channels[1],
+            is_ideal=motor == servo == Actuator(),
+        )
 
-    def _grade(self, x: float) -> float:
-        """Return the incline [rad] at `x`."""
-        grades_deg = self.road.grades_deg
-        if len(grades_deg) == 1:
-            return radians(grades_deg[0])
-        return radians(grades_deg[self.road.stretch(self._on_road(x))])
+    def _in_stretch(self, now: PlantState) -> PlantState:
+        """Return the state with the number of its stretch of the road."""
+        place = on_road(self.model, now.state.x, now.frenet.s)
+        return now._replace(stretch=self.road.stretch(place))
 
-    def _locate(self, near: float | None) -> None:
-        """Project the car onto the track near s = `near` [m]; None: anywhere, and start a lap."""
-        track, state, t, before = self.track, self.state, self.steps * self.ts, self.frenet
-        assert track  # noqa: S101 (a caller has checked)
-        self.frenet = track.frenet(state.x, state.y, state.psi, near)
-        s = self.frenet.s
-        lap = floor(s / track.length)
-        if before is None:
-            self.lap, self._lap_began, self.lap_times = max(lap, 0), t, ()
-            self._is_whole = near == 0.0
-        elif lap > self.lap:
-            began = t - (s - lap * track.length) / (s - before.s) * self.ts
-            if self._is_whole:
-                self.lap_times += (began - self._lap_began,)
-            self.lap, self._lap_began, self._is_whole = lap, began, True
-        self.lap_time = t - self._lap_began
+
+def check_own_model(bicycle: Bicycle) -> None:
+    """Raise UserError if a bicycle contradicts a user's own model, which makes the steps itself."""
+    if bicycle.is_rk4:
+        raise UserError(
+            "integrator 'rk4' cannot be used with a model of your own, which makes its steps "
+            "itself: leave the integrator at 'euler'"
+        )
+    if bicycle.is_dynamic:
+        raise UserError(
+            "dynamics 'dynamic' and a model of your own contradict each other: leave dynamics at "
+            "'kinematic', or leave out the model"
+        )

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from barc_sim.cli.files import decoded, read_regular
 from barc_sim.errors import UserError, not_between, one_line
+from barc_sim.vehicle.law import law
 
 if TYPE_CHECKING:
     import numpy as np
@@ -44,6 +45,40 @@ class RoadPoint(NamedTuple):
     theta_deg: float  #: [deg] incline, positive uphill
     sin_theta: float  #: the sine of it
     elevation: float  #: [m] above the first stretch's start
+
+
+class Inclines(NamedTuple):
+    """The inclines of a road, as the laws take them.
+
+    The columns are tuples or lists of numbers; in compiled code, arrays.
+    """
+
+    starts: Any  #: [m] of the stretches
+    thetas: Any  #: [rad] of them
+    is_held: bool = False  #: a step has the incline of the place where it began, as on a track
+
+
+#: A flat road.
+LEVEL = Inclines((0.0,), (0.0,))
+
+
+@law
+def stretch_at(starts: Any, x: float, near: int) -> int:  # noqa: ANN401 (a column)
+    """Return the number of the stretch at `x` [m], which is `near` or not far from it."""
+    while near + 1 < len(starts) and x >= starts[near + 1]:
+        near += 1
+    while near > 0 and x < starts[near]:
+        near -= 1
+    return near
+
+
+@law
+def theta_at(inclines: Inclines, stretch: int, x: float) -> float:
+    """Return the incline [rad] at `x` [m], in a step that began on the stretch of this number."""
+    if not inclines.is_held:
+        stretch = stretch_at(inclines.starts, x, stretch)
+    theta: float = inclines.thetas[stretch]
+    return theta
 
 
 @dataclass(frozen=True)
@@ -138,6 +173,10 @@ class Road:
     def of(cls, road: Road | str | PathLike[str]) -> Road:
         """Return `road` itself, or the one of that name."""
         return road if isinstance(road, Road) else cls.named(str(road))
+
+    def inclines(self, *, is_held: bool = False) -> Inclines:
+        """Return the inclines, as the laws take them."""
+        return Inclines(self.starts, tuple(map(radians, self.grades_deg)), is_held)
 
     def stretch(self, s: float) -> int:
         """Return the number of the stretch at `s` metres along the road."""

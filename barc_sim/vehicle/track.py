@@ -15,14 +15,12 @@ from bisect import bisect_right
 from cmath import phase
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
-from itertools import pairwise
-from math import atan2, ceil, cos, floor, hypot, isfinite, pi, remainder, sin, sqrt
+from math import atan2, ceil, cos, floor, hypot, inf, isfinite, pi, sin, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.law import law
-from barc_sim.vehicle.road import RowError, read_named
+from barc_sim.vehicle.road import RowError, read_named, stretch_at
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -42,6 +40,7 @@ _TOLERANCE = 0.05  #: [m] A fitted arc passes the points of a file within this.
 _MIN_POINTS, _MAX_POINTS = 3, 10_000  #: of a file with a centre line
 _FOLDING = 1.9  #: width over radius; at 2 the inner edge of a bend is a point
 _TOO_FAR = 1e100  #: [m] between two points, which squared is infinite
+_EQUALLY_NEAR = 1e-9  #: [m] difference of two distances
 _SAME_WAY = 0.7  #: cosine of the angle between two laps at one place
 _SPACING, _MAX_SAMPLES = 0.5, 5000  #: [m] between two places that are drawn, and how many
 _SEGMENTS, _CENTRE_LINE = 'length_m,radius_m', 'x_m,y_m,w_tr_right_m,w_tr_left_m'
@@ -68,8 +67,8 @@ class Frenet(NamedTuple):
     curvature: float  #: [1/m] of the centre line there, positive to the left
 
 
-class _Segment(NamedTuple):
-    """A segment with the frame of its start; the fields can be arrays of many segments."""
+class Segment(NamedTuple):
+    """A segment of a centre line, with the frame of its start."""
 
     start: float  #: [m] along the track
     end: float  #: [m]
@@ -82,7 +81,13 @@ class _Segment(NamedTuple):
     half: float  #: [rad] of its turn
 
 
-_CURVATURE = _Segment._fields.index('curvature')
+class CentreLine(NamedTuple):
+    """The centre line of a track, as the laws take it."""
+
+    starts: Any  #: [m] of the segments: a tuple of numbers; in compiled code, an array
+    segments: Any  #: a tuple of `Segment`; in compiled code, an array of records with its fields
+    length: float  #: [m]
+    is_closed: bool
 
 
 @dataclass(frozen=True)
@@ -107,8 +112,8 @@ class Track:
     start: Pose = _ORIGIN
     deviation: float = 0.0  #: [m] maximum distance of the file's points from the centre line
     starts: tuple[float, ...] = field(init=False, repr=False, compare=False)  #: [m]; the end, too
-    _segments: tuple[_Segment, ...] = field(init=False, repr=False, compare=False)
     is_closed: bool = field(init=False, repr=False, compare=False)
+    line: CentreLine = field(init=False, repr=False, compare=False)  #: for the laws
 
     def __post_init__(self) -> None:
         """Raise UserError if a segment or the width is impossible."""
@@ -121,7 +126,7 @@ class Track:
             )
         if not 0.0 < self.width < 1e3:  # noqa: PLR2004
             raise UserError(f'width {self.width!r} must be a number of metres from 0 to 1000')
-        pose, segments = Pose(*self.start), list[_Segment]()
+        pose, segments = Pose(*self.start), list[Segment]()
         for i, (length, curvature) in enumerate(zip(self.lengths, self.curvatures, strict=True)):
             if not (isfinite(length) and length > 0.0 and isfinite(curvature)):
                 raise RowError(
@@ -143,13 +148,14 @@ class Track:
                 )
             start = segments[-1].end if segments else 0.0
             frame = *pose, cos(pose.psi), sin(pose.psi), curvature, 0.5 * curvature * length
-            segments.append(_Segment(start, start + length, *frame))
-            pose = _ahead(pose, curvature, length)
+            segments.append(Segment(start, start + length, *frame))
+            pose = placed(segments[-1], length, 0.0, 0.0)
         end, gap = segments[-1].end, hypot(pose.x - self.start[0], pose.y - self.start[1])
-        turned = abs(remainder(pose.psi - self.start[2], _TURN))
+        turned = abs(wrapped(pose.psi - self.start[2]))
         object.__setattr__(self, 'starts', (0.0, *(each.end for each in segments)))
-        object.__setattr__(self, '_segments', tuple(segments))
         object.__setattr__(self, 'is_closed', gap + turned * end < 1e-6 * end)
+        line = CentreLine(self.starts[:-1], tuple(segments), end, self.is_closed)
+        object.__setattr__(self, 'line', line)
 
     @classmethod
     def named(cls, name: str) -> Track:
@@ -254,20 +260,17 @@ class Track:
         """Return the curvature [1/m] at `s` metres; an array, of an array."""
         if isinstance(s, (float, int)):
             return self.curvatures[self.segment(s)[0]]
-        curvatures: Floats = self._table[self._in_segments(s)[0], _CURVATURE]
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
+        curvatures: Floats = np.array(self.curvatures)[self._in_segments(s)[0]]
         return curvatures
 
     def place(self, s: Numbers, e_y: Numbers = 0.0, e_psi: Numbers = 0.0) -> Pose:
         """Return the pose on the map of a pose on the track; arrays, of arrays."""
-        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
-
-        i, s_in_lap = self._in_segments(np.asarray(s, np.float64))
-        start, _, x, y, psi, _, _, curvature, _ = self._table.take(i, 0).T
-        half = 0.5 * curvature * (s_in_lap - start)
-        chord, psi = (s_in_lap - start) * np.sinc(half / pi), psi + half
-        x, y, psi = x + chord * np.cos(psi), y + chord * np.sin(psi), psi + half
-        found = np.broadcast_arrays(x - e_y * np.sin(psi), y + e_y * np.cos(psi), psi + e_psi)
-        return Pose(*(found if found[0].ndim else map(float, found)))
+        if all(isinstance(each, (float, int)) for each in (s, e_y, e_psi)):
+            i, ahead = self.segment(s)
+            return placed(self.line.segments[i], ahead, e_y, e_psi)
+        return self._place_many(s, e_y, e_psi)
 
     def frenet(self, x: Numbers, y: Numbers, psi: Numbers, near: Numbers = None) -> Frenet:
         """Return the pose on the track of a pose on the map; arrays, of arrays.
@@ -276,104 +279,149 @@ class Track:
         segment by segment, so that it finds the right part at a crossing or beside another part,
         and s grows over the finish line. Without it the nearest point counts.
         """
-        if not isinstance(x, (float, int)):
-            return self._frenet_many(x, y, psi, self._nearest(x, y) if near is None else near)
-        near = self._nearest(x, y).item() if near is None else near
-        n, length, is_closed = len(self.lengths), self.starts[-1], self.is_closed
-        i, _ = self.segment(near)
-        for _ in range(n):
-            start, end, x_0, y_0, psi_0, cosine, sine, curvature, half = self._segments[i]
-            dx, dy = x - x_0, y - y_0
-            a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
-            e_y, turned = beside_arc(curvature, a, b)
-            if curvature:
-                a = (half + remainder(turned - half, _TURN)) / curvature
-            s = start + a
-            step = (s >= end) - (s < start)
-            if not step or not (is_closed or 0 <= i + step < n):
-                break
-            i = (i + step) % n
-        e_psi = remainder(psi - psi_0 - curvature * (s - start), _TURN)
-        if is_closed:
-            s += length * round((near - s) / length)
-        return Frenet(s, e_y, e_psi, curvature)
+        if isinstance(x, (float, int)):
+            if near is None:
+                near = nearest(self.line, x, y)
+            return project(self.line, x, y, psi, near, self.segment(near)[0])[0]
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
+        columns = [np.asarray(each, np.float64) for each in (x, y, psi)]
+        if near is not None:
+            columns.append(np.asarray(near, np.float64))
+        rows = zip(*(each.tolist() for each in np.broadcast_arrays(*columns)), strict=True)
+        found = np.array([self.frenet(*row) for row in rows], np.float64)
+        return Frenet(*found.reshape(-1, len(Frenet._fields)).T)
 
     def segment(self, s: float) -> tuple[int, float]:
         """Return the number of the segment at `s`, and the distance from its start [m]."""
         starts = self.starts
-        if self.is_closed and not 0.0 <= s < starts[-1]:
-            s -= floor(s / starts[-1]) * starts[-1]
+        s = in_lap(self.line, s)
         i = bisect_right(starts, s, 1, len(starts) - 1) - 1
         return i, s - starts[i]
 
-    @cached_property
-    def _table(self) -> Floats:
+    def _place_many(self, s: Numbers, e_y: Numbers, e_psi: Numbers) -> Pose:
+        """Return what `placed` does, of many poses."""
         import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
-        return np.array(self._segments)
+        i, s_in_lap = self._in_segments(np.asarray(s, np.float64))
+        there = Segment(*np.array(self.line.segments)[i].T)
+        ahead = s_in_lap - there.start
+        half = 0.5 * there.curvature * ahead
+        chord = ahead * np.sinc(half / pi)
+        along = there.psi + half
+        x = there.x + chord * np.cos(along)
+        y = there.y + chord * np.sin(along)
+        psi = along + half
+        beside = x - e_y * np.sin(psi), y + e_y * np.cos(psi), psi + e_psi
+        poses: Any = np.broadcast_arrays(*beside)
+        return Pose(*poses)
 
     def _in_segments(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
+        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
+
         s = s % self.length if self.is_closed else s
-        return self._table[1:, 0].searchsorted(s, side='right'), s
-
-    def _project_many(self, i: Numbers, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return s, e_y and heading of the centre line in the frames of segments `i`."""
-        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
-
-        there = _Segment(*self._table.take(i, 0).T)
-        dx, dy = x - there.x, y - there.y
-        a, b = dx * there.cosine + dy * there.sine, dy * there.cosine - dx * there.sine
-        e_y, turned = _beside_arcs(there.curvature, a, b)
-        angle = there.half + _wrapped(turned - there.half)
-        ahead = np.divide(angle, there.curvature, out=a, where=there.curvature != 0.0)
-        return there.start + ahead, e_y, there.psi + there.curvature * ahead
-
-    def _frenet_many(self, x: Floats, y: Floats, psi: Floats, near: Floats) -> Frenet:
-        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
-
-        n, ends = len(self.lengths), np.array(self.starts)
-        i, _ = self._in_segments(near)
-        s, e_y, heading = self._project_many(i, x, y)
-        for _ in range(n - 1):
-            step = (s >= ends[i + 1]).astype(np.intp) - (s < ends[i])
-            if not self.is_closed:
-                step = np.clip(i + step, 0, n - 1) - i
-            left = np.flatnonzero(step)  # few: to project all once more would take twice as long
-            if not left.size:
-                break
-            i[left] = (i[left] + step[left]) % n
-            s[left], e_y[left], heading[left] = self._project_many(i[left], x[left], y[left])
-        if self.is_closed:
-            s += self.length * np.round((near - s) / self.length)
-        frenet: Any = s, e_y, _wrapped(psi - heading), self._table[i, _CURVATURE]
-        return Frenet(*frenet)
-
-    def _nearest(self, x: Numbers, y: Numbers) -> Floats:
-        """Return s of the nearest points of the centre line."""
-        import numpy as np  # noqa: PLC0415 (a track alone does not need it)
-
-        x, y = np.atleast_1d(x, y)
-        near, minimum = np.zeros(len(x)), np.full(len(x), np.inf)
-        for i, (start, end) in enumerate(pairwise(self.starts)):
-            s = np.clip(self._project_many(i, x, y)[0], start, end)
-            there = self.place(s)
-            distance = np.hypot(x - there.x, y - there.y)
-            near = np.where(distance < minimum, s, near)
-            minimum = np.minimum(minimum, distance)
-        return near
+        return np.array(self.line.starts)[1:].searchsorted(s, side='right'), s
 
 
-def _wrapped(angle: Floats) -> Floats:
-    turned: Floats = angle - _TURN * (angle / _TURN).round()
-    return turned
+@law
+def wrapped(angle: float) -> float:
+    """Return an angle [rad] without its whole turns, from -π to π.
+
+    It is `math.remainder`, which Numba does not have: `%` of positive numbers is exact, and so is
+    the difference of two numbers of which one is at most twice as large as the other (Sterbenz,
+    "Floating-Point Computation", 1974). Only odd multiples of π keep their sign here.
+    """
+    if -pi <= angle <= pi:
+        return angle
+    rest = abs(angle) % _TURN
+    if rest > pi:
+        rest -= _TURN
+    return rest if angle > 0.0 else -rest
 
 
-def _ahead(pose: Pose, curvature: float, distance: float) -> Pose:
-    """Return the pose `distance` further along an arc: a chord, at half the turn."""
-    half = 0.5 * curvature * distance
-    chord = distance * (sin(half) / half if half else 1.0)
-    psi = pose.psi + half
-    return Pose(pose.x + chord * cos(psi), pose.y + chord * sin(psi), psi + half)
+@law
+def in_lap(line: CentreLine, s: float) -> float:
+    """Return the position [m] on the lap of a position that grows over the laps."""
+    if line.is_closed and not 0.0 <= s < line.length:
+        return s - floor(s / line.length) * line.length
+    return s
+
+
+@law
+def project(
+    line: CentreLine, x: float, y: float, psi: float, near: float, i: int
+) -> tuple[Frenet, int]:
+    """Return the pose on the track of a pose on the map, and the number of its segment.
+
+    The search starts where the car was, at `near` [m], on segment `i` or not far from it.
+    """
+    i = stretch_at(line.starts, in_lap(line, near), i)
+    count = len(line.segments)
+    searched = 0
+    while True:
+        segment = line.segments[i]
+        s, e_y = beside_segment(segment, x, y)
+        searched += 1
+        following = i
+        if s >= segment.end:
+            following += 1
+        if s < segment.start:
+            following -= 1
+        is_beyond = not line.is_closed and not 0 <= following < count
+        if following == i or is_beyond or searched == count:
+            break
+        i = following % count
+
+    e_psi = wrapped(psi - segment.psi - segment.curvature * (s - segment.start))
+    if line.is_closed:
+        s += line.length * round((near - s) / line.length)
+    return Frenet(s, e_y, e_psi, segment.curvature), i
+
+
+@law
+def beside_segment(segment: Segment, x: float, y: float) -> tuple[float, float]:
+    """Return s and e_y [m] of a point on the map, beside a segment or its continuation."""
+    dx = x - segment.x
+    dy = y - segment.y
+    ahead = dx * segment.cosine + dy * segment.sine
+    across = dy * segment.cosine - dx * segment.sine
+    e_y, turned = beside_arc(segment.curvature, ahead, across)
+    if segment.curvature:
+        ahead = (segment.half + wrapped(turned - segment.half)) / segment.curvature
+    return segment.start + ahead, e_y
+
+
+@law
+def nearest(line: CentreLine, x: float, y: float) -> float:
+    """Return s [m] of the point of the centre line that is nearest to a point on the map.
+
+    Of points that are equally near, but for rounding, it is the first.
+    """
+    near = 0.0
+    minimum = inf
+    for segment in line.segments:
+        s, _ = beside_segment(segment, x, y)
+        s = min(max(s, segment.start), segment.end)
+        there = placed(segment, s - segment.start, 0.0, 0.0)
+        distance = sqrt((x - there.x) * (x - there.x) + (y - there.y) * (y - there.y))
+        if distance < minimum - _EQUALLY_NEAR:
+            near = s
+            minimum = distance
+    return near
+
+
+@law
+def placed(segment: Segment, ahead: float, e_y: float, e_psi: float) -> Pose:
+    """Return the pose on the map of a pose on the track, `ahead` [m] from a segment's start."""
+    half = 0.5 * segment.curvature * ahead
+    chord = ahead * (sin(half) / half if half else 1.0)
+    along = segment.psi + half
+    psi = along + half
+    return Pose(
+        segment.x + chord * cos(along) - e_y * sin(psi),
+        segment.y + chord * sin(along) + e_y * cos(psi),
+        psi + e_psi,
+    )
 
 
 @law

@@ -1,8 +1,9 @@
 """Golden figures: what runs produce, to the last bit, in a few lines for each.
 
 `golden.json` beside this file holds the figures of commit ee8f010. Later are those of
-`applied_command`, and of runs with noise, since it comes from NumPy's PCG64. To make them again,
-run this module with the Python of the checkout that they are to describe::
+`applied_command`, of runs with noise, since it comes from NumPy's PCG64, and of the dynamic bicycle
+with steering, since it takes square roots in place of `math.hypot`. To make them again, run this
+module with the Python of the checkout that they are to describe::
 
     PYTHONPATH=tests .venv/bin/python -m golden.make_golden FILE
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from barc_sim.control.lane import LaneLQR
 from barc_sim.errors import UserError
 from barc_sim.figures import style
-from barc_sim.learning.tasks import AHEAD, TASKS
+from barc_sim.learning.tasks import AHEAD, TASKS, ahead_at
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.scenario import Scenario
 from barc_sim.vehicle.bicycles import LateralParameters
@@ -158,10 +158,10 @@ def assert_same(name: str, options: dict[str, Any], cars: int, steps: int) -> in
     actions = [*actions_of(batch.action_space.shape, steps)]
     firsts = [rows(env.reset(seed=3)) for env in (batch, single)]
     for ours, theirs in zip(*firsts, strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-12)
+        np.testing.assert_array_equal(ours, theirs)
     ours, theirs = ([rows(env.step(action)) for action in actions] for env in (batch, single))
     for left, right in zip(zip(*ours, strict=True), zip(*theirs, strict=True), strict=True):
-        np.testing.assert_allclose(left, right, rtol=0.0, atol=1e-12)
+        np.testing.assert_array_equal(left, right)
     return int(np.array([each[2] | each[3] for each in ours]).sum())
 
 
@@ -255,11 +255,17 @@ def test_what_is_ahead_is_that_of_road_and_track() -> None:
     places = np.array([s + d for d in AHEAD])
     of_road, of_track = TASKS['Hills'](road=road).ahead, TASKS['Lane'](track=track).ahead
     closed, lap = TASKS['Lane'](track='L').ahead, Track.named('L')
-    np.testing.assert_array_equal(of_road(s), np.radians(road.grade_deg(places)))
-    np.testing.assert_array_equal(of_track(s), track.curvature(places))
-    np.testing.assert_array_equal(closed(s), lap.curvature(places))
-    for ahead in (of_road, of_track, closed):
-        np.testing.assert_array_equal(np.transpose([*map(ahead, s.tolist())]), ahead(s))
+    for ahead, values in (
+        (of_road, np.radians(road.grade_deg(places))),
+        (of_track, track.curvature(places)),
+        (closed, lap.curvature(places)),
+    ):
+        found = [ahead(place) for place in s.tolist()]
+        np.testing.assert_array_equal(np.transpose(found), values)
+        near = 0
+        for place, row in zip(s.tolist(), found, strict=True):
+            near = ahead_at(ahead.table, place, near)
+            assert ahead.table.rows[near] == row
 
 
 @pytest.mark.parametrize(
@@ -406,7 +412,7 @@ def test_a_batch_takes_a_seed_for_each_car() -> None:
     batch = made[1]
     for seed in ([5, 1, 8], [2, None, None], 4, None):
         seen = [env.reset(seed=seed)[0] for env in made]
-        np.testing.assert_allclose(*seen, rtol=1e-12, atol=1e-12)
+        np.testing.assert_array_equal(*seen)
     with pytest.raises(UserError, match='must be one number, or one for each of 3 cars'):
         batch.reset(seed=[1, 2])
 

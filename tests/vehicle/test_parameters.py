@@ -62,14 +62,14 @@ def test_live_parameters_change_a_car_that_drives() -> None:
     PlantOptions.of_parameters(DEFAULTS | {'motor_limit': 4.0}).retune(car)
     car.advance(Command(motor=8.0))
     assert car.state.v == pytest.approx(0.08, abs=1e-4)
-    assert not car.actuators.is_ideal
+    assert not car.model.is_ideal
     PlantOptions.of_parameters(DEFAULTS).retune(car)
-    assert car.actuators.is_ideal
+    assert car.model.is_ideal
 
 
 def test_a_limit_of_0_is_none() -> None:
-    assert plant(DEFAULTS).actuators.motor.waiting == [0.0]
+    assert plant(DEFAULTS).waiting.motor == [0.0]
     car = plant(DEFAULTS | {'motor_delay': 0.04})
-    assert not car.actuators.is_ideal
+    assert not car.model.is_ideal
     car.advance(Command(motor=inf))
     assert car.state.v == 0.0

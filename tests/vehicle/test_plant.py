@@ -23,13 +23,15 @@ from barc_sim.vehicle.bike_model import (
 )
 from barc_sim.vehicle.plant import (
     Actuator,
-    Actuators,
-    ActuatorState,
     MeasurementError,
     NoiseLevels,
     Plant,
     Sensor,
+    act,
     actuator_response,
+    channel_of,
+    queue_room,
+    take_command,
 )
 from barc_sim.vehicle.road import Road
 
@@ -47,8 +49,14 @@ lags = st.floats(0.01, 10.0) | st.just(0.0)
 
 def drive(actuator: Actuator, commands: list[float], ts: float = TS) -> list[tuple[float, float]]:
     """Return the mean over each step, and the value at its end."""
-    channel = ActuatorState(actuator, ts)
-    return [(channel.advance(command), channel.value) for command in commands]
+    channel = channel_of(actuator, ts)
+    queue = [0.0] * queue_room(channel)
+    steps = []
+    value = 0.0
+    for k, command in enumerate(commands):
+        value, mean = act(channel, value, queue, k, command, ts)
+        steps.append((mean, value))
+    return steps
 
 
 # Off
@@ -57,10 +65,11 @@ def drive(actuator: Actuator, commands: list[float], ts: float = TS) -> list[tup
 @properties
 @given(motor=values, servo=values)
 def test_actuators_that_are_off_do_what_is_commanded(motor: float, servo: float) -> None:
-    actuators = Actuators(Actuator(), Actuator(), TS)
     command = Command(motor, servo)
+    plant = Plant()
+    acting, held = take_command(plant.model, plant.now, plant.waiting, command, 0.0)
     # As text: not even the sign of a zero may change.
-    assert repr(actuators.advance(command)) == repr(actuators.now) == repr(command)
+    assert repr(acting) == repr(held) == repr(command)
 
 
 # Delay
@@ -134,11 +143,14 @@ def test_command_beyond_the_limit_is_cut_either_way() -> None:
 
 @pytest.mark.parametrize(('before', 'after'), [(0, 3), (1, 4), (4, 1), (5, 0)])
 def test_replaced_delay_counts_from_the_next_command(before: int, after: int) -> None:
-    actuators = Actuators(Actuator(delay=before * TS), Actuator(), TS)
+    plant = Plant(motor=Actuator(delay=before * TS))
     for k in range(1, 11):
-        actuators.advance(Command(float(k)))
-    actuators.replace(Actuator(delay=after * TS), Actuator())
-    acted = [actuators.advance(Command(float(k))).motor for k in range(11, 21)]
+        plant.advance(Command(float(k)))
+    plant.replace_actuators(Actuator(delay=after * TS), Actuator())
+    acted = []
+    for k in range(11, 21):
+        plant.advance(Command(float(k)))
+        acted.append(plant.acting.motor)
     # Where the delay grew, the command that acts now acts meanwhile.
     assert acted == [max(k - after, 10.0 - before) for k in range(11, 21)]
 
