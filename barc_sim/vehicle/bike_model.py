@@ -48,6 +48,9 @@ class Vehicle(NamedTuple):
     gravity: Annotated[float, 'g [m/s²]', 0.0, 100.0] = GRAVITY
 
 
+_LABS_CAR = Vehicle()
+
+
 class State(NamedTuple):
     """The vehicle's state: its centre of mass, in the frame of the road's surface."""
 
@@ -180,7 +183,10 @@ def bikeFE(  # noqa: N802 (the lab's name)
     >>> bikeFE(0.0, 0.0, 0.0, 8.0, 1.0, 0.0, a0=0.0, m=2000.0, Ff=0.0, theta=0.0, ts=0.02)
     [0.16, 0.0, 0.0, 8.02]
     """
-    vehicle = Vehicle._make((m, a0, Ff, l_f, l_r, g))  # any, as in the lab: nothing is checked
+    # Any numbers, as in the lab: `_replace` checks nothing.
+    vehicle = _LABS_CAR._replace(
+        mass=m, air_drag_coeff=a0, friction=Ff, l_f=l_f, l_r=l_r, gravity=g
+    )
     return [*step(State(x, y, psi, v), Command(a, d_f), theta, vehicle, ts)]
 
 

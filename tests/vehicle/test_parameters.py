@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
+import sys
 from math import inf, isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import barc_sim
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.parameters import LIVE, PARAMETERS, PlantOptions
 
@@ -73,3 +79,44 @@ def test_a_limit_of_0_is_none() -> None:
     assert not car.model.is_ideal
     car.advance(Command(motor=inf))
     assert car.state.v == 0.0
+
+
+#: Prints the parameter of a node, what an environment draws, the plant's record, and a step.
+_DERIVED = """
+from barc_sim.learning.tasks import TASKS
+from barc_sim.simulation.scenario import Scenario
+from barc_sim.simulation.stepper import parameters
+from barc_sim.vehicle.bike_model import Vehicle, bikeFE
+table = {each.name: each for each in parameters()}
+print(table['payload'].between, table['payload'].unit)
+values = {name: each.default for name, each in table.items()} | {'payload': 5.0}
+print(Scenario.of_parameters(values, laps=0).plant().vehicle.payload)
+task = TASKS['Lane'](ranges={'payload': (1.0, 2.0)}, vehicle=Vehicle(mass=1500.0))
+print(task.plant({'payload': 1.5}).vehicle[::6])
+print(bikeFE(0.0, 0.0, 0.0, 8.0, 1.0, 0.0, 0.0, 2000.0, 0.0, 0.0, 0.02))
+"""
+
+
+def test_a_parameter_of_the_car_is_one_line(tmp_path: Path) -> None:
+    without = shutil.ignore_patterns('__pycache__', 'web', 'templates')
+    package = shutil.copytree(Path(barc_sim.__file__).parent, tmp_path / 'barc_sim', ignore=without)
+    file = package / 'vehicle' / 'bike_model.py'
+    line = "    payload: Annotated[float, 'load [kg]', 0.0, 500.0] = 0.0\n"
+    text, count = re.subn(r'( +gravity: Annotated.*\n)', rf'\1{line}', file.read_text('utf-8'))
+    assert count == 1
+    file.write_text(text, 'utf-8')
+    done = subprocess.run(
+        [sys.executable, '-c', _DERIVED],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
+    )
+    assert done.stderr == ''
+    assert done.stdout.splitlines() == [
+        '(0.0, 500.0) kg',
+        '5.0',
+        '(1500.0, 1.5)',
+        '[0.16, 0.0, 0.0, 8.02]',
+    ]
