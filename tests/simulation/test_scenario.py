@@ -132,8 +132,8 @@ def test_a_scenario_never_changes_and_its_text_makes_it_again() -> None:
 
 def test_a_delay_is_that_of_both_actuators_unless_one_is_given() -> None:
     def actuators(**options: Any) -> tuple[Actuator, Actuator]:  # noqa: ANN401
-        pair = Scenario(**options).plant().actuators
-        return pair.motor.actuator, pair.servo.actuator
+        model = Scenario(**options).plant().model
+        return model.motor.actuator, model.servo.actuator
 
     assert actuators(delay=0.1) == (Actuator(delay=0.1), Actuator())
     assert actuators(delay=0.1, track='L') == (Actuator(delay=0.1), SERVO._replace(delay=0.1))
