@@ -74,7 +74,7 @@ def figures(
     done = subprocess.run(
         [sys.executable, str(PROGRAM), str(friction), str(lag)],
         cwd=folder,
-        env=os.environ | {'PYTHONPATH': str(package.parent)},
+        env=os.environ | {'PYTHONPATH': str(package.parent), 'XDG_CACHE_HOME': str(folder)},
         capture_output=True,
         text=True,
         timeout=300.0,
