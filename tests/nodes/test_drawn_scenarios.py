@@ -1,0 +1,202 @@
+"""Nodes, `simulate` and a batch of environments give the same states to the last bit."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+import barc_sim.learning  # noqa: F401 (registers the environments)
+from barc_sim.control.cruise_control import LANE_TYPES, TYPES
+from barc_sim.control.lane import LANE
+from barc_sim.simulation.closed_loop import simulate
+from barc_sim.simulation.log import TrackLog
+from barc_sim.simulation.scenario import Scenario
+from barc_sim.simulation.stepper import parameters
+
+if TYPE_CHECKING:
+    from barc_sim.simulation.log import Log
+
+PROGRAM = Path(__file__).with_name('drawn_scenarios.py')
+DISTANCE = 7.0
+GAINS = {'kp': (2.0, 60.0), 'ki': (0.0, 250.0), 'kd': (0.0, 0.5), 'observer_gain': (0.0, 1.0)}
+LANE_GAINS = {
+    'lqr': {'q_e_y': (0.01, 0.5), 'q_e_psi': (0.0, 2.0), 'preview': (0.0, 0.2)},
+    'stanley': {'k': (0.5, 5.0), 'v_soft': (0.5, 3.0)},
+    'pure-pursuit': {'look_ahead': (1.0, 5.0), 'look_ahead_time': (0.0, 0.4)},
+}
+
+
+class Drawn(NamedTuple):
+    """A scenario, as parameters of the nodes."""
+
+    simulator: dict[str, Any]
+    controller: dict[str, Any]
+
+    @property
+    def scenario(self) -> Scenario:
+        """The record of the run."""
+        of_run = self.controller
+        on_track = bool(self.simulator.get('track'))
+        defaults = {row.name: row.default for row in parameters(on_track=on_track)}
+        law = TYPES[of_run['controller_type']]()
+        for name in law.gains.keys() & of_run.keys():
+            setattr(law, name, of_run[name])
+        options: dict[str, Any] = {'controller': law}
+        if on_track:
+            lane: Any = LANE_TYPES[of_run['lane_type']]()
+            for name in lane.gains.keys() & {each.removeprefix(LANE) for each in of_run}:
+                setattr(lane, name, of_run[LANE + name])
+            options |= {'lane': lane, 'track': self.simulator['track']}
+        values = {**defaults, **self.simulator}
+        values.pop('laps')
+        return Scenario.of_parameters(values, speed_reference=of_run['speed_reference'], **options)
+
+
+def drawn(number: int) -> Drawn:
+    """Draw a scenario: course, car, actuators, sensor, and laws with their gains."""
+    random = np.random.default_rng(number)
+
+    def some(share: float, low: float, high: float) -> float:
+        return float(random.uniform(low, high)) if random.random() < share else 0.0
+
+    simulator: dict[str, Any] = {
+        'realtime_factor': 0.0,
+        'distance': DISTANCE,
+        'rate': float(random.choice([50.0, 80.0, 100.0])),
+        'seed': int(random.integers(0, 2**40)),
+        'integrator': str(random.choice(['euler', 'rk4'])),
+        'dynamics': str(random.choice(['kinematic', 'dynamic'])),
+        'dynamic_above': 3.0,
+        'mass': float(random.uniform(1000.0, 2500.0)),
+        'air_drag_coeff': some(0.7, 0.0, 3.0),
+        'friction': some(0.7, 0.0, 300.0),
+        'l_f': float(random.uniform(1.0, 2.0)),
+        'l_r': float(random.uniform(1.0, 2.0)),
+        'disturbance': some(0.3, -300.0, 300.0),
+        'motor_delay': some(0.6, 0.0, 0.1),
+        'motor_lag': some(0.4, 0.02, 0.3),
+        'motor_limit': some(0.3, 3.0, 8.0),
+    }
+    controller: dict[str, Any] = {
+        'controller_type': str(random.choice(['pid', 'lqr'])),
+        'speed_reference': float(random.uniform(2.0, 6.0)),
+    }
+    kind = TYPES[controller['controller_type']]
+    for name in kind.gains.keys() & GAINS.keys():
+        controller[name] = float(random.uniform(*GAINS[name]))
+
+    noise = 0.05 * (random.random() < 0.5)
+    simulator |= {'noise_v_x': noise, 'noise_s': noise}
+    if random.random() < 0.5:
+        simulator['road'] = str(random.choice(['lab', 'flat']))
+        return Drawn(simulator, controller)
+
+    track = str(random.choice(['L', 'oval', 'circle', 'figure-eight']))
+    simulator |= {'track': track, 'laps': 1, 'noise_ey': 0.2 * noise, 'noise_epsi': 0.2 * noise}
+    simulator |= {'servo_delay': some(0.6, 0.0, 0.1), 'servo_lag': some(0.7, 0.02, 0.3)}
+    simulator['servo_rate_limit'] = some(0.5, 0.5, 2.0)
+    lane = str(random.choice([*LANE_GAINS]))
+    controller |= {'track': track, 'lane_type': lane}
+    for name, limits in LANE_GAINS[lane].items():
+        controller[LANE + name] = float(random.uniform(*limits))
+    return Drawn(simulator, controller)
+
+
+def states_of(log: Log) -> list[list[float]]:
+    columns = log.x, log.y, log.psi, log.v_x, log.v_y, log.psi_dot
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def by_nodes(carrier: str, scenarios: list[Drawn], folder: Path) -> list[list[list[float]]]:
+    """Return the states of all runs, of nodes on a carrier."""
+    done = subprocess.run(
+        [sys.executable, str(PROGRAM), carrier, json.dumps(scenarios)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60.0 + 5.0 * len(scenarios),
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    found: list[list[list[float]]] = json.loads(done.stdout)
+    return found
+
+
+def by_batch(each: Drawn, log: Log) -> list[list[float]]:
+    """Return s and e_y of the second car of a batch that gets the commands of a run."""
+    scenario = each.scenario
+    values = each.simulator
+    options: dict[str, Any] = {
+        'vehicle': scenario.vehicle,
+        'dynamics': scenario.dynamics,
+        'lateral': scenario.lateral,
+        'delay': values['motor_delay'],
+        'ts': scenario.ts,
+    }
+    actions = log.motor[:, np.newaxis] / 8.0
+    task = 'Hills'
+    if scenario.track:
+        task = 'Race'
+        options |= {'track': scenario.track, 'servo': scenario.servo}
+        actions = np.column_stack([actions, log.servo / 0.5])
+    else:
+        options['road'] = scenario.road
+    env = gymnasium.make_vec(
+        f'barc_sim/{task}-v0', 2, vectorization_mode='vector_entry_point', **options
+    )
+    start = {'s': 0.0, 'v': 0.0}
+    if scenario.track:
+        start |= {'e_y': 0.0, 'e_psi': 0.0}
+    _, info = env.reset(seed=0, options=start)
+    places = [[float(info['s'][1]), float(info.get('e_y', np.zeros(2))[1])]]
+    for action in actions[:-1]:
+        *_, info = env.step(np.tile(action, (2, 1)))
+        places.append([float(info['s'][1]), float(info.get('e_y', np.zeros(2))[1])])
+    env.close()
+    return places
+
+
+def has_batch(each: Drawn) -> bool:
+    """Return whether an environment has all options of a scenario."""
+    values = each.simulator
+    others = ('motor_lag', 'motor_limit', 'disturbance')
+    return values['integrator'] == 'euler' and not any(values[name] for name in others)
+
+
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize(
+    'numbers', [range(12), pytest.param(range(12, 200), marks=pytest.mark.slow)], ids=len
+)
+def test_all_parts_give_the_same_states_to_the_last_bit(numbers: range, tmp_path: Path) -> None:
+    scenarios = [drawn(number) for number in numbers]
+    logs = [simulate(scenario=each.scenario) for each in scenarios]
+    expected = [states_of(log) for log in logs]
+    assert sum(len(states) for states in expected) > 100 * len(numbers)
+    for carrier in ('local', 'dds'):
+        found = by_nodes(carrier, scenarios, tmp_path)
+        for number, states, other in zip(numbers, expected, found, strict=True):
+            assert other == states, (carrier, number, scenarios[number - numbers.start])
+
+
+@pytest.mark.parametrize(
+    'numbers', [range(300, 420), pytest.param(range(420, 1200), marks=pytest.mark.slow)], ids=len
+)
+def test_a_batch_of_environments_gives_the_same_states_to_the_last_bit(numbers: range) -> None:
+    scenarios = [each for each in map(drawn, numbers) if has_batch(each)]
+    assert len(scenarios) > 5
+    for each in scenarios:
+        log = simulate(scenario=replace(each.scenario, noise=0.0))
+        across = log.e_y if isinstance(log, TrackLog) else np.zeros(len(log))
+        along = log.s if isinstance(log, TrackLog) else log.x
+        expected = [list(row) for row in zip(along, across, strict=True)]
+        assert by_batch(each, log) == expected, each
