@@ -1,7 +1,7 @@
 """Drives nodes through scenarios in lock-step, and prints the states of each as JSON.
 
-The arguments are the carrier, `local` or `dds`, and the scenarios: for each the parameters of the
-node `vehicle_simulator`, and those of the node `controller`.
+The argument is the carrier, `local` or `dds`. The standard input has the scenarios: for each the
+parameters of the node `vehicle_simulator`, and those of the node `controller`.
 """
 
 from __future__ import annotations
@@ -53,4 +53,4 @@ def drive(of_simulator: Mapping[str, Any], of_controller: Mapping[str, Any]) -> 
 
 if __name__ == '__main__':
     rclpy.init(args=[])
-    json.dump([drive(*each) for each in json.loads(sys.argv[2])], sys.stdout)
+    json.dump([drive(*each) for each in json.load(sys.stdin)], sys.stdout)

@@ -120,7 +120,8 @@ def states_of(log: Log) -> list[list[float]]:
 def by_nodes(carrier: str, scenarios: list[Drawn], folder: Path) -> list[list[list[float]]]:
     """Return the states of all runs, of nodes on a carrier."""
     done = subprocess.run(
-        [sys.executable, str(PROGRAM), carrier, json.dumps(scenarios)],
+        [sys.executable, str(PROGRAM), carrier],
+        input=json.dumps(scenarios),
         cwd=folder,
         capture_output=True,
         text=True,
