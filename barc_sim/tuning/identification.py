@@ -37,6 +37,7 @@ from barc_sim.tuning.prediction import (
 from barc_sim.tuning.starts import gain_of, motor_starts, servo_delay_start
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.law import is_compiled
 from barc_sim.vehicle.plant import Actuator
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ _FIRST_STEPS = 10  #: from each of several starts, and from a better delay
 _WORST = 1e6  #: error of a car for which the integrator is unstable
 _NO_NOISE = 1e-6  #: smaller errors come from rounding
 _LAGS = 20  #: of the autocorrelation
+_MANY = 10_000  #: steps of a straight drive, whose predictions take about 2 s in Python
 _FASTER = 0.01  #: [m/s] of the differences by which the first speed is found
 _BLIND = 1e-6  #: share of a parameter's direction in which the errors do not change
 _SIGNALS = ('v_x', 'psi_dot', 'v_y')
@@ -173,7 +175,8 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     noise = _noise(parts)
     _check_continuous(parts, noise)
     parts = [noticed(each, vehicle, noise) for each in parts]
-    along = _Search(tuple(parts), vehicle, integrator, np.ones((1, 1)), noise)
+    is_fast = is_worth_compiling(parts)
+    along = _Search(tuple(parts), vehicle, integrator, np.ones((1, 1)), noise, is_fast)
     fit, remarks = _fit_along(along)
     along = along.with_found(fit.values)
     fit = along.fit(fit.values)
@@ -206,6 +209,12 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     if is_odd or whiteness['v_x'] < _SIGNIFICANT:
         remarks += _remark_on_units(parts, vehicle)
     return Identified(estimates, signals, whiteness, tuple(remarks))
+
+
+def is_worth_compiling(parts: Sequence[Stretch]) -> bool:
+    """Return whether compiled predictions save more time than Numba needs to start."""
+    rows = sum(len(each.t) for each in parts)
+    return is_compiled() and (_has_steered(parts) or rows > _MANY)
 
 
 def _has_steered(parts: Sequence[Stretch]) -> bool:
@@ -330,6 +339,7 @@ class _Search(NamedTuple):
     integrator: str
     sizes: Floats  #: of the errors of each signal, by which it counts
     noise: float  #: [m/s] roughly, of the speed
+    is_fast: bool  #: the loops are compiled
 
     def best(self, starts: Sequence[Mapping[str, float]]) -> _Fit:
         """Return the best of the fits that begin at these values."""
@@ -467,12 +477,12 @@ class _Search(NamedTuple):
         car = self._car(values)
         v = float(stretch.measured[0, 0]) if stretch.in_motion else 0.0
         count = len(self.sizes)
-        predicted = predict(stretch, car, v)[:count]
+        predicted = predict(stretch, car, v, is_fast=self.is_fast)[:count]
         along = free_responses(stretch, car, predicted[0])
         responses = np.zeros((len(along), *predicted.shape))
         responses[:, 0] = along
         if stretch.in_motion and count > 1:
-            faster = predict(stretch, car, v + _FASTER)
+            faster = predict(stretch, car, v + _FASTER, is_fast=self.is_fast)
             responses[0] = (faster - predicted) / _FASTER
         return predicted, responses
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bicycles import (
+    Bicycle,
     LateralParameters,
     Slip,
     bicycle_motion,
@@ -24,8 +25,9 @@ from barc_sim.vehicle.bicycles import (
     kinematic_step,
 )
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, next_speed
+from barc_sim.vehicle.law import compiled
 from barc_sim.vehicle.plant import Actuator, actuator_response
-from barc_sim.vehicle.road import LEVEL
+from barc_sim.vehicle.road import LEVEL, Inclines
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Floats, Log
 
     Rows = NDArray[np.intp]
+    Column = Any  #: a list of numbers in Python, an array in compiled code
 
 AT_REST = 0.25  #: [m/s]
 _WARM_UP = 1.0  #: [s] of commands that are known before the first state that counts
@@ -116,91 +119,161 @@ class CarModel(NamedTuple):
     integrator: str = 'euler'
 
 
-def predict(stretch: Stretch, car: CarModel, v: float) -> Floats:
+def predict(stretch: Stretch, car: CarModel, v: float, *, is_fast: bool = False) -> Floats:
     """Return speed, yaw rate and lateral speed at each step of a car that begins with `v` [m/s].
 
-    They are infinite if the integrator is unstable.
+    They are infinite if the integrator is unstable. With `is_fast` the loops are compiled, which
+    gives the same numbers.
     """
     predicted = np.full_like(stretch.measured, inf)
     with suppress(UserError, OverflowError, ValueError):
-        _, along = respond(car.motor, stretch.motor, stretch.t, is_start=stretch.is_start)
+        _, along = respond(
+            car.motor, stretch.motor, stretch.t, is_start=stretch.is_start, is_fast=is_fast
+        )
         if car.servo:
-            predicted[:] = _steered(stretch, car, car.servo, v, along)
+            predicted[:] = _steered(stretch, car, car.servo, v, along, is_fast=is_fast)
         else:
-            predicted[0] = _straight(stretch, car, v, along)
+            predicted[0] = _straight(stretch, car, v, along, is_fast=is_fast)
             predicted[1:] = 0.0
-    return predicted
+    # Where Python raises an error, compiled code returns NaN.
+    return np.full_like(predicted, inf) if np.isnan(predicted).any() else predicted
 
 
-def _straight(stretch: Stretch, car: CarModel, v: float, along: Floats) -> list[float]:
+def _columns(*columns: Floats, is_fast: bool) -> list[Column]:
+    """Return columns as a loop takes them: Python is faster with lists."""
+    return [np.ascontiguousarray(each) if is_fast else each.tolist() for each in columns]
+
+
+def _level(*, is_fast: bool) -> Inclines:
+    """Return a flat road: gravity is part of the acceleration."""
+    starts, thetas = _columns(*np.array([LEVEL.starts, LEVEL.thetas]), is_fast=is_fast)
+    return Inclines(starts, thetas)
+
+
+def _straight(stretch: Stretch, car: CarModel, v: float, along: Floats, *, is_fast: bool) -> Column:
     """Return the speed at each step, for commanded accelerations `along` [m/s²]."""
     vehicle = car.vehicle
     bicycle = bicycle_of('kinematic', car.integrator, vehicle)
     gravity_forces = -vehicle.mass * vehicle.gravity * stretch.sines[:-1]
-    columns = np.diff(stretch.t), along, gravity_forces
-    speeds = [v]
-    for h, a, force in zip(*(column.tolist() for column in columns), strict=True):
-        if not bicycle.is_rk4:
-            v = next_speed(v, a, force, vehicle, h)
-        else:
-            held = Command(a + force / vehicle.mass)
-            v = kinematic_step(bicycle, State(v=v), held, LEVEL, 0, h).v
-        speeds.append(v)
+    steps, motor, forces, speeds = _columns(
+        np.diff(stretch.t), along, gravity_forces, np.zeros(len(stretch.t)), is_fast=is_fast
+    )
+    drive = compiled(drive_straight) if is_fast else drive_straight
+    drive(bicycle, _level(is_fast=is_fast), v, steps, motor, forces, speeds)
     return speeds
 
 
+def drive_straight(
+    bicycle: Bicycle,
+    level: Inclines,
+    v: float,
+    steps: Column,
+    motor: Column,
+    forces: Column,
+    speeds: Column,
+) -> None:
+    """Store the speed at each step of a car that drives straight ahead from `v` [m/s] on.
+
+    In each step, of `steps` [s], the acceleration is `motor` [m/s²], and gravity has `forces` [N].
+    """
+    speeds[0] = v
+    for k in range(len(steps)):
+        if bicycle.is_rk4:
+            held = Command(motor[k] + forces[k] / bicycle.vehicle.mass, 0.0)
+            v = kinematic_step(bicycle, State(0.0, 0.0, 0.0, v), held, level, 0, steps[k]).v
+        else:
+            v = next_speed(v, motor[k], forces[k], bicycle.vehicle, steps[k])
+        speeds[k + 1] = v
+
+
 def _steered(
-    stretch: Stretch, car: CarModel, steering: Actuator, v: float, along: Floats
+    stretch: Stretch, car: CarModel, steering: Actuator, v: float, along: Floats, *, is_fast: bool
 ) -> Floats:
     """Return speed, yaw rate and lateral speed at each step."""
     vehicle = car.vehicle
-    steps = np.diff(stretch.t)
+    times = np.diff(stretch.t)
     if car.lateral:
-        check_step(car.lateral, vehicle, float(steps.max()), car.integrator)
+        check_step(car.lateral, vehicle, float(times.max()), car.integrator)
     dynamics = 'dynamic' if car.lateral else 'kinematic'
     bicycle = bicycle_of(dynamics, car.integrator, vehicle, car.lateral)
-    angles, servo = respond(steering, stretch.servo, stretch.t, is_start=stretch.is_start)
+    angles, turned = respond(
+        steering, stretch.servo, stretch.t, is_start=stretch.is_start, is_fast=is_fast
+    )
     free = along - vehicle.gravity * stretch.sines[:-1]
-    columns = np.diff(stretch.t), free, servo, angles[1:]
-    state = State(v=v)
-    slip = Slip()
-    motions = [bicycle_motion(bicycle, state, slip, float(angles[0]))]
-    for h, a, turned, angle in zip(*(column.tolist() for column in columns), strict=True):
-        # Gravity is part of the acceleration.
-        state, slip = bicycle_step(bicycle, state, slip, Command(a, turned), LEVEL, 0, h)
-        motions.append(bicycle_motion(bicycle, state, slip, angle))
-    signals: Floats = np.array([(each.v_x, each.psi_dot, each.v_y) for each in motions]).T
-    return signals
+    steps, motor, servo, present = _columns(times, free, turned, angles, is_fast=is_fast)
+    signals = _columns(*np.zeros((3, len(stretch.t))), is_fast=is_fast)
+    drive = compiled(drive_steered) if is_fast else drive_steered
+    drive(bicycle, _level(is_fast=is_fast), v, steps, motor, servo, present, *signals)
+    return np.array(signals)
+
+
+def drive_steered(
+    bicycle: Bicycle,
+    level: Inclines,
+    v: float,
+    steps: Column,
+    motor: Column,
+    servo: Column,
+    present: Column,
+    v_x: Column,
+    psi_dot: Column,
+    v_y: Column,
+) -> None:
+    """Store the velocities at each step of a car that begins with `v` [m/s].
+
+    In each step, of `steps` [s], acceleration and steering angle are `motor` [m/s²] and `servo`
+    [rad]; between two steps the steering angle is `present` [rad].
+    """
+    state = State(0.0, 0.0, 0.0, v)
+    slip = Slip(0.0, 0.0)
+    for k in range(len(present)):
+        seen = bicycle_motion(bicycle, state, slip, present[k])
+        v_x[k] = seen.v_x
+        psi_dot[k] = seen.psi_dot
+        v_y[k] = seen.v_y
+        if k < len(steps):
+            held = Command(motor[k], servo[k])
+            state, slip = bicycle_step(bicycle, state, slip, held, level, 0, steps[k])
 
 
 def respond(
-    actuator: Actuator, commands: HeldValues, t: Floats, *, is_start: bool
+    actuator: Actuator, commands: HeldValues, t: Floats, *, is_start: bool, is_fast: bool = False
 ) -> tuple[Floats, Floats]:
     """Return an actuator's values at the times `t`, and its means from each to the next.
 
     Each command acts from its own time on, after the actuator's delay. Before the first command
-    there was none, if that `is_start`; else it was the same.
+    there was none, if that `is_start`; else it was the same. With `is_fast` the loop is compiled.
     """
     due = np.round(commands.t + actuator.delay, _ROUND)
     edges = np.unique(np.concatenate([t, due[due < t[-1]]]))
     acting = np.searchsorted(due, edges[:-1], side='right') - 1
     before = 0.0 if is_start else float(commands.values[0])
     targets = np.append(commands.values, before)[acting]  # -1: the last one
+    lengths = np.diff(edges)
+    values = np.append(before, targets)
+    means = targets.copy()
     if actuator.lag:
-        lengths = np.diff(edges)
-        values = [before]
-        means = []
-        value = before
-        for target, length in zip(targets.tolist(), lengths.tolist(), strict=True):
-            value, mean = actuator_response(actuator, value, target, length)
-            values.append(value)
-            means.append(mean)
-        way = np.append(0.0, np.cumsum(np.array(means) * lengths))
-    else:
-        values = [before, *targets.tolist()]
-        way = np.append(0.0, np.cumsum(targets * np.diff(edges)))
+        columns = _columns(targets, lengths, values, means, is_fast=is_fast)
+        follow = compiled(follow_commands) if is_fast else follow_commands
+        follow(actuator, *columns)
+        values, means = map(np.array, columns[2:])
+    way = np.append(0.0, np.cumsum(means * lengths))
     at = np.searchsorted(edges, t)
-    return np.array(values)[at], np.diff(way[at]) / np.diff(t)
+    return values[at], np.diff(way[at]) / np.diff(t)
+
+
+def follow_commands(
+    actuator: Actuator, targets: Column, lengths: Column, values: Column, means: Column
+) -> None:
+    """Store an actuator's values after each of `lengths` [s] of constant `targets`, and its means.
+
+    The first of `values` is the one before.
+    """
+    value = values[0]
+    for k in range(len(targets)):
+        value, mean = actuator_response(actuator, value, targets[k], lengths[k])
+        values[k + 1] = value
+        means[k] = mean
 
 
 @np.errstate(over='ignore')  # of a car with a drag far below zero

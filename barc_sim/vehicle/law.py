@@ -50,12 +50,12 @@ def is_compiled() -> bool:
     return find_spec('numba') is not None
 
 
-def must_compile() -> bool:
-    """Return whether the next loop over many runs is compiled first, which takes some seconds."""
+def must_compile(loop: Callable[..., Any]) -> bool:
+    """Return whether a loop is compiled before its next run, which takes some seconds."""
     if not is_compiled():
         return False
     folder = _cache_folder()
-    return folder is None or not any(folder.iterdir())
+    return folder is None or not any(folder.rglob(f'*.{loop.__qualname__}-*.nbi'))
 
 
 @cache
