@@ -57,8 +57,12 @@ def test_every_state_reaches_the_page_with_its_messages(ros: Context, kind: str,
     shown = np.isfinite(table['motor']) & np.isfinite(sum(table[term] for term in law.terms))
     assert shown[-1]
     total = sum(table[term][shown] for term in law.terms)
-    differ = ~np.isclose(np.clip(total, -8.0, 8.0), table['motor'][shown])
-    assert np.count_nonzero(differ) <= 2 * simulator.stepper.missed
+    motor = table['motor'][shown]
+    differ = np.flatnonzero(~np.isclose(np.clip(total, -8.0, 8.0), motor))
+    # On a busy machine one of a state's two messages can arrive after its row has been sent: then
+    # the row has the one of the state before.
+    assert all(total[i] == total[i - 1] or motor[i] == motor[i - 1] for i in differ)
+    assert len(differ) < 0.1 * len(log)
     assert table['reference'][-1] == 8.0
 
 
