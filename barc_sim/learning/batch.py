@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     from barc_sim.learning.tasks import Task
 
     Floats = NDArray[np.float64]
-    Ints = NDArray[np.intp]
     Car = Any  #: a record of `CAR`
     Column = Any  #: a list or tuple of numbers in Python, an array in compiled code
 
@@ -71,7 +70,7 @@ _FLOATS = (
     *('motor_early', 'servo_early', 'noise'),
 )
 _INTEGERS = ('lap', 'steps', 'segment', 'stretch', 'row', 'motor_whole', 'servo_whole')
-_TRUTHS = ('is_whole', 'is_new')
+_TRUTHS = ('is_whole', 'is_new')  # is_new: its episode begins with the next step
 CAR = np.dtype(
     [
         *[(name, np.float64) for name in _FLOATS],
@@ -80,6 +79,8 @@ CAR = np.dtype(
     ],
     align=True,
 )
+#: The columns of the starts of episodes: [m], [m], [rad], [m/s].
+STARTS = ('s', 'e_y', 'e_psi', 'v')
 
 
 class World(NamedTuple):
@@ -99,6 +100,7 @@ class Columns(NamedTuple):
     cars: Any  #: of `CAR`, shape (cars,)
     queues: Queues  #: each of shape (cars, room)
     normals: Any  #: for the noise of the next measurements, shape (cars, BLOCK, signals)
+    starts: Any  #: of episodes: the values of `STARTS`, shape (cars, 4)
     actions: Any  #: shape (cars, numbers)
     observations: Any  #: shape (cars, numbers)
     rewards: Any  #: shape (cars,)
@@ -160,6 +162,7 @@ def columns_of(task: Task, n: int, max_delay: float) -> Columns:
         cars=cars if is_compiled() else cars.view(np.recarray),
         queues=Queues(np.zeros((n, rooms[0])), np.zeros((n, rooms[1]))),
         normals=np.zeros((n, BLOCK if task.is_noisy else 1, _SIGNALS)),
+        starts=np.zeros((n, len(STARTS))),
         actions=np.zeros((n, len(task.actions))),
         observations=np.zeros((n, len(task.high))),
         rewards=np.zeros(n),
@@ -235,8 +238,9 @@ def store(car: Car, now: PlantState) -> None:
 
 
 @law
-def begin_car(world: World, columns: Columns, i: int, begin: Column) -> None:
-    """Start an episode of a car, at s, e_y, e_psi and v."""
+def begin_car(world: World, columns: Columns, i: int) -> PlantState:
+    """Start an episode of a car; return the state of its plant."""
+    begin = columns.starts[i]
     s = begin[0]
     state = State(s, 0.0 * s, 0.0 * s, begin[3])
     if world.plant.has_track:
@@ -246,7 +250,8 @@ def begin_car(world: World, columns: Columns, i: int, begin: Column) -> None:
         pose = placed(line.segments[segment], at - line.starts[segment], begin[1], begin[2])
         state = State(pose.x, pose.y, pose.psi, begin[3])
     car = columns.cars[i]
-    store(car, start(world.plant, state, s, s == 0.0))
+    now = start(world.plant, state, s, s == 0.0)
+    store(car, now)
     for j in range(columns.queues.motor.shape[1]):
         columns.queues.motor[i, j] = 0.0
     for j in range(columns.queues.servo.shape[1]):
@@ -255,25 +260,25 @@ def begin_car(world: World, columns: Columns, i: int, begin: Column) -> None:
     car.previous = nan
     car.commanded_motor = 0.0
     car.commanded_servo = 0.0
-    car.is_new = True
+    car.is_new = False
+    return now
 
 
 @law
 def drive_car(world: World, columns: Columns, i: int) -> None:
-    """Take a step with a car of a batch, and measure it; one that is new is only measured."""
+    """Take a step with a car of a batch, or begin its new episode; measure it."""
     rules = world.rules
     car = columns.cars[i]
     model = model_of(world.plant, car)
-    now = state_of(car)
     if car.is_new:
-        car.is_new = False
+        now = begin_car(world, columns, i)
         columns.rewards[i] = 0.0
         columns.over[i] = False
     else:
-        before = now
+        before = state_of(car)
         command = answer(world, car, columns.actions[i])
         queues = Queues(columns.queues.motor[i], columns.queues.servo[i])
-        now = advance(model, now, queues, command, 0.0)
+        now = advance(model, before, queues, command, 0.0)
         store(car, now)
         s = now.frenet.s if rules.has_track else now.state.x
         way = s - (before.frenet.s if rules.has_track else before.state.x)
@@ -320,9 +325,3 @@ def step_cars(world: World, columns: Columns, first: int, last: int) -> None:
     """Take a step with these cars of a batch, and measure them."""
     for i in range(first, last):
         drive_car(world, columns, i)
-
-
-def begin_cars(world: World, columns: Columns, which: Ints, starts: Floats) -> None:
-    """Start episodes of these cars, at s, e_y, e_psi and v in the rows of `starts`."""
-    for k in range(len(which)):
-        begin_car(world, columns, which[k], starts[k])

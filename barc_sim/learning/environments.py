@@ -18,7 +18,7 @@ from gymnasium.vector.utils import batch_space
 
 from barc_sim.control.speed import speed_controller
 from barc_sim.errors import UserError
-from barc_sim.learning.batch import begin_cars, columns_of, step_cars, world_of
+from barc_sim.learning.batch import STARTS, columns_of, step_cars, world_of
 from barc_sim.learning.tasks import BLOCK, TASKS, Seen, Task, command_of, is_over, reward
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.law import compiled, is_compiled
@@ -262,11 +262,12 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         )
 
     def _step_all(self) -> None:
-        """Take a step with each car that is not new, and measure all."""
+        """Take a step with each car, or begin its new episode; measure all."""
         columns, n = self._columns, self.num_envs
         if self.task.is_noisy:
-            steps = columns.cars['steps'] + ~columns.cars['is_new']
-            for car in np.flatnonzero(steps % BLOCK == 0).tolist():
+            cars = columns.cars
+            begins_block = cars['is_new'] | ((cars['steps'] + 1) % BLOCK == 0)
+            for car in np.flatnonzero(begins_block).tolist():
                 self._generators[car].standard_normal(out=columns.normals[car])
         step = compiled(step_cars)
         pieces = min(n // _MIN_PIECE, cpu_count() or 1) if is_compiled() else 1
@@ -296,25 +297,24 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         return {name: cars[name].copy() for name in names} | {'lap_times': self._lap_times.copy()}
 
     def _begin(self, which: Cars, options: Options = None) -> None:
-        """Begin an episode with each of these cars."""
+        """Begin an episode with each of these cars, in the next step."""
         task, cars = self.task, self._columns.cars
         count = len(task.draws)
-        shares = np.array([self._generators[car].random(count) for car in which.tolist()]).T
-        drawn = task.draw(shares, options)
+        shares = np.array([self._generators[car].random(count) for car in which.tolist()])
+        drawn = task.draw(shares.T, options)
         for name in task.ranges:
-            if name in cars.dtype.names:
+            if name != 'delay':
                 cars[name][which] = drawn[name]
-        if 'delay' in drawn:
+        if 'delay' in task.ranges:
             steps = np.array([in_steps(delay, task.ts) for delay in drawn['delay'].tolist()])
             for name in ('motor', 'servo') if task.delays_servo else ('motor',):
                 cars[f'{name}_whole'][which] = steps[:, 0]
                 cars[f'{name}_early'][which] = steps[:, 1]
         cars['noise'][which] = drawn['noise']
-        starts = np.zeros((len(which), 4))
-        for column, name in enumerate(('s', 'e_y', 'e_psi', 'v')):
+        for column, name in enumerate(STARTS):
             if name in drawn:
-                starts[:, column] = drawn[name]
-        compiled(begin_cars)(self._world, self._columns, which, starts)
+                self._columns.starts[which, column] = drawn[name]
+        cars['is_new'][which] = True
         for car in which.tolist():
             self._lap_times[car] = ()
 

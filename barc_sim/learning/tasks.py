@@ -27,7 +27,7 @@ from barc_sim.vehicle.law import law
 from barc_sim.vehicle.parameters import needs_track
 from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.track import Track
+from barc_sim.vehicle.track import Track, in_lap
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -407,8 +407,7 @@ class Table(NamedTuple):
 @law
 def ahead_at(table: Table, s: float, near: int) -> int:
     """Return the number of the row for a place [m]; `near` is one not far from it."""
-    if table.is_closed and not 0.0 <= s < table.length:
-        s %= table.length
+    s = in_lap(table, s)
     edges = table.edges
     while near < len(edges) and s >= edges[near]:
         near += 1
@@ -439,8 +438,7 @@ class Preview:
     def __call__(self, s: float) -> tuple[float, ...]:
         """Return the values ahead of `s` [m]."""
         table = self.table
-        place = s % table.length if table.is_closed else s
-        values: tuple[float, ...] = table.rows[bisect_right(table.edges, place)]
+        values: tuple[float, ...] = table.rows[bisect_right(table.edges, in_lap(table, s))]
         return values
 
 

@@ -433,7 +433,9 @@ def arrive(
             laps = Laps(lap, began, True, t - began, finished)
         else:
             laps = Laps(laps.lap, laps.began, laps.is_whole, t - laps.began, nan)
-    stretch = stretch_at(model.inclines.starts, on_road(model, state.x, frenet.s), now.stretch)
+    stretch = now.stretch
+    if len(model.inclines.starts) > 1:
+        stretch = stretch_at(model.inclines.starts, on_road(model, state.x, frenet.s), stretch)
     return PlantState(state, slip, acting, frenet, laps, steps, segment, stretch)
 
 

@@ -16,7 +16,7 @@ from cmath import phase
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import atan2, ceil, cos, floor, hypot, inf, isfinite, pi, sin, sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.law import law
@@ -65,6 +65,18 @@ class Frenet(NamedTuple):
     e_y: float  #: [m] to the left of the centre line
     e_psi: float  #: [rad] heading minus the heading of the centre line, from -π to π
     curvature: float  #: [1/m] of the centre line there, positive to the left
+
+
+class _Course(Protocol):
+    """A record of a course."""
+
+    @property
+    def length(self) -> float:
+        """Its length [m]."""
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it ends where it begins."""
 
 
 class Segment(NamedTuple):
@@ -340,7 +352,7 @@ def wrapped(angle: float) -> float:
 
 
 @law
-def in_lap(line: CentreLine, s: float) -> float:
+def in_lap(line: _Course, s: float) -> float:
     """Return the position [m] on the lap of a position that grows over the laps."""
     if line.is_closed and not 0.0 <= s < line.length:
         return s - floor(s / line.length) * line.length
