@@ -84,16 +84,24 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
         )
     n = min(max(round(track.length / _SPACING), _MIN_POINTS), _MAX_POINTS)
     h = track.length / n
-    one, (x, y, psi) = np.eye(n), map(np.asarray, track.place(h * np.arange(n)))
+    one = np.eye(n)
+    places = track.place(h * np.arange(n))
     # Vectors are complex: conj(a) b has their dot product, and as the imaginary part their cross
     # product. The derivatives of the line over s are linear in the offsets.
-    centre, normals = x + 1j * y, 1j * np.exp(1j * psi)
-    ahead, behind = np.roll(one, 1, axis=1), np.roll(one, -1, axis=1)
-    first, second = (ahead - behind) / (2.0 * h), (ahead - 2.0 * one + behind) / h**2
-    bounds, offsets, solve = np.full(n, half - margin), np.zeros(n), solver()
+    centre = np.asarray(places.x) + 1j * np.asarray(places.y)
+    normals = 1j * np.exp(1j * np.asarray(places.psi))
+    ahead = np.roll(one, 1, axis=1)
+    behind = np.roll(one, -1, axis=1)
+    first = (ahead - behind) / (2.0 * h)
+    second = (ahead - 2.0 * one + behind) / h**2
+    bounds = np.full(n, half - margin)
+    offsets = np.zeros(n)
+    solve = solver()
+
     for _ in range(_ROUNDS):
         line = centre + offsets * normals
-        along, bent = (first @ line)[:, None], (second @ line)[:, None]
+        along = (first @ line)[:, None]
+        bent = (second @ line)[:, None]
         weight = np.abs(along) ** -2.5
         residuals = weight * (along.conj() * bent).imag  # κ √(dl/ds)
         across = (first * normals).conj() * bent + along.conj() * (second * normals)
@@ -105,7 +113,8 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
         if flag < 1:
             raise UserError(f'no racing line of {track.name!r} was found: give another margin')
         solution = np.clip(solution, -bounds, bounds)
-        moved, offsets = float(np.abs(solution - offsets).max()), solution
+        moved = float(np.abs(solution - offsets).max())
+        offsets = solution
         if moved < _SETTLED:
             break
     return line_beside(track, offsets)
@@ -118,9 +127,11 @@ def line_beside(track: Track, offsets: Floats) -> Track:
     both edges allow.
     """
     s = track.length / len(offsets) * np.arange(len(offsets))
-    x, y, _ = map(np.asarray, track.place(s, offsets))
+    places = track.place(s, offsets)
     width = track.width - 2.0 * float(np.abs(offsets).max())
-    return Track.through(x, y, width, f'{track.name} racing line')
+    return Track.through(
+        np.asarray(places.x), np.asarray(places.y), width, f'{track.name} racing line'
+    )
 
 
 def bending(track: Track) -> float:
@@ -141,11 +152,13 @@ def write_line(path: Path, track: Track, line: Track, limits: Limits) -> None:
     `Track.named` reads it, and so do programs for the files of the racetrack database.
     """
     s = np.array(line.starts[:-1:2])  # two arcs lead from point to point
-    x, y, psi = map(np.asarray, line.place(s))
-    e_y, half = np.asarray(track.frenet(x, y, psi).e_y), 0.5 * track.width
+    places = line.place(s)
+    near = track.length / len(s) * np.arange(len(s))  # as the points of `line_beside`
+    e_y = np.asarray(track.frenet(places.x, places.y, places.psi, near).e_y)
+    half = 0.5 * track.width
     speed = speed_profile(line, *limits)
     planned = np.array([speed(0.0, each) for each in s.tolist()])
-    rows = np.column_stack([x, y, half + e_y, half - e_y, planned])
+    rows = np.column_stack([places.x, places.y, half + e_y, half - e_y, planned])
     np.savetxt(path, rows, '%.17g', ',', header=RACING_LINE, comments='')
 
 

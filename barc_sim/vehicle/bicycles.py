@@ -137,8 +137,12 @@ def model_step(
 ) -> State:
     """Return the state after a step of a user's own model, which has the arguments of `bikeFE`."""
     x, y, psi, v = model(
-        *state,
-        *held,
+        state.x,
+        state.y,
+        state.psi,
+        state.v,
+        held.motor,
+        held.servo,
         vehicle.air_drag_coeff,
         vehicle.mass,
         vehicle.friction,
@@ -404,9 +408,11 @@ def check_step(lateral: LateralParameters, vehicle: Vehicle, ts: float, integrat
     The lateral motion decays fastest at the minimum speed; an integrator is unstable if a step is
     longer than a multiple of its time constant (Rajamani, section 2.3).
     """
-    i_z, c_f, c_r, v = lateral
-    turning = (vehicle.l_f**2 * c_f + vehicle.l_r**2 * c_r) / i_z
-    settling = v / max((c_f + c_r) / vehicle.mass, turning)
+    v = lateral.dynamic_above
+    front = lateral.front_stiffness
+    rear = lateral.rear_stiffness
+    turning = (vehicle.l_f**2 * front + vehicle.l_r**2 * rear) / lateral.yaw_inertia
+    settling = v / max((front + rear) / vehicle.mass, turning)
     if ts > _LONGEST[integrator] * settling:
         raise UserError(
             f'steps of {ts:g} s are too long for the dynamic bicycle at {v:g} m/s, where it '

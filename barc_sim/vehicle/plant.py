@@ -573,8 +573,17 @@ class Plant:
         """The position of the car on its track; None without one."""
         if not self.track:
             return None
+        place = self.now.frenet
         laps = self.now.laps
-        return TrackState(*self.now.frenet, self.track.width, laps.lap, laps.time)
+        return TrackState(
+            place.s,
+            place.e_y,
+            place.e_psi,
+            place.curvature,
+            self.track.width,
+            laps.lap,
+            laps.time,
+        )
 
     @property
     def period_ns(self) -> int:
