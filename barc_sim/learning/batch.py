@@ -42,14 +42,14 @@ from barc_sim.vehicle.plant import (
     true_motion,
     with_error,
 )
-from barc_sim.vehicle.road import Inclines, stretch_at
-from barc_sim.vehicle.track import CentreLine, Frenet, Segment, in_lap, placed, project
+from barc_sim.vehicle.track import CentreLine, Frenet, Segment, in_lap, placed, project, segment_at
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.control.speed import PID
     from barc_sim.learning.tasks import Task
+    from barc_sim.vehicle.road import Inclines
 
     Floats = NDArray[np.float64]
     Car = Any  #: a record of `CAR`
@@ -62,7 +62,7 @@ _FLOATS = (
     *('x', 'y', 'psi', 'v', 'beta', 'psi_dot'),
     *('motor', 'servo'),  # of the actuators
     *('s', 'e_y', 'e_psi', 'curvature'),
-    *('began', 'lap_time', 'finished'),
+    *('began', 'finished'),
     *('integral', 'previous'),
     *('commanded_motor', 'commanded_servo', 'speed'),  # the latest command and measurement
     *Vehicle._fields,
@@ -205,7 +205,7 @@ def state_of(car: Car) -> PlantState:
         Slip(car.beta, car.psi_dot),
         Command(car.motor, car.servo),
         Frenet(car.s, car.e_y, car.e_psi, car.curvature),
-        Laps(car.lap, car.began, car.is_whole, car.lap_time, car.finished),
+        Laps(car.lap, car.began, car.is_whole, car.finished),
         car.steps,
         car.segment,
         car.stretch,
@@ -230,7 +230,6 @@ def store(car: Car, now: PlantState) -> None:
     car.lap = now.laps.lap
     car.began = now.laps.began
     car.is_whole = now.laps.is_whole
-    car.lap_time = now.laps.time
     car.finished = now.laps.finished
     car.steps = now.steps
     car.segment = now.segment
@@ -246,7 +245,7 @@ def begin_car(world: World, columns: Columns, i: int) -> PlantState:
     if world.plant.has_track:
         line = world.plant.line
         at = in_lap(line, s)
-        segment = stretch_at(line.starts, at, 0)
+        segment = segment_at(line, s)
         pose = placed(line.segments[segment], at - line.starts[segment], begin[1], begin[2])
         state = State(pose.x, pose.y, pose.psi, begin[3])
     car = columns.cars[i]

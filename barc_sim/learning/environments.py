@@ -22,7 +22,8 @@ from barc_sim.learning.batch import STARTS, columns_of, step_cars, world_of
 from barc_sim.learning.tasks import BLOCK, TASKS, Seen, Task, command_of, is_over, reward
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.law import compiled, is_compiled
-from barc_sim.vehicle.plant import error_of, in_steps, with_error
+from barc_sim.vehicle.plant import error_of, in_steps, true_motion, with_error
+from barc_sim.vehicle.track import project
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -83,6 +84,7 @@ class CarEnv(gymnasium.Env[Any, Any]):
         self._noise = task.noise(drawn['noise'])
         if self._picture:
             self._picture.begin()
+        self._s = self._plant.distance
         found = self._observe(self._command), self._info()
         if self._is_shown:
             self.render()
@@ -98,29 +100,33 @@ class CarEnv(gymnasium.Env[Any, Any]):
         if 'motor' not in task.actions:
             of_speed = self._pid.acc_calculate(rules.speed, self._speed, task.ts)
         command = command_of(rules, of_speed, numbers)
-        before = plant.distance
         plant.advance(command)
         self._command = command
 
+        before = self._s
         observation = self._observe(command)
-        s = plant.distance
+        info = self._info()
+        s = info['s']
+        self._s = s
         e_y = plant.now.frenet.e_y
         v = plant.now.state.v
         gained = reward(rules, s - before, e_y, v)
         over = is_over(rules, s, e_y, v)
         if self._is_shown:
             self.render()
-        return observation, gained, over, False, self._info()
+        return observation, gained, over, False, info
 
     def _observe(self, command: Command) -> Floats:
         """Measure the present state; return the observation."""
-        task, plant, track = self.task, self._plant, self.task.track
-        place = plant.now.frenet
-        motion = plant.motion()
+        task, track = self.task, self.task.track
+        now = self._plant.now
+        place = now.frenet
+        motion = true_motion(self._plant.model, now)
         if task.is_noisy:
             motion = self._measured(motion)
             if track:
-                place = track.frenet(motion.x, motion.y, motion.psi, place.s)
+                near, i = place.s, now.segment
+                place, _ = project(track.line, motion.x, motion.y, motion.psi, near, i)
         speed = motion.v_x
         self._speed = speed
         error = task.rules.speed - speed
@@ -130,14 +136,15 @@ class CarEnv(gymnasium.Env[Any, Any]):
     def _info(self) -> dict[str, Any]:
         """Return what is known of the car besides the observation."""
         plant = self._plant
+        now = plant.now
         if not plant.track:
-            return {'s': plant.state.x}
-        frenet, laps = plant.now.frenet, plant.now.laps
+            return {'s': now.state.x}
+        frenet, laps = now.frenet, now.laps
         return {
             's': frenet.s,
             'e_y': frenet.e_y,
             'lap': laps.lap,
-            'lap_time': laps.time,
+            'lap_time': now.steps * self.task.ts - laps.began,
             'lap_times': plant.lap_times,
         }
 
@@ -287,14 +294,20 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
             finished = columns.cars['finished']
             for car in np.flatnonzero(~np.isnan(finished)).tolist():
                 self._lap_times[car] += (float(finished[car]),)
+                finished[car] = np.nan
 
     def _info(self) -> dict[str, Any]:
         """Return what is known of the cars besides the observations."""
         cars = self._columns.cars
         if not self.task.track:
             return {'s': cars['x'].copy()}
-        names = ('s', 'e_y', 'lap', 'lap_time')
-        return {name: cars[name].copy() for name in names} | {'lap_times': self._lap_times.copy()}
+        return {
+            's': cars['s'].copy(),
+            'e_y': cars['e_y'].copy(),
+            'lap': cars['lap'].copy(),
+            'lap_time': cars['steps'] * self.task.ts - cars['began'],
+            'lap_times': self._lap_times.copy(),
+        }
 
     def _begin(self, which: Cars, options: Options = None) -> None:
         """Begin an episode with each of these cars, in the next step."""

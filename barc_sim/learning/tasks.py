@@ -126,8 +126,9 @@ def observe(rules: Rules, seen: Seen, ahead: Column, observation: Column) -> Non
             count += 1
         observation[count] = within(seen.servo, limits.servo)
         count += 1
-    for j in range(len(ahead)):
-        observation[count + j] = ahead[j]
+    for value in ahead:
+        observation[count] = value
+        count += 1
 
 
 @law
@@ -302,9 +303,9 @@ class Task:
     def action(self, given: Any) -> list[float]:  # noqa: ANN401 (a user's)
         """Return the numbers of an action; UserError: it is not an action."""
         try:
-            numbers = np.asarray(given).tolist()
+            numbers: list[float] = np.asarray(given).tolist()
             if len(numbers) == len(self.actions) and not isnan(sum(numbers)):
-                return [*map(float, numbers)]
+                return numbers
         except (TypeError, ValueError):
             pass
         raise self._not_an_action(given)

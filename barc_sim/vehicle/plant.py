@@ -31,7 +31,7 @@ from barc_sim.vehicle.bike_model import (
 )
 from barc_sim.vehicle.law import law
 from barc_sim.vehicle.road import Inclines, Road, stretch_at
-from barc_sim.vehicle.track import CentreLine, Frenet, nearest, project
+from barc_sim.vehicle.track import CentreLine, Frenet, nearest, project, segment_at
 
 if TYPE_CHECKING:
     import numpy as np
@@ -326,8 +326,7 @@ class Laps(NamedTuple):
     lap: int = 0  #: laps before this one
     began: float = 0.0  #: [s] when it began
     is_whole: bool = False  #: the car has been on all of this lap
-    time: float = 0.0  #: [s] since it began
-    finished: float = nan  #: [s] of a whole lap that ended in the latest step; NaN: none did
+    finished: float = nan  #: [s] that the lap before took; NaN: it was not driven whole
 
 
 class PlantModel(NamedTuple):
@@ -370,12 +369,12 @@ def start(model: PlantModel, state: State, near: float, is_whole: bool) -> Plant
     On a track the car is near s = `near` [m], and its first lap may count as a whole one.
     """
     frenet = Frenet(0.0, 0.0, 0.0, 0.0)
-    laps = Laps(0, 0.0, is_whole, 0.0, nan)
+    laps = Laps(0, 0.0, is_whole, nan)
     segment = 0
     if model.has_track:
         line = model.line
-        frenet, segment = project(line, state.x, state.y, state.psi, near, 0)
-        laps = Laps(max(floor(frenet.s / line.length), 0), 0.0, is_whole, 0.0, nan)
+        frenet, segment = project(line, state.x, state.y, state.psi, near, segment_at(line, near))
+        laps = Laps(max(floor(frenet.s / line.length), 0), 0.0, is_whole, nan)
     stretch = stretch_at(model.inclines.starts, on_road(model, state.x, frenet.s), 0)
     return PlantState(state, Slip(0.0, 0.0), Command(0.0, 0.0), frenet, laps, 0, segment, stretch)
 
@@ -423,16 +422,14 @@ def arrive(
     if model.has_track:
         before = now.frenet.s
         frenet, segment = project(model.line, state.x, state.y, state.psi, before, segment)
-        t = steps * model.ts
         s = frenet.s
         length = model.line.length
         lap = floor(s / length)
         if lap > laps.lap:
+            t = steps * model.ts
             began = t - (s - lap * length) / (s - before) * model.ts
             finished = began - laps.began if laps.is_whole else nan
-            laps = Laps(lap, began, True, t - began, finished)
-        else:
-            laps = Laps(laps.lap, laps.began, laps.is_whole, t - laps.began, nan)
+            laps = Laps(lap, began, True, finished)
     stretch = now.stretch
     if len(model.inclines.starts) > 1:
         stretch = stretch_at(model.inclines.starts, on_road(model, state.x, frenet.s), stretch)
@@ -561,7 +558,7 @@ class Plant:
     @property
     def lap_time(self) -> float:
         """The time since the lap began [s], as in `TrackState`."""
-        return self.now.laps.time
+        return self.now.steps * self.model.ts - self.now.laps.began
 
     @property
     def distance(self) -> float:
@@ -574,15 +571,14 @@ class Plant:
         if not self.track:
             return None
         place = self.now.frenet
-        laps = self.now.laps
         return TrackState(
             place.s,
             place.e_y,
             place.e_psi,
             place.curvature,
             self.track.width,
-            laps.lap,
-            laps.time,
+            self.lap,
+            self.lap_time,
         )
 
     @property
@@ -639,9 +635,9 @@ class Plant:
             self.now = arrive(model, now, acting, state, now.slip)
         else:
             self.now = advance(model, now, self._queues, command, force)
-        finished = self.now.laps.finished
-        if not isnan(finished):
-            self.lap_times += (finished,)
+        laps = self.now.laps
+        if laps.lap > now.laps.lap and not isnan(laps.finished):
+            self.lap_times += (laps.finished,)
 
     def place(self, state: State, near: float | None = None) -> None:
         """Start a run in this state, on a track near s = `near` [m], without waiting commands."""

@@ -360,14 +360,19 @@ def in_lap(line: _Course, s: float) -> float:
 
 
 @law
+def segment_at(line: CentreLine, s: float) -> int:
+    """Return the number of the segment at `s` [m]."""
+    return stretch_at(line.starts, in_lap(line, s), 0)
+
+
+@law
 def project(
     line: CentreLine, x: float, y: float, psi: float, near: float, i: int
 ) -> tuple[Frenet, int]:
     """Return the pose on the track of a pose on the map, and the number of its segment.
 
-    The search starts where the car was, at `near` [m], on segment `i` or not far from it.
+    The search starts where the car was, at `near` [m] on segment `i`.
     """
-    i = stretch_at(line.starts, in_lap(line, near), i)
     count = len(line.segments)
     searched = 0
     while True:
