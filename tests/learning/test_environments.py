@@ -27,7 +27,7 @@ gymnasium = pytest.importorskip('gymnasium', reason='needs the extra gym')
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-import barc_sim.learning  # noqa: E402, F401 (registers)
+from barc_sim.learning import batch, environments  # noqa: E402
 
 COURSE = slice(220, 360)  #: the rows of a picture that have the course and the chart
 IDS = {name: f'barc_sim/{name}-v0' for name in ('Hills', 'Lane', 'Race')}
@@ -51,6 +51,7 @@ ELSEWHERE: dict[str, dict[str, Any]] = {
         'ranges': {'delay': (0.0, 0.1)},
     },
 }
+OPEN = Track((30.0, 20.0), (0.0, 0.05))
 INFO = ('s', 'e_y', 'lap', 'lap_time')
 CASES = [(name, options) for name in IDS for options in (*OPTIONS.values(), ELSEWHERE[name])]
 
@@ -168,6 +169,25 @@ def assert_same(name: str, options: dict[str, Any], cars: int, steps: int) -> in
 @pytest.mark.parametrize(('name', 'options'), CASES)
 def test_a_batch_is_its_cars_one_by_one(name: str, options: dict[str, Any]) -> None:
     assert assert_same(name, options, 3, 250) > 0
+
+
+@pytest.mark.parametrize('name', ['Lane', 'Race'])
+def test_a_batch_is_its_cars_on_an_open_track(name: str) -> None:
+    options = {'track': OPEN, 'noise': NOISE, 'ranges': RANGES, 'dynamics': 'dynamic', 'ts': 0.01}
+    assert assert_same(name, options, 3, 250) > 0
+
+
+def test_a_batch_in_pieces_is_its_cars(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(environments, '_MIN_PIECE', 2)
+    assert assert_same('Race', {'noise': NOISE, 'ranges': RANGES}, 5, 250) > 0
+
+
+def test_a_batch_without_numba_is_its_cars(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (batch, environments):
+        monkeypatch.setattr(module, 'is_compiled', lambda: False)
+    monkeypatch.setattr(environments, 'compiled', lambda loop: loop)
+    for name, options in CASES[3::4]:
+        assert_same(name, options, 2, 60)
 
 
 @pytest.mark.slow
