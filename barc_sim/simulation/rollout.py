@@ -17,10 +17,18 @@ import numpy as np
 from barc_sim.control.speed import FIRST_DT, PidGains, PidMemory, pid
 from barc_sim.simulation.log import log_of
 from barc_sim.simulation.metrics import RUN_UP
-from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step, surroundings
+from barc_sim.vehicle.bicycles import Bicycle, Slip, bicycle_step
+from barc_sim.vehicle.bike_model import Command, State, motion, step, surroundings
 from barc_sim.vehicle.law import compiled, is_compiled, law
-from barc_sim.vehicle.plant import Actuator, MeasurementError, Sensor, actuate, with_error
-from barc_sim.vehicle.road import stretch_at
+from barc_sim.vehicle.plant import (
+    Actuator,
+    MeasurementError,
+    Sensor,
+    actuate,
+    with_error,
+    with_force,
+)
+from barc_sim.vehicle.road import Inclines, stretch_at
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -45,9 +53,10 @@ _MAX_PIECE = 4096  #: runs that a thread makes at a time
 class Course(NamedTuple):
     """A run along a road, but for its controller; columns of numbers are lists or arrays."""
 
-    starts: Column  #: [m] of the road's stretches
-    thetas: Column  #: [rad] their inclines
-    vehicle: Vehicle
+    inclines: Inclines
+    bicycle: Bicycle
+    is_euler: bool  #: the bicycle is the kinematic one, by forward Euler
+    force: float  #: [N] on the car
     motor: Actuator
     is_ideal: bool  #: a command acts at once
     early: float  #: share of a step for which the older of two commands acts
@@ -89,12 +98,14 @@ def course_of(
 
     of_speed = errors[:, _SPEED]
 
-    motor = plant.model.motor
+    bicycle = plant.model.bicycle
     inclines = plant.model.inclines
+    motor = plant.model.motor
     return Course(
-        starts=column(inclines.starts),
-        thetas=column(inclines.thetas),
-        vehicle=plant.vehicle,
+        inclines=Inclines(column(inclines.starts), column(inclines.thetas)),
+        bicycle=bicycle,
+        is_euler=not (bicycle.is_dynamic or bicycle.is_rk4),
+        force=float(plant.force),
         motor=motor.actuator,
         is_ideal=motor.is_ideal,
         early=motor.early,
@@ -119,7 +130,10 @@ def trace_of(course: Course, states: int, *, is_array: bool = False) -> Trace:
 @law
 def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> int:
     """Drive until the distance is reached or the trace is full; return the number of states."""
+    bicycle = course.bicycle
+    inclines = course.inclines
     state = course.start
+    slip = Slip(0.0, 0.0)
     value = course.value
     dt = FIRST_DT
     stretch = 0
@@ -154,9 +168,12 @@ def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> i
             older = trace.commands[count - 1]
             newer = trace.commands[count]
             value, motor = actuate(course.motor, value, older, newer, course.early, course.ts)
-        stretch = stretch_at(course.starts, state.x, stretch)
-        theta = course.thetas[stretch]
-        state = step(state, Command(motor, 0.0), theta, course.vehicle, course.ts)
+        held = Command(with_force(motor, course.force, bicycle.vehicle), 0.0)
+        stretch = stretch_at(inclines.starts, state.x, stretch)
+        if course.is_euler:  # a shorter way in Python, to the same law
+            state = step(state, held, inclines.thetas[stretch], bicycle.vehicle, course.ts)
+        else:
+            state, slip = bicycle_step(bicycle, state, slip, held, inclines, stretch, course.ts)
 
 
 class Scores(NamedTuple):
@@ -179,8 +196,9 @@ def score(course: Course, trace: Trace, count: int) -> Scores:
     counted = 0
     effort = 0.0
     fastest = -inf
-    stretch = stretch_at(course.starts, trace.x[0], 0)
-    first = course.thetas[stretch]
+    inclines = course.inclines
+    stretch = stretch_at(inclines.starts, trace.x[0], 0)
+    first = inclines.thetas[stretch]
     is_first = True
     wait = len(course.waiting)
     for k in range(count):
@@ -192,8 +210,8 @@ def score(course: Course, trace: Trace, count: int) -> Scores:
             counted += 1
         command = trace.commands[wait + k]
         effort += command * command
-        stretch = stretch_at(course.starts, x, stretch)
-        is_first = is_first and course.thetas[stretch] == first
+        stretch = stretch_at(inclines.starts, x, stretch)
+        is_first = is_first and inclines.thetas[stretch] == first
         if is_first:
             fastest = max(fastest, trace.v[k] / course.reference)
     return Scores(sqrt(squares / counted), largest, max(fastest - 1.0, 0.0), sqrt(effort / count))

@@ -163,9 +163,9 @@ def sweep(
     Returns
     -------
     A record array of the broadcast shape. Its fields are the gains, the seed if it is an array, and
-    the scores: `rms_error` and
-    `max_error`, of the speed after the first 10 m [m/s], `overshoot`, a share of the speed, and
-    `effort`, the RMS command [m/s²]. The scores of a loop that never arrives are infinite.
+    the scores: `rms_error` and `max_error`, of the speed after the first 10 m [m/s], `overshoot`, a
+    share of the speed, and `effort`, the RMS command [m/s²]. The scores of a loop that never
+    arrives are infinite.
 
     Raises
     ------

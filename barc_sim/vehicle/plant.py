@@ -380,6 +380,12 @@ def start(model: PlantModel, state: State, near: float, is_whole: bool) -> Plant
 
 
 @law
+def with_force(motor: float, force: float, vehicle: Vehicle) -> float:
+    """Return an acceleration [m/s²] with that of a force [N] on the car."""
+    return motor + force / vehicle.mass if force else motor
+
+
+@law
 def take_command(
     model: PlantModel, now: PlantState, queues: Queues, command: Command, force: float
 ) -> tuple[Command, Command]:
@@ -398,7 +404,7 @@ def take_command(
         acting = Command(motor, servo)
         held = Command(mean_motor, mean_servo)
     if force:
-        held = Command(held.motor + force / model.bicycle.vehicle.mass, held.servo)
+        held = Command(with_force(held.motor, force, model.bicycle.vehicle), held.servo)
     return acting, held
 
 
@@ -588,13 +594,10 @@ class Plant:
 
     @property
     def has_fast_path(self) -> bool:
-        """Whether `bikeFE` moves the car straight ahead along its road."""
-        car = self.model.bicycle
+        """Whether laws move the car straight ahead along its road."""
         return (
             type(self) is Plant
-            and not self.track
-            and not (self._own_model or car.is_dynamic or car.is_rk4)
-            and not (self.force or self.disturbance)
+            and not (self.track or self._own_model or self.disturbance)
             and self.state.psi == self.acting.servo == 0.0
             and not any(self.waiting.servo)
         )

@@ -38,11 +38,15 @@ class General(PID):
 
 @st.composite
 def plants(draw: st.DrawFn) -> Plant:
-    """Return a car on a road, with or without noise, delay, lag and limits."""
+    """Return a car on a road, with or without noise, delay, lag, limits and a force on it."""
     lengths = draw(st.lists(st.floats(1.0, 30.0), min_size=1, max_size=5))
     grades = draw(st.lists(st.floats(-35.0, 35.0), min_size=len(lengths), max_size=len(lengths)))
     ts = draw(st.sampled_from([0.02, 0.005, 1 / 333]))
+    is_dynamic = ts < 0.01 and draw(st.booleans())
     return Plant(
+        integrator=draw(st.sampled_from(['euler', 'rk4'])),
+        dynamics='dynamic' if is_dynamic else 'kinematic',
+        force=draw(st.sampled_from([0.0, -400.0, 250.0])),
         road=Road(tuple(np.cumsum(lengths) - 20.0), tuple(grades)),
         vehicle=Vehicle(
             mass=draw(st.floats(500.0, 5000.0)),
