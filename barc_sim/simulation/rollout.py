@@ -131,6 +131,8 @@ def trace_of(course: Course, states: int, *, is_array: bool = False) -> Trace:
 def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> int:
     """Drive until the distance is reached or the trace is full; return the number of states."""
     bicycle = course.bicycle
+    vehicle = bicycle.vehicle
+    is_euler = course.is_euler
     inclines = course.inclines
     state = course.start
     slip = Slip(0.0, 0.0)
@@ -168,10 +170,12 @@ def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> i
             older = trace.commands[count - 1]
             newer = trace.commands[count]
             value, motor = actuate(course.motor, value, older, newer, course.early, course.ts)
-        held = Command(with_force(motor, course.force, bicycle.vehicle), 0.0)
+        if course.force:
+            motor = with_force(motor, course.force, vehicle)
+        held = Command(motor, 0.0)
         stretch = stretch_at(inclines.starts, state.x, stretch)
-        if course.is_euler:  # a shorter way in Python, to the same law
-            state = step(state, held, inclines.thetas[stretch], bicycle.vehicle, course.ts)
+        if is_euler:  # a shorter way in Python, to the same law
+            state = step(state, held, inclines.thetas[stretch], vehicle, course.ts)
         else:
             state, slip = bicycle_step(bicycle, state, slip, held, inclines, stretch, course.ts)
 

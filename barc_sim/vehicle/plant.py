@@ -381,8 +381,8 @@ def start(model: PlantModel, state: State, near: float, is_whole: bool) -> Plant
 
 @law
 def with_force(motor: float, force: float, vehicle: Vehicle) -> float:
-    """Return an acceleration [m/s²] with that of a force [N] on the car."""
-    return motor + force / vehicle.mass if force else motor
+    """Return an acceleration [m/s²] with that of a force [N] on the car, other than 0."""
+    return motor + force / vehicle.mass
 
 
 @law

@@ -345,7 +345,9 @@ def test_a_force_accelerates_by_its_share_of_the_mass(options: dict[str, str]) -
         for _ in range(100):
             plant.advance(Command(1.0))
         assert plant.state.v == pytest.approx(3.0)
-        assert not plant.has_fast_path
+    by_force, by_signal = plants
+    assert by_force.has_fast_path
+    assert not by_signal.has_fast_path
 
 
 def test_a_disturbance_is_that_of_the_time_and_the_place() -> None:
