@@ -19,6 +19,7 @@ from barc_sim.vehicle.bike_model import State, Vehicle, bikeFE
 from barc_sim.vehicle.parameters import PARAMETERS, PlantOptions
 from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -342,14 +343,9 @@ def test_a_controller_without_a_number_brings_the_car_nowhere() -> None:
     assert len(closed_loop(controller=pid, max_duration=0.2)) == 11
 
 
-@pytest.mark.parametrize(
-    'plant',
-    [
-        Plant(integrator='rk4'),
-        Plant(dynamics='dynamic'),
-        Plant(model=lambda *_, **__: (0.0,) * 4),
-    ],
-)
-def test_only_the_labs_model_has_fast_path(plant: Plant) -> None:
-    assert not plant.has_fast_path
+def test_a_car_with_a_model_of_ones_own_or_a_track_has_no_fast_path() -> None:
+    assert not Plant(model=lambda *_, **__: (0.0,) * 4).has_fast_path
+    assert not Plant(track=Track.named('oval')).has_fast_path
     assert Plant(noise=NOISE, motor=Actuator(delay=0.03, lag=0.1)).has_fast_path
+    assert Plant(integrator='rk4').has_fast_path
+    assert Plant(dynamics='dynamic').has_fast_path
