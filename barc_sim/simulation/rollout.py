@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 _SIGNALS = len(MeasurementError._fields)
 _SPEED = MeasurementError._fields.index('v_x')
-_NOISY_STATES = 2048  #: for which noise is drawn at first
+_USUAL = 2048  #: states of a run, for which there is room at first
 _MAX_PIECE = 4096  #: runs that a thread makes at a time
 
 
@@ -276,7 +276,8 @@ def scores_of_gains(
 
     def run_group(sensor: Sensor, runs: Ints) -> None:
         errors = np.empty((0, _SIGNALS))
-        for last in _rooms(steps + 1, is_noisy=sensor.is_noisy):
+        # Noise takes time to be drawn; room without noise takes none.
+        for last in _rooms(steps + 1) if sensor.is_noisy else [steps + 1]:
             if sensor.is_noisy:
                 errors = sensor.draw(last)
             course = course_of(plant, reference, distance, errors, is_array=is_compiled())
@@ -302,9 +303,9 @@ def scores_of_gains(
     return scores
 
 
-def _rooms(states: int, *, is_noisy: bool) -> Iterator[int]:
-    """Yield numbers of states up to this one: with noise few at first, whose errors are drawn."""
-    room = min(states, _NOISY_STATES) if is_noisy else states
+def _rooms(states: int) -> Iterator[int]:
+    """Yield numbers of states, from those of a usual run up to this one."""
+    room = min(states, _USUAL)
     yield room
     while room < states:
         room = min(4 * room, states)
@@ -315,7 +316,7 @@ def pid_log(plant: Plant, controller: PID, reference: float, distance: float, st
     """Return the log of `closed_loop` for a plant that `has_fast_path`, without changing either."""
     gains = controller.law_gains
     memory = controller.memory
-    for states in _rooms(steps + 1, is_noisy=plant.sensor.is_noisy):
+    for states in _rooms(steps + 1):
         errors = _errors(plant, states)
         course = course_of(plant, reference, distance, errors)
         trace = trace_of(course, states)
