@@ -101,9 +101,7 @@ def run_tune(options: Namespace) -> None:
     from rich.console import Console  # noqa: PLC0415
 
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
-    from barc_sim.simulation.rollout import score_all  # noqa: PLC0415
     from barc_sim.tuning.search import search, sweep  # noqa: PLC0415
-    from barc_sim.vehicle.law import must_compile  # noqa: PLC0415
 
     began, roads = time.monotonic(), options.road or ['lab']
     ranges = [getattr(options, f'{gain}_range') for gain in GAINS]
@@ -133,8 +131,7 @@ def run_tune(options: Namespace) -> None:
         return value + options.effort * swept.effort if options.effort else value
 
     start = np.array([getattr(controller, name, first) for name, (first, _) in GAINS.items()])
-    doing = 'compiling the laws (once), and searching' if must_compile(score_all) else 'searching'
-    with Console(stderr=True).status(doing):
+    with Console(stderr=True).status('searching'):
         best = search(
             lambda gains: np.mean([cost(scores(gains, road)) for road in roads], axis=0),
             np.array(low),
@@ -241,9 +238,7 @@ def run_identify(options: Namespace) -> None:
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.bags.convert import log_of_fields  # noqa: PLC0415
     from barc_sim.tuning.identification import identify  # noqa: PLC0415
-    from barc_sim.tuning.prediction import drive_steered  # noqa: PLC0415
     from barc_sim.vehicle.bike_model import Vehicle  # noqa: PLC0415
-    from barc_sim.vehicle.law import must_compile  # noqa: PLC0415
 
     path = figure_path(options.save)
     fields = dict(options.field)
@@ -255,10 +250,7 @@ def run_identify(options: Namespace) -> None:
         for bag in bags
     ]
     vehicle = Vehicle(mass=options.mass)
-    doing = 'identifying'
-    if must_compile(drive_steered):
-        doing = 'identifying; the first time a drive with steering compiles the laws'
-    with Console(stderr=True).status(doing):
+    with Console(stderr=True).status('identifying'):
         identified = identify(*logs, vehicle=vehicle, integrator=options.integrator)
     width = max(map(len, identified.estimates))
     for name, each in identified.estimates.items():

@@ -274,6 +274,8 @@ def scores_of_gains(
         sensors = [Sensor(plant.sensor.noise, seed) for seed in of_each.tolist()]
         groups = np.split(np.argsort(which, kind='stable'), np.cumsum(np.bincount(which))[:-1])
 
+    score_runs = compiled(score_all)
+
     def run_group(sensor: Sensor, runs: Ints) -> None:
         errors = np.empty((0, _SIGNALS))
         # Noise takes time to be drawn; room without noise takes none.
@@ -283,7 +285,7 @@ def scores_of_gains(
             course = course_of(plant, reference, distance, errors, is_array=is_compiled())
             trace = trace_of(course, last, is_array=is_compiled())
             found = np.empty((len(runs), scores.shape[1]))
-            compiled(score_all)(course, gains[runs], limit, trace, found)
+            score_runs(course, gains[runs], limit, trace, found)
             scores[runs] = found
             runs = runs[np.isinf(found[:, 0])]  # these have not arrived
             if not len(runs):

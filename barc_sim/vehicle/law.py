@@ -63,10 +63,12 @@ def compiled(loop: _Function) -> _Function:
     """Return a loop over many runs, compiled with the laws that it calls.
 
     Without Numba it is the loop itself. A compiled loop releases the interpreter's lock, so that
-    threads share the cores.
+    threads share the cores. A line in the terminal says that its first run takes longer.
     """
     if not is_compiled():
         return loop
+    if sys.stderr.isatty() and must_compile(loop):
+        announce()
     import numba  # noqa: PLC0415 (0.2 s, which a single run does not need)
     from numba.extending import register_jitable  # noqa: PLC0415
 
@@ -78,6 +80,12 @@ def compiled(loop: _Function) -> _Function:
     if folder:
         numba.config.CACHE_DIR = str(folder)
     return cast('_Function', numba.njit(nogil=True, cache=folder is not None)(loop))
+
+
+@cache
+def announce() -> None:
+    """Print, once in a process, that laws are compiled."""
+    print('Compiling the laws takes some seconds, once.', file=sys.stderr)  # noqa: T201
 
 
 def _cache_folder() -> Path | None:

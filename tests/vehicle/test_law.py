@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.vehicle.law import compiled, is_compiled, law
+from barc_sim.vehicle.law import announce, compiled, is_compiled, law
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,6 +45,24 @@ def test_a_cache_that_cannot_be_written_is_done_without(
     blocked.touch()
     monkeypatch.setenv('XDG_CACHE_HOME', str(blocked))
     assert compiled.__wrapped__(total)(3) == 8.0
+
+
+@pytest.mark.skipif(not is_compiled(), reason='needs the extra fast')
+def test_a_line_in_a_terminal_says_that_laws_are_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    compiled.__wrapped__(total)(3)
+    assert capsys.readouterr().err == ''
+    monkeypatch.setattr('sys.stderr.isatty', lambda: True)
+    announce.cache_clear()
+    other_cache = tmp_path / 'other'
+    monkeypatch.setenv('XDG_CACHE_HOME', str(other_cache))
+    compiled.__wrapped__(total)(3)
+    assert capsys.readouterr().err == 'Compiling the laws takes some seconds, once.\n'
+    assert any(other_cache.rglob('*.nbi'))
+    compiled.__wrapped__(total)(3)
+    assert capsys.readouterr().err == ''
 
 
 @pytest.mark.skipif(not is_compiled(), reason='needs the extra fast')
