@@ -491,8 +491,10 @@ def test_services_pause_and_resume(
 ) -> None:
     publisher = talker.create_publisher(Float64, 'value', 10)
     recorder.discover()
+    wait_for(publisher.get_subscription_count)
     assert request_service('pause') == (True, 'paused')
     publisher.publish(Float64(data=1.0))
+    assert publisher.wait_for_all_acked(Duration(seconds=100.0))
     recorder._thread.write_now()  # noqa: SLF001 (takes what came during the pause)
     assert request_service('resume') == (True, 'recording')
     publisher.publish(Float64(data=2.0))
