@@ -138,7 +138,8 @@ class Track:
             )
         if not 0.0 < self.width < 1e3:  # noqa: PLR2004
             raise UserError(f'width {self.width!r} must be a number of metres from 0 to 1000')
-        pose, segments = Pose(*self.start), list[Segment]()
+        pose = Pose(*self.start)
+        segments = list[Segment]()
         for i, (length, curvature) in enumerate(zip(self.lengths, self.curvatures, strict=True)):
             if not (isfinite(length) and length > 0.0 and isfinite(curvature)):
                 raise RowError(
