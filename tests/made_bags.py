@@ -13,13 +13,8 @@ from barc_sim.bags.messages import Message, Topic, definition, topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LANE
 from barc_sim.control.speed import PID
-from barc_sim.simulation.log import (
-    CONTROLLER_STATE,
-    LANE_STATE,
-    MESSAGE_TYPES,
-    PID_STATE,
-    columns_of,
-)
+from barc_sim.interfaces.topics import CONTROLLER_STATE, LANE_STATE, MESSAGE_TYPES, PID_STATE
+from barc_sim.simulation.log import columns_of
 from barc_sim.simulation.stepper import parameters as simulator_parameters
 
 if TYPE_CHECKING:

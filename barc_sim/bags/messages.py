@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import PathFinder
 from pathlib import Path
-from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.errors import UserError
+from barc_sim.interfaces.topics import ROSOUT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 _NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
 PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
-#: [ns]; not imported from `vehicle`, which a submission's process does not load.
-_SECOND = 1_000_000_000
 _FIELD_TYPE = re.compile(r'(?:^|\n)\s*([a-zA-Z0-9_/]+)(?:\[[^\]]*\])?\s+')
 # Definitions, with their comments, as `<package>/<name>.msg`: what a run without ROS records.
 _SHIPPED = Path(__file__).with_name('msg')
@@ -164,14 +162,10 @@ def definition_lines(name: str, depth: int = 0) -> Iterator[str]:
                 yield from definition_lines(nested, depth + 1)
 
 
-_STAMP = slice(4, 12)
-_LAST = 2**31 - 1  #: [s]
-_TIMES = (Struct('>iI'), Struct('<iI'))  # big-endian, little-endian
-
 #: The QoS that ROS reports of a publisher of another participant, in rosbag2's terms.
 _ENDLESS = {'sec': 9_223_372_036, 'nsec': 854_775_807}
 #: `/rosout` is latched for ten seconds.
-_QOS_OF = {'/rosout': {'durability': 'transient_local', 'lifespan': {'sec': 10, 'nsec': 0}}}
+_QOS_OF = {ROSOUT: {'durability': 'transient_local', 'lifespan': {'sec': 10, 'nsec': 0}}}
 _OFFERED_QOS = {
     'history': 'unknown',
     'depth': 0,
@@ -197,27 +191,6 @@ class Message(NamedTuple):
 
 #: The fields of a `Message`, without the 0.3 us that a `Message` takes to make.
 MessageFields = tuple[Topic, bytes, int, int, int]
-
-
-def leading_time(data: bytes) -> int:
-    """Return the time [ns] at the start of a serialized message: a header's stamp, or a clock."""
-    sec, nanosec = _TIMES[data[1] & 1].unpack(data[_STAMP])
-    return int(sec) * _SECOND + int(nanosec)
-
-
-def split_time(stamp: int) -> tuple[int, int]:
-    """Return a time [ns] as seconds and nanoseconds; the inverse of `leading_time`.
-
-    A time beyond the maximum of seconds stays in the nanoseconds, as a node may have sent it.
-    """
-    sec, nanosec = divmod(stamp, _SECOND)
-    return (sec, nanosec) if sec <= _LAST else (_LAST, stamp - _LAST * _SECOND)
-
-
-def to_nanoseconds(stamp: Any) -> int:  # noqa: ANN401 (a builtin_interfaces/msg/Time of any library)
-    """Return the stamp of a message in nanoseconds."""
-    nanoseconds: int = stamp.sec * _SECOND + stamp.nanosec
-    return nanoseconds
 
 
 @cache

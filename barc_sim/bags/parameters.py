@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import Floats
 
-#: Every node publishes the changes of its parameters there.
-EVENTS = '/parameter_events'
 EVENT_TYPE = 'rcl_interfaces/msg/ParameterEvent'
 _ROS_PARAMETERS = 'ros__parameters'
 #: The field with the value of a number, by `rcl_interfaces/msg/ParameterType`.

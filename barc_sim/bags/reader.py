@@ -18,21 +18,24 @@ from rosbags.typesys import Stores, get_typestore
 
 from barc_sim.bags import bounds
 from barc_sim.bags.contents import Contents, types_of
-from barc_sim.bags.messages import store, to_nanoseconds
-from barc_sim.bags.parameters import EVENT_TYPE, EVENTS, ParameterHistory
+from barc_sim.bags.messages import store
+from barc_sim.bags.parameters import EVENT_TYPE, ParameterHistory
 from barc_sim.bags.recording import TRACK_NAME
 from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
-from barc_sim.simulation.log import (
+from barc_sim.interfaces.nodes import CONTROLLER, SIMULATOR
+from barc_sim.interfaces.stamps import to_nanoseconds
+from barc_sim.interfaces.topics import (
     APPLIED_COMMAND,
-    COMMAND,
-    CONTROLLER,
     CONTROLLER_STATE,
+    ECU,
     LANE_STATE,
     MESSAGE_TYPES,
+    PARAMETER_EVENTS,
     PID_STATE,
-    SIMULATOR,
     STATE,
+)
+from barc_sim.simulation.log import (
     Flags,
     Floats,
     Log,
@@ -196,7 +199,7 @@ def _sink(
 ) -> Callable[[Message], None] | None:
     """Return what takes a topic's messages into the bag; None if they are not read."""
     namespace, _, name = topic.name.rpartition('/')
-    is_event = (topic.name, topic.type) == (EVENTS, EVENT_TYPE)
+    is_event = (topic.name, topic.type) == (PARAMETER_EVENTS, EVENT_TYPE)
     if not is_event and topic.type != MESSAGE_TYPES.get(name):
         return None
     key = name, topic.message_encoding, topic.definition
@@ -349,8 +352,8 @@ def join(samples: Mapping[str, Samples]) -> Log:
     stamps, published = states['stamp'], states['published']
     places = {topic: each.at(stamps) for topic, each in samples.items()}
     missed = np.ones(len(stamps), np.bool_)
-    if commands := samples.get(COMMAND):
-        missed = _missed(commands.rows, places[COMMAND], published)
+    if commands := samples.get(ECU):
+        missed = _missed(commands.rows, places[ECU], published)
     columns: dict[str, Any] = {'t': (stamps - stamps[0]) / 1e9}
     for topic, fields in TOPICS.items():
         if topic not in samples:
@@ -381,7 +384,7 @@ def decided(samples: Mapping[str, Samples]) -> Decided:
     # At the latest the next state was published; nothing follows the last one.
     times = np.append(states['published'][1:], np.uint64(_LATEST))
     columns = []
-    for topic in (APPLIED_COMMAND, COMMAND):
+    for topic in (APPLIED_COMMAND, ECU):
         if topic in samples:
             at = samples[topic].at(states['stamp'])
             published = np.append(samples[topic].rows['published'], np.uint64(0))[at]

@@ -13,6 +13,7 @@ import yaml
 
 from barc_sim.cli.files import replacing
 from barc_sim.errors import Parameter, UserError
+from barc_sim.interfaces.topics import CLOCK
 
 if TYPE_CHECKING:
     import re
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import Topic
     from barc_sim.vehicle.track import Track
 
-CLOCK = '/clock'
 _MEBIBYTE = 2**20
 #: Name of the MCAP metadata records with the run's own metadata.
 METADATA_NAME = 'barc_sim'

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from barc_sim.bags.names import NodeGraph
+    from barc_sim.bags.graph import NodeGraph
     from barc_sim.cli.parser import Parser
 
 _FORMATS = ('svg', 'png', 'pdf')
@@ -132,7 +132,7 @@ def run_graph(options: Namespace) -> None:
 
 def _graph_of_bag(path: Path) -> tuple[NodeGraph, str]:
     from barc_sim.bags import reader  # noqa: PLC0415
-    from barc_sim.bags.names import NodeGraph  # noqa: PLC0415
+    from barc_sim.bags.graph import NodeGraph  # noqa: PLC0415
 
     text = reader.info(path).get('graph')
     if text is None:

@@ -29,8 +29,8 @@ from barc_sim.control.speed import (
     SPEED_REFERENCE,
 )
 from barc_sim.errors import Parameter, UserError
+from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.vehicle.bike_model import Command
-from barc_sim.vehicle.parameters import NANOSECONDS
 from barc_sim.vehicle.road import signal
 
 if TYPE_CHECKING:

@@ -13,17 +13,18 @@ from matplotlib import style
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyBboxPatch
 
-from barc_sim.bags.names import EVERYONES, NODES
 from barc_sim.errors import escaped
 from barc_sim.figures import files
 from barc_sim.figures.style import BLUE, GREY, INK, MUTED, STYLE
+from barc_sim.interfaces.nodes import NODES
+from barc_sim.interfaces.topics import EVERYONES
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
 
-    from barc_sim.bags.names import NodeGraph
+    from barc_sim.bags.graph import NodeGraph
 
 # All in inches.
 CHARACTER = 0.088

@@ -15,7 +15,7 @@ from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
 
 from barc_sim.bags import reader
-from barc_sim.bags.names import NodeGraph
+from barc_sim.bags.graph import NodeGraph
 from barc_sim.figures.files import save
 from barc_sim.figures.graph_figure import graph_figure
 from barc_sim.figures.run_figures import drive_figure, is_by_hand, speed_figure, terms_figure

@@ -11,10 +11,10 @@ from rclpy.node import Node
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
-from barc_sim.bags import names
-from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.control.speed import ACCELERATION_LIMIT
+from barc_sim.interfaces import qos, services, topics
+from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.ros.node_helpers import (
     Outputs,
     RefusedInput,
@@ -50,7 +50,7 @@ class CruiseController(Node):
     >>> rclpy.shutdown()
     """
 
-    inputs: ClassVar = {names.STATE: ZDynBkMdl, names.SPEED_REFERENCE: Float64}
+    inputs: ClassVar = {topics.STATE: ZDynBkMdl, topics.SPEED_REFERENCE: Float64}
 
     def __init__(
         self,
@@ -89,20 +89,20 @@ class CruiseController(Node):
         self._ecu = ECU(header=on_car)
         self._outputs = Outputs(self)
         if self.control.is_pid:
-            self._outputs.add(names.PID_STATE, PidState(header=on_car), self.control.computed)
+            self._outputs.add(topics.PID_STATE, PidState(header=on_car), self.control.computed)
         else:
             of_speed = ControllerState(header=on_car)
-            self._outputs.add(names.CONTROLLER_STATE, of_speed, self.control.computed)
+            self._outputs.add(topics.CONTROLLER_STATE, of_speed, self.control.computed)
         if self.lane:
-            self._outputs.add(names.LANE_STATE, LaneState(header=on_car), self.lane.computed)
+            self._outputs.add(topics.LANE_STATE, LaneState(header=on_car), self.lane.computed)
         if self.control.makes_plans:
             plan = Path(header=self._on_map)
-            self._outputs.add(names.PREDICTION, plan, self._predicted, every=5)
-        self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
+            self._outputs.add(topics.PREDICTION, plan, self._predicted, every=5)
+        self._ecu_pub = self.create_publisher(ECU, topics.ECU, qos.DEFAULT)
 
-        self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
-        self.create_subscription(Float64, names.SPEED_REFERENCE, self._on_speed, names.QOS_NEWEST)
-        self.create_service(Trigger, names.RESET_CONTROLLER, self._on_reset)
+        self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.DEFAULT)
+        self.create_subscription(Float64, topics.SPEED_REFERENCE, self._on_speed, qos.NEWEST)
+        self.create_service(Trigger, services.RESET_CONTROLLER, self._on_reset)
 
     def _predicted(self) -> dict[str, Any]:
         return to_poses(self._on_map, self.control.predicted())

@@ -13,9 +13,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from barc_sim.bags import names
 from barc_sim.control.driver import FULL_BRAKE, RATE
 from barc_sim.control.keyboard import HeldKeys, Terminal
+from barc_sim.interfaces import qos, services, topics
 from barc_sim.ros.node_helpers import to_twist
 
 
@@ -35,8 +35,8 @@ class Keyboard(Node):
         # Restores the terminal before anything else ends, in whichever thread `finished` is set.
         self.finished.add_done_callback(lambda _: terminal.close())
 
-        self._twist_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
-        self._reset = self.create_client(Trigger, names.RESET_SIMULATOR)
+        self._twist_pub = self.create_publisher(Twist, topics.CMD_VEL, qos.DEFAULT)
+        self._reset = self.create_client(Trigger, services.RESET_SIMULATOR)
         self._typed = self.create_guard_condition(self._on_typed)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(1.0 / RATE, self._publish, clock=steady)

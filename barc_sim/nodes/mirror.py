@@ -24,9 +24,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barc_sim.bags import names
-from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.errors import Parameter
+from barc_sim.interfaces import qos, topics
+from barc_sim.interfaces.stamps import NANOSECONDS, to_nanoseconds
 from barc_sim.ros.node_helpers import (
     declare,
     declare_track,
@@ -34,7 +34,6 @@ from barc_sim.ros.node_helpers import (
     to_header,
     to_poses,
 )
-from barc_sim.vehicle.parameters import NANOSECONDS
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -102,7 +101,7 @@ class MirrorNode(Node):
     """
 
     #: The topics that it subscribes to.
-    inputs: ClassVar = {names.STATE: ZDynBkMdl}
+    inputs: ClassVar = {topics.STATE: ZDynBkMdl}
 
     def __init__(
         self,
@@ -135,20 +134,22 @@ class MirrorNode(Node):
         self._period = period
         self._next_markers = self._next_path = 0.0
 
-        self._odom_pub = self.create_publisher(Odometry, names.ODOM, names.QOS)
-        self._tf_pub = TFMessage and self.create_publisher(TFMessage, names.TF, names.QOS)
-        self._path_pub = self.create_publisher(Path, names.PATH, names.QOS)
-        self._car_pub = self.create_publisher(MarkerArray, names.MARKERS, names.QOS)
-        self._diagnostics_pub = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, names.QOS)
-        self._road_pub = self.create_publisher(MarkerArray, names.ROAD_MARKERS, _LATCHED)
+        self._odom_pub = self.create_publisher(Odometry, topics.ODOM, qos.DEFAULT)
+        self._tf_pub = TFMessage and self.create_publisher(TFMessage, topics.TF, qos.DEFAULT)
+        self._path_pub = self.create_publisher(Path, topics.PATH, qos.DEFAULT)
+        self._car_pub = self.create_publisher(MarkerArray, topics.MARKERS, qos.DEFAULT)
+        self._diagnostics_pub = self.create_publisher(
+            DiagnosticArray, topics.DIAGNOSTICS, qos.DEFAULT
+        )
+        self._road_pub = self.create_publisher(MarkerArray, topics.ROAD_MARKERS, _LATCHED)
         if track:
             self._road_pub.publish(track_markers(track, self._odom))
-            self._track_pub = self.create_publisher(Path, names.TRACK_PATH, _LATCHED)
+            self._track_pub = self.create_publisher(Path, topics.TRACK_PATH, _LATCHED)
             header = to_header(0, self._odom)
             self._track_pub.publish(Path(header=header, **to_poses(header, track.lines()[2])))
         else:
             self._road_pub.publish(road_markers(self._road, self._odom))
-        self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS_ALL)
+        self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.ALL)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(period, self._diagnose, clock=steady)
 

@@ -11,7 +11,6 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from barc_sim.bags import names
 from barc_sim.bags.recording import (
     BAG_DIR,
     Missing,
@@ -21,6 +20,8 @@ from barc_sim.bags.recording import (
 )
 from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import WriterThread
+from barc_sim.interfaces import services
+from barc_sim.interfaces.topics import CLOCK
 from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.peers import has_dds, node_graph
 
@@ -104,11 +105,11 @@ class BagRecorder(Node):
             self._topics.on_full = self._thread.write_now
         self._thread.use_sim_time = recording.use_sim_time
         self._thread.waits_for_clock = recording.use_sim_time
-        self._thread.writes_clock = recording.wants(names.CLOCK)
+        self._thread.writes_clock = recording.wants(CLOCK)
         self._thread.start()
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
-        for name, on in ((names.PAUSE_RECORDER, True), (names.RESUME_RECORDER, False)):
+        for name, on in ((services.PAUSE_RECORDER, True), (services.RESUME_RECORDER, False)):
             self.create_service(Trigger, name, partial(self._on_pause, on=on))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)

@@ -12,8 +12,8 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from barc_sim.bags import names
 from barc_sim.control.driver import PARAMETERS, Driver
+from barc_sim.interfaces import qos, services, topics
 from barc_sim.ros.node_helpers import RefusedInput, declare, fill, frames, to_driver_input
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Relay(Node):
     >>> rclpy.shutdown()
     """
 
-    inputs: ClassVar = {names.CMD_VEL: Twist, names.STATE: ZDynBkMdl}
+    inputs: ClassVar = {topics.CMD_VEL: Twist, topics.STATE: ZDynBkMdl}
 
     def __init__(self, *, driver: Driver | None = None, **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters, and publish commands; `driver` replaces barc_sim's own.
@@ -57,10 +57,10 @@ class Relay(Node):
         self.refused = RefusedInput(self)
 
         self._ecu = ECU(header=Header(frame_id=frames(self)[1]))
-        self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
-        self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS_NEWEST)
-        self.create_subscription(Twist, names.CMD_VEL, self._on_twist, names.QOS)
-        self.create_service(Trigger, names.RESET_RELAY, self._on_reset)
+        self._ecu_pub = self.create_publisher(ECU, topics.ECU, qos.DEFAULT)
+        self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.NEWEST)
+        self.create_subscription(Twist, topics.CMD_VEL, self._on_twist, qos.DEFAULT)
+        self.create_service(Trigger, services.RESET_RELAY, self._on_reset)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.driver.dt, self._on_timer, clock=steady)
 

@@ -14,8 +14,8 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim.bags import names
-from barc_sim.bags.messages import split_time, to_nanoseconds
+from barc_sim.interfaces import qos, services, topics
+from barc_sim.interfaces.stamps import split_time, to_nanoseconds
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros.node_helpers import (
     RefusedInput,
@@ -71,7 +71,7 @@ class VehicleSimulator(Node):
     >>> rclpy.shutdown()
     """
 
-    inputs: ClassVar = {names.ECU: ECU}
+    inputs: ClassVar = {topics.ECU: ECU}
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class VehicleSimulator(Node):
         pace = StepperOptions(*(values[name] for name in StepperOptions._fields))
         self.stepper = Stepper(self._scenario(), pace, self)
         self.add_post_set_parameters_callback(self._on_parameters)
-        self._claim = claim(self, names.STATE)
+        self._claim = claim(self, topics.STATE)
         self.finished, self.refused, self.on_step = Future(), RefusedInput(self), on_step
         self.warn = partial(self.refused.warn, period=10.0)
 
@@ -114,18 +114,20 @@ class VehicleSimulator(Node):
         self._state, self._error = ZDynBkMdl(header=on_map), EZDynBkMdl(header=on_car)
         self.clock_pub, self._track_pub = None, None
         if keeps_clock and (pace.clock or pace.realtime_factor != 1.0):
-            self.clock_pub = self.create_publisher(ClockMessage, names.CLOCK, names.QOS)
+            self.clock_pub = self.create_publisher(ClockMessage, topics.CLOCK, qos.DEFAULT)
         if self.track:
             self._place = TrackState(header=on_map)
-            self._track_pub = self.create_publisher(TrackState, names.TRACK_STATE, names.QOS)
-        self._error_pub = self.create_publisher(EZDynBkMdl, names.STATE_ERROR, names.QOS)
-        self._applied_pub = self.create_publisher(AppliedCommand, names.APPLIED_COMMAND, names.QOS)
-        self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
-        self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
-        self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
-        self.create_service(Trigger, names.RESET_SIMULATOR, self._on_reset)
-        self.create_service(SetBool, names.PAUSE_SIMULATOR, self._on_pause)
-        self.create_service(Trigger, names.STEP_SIMULATOR, self._on_single_step)
+            self._track_pub = self.create_publisher(TrackState, topics.TRACK_STATE, qos.DEFAULT)
+        self._error_pub = self.create_publisher(EZDynBkMdl, topics.STATE_ERROR, qos.DEFAULT)
+        self._applied_pub = self.create_publisher(
+            AppliedCommand, topics.APPLIED_COMMAND, qos.DEFAULT
+        )
+        self._environment_pub = self.create_publisher(Environment, topics.ENVIRONMENT, qos.DEFAULT)
+        self._state_pub = self.create_publisher(ZDynBkMdl, topics.STATE, qos.DEFAULT)
+        self.create_subscription(ECU, topics.ECU, self._on_command, qos.DEFAULT)
+        self.create_service(Trigger, services.RESET_SIMULATOR, self._on_reset)
+        self.create_service(SetBool, services.PAUSE_SIMULATOR, self._on_pause)
+        self.create_service(Trigger, services.STEP_SIMULATOR, self._on_single_step)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         period, deadline = self.stepper.deadline_period, self.stepper.pass_deadline
         self._deadlines = self.create_timer(period, deadline, clock=wall) if period else None

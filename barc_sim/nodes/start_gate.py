@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from std_srvs.srv import Trigger
 
-from barc_sim.bags import names
+from barc_sim.interfaces import services, topics
 from barc_sim.ros.peers import all_own, check_unique, full_names, publishers
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _POLLS = 3
 #: The same for a controller in another process: it may discover this node a little later than this
 #: node discovers it, and would miss messages. Our recorder discovers topics every 0.2 s.
 _POLLS_OTHER_PROCESS = 40
-_RESETS = (names.RESET_CONTROLLER, names.RESET_RELAY)
+_RESETS = (services.RESET_CONTROLLER, services.RESET_RELAY)
 _RESET_TIMEOUT = 0.5  #: [s] to wait for the answers to the resets
 
 
@@ -84,7 +84,7 @@ class StartGate:
                 f'a controller or relay has not answered its reset within {_RESET_TIMEOUT} s'
             )
             self._uncalled, self._answers = [], []
-        commanders = publishers(self._node, names.ECU)
+        commanders = publishers(self._node, topics.ECU)
         self._polls_required = _POLLS if all_own(self._node, commanders) else _POLLS_OTHER_PROCESS
         self._polls_passed = self._polls_passed + 1 if commanders or not self._wait else 0
         self._resets()  # the clients can discover their servers during the next polls
@@ -94,7 +94,7 @@ class StartGate:
             self.restart()
             return
         self._timer.cancel()
-        check_unique(self._node, names.STATE)
+        check_unique(self._node, topics.STATE)
         self._begin()
 
 
@@ -127,12 +127,12 @@ class PeerWatch:
         self._stepper.check()
         states = self._stepper.states
         waits = self._stepper.deadline_period is None and not self._stepper.paused
-        endpoints = publishers(self._node, names.ECU)
+        endpoints = publishers(self._node, topics.ECU)
         commanders = {bytes(each.endpoint_gid) for each in endpoints}
         stands_still = states == self._states
         if not states:
             if not endpoints:
-                topic = self._node.resolve_topic_name(names.ECU)
+                topic = self._node.resolve_topic_name(topics.ECU)
                 self._warn(f'waiting for a controller that publishes {topic}')
         elif waits and stands_still:
             self._warn(f'waiting for the command that answers state {states - 1}')
@@ -141,9 +141,9 @@ class PeerWatch:
         else:
             self._reached = self._commanders
         self._commanders = commanders
-        clocks = publishers(self._node, names.CLOCK)
-        self._warn_of_several(names.ECU, endpoints, 'drive together: end one')
-        self._warn_of_several(names.CLOCK, clocks, 'time jumps: give each run a ROS_DOMAIN_ID')
+        clocks = publishers(self._node, topics.CLOCK)
+        self._warn_of_several(topics.ECU, endpoints, 'drive together: end one')
+        self._warn_of_several(topics.CLOCK, clocks, 'time jumps: give each run a ROS_DOMAIN_ID')
         if states and stands_still:
             self._publish_clock()  # for nodes that have started since
         self._states = states

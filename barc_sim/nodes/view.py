@@ -13,10 +13,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim.bags import names
-from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.cli.parser import MAX_PORT
 from barc_sim.errors import Parameter, UserError
+from barc_sim.interfaces import qos, services, topics
+from barc_sim.interfaces.nodes import CONTROLLER, SIMULATOR
+from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.page.feed import DEPTH, SUBSCRIBED, Feed
 from barc_sim.page.protocol import (
     Pause,
@@ -27,7 +28,6 @@ from barc_sim.page.protocol import (
 )
 from barc_sim.page.run_page import RunPage
 from barc_sim.ros.node_helpers import declare, to_twist
-from barc_sim.simulation.log import CONTROLLER, MESSAGE_TYPES, SIMULATOR
 
 if TYPE_CHECKING:
     from barc_sim.control.driver import DriverInput
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from barc_sim.page.run_page import OnDone
 
 MODES = ('acc', 'teleop')
-_TYPES = {topic: getattr(msg, MESSAGE_TYPES[topic].split('/')[-1]) for topic in SUBSCRIBED}
+_TYPES = {topic: getattr(msg, topics.MESSAGE_TYPES[topic].split('/')[-1]) for topic in SUBSCRIBED}
 _SERVICES = {
-    names.RESET_SIMULATOR: Trigger,
-    names.RESET_CONTROLLER: Trigger,
-    names.PAUSE_SIMULATOR: SetBool,
+    services.RESET_SIMULATOR: Trigger,
+    services.RESET_CONTROLLER: Trigger,
+    services.PAUSE_SIMULATOR: SetBool,
     **{f'{node}/set_parameters': SetParameters for node in (CONTROLLER, SIMULATOR)},
 }
 
@@ -89,11 +89,11 @@ class ViewNode(Node):
         if values['mode'] not in MODES:
             raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
         self.latest = 0  #: the stamp [ns] of the newest state
-        self._cmd_vel_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
+        self._cmd_vel_pub = self.create_publisher(Twist, topics.CMD_VEL, qos.DEFAULT)
         self._feed = Feed()
         for topic, kind in _TYPES.items():
             self.create_subscription(kind, topic, partial(self._on_message, topic), DEPTH)
-        self.create_subscription(Path, names.PREDICTION, self._on_plan, names.QOS_NEWEST)
+        self.create_subscription(Path, topics.PREDICTION, self._on_plan, qos.NEWEST)
         self._calls = {name: self.create_client(kind, name) for name, kind in _SERVICES.items()}
         address = values['host'], values['port']
         self.page = RunPage(values['mode'], *address, run, self._feed, self._drive, self._request)
@@ -101,7 +101,7 @@ class ViewNode(Node):
 
     def _on_message(self, topic: str, message: Any) -> None:  # noqa: ANN401 (of the topic's type)
         self._feed.take(topic, message)
-        if topic == names.STATE:
+        if topic == topics.STATE:
             self.latest = to_nanoseconds(message.header.stamp)
 
     def _on_plan(self, plan: Path) -> None:
@@ -144,7 +144,7 @@ def _call_of(request: Request) -> tuple[str, Any]:
             message = SetParameters.Request(parameters=[parameter])
             return f'{node_of(name)}/set_parameters', message
         case Pause(on):
-            return names.PAUSE_SIMULATOR, SetBool.Request(data=on)
+            return services.PAUSE_SIMULATOR, SetBool.Request(data=on)
         case Press('reset'):
-            return names.RESET_SIMULATOR, Trigger.Request()
-    return names.RESET_CONTROLLER, Trigger.Request()
+            return services.RESET_SIMULATOR, Trigger.Request()
+    return services.RESET_CONTROLLER, Trigger.Request()

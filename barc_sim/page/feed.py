@@ -11,23 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.figures.style import use_measurement
-from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
-from barc_sim.simulation.log import (
-    COMMAND,
+from barc_sim.interfaces.stamps import NANOSECONDS, to_nanoseconds
+from barc_sim.interfaces.topics import (
     CONTROLLER_STATE,
+    ECU,
     ENVIRONMENT,
     LANE_STATE,
     PID_STATE,
     STATE,
     STATE_ERROR,
     TRACK_STATE,
-    TrackLog,
-    columns_of,
 )
+from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
+from barc_sim.simulation.log import TrackLog, columns_of
 from barc_sim.simulation.metrics import Laps, TrackLaps, laps_of, track_laps_of
-from barc_sim.vehicle.parameters import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,7 +48,7 @@ _STATE = attrgetter('x', 'y', 'psi', 'v_x', 'v_y')
 _ALL = {topic: attrgetter(*fields) for topic, fields in FIELDS.items() if topic != PID_STATE}
 _REFERENCE = [*FIELDS[PID_STATE]].index('reference')
 _THETA = [*FIELDS[ENVIRONMENT]].index('theta')
-_SERVO = [*FIELDS[COMMAND]].index('servo')
+_SERVO = [*FIELDS[ECU]].index('servo')
 _ON_TRACK = [[*FIELDS[TRACK_STATE]].index(name) for name in ('lap', 'lap_time', 'e_y')]
 _ROW = struct.Struct(f'<{len(COLUMNS)}d')
 _HISTORY = 3000  #: rows that are sent to a page when it opens: a minute
@@ -130,7 +128,7 @@ class Feed:
         if not isnan(self._latest[TRACK_STATE][0]):
             self.track_laps = self.track_laps or TrackLaps()
             past, lap_time, e_y = (self._latest[TRACK_STATE][i] for i in _ON_TRACK)
-            servo = self._latest[COMMAND][_SERVO]
+            servo = self._latest[ECU][_SERVO]
             lap = self.track_laps.add(t, past, lap_time, e_y, servo)
         return _ROW.pack(
             t,

@@ -25,17 +25,10 @@ from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.pilots import SpeedPilot
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, Gain, speed_controller
 from barc_sim.errors import Parameter, UserError
+from barc_sim.interfaces.nodes import CONTROLLER, SIMULATOR
+from barc_sim.interfaces.topics import ECU, ENVIRONMENT, LANE_STATE, PID_STATE, TRACK_STATE
 from barc_sim.simulation.closed_loop import check_ahead
-from barc_sim.simulation.log import (
-    COMMAND,
-    CONTROLLER,
-    ENVIRONMENT,
-    LANE_STATE,
-    PID_STATE,
-    SIMULATOR,
-    TRACK_STATE,
-    columns_of,
-)
+from barc_sim.simulation.log import columns_of
 from barc_sim.simulation.metrics import TrackLap, TrackLaps
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.parameters import ROWS
@@ -50,7 +43,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.track import Track
 
 #: The topics whose columns are copied into a row.
-TOPICS = (ENVIRONMENT, COMMAND, TRACK_STATE, LANE_STATE, PID_STATE)
+TOPICS = (ENVIRONMENT, ECU, TRACK_STATE, LANE_STATE, PID_STATE)
 #: The terms of controllers other than the PID.
 OTHER_TERMS = tuple(name for name in TERMS if name not in PID.terms)
 #: A row's values: the state, true if the measurement error is known, then columns of the log.

@@ -14,10 +14,10 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from std_msgs.msg import Header
 
-from barc_sim.bags import names
-from barc_sim.bags.messages import split_time, to_nanoseconds
 from barc_sim.control.driver import DriverInput
 from barc_sim.errors import ANY, UserError, not_between
+from barc_sim.interfaces import qos
+from barc_sim.interfaces.stamps import split_time, to_nanoseconds
 from barc_sim.vehicle.parameters import TRACK
 from barc_sim.vehicle.track import Track
 
@@ -159,7 +159,7 @@ class Outputs:
         every: int = 1,
     ) -> None:
         """Publish `message` from now on, with what `fields` returns, for one state in `every`."""
-        publisher = self._node.create_publisher(type(message), topic, names.QOS)
+        publisher = self._node.create_publisher(type(message), topic, qos.DEFAULT)
         self._outputs.append((publisher, message, fields, every))
 
     def publish(self, stamp: Time) -> None:

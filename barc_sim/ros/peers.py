@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.bags.names import NodeGraph
+from barc_sim.bags.graph import NodeGraph
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

@@ -32,7 +32,8 @@ from barc_sim.control.speed import (
     speed_controller,
 )
 from barc_sim.errors import UserError
-from barc_sim.simulation.log import LANE_STATE, TrackLog, columns_of, log_of
+from barc_sim.interfaces.topics import LANE_STATE
+from barc_sim.simulation.log import TrackLog, columns_of, log_of
 from barc_sim.simulation.rollout import pid_log
 from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.vehicle.bike_model import Command, bikeFE

@@ -14,6 +14,16 @@ from numpy.typing import NDArray
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import PID
 from barc_sim.errors import extra
+from barc_sim.interfaces.topics import (
+    APPLIED_COMMAND,
+    ECU,
+    ENVIRONMENT,
+    LANE_STATE,
+    PID_STATE,
+    STATE,
+    STATE_ERROR,
+    TRACK_STATE,
+)
 from barc_sim.vehicle.track import Track  # noqa: TC001 (as above)
 
 if TYPE_CHECKING:
@@ -26,33 +36,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-STATE = 'z_vhcl'
-STATE_ERROR = 'ez_vhcl'
-COMMAND = 'ecu'
-#: the command that acts from a state on, as the simulator decided at the state's deadline
-APPLIED_COMMAND = 'applied_command'
-ENVIRONMENT = 'environment'
-PID_STATE = 'pid_state'
-CONTROLLER_STATE = 'controller_state'
-#: The nodes whose parameters a log has.
-CONTROLLER, SIMULATOR = 'controller', 'vehicle_simulator'
-#: the true place on the track, where there is one
-TRACK_STATE = 'track_vhcl'
-LANE_STATE = 'lane_state'
-#: The message type of each topic that a log is made of, by the topic's name without namespace.
-MESSAGE_TYPES = {
-    STATE: 'barc_interfaces/msg/ZDynBkMdl',
-    STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',
-    COMMAND: 'barc_interfaces/msg/ECU',
-    APPLIED_COMMAND: 'barc_interfaces/msg/AppliedCommand',
-    ENVIRONMENT: 'barc_interfaces/msg/Environment',
-    PID_STATE: 'barc_interfaces/msg/PidState',
-    # In place of `pid_state` where the controller is not a PID; its terms are named in the message.
-    CONTROLLER_STATE: 'barc_interfaces/msg/ControllerState',
-    TRACK_STATE: 'barc_interfaces/msg/TrackState',
-    LANE_STATE: 'barc_interfaces/msg/LaneState',
-}
 
 
 class Column(NamedTuple):
@@ -314,7 +297,7 @@ _FLAGS = {'missed', 'saturated', 'steer_saturated'}
 
 def columns_of(topic: str) -> dict[str, str]:
     """Return the columns that a topic's messages hold: names by field."""
-    if topic == COMMAND:  # acts, unless it is late
+    if topic == ECU:  # acts, unless it is late
         return {'motor': 'motor', 'servo': 'servo'}
     columns = TrackLog.declared.items()
     return {column.field: name for name, column in columns if column.topic == topic}
@@ -345,7 +328,7 @@ def log_of(
         't': np.arange(n) * period_ns / 1e9,
         **columns_from(STATE, measured),
         **columns_from(STATE_ERROR, error),
-        **columns_from(COMMAND, command),
+        **columns_from(ECU, command),
         'missed': np.zeros(n),
         **columns_from(ENVIRONMENT, around),
         **place,

@@ -12,7 +12,8 @@ import numpy as np
 
 from barc_sim.control.cruise_control import LIMIT, PROFILE, SPEED
 from barc_sim.control.lane import LANE, STEERING_LIMIT
-from barc_sim.simulation.log import CONTROLLER, TrackLog
+from barc_sim.interfaces.nodes import CONTROLLER
+from barc_sim.simulation.log import TrackLog
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -12,9 +12,10 @@ from math import inf
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Protocol
 
 from barc_sim.errors import Parameter, UserError, limited, parameters_of
+from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.simulation.scenario import LIMITS
 from barc_sim.vehicle.bike_model import Command
-from barc_sim.vehicle.parameters import LIVE, NANOSECONDS, ON_TRACK, PARAMETERS
+from barc_sim.vehicle.parameters import LIVE, ON_TRACK, PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,6 +15,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
 from barc_sim.errors import ANY, Parameter, UserError, parameters_of
+from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.vehicle.bicycles import DYNAMICS, LateralParameters
 from barc_sim.vehicle.bike_model import Model, State, Vehicle, bikeFE
 from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 #: The steering on a track unless given: an ideal one jumps at each arc's end.
 SERVO = Actuator(lag=0.1, rate=1.0)
-NANOSECONDS = 1_000_000_000
 FORCE_COLUMN = 'force_n'  #: of a file with a disturbance
 _DELAY = next(each for each in parameters_of(Actuator) if each.name == 'delay')
 _NOISE_V_X = next(each for each in parameters_of(NoiseLevels) if each.name == 'v_x')

@@ -10,16 +10,16 @@ import re
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from barc_sim.bags import names
 from barc_sim.commands import NODES
-from barc_sim.simulation import log
+from barc_sim.interfaces import services as service_names
+from barc_sim.interfaces import topics as topic_names
 
 #: Of every ROS 2 node.
 _COMMON = {'/parameter_events', '/rosout', 'use_sim_time', 'start_type_description_service'}
@@ -78,8 +78,8 @@ def _type(kind: Any) -> str:
 
 
 def _relative(topic: str) -> str:
-    """Return a topic as `bags/names.py` has it."""
-    known = {value for value in vars(names).values() if isinstance(value, str)}
+    """Return a topic as `interfaces/topics.py` has it."""
+    known = {value for value in vars(topic_names).values() if isinstance(value, str)}
     return topic if topic in known else topic.removeprefix('/')
 
 
@@ -136,11 +136,17 @@ def parameters() -> dict[str, list[tuple[str, str, str, str, str]]]:
 
 
 def meanings() -> dict[str, str]:
-    """Return the comment behind each name of `bags/names.py`, by the name that it stands for."""
-    text = ''.join(Path(file or '').read_text('utf-8') for file in (names.__file__, log.__file__))
-    found = re.findall(r"^(?:#: (.*)\n)?([A-Z_]+) = [\w./']+(?:  #: (.*))?$", text, re.MULTILINE)
+    """Return the comment at each name, by the topic or service that it stands for."""
+    return _meanings(topic_names) | _meanings(service_names)
+
+
+def _meanings(module: ModuleType) -> dict[str, str]:
+    text = Path(module.__file__ or '').read_text('utf-8')
+    comments = re.findall(
+        r"^(?:#: (.*)\n)?([A-Z_]+) = '[\w./]+'(?:  #: (.*))?$", text, re.MULTILINE
+    )
     return {
-        getattr(names, name): before or behind
-        for before, name, behind in found
-        if (before or behind) and hasattr(names, name)
+        getattr(module, name): before or behind
+        for before, name, behind in comments
+        if before or behind
     }

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 DOCS = Path(__file__).parents[1]
 #: In the order in which they import one another.
 ROOMS = (
-    'errors', 'cli', 'vehicle', 'control', 'simulation', 'tuning', 'learning', 'bags', 'figures',
-    'page', 'lab', 'ros', 'nodes', 'runs', 'commands',
+    'errors', 'cli', 'interfaces', 'vehicle', 'control', 'simulation', 'tuning', 'learning', 'bags',
+    'figures', 'page', 'lab', 'ros', 'nodes', 'runs', 'commands',
 )  # fmt: skip
 _PART = re.compile(r'(<!-- generated: (\w+) -->\n).*?(<!-- end -->)', re.DOTALL)
 

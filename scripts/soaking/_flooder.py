@@ -14,25 +14,25 @@ from _garbage import Garbage
 from barc_interfaces.msg import ZDynBkMdl
 from rclpy.serialization import serialize_message
 
-from barc_sim.bags import names
+from barc_sim.interfaces import qos, topics
 from barc_sim.ros.process import ros
 from barc_sim.ros.topics import message_class
 
 #: By mode what a node of the run other than the recorder listens to, and its type.
 TOPICS = {
     'acc': {
-        names.ECU: 'barc_interfaces/msg/ECU',
-        names.STATE: 'barc_interfaces/msg/ZDynBkMdl',
-        names.STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',
-        names.ENVIRONMENT: 'barc_interfaces/msg/Environment',
-        names.PID_STATE: 'barc_interfaces/msg/PidState',
-        names.SPEED_REFERENCE: 'std_msgs/msg/Float64',
+        topics.ECU: 'barc_interfaces/msg/ECU',
+        topics.STATE: 'barc_interfaces/msg/ZDynBkMdl',
+        topics.STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',
+        topics.ENVIRONMENT: 'barc_interfaces/msg/Environment',
+        topics.PID_STATE: 'barc_interfaces/msg/PidState',
+        topics.SPEED_REFERENCE: 'std_msgs/msg/Float64',
         '/parameter_events': 'rcl_interfaces/msg/ParameterEvent',
     },
     'teleop': {
-        names.ECU: 'barc_interfaces/msg/ECU',
-        names.STATE: 'barc_interfaces/msg/ZDynBkMdl',
-        names.CMD_VEL: 'geometry_msgs/msg/Twist',
+        topics.ECU: 'barc_interfaces/msg/ECU',
+        topics.STATE: 'barc_interfaces/msg/ZDynBkMdl',
+        topics.CMD_VEL: 'geometry_msgs/msg/Twist',
         '/parameter_events': 'rcl_interfaces/msg/ParameterEvent',
     },
 }
@@ -53,7 +53,7 @@ def main() -> None:
         garbage = Garbage(chance, time.time_ns())
         sends = []
         for topic, kind in TOPICS[task['mode']].items():
-            publisher = node.create_publisher(message_class(kind), topic, names.QOS)
+            publisher = node.create_publisher(message_class(kind), topic, qos.DEFAULT)
             pool = [
                 serialize_message(garbage.of(kind, wild=chance.choice((False, True))))
                 for _ in range(_POOL)
@@ -65,7 +65,7 @@ def main() -> None:
 def _wait_for_states(node: rclpy.node.Node) -> None:
     """Wait until the run drives: before, it would refuse to start beside another simulator."""
     states: list[Any] = []
-    subscription = node.create_subscription(ZDynBkMdl, names.STATE, states.append, 100)
+    subscription = node.create_subscription(ZDynBkMdl, topics.STATE, states.append, 100)
     while len(states) < _FIRST_STATES:
         rclpy.spin_once(node)
     node.destroy_subscription(subscription)

@@ -12,8 +12,8 @@ from geometry_msgs.msg import Twist, Vector3
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from barc_sim.bags import names
-from barc_sim.bags.messages import to_nanoseconds
+from barc_sim.interfaces import qos, topics
+from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.ros.peers import publishers
 
 if TYPE_CHECKING:
@@ -84,8 +84,8 @@ class Witness(Node):
         """Subscribe, and publish ten times a second."""
         super().__init__('witness')
         self.speed, self.stamp, self.states = 0.0, 0, 0
-        self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
-        self._twist_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
+        self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.DEFAULT)
+        self._twist_pub = self.create_publisher(Twist, topics.CMD_VEL, qos.DEFAULT)
         self.create_timer(0.1, self._drive_ahead)
         self._executor: Any = SingleThreadedExecutor()
         self._executor.add_node(self)
@@ -99,7 +99,7 @@ class Witness(Node):
 
     def commanded(self) -> bool:
         """Return whether there is a node that commands."""
-        return bool(publishers(self, names.ECU))
+        return bool(publishers(self, topics.ECU))
 
     def turn(self) -> None:
         """Take what has come."""

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from barc_sim.bags import names
+from barc_sim.interfaces import services
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.executor import QuickExecutor
@@ -46,7 +46,7 @@ class _Drives(Node):
                 Parameter(name, value=value) for name, value in _PARAMETERS.items()
             ],
         )
-        self._reset = self.create_client(Trigger, names.RESET_SIMULATOR)
+        self._reset = self.create_client(Trigger, services.RESET_SIMULATOR)
         self._left = resets
         self.digests: list[str] = []
         self.seconds: list[float] = []

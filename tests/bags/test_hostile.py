@@ -21,8 +21,8 @@ from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
 from barc_sim.bags.messages import definition
 from barc_sim.bags.writer import BagWriter
+from barc_sim.interfaces.topics import MESSAGE_TYPES, STATE
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.simulation.log import MESSAGE_TYPES, STATE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,19 +13,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags import messages
 from barc_sim.bags.contents import types_of
-from barc_sim.bags.messages import (
-    Topic,
-    definition,
-    installed,
-    leading_time,
-    shipped,
-    split_time,
-)
+from barc_sim.bags.messages import Topic, definition, installed, shipped
 from barc_sim.bags.messages import definition_lines as lines
 from barc_sim.bags.messages import find_type as find
 from barc_sim.bags.schemas import schema
 from barc_sim.cli.process import has_ros
 from barc_sim.errors import UserError
+from barc_sim.interfaces.stamps import leading_time, split_time
 
 if TYPE_CHECKING:
     from pathlib import Path

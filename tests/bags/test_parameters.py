@@ -13,8 +13,9 @@ from made_bags import PERIOD, QOS, make
 from barc_sim.bags import bounds
 from barc_sim.bags import reader as bag
 from barc_sim.bags.messages import Message, Topic, definition, store
-from barc_sim.bags.parameters import EVENT_TYPE, EVENTS, ParameterHistory
+from barc_sim.bags.parameters import EVENT_TYPE, ParameterHistory
 from barc_sim.bags.writer import BagWriter
+from barc_sim.interfaces.topics import PARAMETER_EVENTS
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def event(node: str, values: dict[str, float | int | str], published: int = 0) -
         deleted_parameters=[],
     )
     topic = Topic(
-        name=EVENTS,
+        name=PARAMETER_EVENTS,
         type=EVENT_TYPE,
         definition=definition(EVENT_TYPE),
         type_hash='',
@@ -146,7 +147,11 @@ def test_events_that_cannot_be_decoded_cost_the_run_nothing(
 ) -> None:
     whole = event('/controller', {'kp': 2.0}, START)
     other = Topic(
-        name=EVENTS, type=EVENT_TYPE, definition='float64 node\n', type_hash='', offered_qos=[QOS]
+        name=PARAMETER_EVENTS,
+        type=EVENT_TYPE,
+        definition='float64 node\n',
+        type_hash='',
+        offered_qos=[QOS],
     )
     for k, message in enumerate(
         [whole._replace(data=whole.data[:30]), whole._replace(topic=other)]

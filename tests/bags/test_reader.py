@@ -22,8 +22,9 @@ from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import LQR, PID
 from barc_sim.errors import UserError
+from barc_sim.interfaces.topics import APPLIED_COMMAND, STATE
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.simulation.log import APPLIED_COMMAND, STATE, Log, TrackLog
+from barc_sim.simulation.log import Log, TrackLog
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.track import Track
 

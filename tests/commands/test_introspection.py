@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, String
 
 from barc_sim.bags import reader as bag
-from barc_sim.bags.names import NodeGraph
+from barc_sim.bags.graph import NodeGraph
 from barc_sim.bags.recording import to_yaml
 from barc_sim.errors import Parameter
 from barc_sim.figures.graph_figure import lines

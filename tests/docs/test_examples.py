@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 #: Those whose examples need no ROS, and those whose examples do.
 ROOMS = (
-    'errors', 'vehicle', 'control', 'simulation', 'tuning', 'learning', 'bags', 'figures',
-    'commands', 'nodes',
+    'errors', 'interfaces', 'vehicle', 'control', 'simulation', 'tuning', 'learning', 'bags',
+    'figures', 'commands', 'nodes',
 )  # fmt: skip
 NEED_ROS = ('nodes',)
 #: Examples that need an optional package.

@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from barc_sim.bags.bounds import MAX_NAME
-from barc_sim.bags.names import NodeGraph
+from barc_sim.bags.graph import NodeGraph
 from barc_sim.figures.graph_figure import graph_figure, save
 from barc_sim.figures.style import BLUE, MUTED
 

@@ -16,11 +16,11 @@ from rcl_interfaces.srv import SetParameters
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from barc_sim.bags import names
-from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.pilots import Pilot
 from barc_sim.control.speed import LQR, speed_controller
+from barc_sim.interfaces import qos, topics
+from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros.node_helpers import to_header
 from barc_sim.vehicle.bike_model import Command
@@ -57,9 +57,9 @@ class Bench(NodeBench):
         super().__init__(context, spin_until, self.controller)
         self.commands: list[ECU] = []
         self.received: list[PidState] = []
-        self.peer.create_subscription(ECU, 'ecu', self.commands.append, names.QOS)
-        self.peer.create_subscription(PidState, 'pid_state', self.received.append, names.QOS)
-        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
+        self.peer.create_subscription(ECU, 'ecu', self.commands.append, qos.DEFAULT)
+        self.peer.create_subscription(PidState, 'pid_state', self.received.append, qos.DEFAULT)
+        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', qos.DEFAULT)
 
     def send_state(self, stamp: int, v_x: float, **pose: float) -> None:
         """Send a state stamped `stamp` [ns]."""
@@ -156,9 +156,9 @@ def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(bench: Make) ->
     one = bench(controller_type='lqr', speed_weight=100.0, acceleration_limit=3.0)
     received: list[ControllerState] = []
     one.peer.create_subscription(
-        ControllerState, names.CONTROLLER_STATE, received.append, names.QOS
+        ControllerState, topics.CONTROLLER_STATE, received.append, qos.DEFAULT
     )
-    one.until(lambda: one.controller.count_subscribers(names.CONTROLLER_STATE) == 1)
+    one.until(lambda: one.controller.count_subscribers(topics.CONTROLLER_STATE) == 1)
     lqr = LQR(speed_weight=100.0, output_min=-3.0, output_max=3.0)
     samples = [(0, 7.9), (20 * MS, 7.95), (40 * MS, 4.0)]
     assert one.answers(samples) == [lqr.acc_calculate(8.0, v_x, 0.02) for _, v_x in samples]
@@ -190,9 +190,9 @@ def test_a_pilot_of_ones_own_drives(bench: Make) -> None:
     one = bench(controller=Whole())
     received: list[ControllerState] = []
     one.peer.create_subscription(
-        ControllerState, names.CONTROLLER_STATE, received.append, names.QOS
+        ControllerState, topics.CONTROLLER_STATE, received.append, qos.DEFAULT
     )
-    one.until(lambda: one.controller.count_subscribers(names.CONTROLLER_STATE) == 1)
+    one.until(lambda: one.controller.count_subscribers(topics.CONTROLLER_STATE) == 1)
     assert one.answers([(0, 7.0)]) == [1.0]
     one.until(lambda: len(received) == 1)
     assert (received[0].output, received[0].error) == (1.0, 1.0)
@@ -202,8 +202,8 @@ def test_a_pilot_of_ones_own_drives(bench: Make) -> None:
 def test_on_a_track_both_commands_answer_and_gains_can_be_changed(bench: Make) -> None:
     one = bench(track='oval')
     received: list[LaneState] = []
-    one.peer.create_subscription(LaneState, names.LANE_STATE, received.append, names.QOS)
-    one.until(lambda: one.controller.count_subscribers(names.LANE_STATE) == 1)
+    one.peer.create_subscription(LaneState, topics.LANE_STATE, received.append, qos.DEFAULT)
+    one.until(lambda: one.controller.count_subscribers(topics.LANE_STATE) == 1)
     one.send_state(0, 7.9, x=10.0, y=0.5, psi=0.1)
     one.until(lambda: len(one.commands) == len(received) == 1)
     k1, k2 = LaneLQR().feedback()

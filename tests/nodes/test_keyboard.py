@@ -17,9 +17,9 @@ from geometry_msgs.msg import Twist
 from node_bench import NodeBench
 from std_srvs.srv import Trigger
 
-from barc_sim.bags import names
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.control.keyboard import Terminal
+from barc_sim.interfaces import qos, services
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.ros.node_helpers import to_driver_input
 
@@ -41,8 +41,8 @@ class Bench(NodeBench):
         self.resets = 0
         self.keyboard = Keyboard(Terminal(self.fd), context=context)
         super().__init__(context, spin_until, self.keyboard)
-        self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, names.QOS)
-        self.peer.create_service(Trigger, names.RESET_SIMULATOR, self._on_reset)
+        self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, qos.DEFAULT)
+        self.peer.create_service(Trigger, services.RESET_SIMULATOR, self._on_reset)
 
     def _on_twist(self, twist: Twist) -> None:
         self.received.append(to_driver_input(twist))

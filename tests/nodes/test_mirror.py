@@ -18,8 +18,8 @@ from node_bench import NodeBench, overrides
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barc_sim.bags import names
-from barc_sim.bags.messages import to_nanoseconds
+from barc_sim.interfaces import qos
+from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.nodes.mirror import Facts, MirrorNode, diagnose
 from barc_sim.ros.node_helpers import to_header
 from barc_sim.vehicle.road import Road
@@ -65,8 +65,8 @@ class Bench(NodeBench):
         super().__init__(context, spin_until, self.mirror, namespace)
         self.received: dict[str, list[Any]] = {topic: [] for topic in TYPES}
         for topic, kind in TYPES.items():
-            self.peer.create_subscription(kind, topic, self.received[topic].append, names.QOS)
-        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
+            self.peer.create_subscription(kind, topic, self.received[topic].append, qos.DEFAULT)
+        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', qos.DEFAULT)
         self.sent = 0
 
     def send(self, **state: float) -> None:

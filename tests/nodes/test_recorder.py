@@ -33,7 +33,7 @@ from std_msgs.msg import ColorRGBA, Float64
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import reader as bag
-from barc_sim.bags.names import NodeGraph
+from barc_sim.bags.graph import NodeGraph
 from barc_sim.bags.recording import Recording
 from barc_sim.errors import UserError
 from barc_sim.nodes.recorder import BagRecorder

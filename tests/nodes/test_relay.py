@@ -15,7 +15,7 @@ from node_bench import NodeBench, overrides
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from barc_sim.bags import names
+from barc_sim.interfaces import qos
 from barc_sim.nodes.relay import Relay
 
 if TYPE_CHECKING:
@@ -35,9 +35,9 @@ class Bench(NodeBench):
         self.relay = Relay(context=context, parameter_overrides=overrides(**parameters))
         super().__init__(context, spin_until, self.relay)
         self.commands: list[ECU] = []
-        self.peer.create_subscription(ECU, 'ecu', self.commands.append, names.QOS)
+        self.peer.create_subscription(ECU, 'ecu', self.commands.append, qos.DEFAULT)
         self.twists = self.peer.create_publisher(Twist, 'cmd_vel', 10)  # as the stock ones do
-        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
+        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', qos.DEFAULT)
 
     def send(self, forward: float = 0.0, turn: float = 0.0, brake: float = 0.0) -> None:
         """Publish a Twist of these shares."""

@@ -18,9 +18,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim.bags import names
-from barc_sim.bags.messages import to_nanoseconds
 from barc_sim.errors import UserError
+from barc_sim.interfaces import qos
+from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.nodes.simulator import VehicleSimulator
 
 if TYPE_CHECKING:
@@ -71,17 +71,17 @@ class World:
     def driver(self, answer: Callable[[ZDynBkMdl], ECU] | None = None) -> Publisher:
         """Return a publisher of commands; each state is kept, and answered by `answer`."""
         node = self.add(Node('driver', context=self.context))
-        commands = node.create_publisher(ECU, 'ecu', names.QOS)
+        commands = node.create_publisher(ECU, 'ecu', qos.DEFAULT)
 
         def on_state(state: ZDynBkMdl) -> None:
             self.states.append(state)
             if answer:
                 commands.publish(answer(state))
 
-        node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, names.QOS)
+        node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, qos.DEFAULT)
         return commands
 
-    def received(self, message_type: type[Any], topic: str, qos: Any = names.QOS) -> list[Any]:  # noqa: ANN401
+    def received(self, message_type: type[Any], topic: str, qos: Any = qos.DEFAULT) -> list[Any]:  # noqa: ANN401
         """Return a list that grows by each message."""
         messages: list[Any] = []
         node = self.add(Node('listener', context=self.context))
@@ -164,9 +164,9 @@ def test_the_place_on_the_track_waits_at_its_reader_when_the_state_comes(world: 
         commands.publish(command(1.0, state))
 
     node = world.add(Node('driver', context=world.context))
-    commands = node.create_publisher(ECU, 'ecu', names.QOS)
-    node.create_subscription(TrackState, 'track_vhcl', places.append, names.QOS)
-    node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, names.QOS)
+    commands = node.create_publisher(ECU, 'ecu', qos.DEFAULT)
+    node.create_subscription(TrackState, 'track_vhcl', places.append, qos.DEFAULT)
+    node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, qos.DEFAULT)
     simulator = world.simulator(realtime_factor=LOCK_STEP, track='oval', laps=2, noise_ey=0.5)
     world.until(lambda: len(seen) >= 150)
     assert [state for state, _ in seen] == [place for _, place in seen]
@@ -280,7 +280,7 @@ def test_second_simulator_of_a_topic_is_refused_until_the_first_is_gone(world: W
 
 def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: World) -> None:
     foreign = world.add(Node('other', context=world.context))
-    foreign.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
+    foreign.create_publisher(ZDynBkMdl, 'z_vhcl', qos.DEFAULT)
     simulator = world.simulator(wait_for_controller=False)
     with pytest.raises(UserError, match='another simulator publishes /z_vhcl'):
         world.until(simulator.finished.done)
@@ -315,7 +315,7 @@ def test_nodes_that_drive_together_are_named(world: World, capfd: Capture) -> No
     world.simulator(check_period=OFTEN)
     for name in ('ours', 'theirs'):
         node = world.add(Node(name, context=world.context))
-        commands = node.create_publisher(ECU, 'ecu', names.QOS)
+        commands = node.create_publisher(ECU, 'ecu', qos.DEFAULT)
         node.create_timer(0.005, partial(commands.publish, ECU()))
     warned: list[str] = []
 

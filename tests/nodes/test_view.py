@@ -17,10 +17,10 @@ from node_bench import overrides
 from page_client import PATIENCE, connect_page, rows, wait
 from rclpy.node import Node
 
-from barc_sim.bags import names
 from barc_sim.control.cruise_control import TYPES
 from barc_sim.control.speed import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
+from barc_sim.interfaces import qos, topics
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
@@ -93,7 +93,7 @@ def text_of(socket: ClientConnection) -> str:
 
 def test_plan_of_the_steering_reaches_the_page(ros: Context) -> None:
     view, peer = ViewNode(context=ros), Node('peer', context=ros)
-    plans = peer.create_publisher(Path, names.PREDICTION, names.QOS)
+    plans = peer.create_publisher(Path, topics.PREDICTION, qos.DEFAULT)
     pose = Pose(position=Point(x=1.23456, y=-2.0))
     with spinning(ros, view, peer), connect_page(view.url) as socket:
         wait_for(plans.get_subscription_count)

@@ -21,10 +21,10 @@ from node_bench import overrides
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim.bags import names
 from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
+from barc_sim.interfaces import qos, topics
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
@@ -74,11 +74,11 @@ class Car(Node):
         self.stops_at = math.inf  # [m] where time is paused: a slow browser then has no haste
         self.twists: list[tuple[float, float]] = []
         self._stamp = 1_700_000_000_000_000_000
-        self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
-        self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
-        self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
+        self._state_pub = self.create_publisher(ZDynBkMdl, topics.STATE, qos.DEFAULT)
+        self._environment_pub = self.create_publisher(Environment, topics.ENVIRONMENT, qos.DEFAULT)
+        self._ecu_pub = self.create_publisher(ECU, topics.ECU, qos.DEFAULT)
         self.create_subscription(Twist, 'cmd_vel', self._on_twist, 10)
-        self.create_subscription(ECU, names.ECU, self._on_ecu, names.QOS)
+        self.create_subscription(ECU, topics.ECU, self._on_ecu, qos.DEFAULT)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_timer(TS, self._step)

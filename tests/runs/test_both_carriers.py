@@ -15,7 +15,7 @@ from golden.test_golden import golden
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from barc_sim.bags.messages import leading_time
+from barc_sim.interfaces.stamps import leading_time
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,7 +14,7 @@ from command_line import barc, call, started
 from relays import ROS_2, joystick
 
 from barc_sim.bags import reader as bag
-from barc_sim.bags.names import NodeGraph
+from barc_sim.bags.graph import NodeGraph
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,17 +11,9 @@ import pytest
 
 import barc_sim
 from barc_sim.control.speed import LQR
+from barc_sim.interfaces.topics import ECU, ENVIRONMENT, MESSAGE_TYPES, STATE, STATE_ERROR
 from barc_sim.simulation.closed_loop import closed_loop, lap, simulate
-from barc_sim.simulation.log import (
-    COLUMNS,
-    COMMAND,
-    ENVIRONMENT,
-    MESSAGE_TYPES,
-    STATE,
-    STATE_ERROR,
-    Log,
-    columns_of,
-)
+from barc_sim.simulation.log import COLUMNS, Log, columns_of
 from barc_sim.vehicle.bike_model import Command, State
 from barc_sim.vehicle.plant import NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
@@ -82,7 +74,7 @@ def test_columns_are_the_messages_fields_in_their_units() -> None:
     for topic, field, unit in found:
         if topic:
             assert fields[topic][field] == unit, (topic, field)
-    for topic in (STATE, STATE_ERROR, COMMAND, ENVIRONMENT):
+    for topic in (STATE, STATE_ERROR, ECU, ENVIRONMENT):
         assert columns_of(topic).keys() == fields[topic].keys()
 
 

@@ -7,7 +7,7 @@ import json
 import pytest
 from made_bags import GRAPH
 
-from barc_sim.bags.names import NodeGraph
+from barc_sim.bags.graph import NodeGraph
 
 
 @pytest.mark.parametrize(

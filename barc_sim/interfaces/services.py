@@ -1,0 +1,15 @@
+"""The names of the services, relative, so that a namespace moves them.
+
+They are not `~/reset` and the like: a remapped node keeps these names, so that its clients find it.
+"""
+
+from __future__ import annotations
+
+#: resets the car, its noise, and every node that commands it
+RESET_SIMULATOR = 'vehicle_simulator/reset'
+PAUSE_SIMULATOR = 'vehicle_simulator/pause'  #: pauses or resumes simulated time
+STEP_SIMULATOR = 'vehicle_simulator/step'  #: takes one step while paused
+RESET_CONTROLLER = 'controller/reset'  #: resets the controller
+RESET_RELAY = 'relay/reset'  #: clears the driver's input and straightens the wheels
+PAUSE_RECORDER = 'bag_recorder/pause'  #: pauses the recording
+RESUME_RECORDER = 'bag_recorder/resume'  #: resumes the recording

@@ -1,0 +1,55 @@
+"""The names of the topics, relative, so that a namespace moves them, and their message types."""
+
+from __future__ import annotations
+
+# The topics that a log is made of.
+STATE = 'z_vhcl'
+STATE_ERROR = 'ez_vhcl'
+#: the true place on the track, where there is one
+TRACK_STATE = 'track_vhcl'
+ECU = 'ecu'
+#: the command that acts from a state on, as the simulator decided at the state's deadline
+APPLIED_COMMAND = 'applied_command'
+ENVIRONMENT = 'environment'
+PID_STATE = 'pid_state'
+CONTROLLER_STATE = 'controller_state'
+LANE_STATE = 'lane_state'
+
+#: the stamp of each state, where the real-time factor is not 1, and with --clock
+CLOCK = '/clock'
+#: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
+CMD_VEL = 'cmd_vel'
+PREDICTION = 'prediction'  #: the path that the lane controller plans, at every fifth state
+SPEED_REFERENCE = 'speed_reference'  #: the speed to hold [m/s], from an outer loop
+
+# Published by the node `mirror`, for ROS's own tools.
+ODOM = 'odom'  #: the measured pose from odom to base_link; x on the map, z the elevation
+PATH = 'path'  #: the last 200 m of the car's path, once a second
+MARKERS = 'markers'  #: the car, 25 times a second
+ROAD_MARKERS = 'road_markers'  #: the road, or the track, once, latched (transient local)
+TRACK_PATH = 'track_path'  #: the centre line of the track, once, latched
+
+# ROS's own tools expect these outside of every namespace.
+TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs
+#: timing, and losses of the bag, once a second
+DIAGNOSTICS = '/diagnostics'
+
+# ROS's own topics, which every node publishes.
+ROSOUT = '/rosout'
+PARAMETER_EVENTS = '/parameter_events'
+#: Figures name them, but do not draw them.
+EVERYONES = (ROSOUT, PARAMETER_EVENTS)
+
+#: The message type of each topic that a log is made of, by the topic's name without namespace.
+MESSAGE_TYPES = {
+    STATE: 'barc_interfaces/msg/ZDynBkMdl',
+    STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',
+    ECU: 'barc_interfaces/msg/ECU',
+    APPLIED_COMMAND: 'barc_interfaces/msg/AppliedCommand',
+    ENVIRONMENT: 'barc_interfaces/msg/Environment',
+    PID_STATE: 'barc_interfaces/msg/PidState',
+    # In place of `pid_state` where the controller is not a PID; its terms are named in the message.
+    CONTROLLER_STATE: 'barc_interfaces/msg/ControllerState',
+    TRACK_STATE: 'barc_interfaces/msg/TrackState',
+    LANE_STATE: 'barc_interfaces/msg/LaneState',
+}
