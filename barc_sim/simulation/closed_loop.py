@@ -81,6 +81,7 @@ def simulate(
     vehicle: Vehicle | None = None,
     noise: float | NoiseLevels = Scenario.noise,
     delay: float = Scenario.delay,
+    sensor_delay: float = Scenario.sensor_delay,
     disturbance: float | str | PathLike[str] | Signal = Scenario.disturbance,
     controller: object | None = None,
     model: Model = bikeFE,
@@ -117,6 +118,8 @@ def simulate(
         Standard deviation of the measured speed [m/s], or of every signal.
     delay
         [s] from a command to its effect.
+    sensor_delay
+        [s] age of a measurement at its stamp: the state that is published is that of before.
     disturbance
         [N] force on the car, positive forwards: a number, a function of the time since the start
         [s] and the position along the road [m], or the path of a CSV file with the columns
@@ -171,6 +174,7 @@ def simulate(
         vehicle=vehicle,
         noise=noise,
         delay=delay,
+        sensor_delay=sensor_delay,
         disturbance=disturbance,
         controller=controller,
         model=model,

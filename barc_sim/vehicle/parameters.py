@@ -71,6 +71,7 @@ class PlantOptions:
     servo: Actuator | None = None
     noise: Annotated[float | NoiseLevels, _NOISE_V_X] = 0.0
     seed: Annotated[int, 'seed of the measurement noise', 0, 2**53] = 0
+    sensor_delay: Annotated[float, 'age of a measurement at its stamp [s]', 0.0, 10.0] = 0.0
     disturbance: Annotated[
         float | _Path | Signal, 'force on the car, positive forwards [N]', -1e6, 1e6
     ] = 0.0
@@ -142,6 +143,7 @@ class PlantOptions:
             ts=round(self.ts * NANOSECONDS) / NANOSECONDS,
             noise=self._noise(),
             seed=self.seed,
+            sensor_delay=self.sensor_delay,
             force=force,
             disturbance=disturbance,
             model=_with_options(self.model),
@@ -157,8 +159,9 @@ class PlantOptions:
         return plant
 
     def retune(self, plant: Plant) -> None:
-        """Give a plant the noise, the actuators and the disturbance; waiting commands stay."""
+        """Give a plant what `LIVE` names; waiting commands and motions to be measured stay."""
         plant.sensor.noise = self._noise()
+        plant.sensor.delay = self.sensor_delay
         plant.force, plant.disturbance = self._forces()
         plant.replace_actuators(*self._actuators())
 
@@ -269,6 +272,7 @@ PARAMETERS = [
     _OPTIONS['road']._replace(default='lab'),
     _OPTIONS['seed'],
     *_NOISE,
+    _OPTIONS['sensor_delay'],
     *_ACTUATORS,
     _OPTIONS['disturbance'],
     _OPTIONS['integrator'],
@@ -278,7 +282,9 @@ PARAMETERS = [
 ROWS = {row.name: row for row in PARAMETERS}
 
 #: Those that can be changed while the car drives: `PlantOptions.retune` gives them to the plant.
-LIVE = frozenset(row.name for row in (*_NOISE, *_ACTUATORS, _OPTIONS['disturbance']))
+LIVE = frozenset(
+    row.name for row in (*_NOISE, _OPTIONS['sensor_delay'], *_ACTUATORS, _OPTIONS['disturbance'])
+)
 
 
 def _actuator(values: Mapping[str, Any], name: str) -> Actuator:

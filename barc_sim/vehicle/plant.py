@@ -1,10 +1,12 @@
 """The plant: the vehicle on its road or track, with its actuators and its sensor.
 
-Actuators delay, limit and lag a command; each is off by default. The sensor adds noise.
+Actuators delay, limit and lag a command; each is off by default. The sensor adds noise, and can
+measure late.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from math import copysign, cos, expm1, floor, inf, isnan, nan, sin
 from operator import mul
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -223,18 +225,52 @@ _NO_ERROR = MeasurementError()
 
 
 class Sensor:
-    """Adds white Gaussian noise to a motion; one seed gives the same errors.
+    """Measures a motion late, and adds white Gaussian noise; one seed gives the same noise.
+
+    Without a delay the measurement y_k of state k is that of the state x_k itself. With a delay of
+    n whole steps and a share r of a step it is that of the time t_k - delay, on the line between
+    two states:
+
+        y_k = x_(k-n) + r · (x_(k-n-1) - x_(k-n)) + noise_k
+
+    Before the first state, and where a longer delay has just been set, it is the oldest state that
+    is remembered.
 
     The generator is NumPy's PCG64. Every measurement takes six of its normal numbers: the noise of
     one signal does not depend on whether another has any.
     """
 
-    def __init__(self, noise: NoiseLevels | None = None, seed: int = 0) -> None:
-        """Measure with these standard deviations, zero unless given; `seed` is at least 0."""
+    def __init__(
+        self,
+        noise: NoiseLevels | None = None,
+        seed: int = 0,
+        *,
+        delay: float = 0.0,
+        ts: float = 0.02,
+    ) -> None:
+        """Measure states that are `ts` [s] apart, `delay` [s] late.
+
+        `noise` has the standard deviations, zero unless given; `seed` is at least 0.
+        """
         self.noise = noise or NoiseLevels()
         self._seed = int(seed)
         self._generator: np.random.Generator | None = None
         self._normals: list[list[float]] = []  # of the next measurements, the last one first
+        self._ts = ts
+        self._past: deque[Motion] = deque()  # of the states before the present one
+        self.delay = delay
+
+    @property
+    def delay(self) -> float:
+        """The age of a measurement at its stamp [s]; it can be set between steps."""
+        return self._delay
+
+    @delay.setter
+    def delay(self, delay: float) -> None:
+        self._delay = delay
+        self._whole, self._share = in_steps(delay, self._ts)
+        if not delay:
+            self.forget()
 
     @property
     def is_noisy(self) -> bool:
@@ -243,16 +279,47 @@ class Sensor:
 
     def measure(self, true: Motion) -> tuple[Motion, MeasurementError]:
         """Return the motion as measured, and its error: measured minus true."""
+        if self._delay:
+            return self._measure_late(true)
         if not self.is_noisy:
             return true, _NO_ERROR
-        if not self._normals:
-            self._normals = self._draw_normals(_BLOCK)[::-1].tolist()
-        error = MeasurementError(*map(mul, self.noise, self._normals.pop()))
+        error = self._draw_error()
         return with_error(true, error, cos(true.psi), sin(true.psi)), error
 
+    def remember(self, motion: Motion) -> None:
+        """Keep the motion of a state that the car leaves, for later measurements."""
+        self._past.append(motion)
+        while len(self._past) > self._whole + 1:
+            self._past.popleft()
+
+    def forget(self) -> None:
+        """Forget the motions so far, as the car was placed elsewhere."""
+        self._past.clear()
+
+    def _measure_late(self, true: Motion) -> tuple[Motion, MeasurementError]:
+        """Return the motion of before as measured, and its error."""
+        newer = self._before(true, self._whole)
+        older = self._before(true, self._whole + 1)
+        measured = motion_between(newer, older, self._share)
+        if self.is_noisy:
+            error = self._draw_error()
+            measured = with_error(measured, error, cos(measured.psi), sin(measured.psi))
+        return measured, error_between(true, measured)
+
+    def _before(self, true: Motion, steps: int) -> Motion:
+        """Return the motion this many steps before `true`, or the oldest that is kept."""
+        steps = min(steps, len(self._past))
+        return self._past[-steps] if steps else true
+
+    def _draw_error(self) -> MeasurementError:
+        """Return the noise of the next measurement."""
+        if not self._normals:
+            self._normals = self._draw_normals(_BLOCK)[::-1].tolist()
+        return MeasurementError(*map(mul, self.noise, self._normals.pop()))
+
     def again(self) -> Sensor:
-        """Return a new sensor with the same levels and seed."""
-        return Sensor(self.noise, self._seed)
+        """Return a new sensor with the same levels, seed and delay."""
+        return Sensor(self.noise, self._seed, delay=self._delay, ts=self._ts)
 
     def draw(self, n: int) -> Floats:
         """Return the errors of the first `n` measurements, shape `(n, 6)`."""
@@ -294,6 +361,35 @@ def with_error(true: Motion, error: MeasurementError, cos_psi: float, sin_psi: f
         true.v_x + error.v_x,
         true.v_y + error.v_y,
         true.psi_dot + error.psi_dot,
+    )
+
+
+@law
+def motion_between(newer: Motion, older: Motion, share: float) -> Motion:
+    """Return the motion that is a share of the way from a newer to an older one."""
+    return Motion(
+        newer.x + share * (older.x - newer.x),
+        newer.y + share * (older.y - newer.y),
+        newer.psi + share * (older.psi - newer.psi),
+        newer.v_x + share * (older.v_x - newer.v_x),
+        newer.v_y + share * (older.v_y - newer.v_y),
+        newer.psi_dot + share * (older.psi_dot - newer.psi_dot),
+    )
+
+
+def error_between(true: Motion, measured: Motion) -> MeasurementError:
+    """Return measured minus true, in the vehicle's true frame."""
+    cos_psi = cos(true.psi)
+    sin_psi = sin(true.psi)
+    x = measured.x - true.x
+    y = measured.y - true.y
+    return MeasurementError(
+        x * cos_psi + y * sin_psi,
+        y * cos_psi - x * sin_psi,
+        measured.psi - true.psi,
+        measured.v_x - true.v_x,
+        measured.v_y - true.v_y,
+        measured.psi_dot - true.psi_dot,
     )
 
 
@@ -475,6 +571,7 @@ class Plant:
         ts: float = 0.02,
         noise: NoiseLevels | None = None,
         seed: int = 0,
+        sensor_delay: float = 0.0,
         force: float = 0.0,
         disturbance: Signal | None = None,
         model: Model = bikeFE,
@@ -495,7 +592,7 @@ class Plant:
         """
         self.road = road or (Road.flat() if track else Road.lab())
         self.track = track
-        self.sensor = Sensor(noise, seed)
+        self.sensor = Sensor(noise, seed, delay=sensor_delay, ts=ts)
         self.force = force
         self.disturbance = disturbance
         self.lap_times: tuple[float, ...] = ()  #: [s] of the laps that were driven whole
@@ -597,7 +694,7 @@ class Plant:
         """Whether laws move the car straight ahead along its road."""
         return (
             type(self) is Plant
-            and not (self.track or self._own_model or self.disturbance)
+            and not (self.track or self._own_model or self.disturbance or self.sensor.delay)
             and self.state.psi == self.acting.servo == 0.0
             and not any(self.waiting.servo)
         )
@@ -612,7 +709,7 @@ class Plant:
         )
 
     def observe(self) -> Observation:
-        """Measure the present state; each call draws new measurement noise."""
+        """Measure the present state, late if the sensor is; each call draws new noise."""
         now = self.now
         true = true_motion(self.model, now)
         measured, error = self.sensor.measure(true)
@@ -626,7 +723,10 @@ class Plant:
 
     def advance(self, command: Command) -> None:
         """Take one step with `command`."""
-        model, now = self.model, self.now
+        model = self.model
+        now = self.now
+        if self.sensor.delay:
+            self.sensor.remember(true_motion(model, now))
         force = self.force
         if self.disturbance:
             force += self.disturbance(now.steps * model.ts, self.distance)
@@ -653,6 +753,7 @@ class Plant:
         if near is None:
             near = nearest(model.line, state.x, state.y) if self.track else 0.0
         self.now = start(model, state, near, is_whole)
+        self.sensor.forget()
         self.lap_times = ()
 
     def replace_actuators(self, motor: Actuator, servo: Actuator) -> None:

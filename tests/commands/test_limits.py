@@ -87,6 +87,7 @@ def test_a_command_refuses_what_python_does(
         (simulate, {'noise': -1}, 'noise_v_x', -1.0),
         (NoiseLevels, {'psi_dot': nan}, 'noise_psi_dot', nan),
         (simulate, {'delay': -1}, 'motor_delay', -1.0),
+        (simulate, {'sensor_delay': 11}, 'sensor_delay', 11.0),
         (Actuator, {'lag': 101}, 'servo_lag', 101.0),
         (simulate, {'disturbance': nan}, 'disturbance', nan),
         (simulate, {'seed': 1.5}, 'seed', 1.5),

@@ -63,6 +63,7 @@ def test_a_run_is_that_of_simulate(tmp_path: Path) -> None:
         'vehicle_simulator:disturbance': -900.0,
         'vehicle_simulator:rate': 333.0,
         'vehicle_simulator:noise_v_x': 0.05,
+        'vehicle_simulator:sensor_delay': 0.05,
     }
     options = '--realtime-factor max --distance 30 --reference speed.csv'
     with started(*Scenario(options, parameters).arguments(), cwd=tmp_path) as process:
@@ -72,6 +73,7 @@ def test_a_run_is_that_of_simulate(tmp_path: Path) -> None:
         reference=tmp_path / 'speed.csv',
         disturbance=-900.0,
         noise=0.05,
+        sensor_delay=0.05,
         distance=30.0,
         ts=1 / 333,
     )

@@ -97,6 +97,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     'default': ('pid', {}),
     'noise': ('pid', {'noise_v_x': 0.05, 'noise_s': 0.1, 'seed': 3}),
     'delay': ('pid', {'motor_delay': 0.05, 'motor_lag': 0.1}),
+    'sensor': ('pid', {'sensor_delay': 0.05, 'noise_v_x': 0.05}),
     'rk4': ('pid', {'integrator': 'rk4'}),
     'dynamic': ('pid', {'dynamics': 'dynamic'}),
     'lqr': ('lqr', {}),

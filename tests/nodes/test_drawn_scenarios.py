@@ -86,6 +86,7 @@ def drawn(number: int) -> Drawn:
         'motor_delay': some(0.6, 0.0, 0.1),
         'motor_lag': some(0.4, 0.02, 0.3),
         'motor_limit': some(0.3, 3.0, 8.0),
+        'sensor_delay': some(0.3, 0.0, 0.1),
     }
     controller: dict[str, Any] = {
         'controller_type': str(random.choice(['pid', 'lqr'])),
@@ -196,7 +197,7 @@ def test_a_batch_of_environments_gives_the_same_states_to_the_last_bit(numbers: 
     scenarios = [each for each in map(drawn, numbers) if has_batch(each)]
     assert len(scenarios) > 5
     for each in scenarios:
-        log = simulate(scenario=replace(each.scenario, noise=0.0))
+        log = simulate(scenario=replace(each.scenario, noise=0.0, sensor_delay=0.0))
         across = log.e_y if isinstance(log, TrackLog) else np.zeros(len(log))
         along = log.s if isinstance(log, TrackLog) else log.x
         expected = [list(row) for row in zip(along, across, strict=True)]

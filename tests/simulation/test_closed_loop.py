@@ -195,6 +195,13 @@ def test_a_constant_function_is_the_number() -> None:
     assert wind != made()
 
 
+def test_a_late_sensor_makes_the_loop_overshoot() -> None:
+    punctual = simulate(road='flat')
+    late = simulate(road='flat', sensor_delay=0.06)
+    assert summary(late).overshoot > 2.0 * summary(punctual).overshoot
+    assert late.speed[:-3] == pytest.approx(late.v_x[3:])
+
+
 TS = 0.02
 LAB = 180.0  #: [m]
 Motion = tuple[float, float]  #: x [m], v [m/s]
@@ -346,6 +353,7 @@ def test_a_controller_without_a_number_brings_the_car_nowhere() -> None:
 def test_a_car_with_a_model_of_ones_own_or_a_track_has_no_fast_path() -> None:
     assert not Plant(model=lambda *_, **__: (0.0,) * 4).has_fast_path
     assert not Plant(track=Track.named('oval')).has_fast_path
+    assert not Plant(sensor_delay=0.04).has_fast_path
     assert Plant(noise=NOISE, motor=Actuator(delay=0.03, lag=0.1)).has_fast_path
     assert Plant(integrator='rk4').has_fast_path
     assert Plant(dynamics='dynamic').has_fast_path

@@ -74,6 +74,7 @@ scenarios = st.fixed_dictionaries(
         'servo': actuators,
         'noise': noises,
         'seed': st.integers(0, 1000),
+        'sensor_delay': one_of(0.0, 0.02, 0.04, low=0.0, high=0.1),
         'disturbance': one_of(0.0, low=-300.0, high=300.0),
         'ts': st.sampled_from([0.02, 0.01, 1 / 333]),
         'kp': st.floats(5.0, 60.0),

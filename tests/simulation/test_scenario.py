@@ -37,6 +37,7 @@ OPTIONS: dict[str, Any] = {
     'vehicle': Vehicle(mass=1500.0),
     'noise': NoiseLevels(ey=0.01),
     'delay': 0.04,
+    'sensor_delay': 0.03,
     'disturbance': -50.0,
     'speed_reference': 4.0,
     'reference': 5.0,

@@ -92,6 +92,7 @@ def test_the_labs_road_is_held_to_8_5_mm_s_and_no_better_than_can_be() -> None:
         {},
         {'noise': 0.05, 'seed': 2, 'delay': 0.04, 'ts': 1 / 333},
         {'delay': 0.03, 'integrator': 'rk4', 'acceleration_limit': 3.0},
+        {'sensor_delay': 0.05, 'noise': 0.05},
         {'dynamics': 'dynamic', 'disturbance': -300.0, 'noise': 0.05},
         {'disturbance': lambda _, x: -300.0 if x > 20.0 else 0.0},
         {'track': 'oval', 'lane': LaneLQR()},

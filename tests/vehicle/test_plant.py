@@ -32,6 +32,7 @@ from barc_sim.vehicle.plant import (
     channel_of,
     queue_room,
     take_command,
+    with_error,
 )
 from barc_sim.vehicle.road import Road
 
@@ -215,6 +216,72 @@ def test_turning_one_deviation_off_leaves_the_other_errors_as_they_were(off: str
     all_on = errors(Sensor(NOISY, 3), 10)
     one_off = errors(Sensor(NOISY._replace(**{off: 0.0}), 3), 10)
     assert one_off == [error._replace(**{off: 0.0}) for error in all_on]
+
+
+# Delay of the sensor
+
+
+def at(k: int) -> Motion:
+    return Motion(x=0.1 * k * k, y=-0.2 * k, psi=0.3 * k, v_x=10.0 * k, v_y=k, psi_dot=-k)
+
+
+def measurements(sensor: Sensor, steps: range) -> list[tuple[Motion, MeasurementError]]:
+    found = []
+    for k in steps:
+        found.append(sensor.measure(at(k)))
+        sensor.remember(at(k))
+    return found
+
+
+@pytest.mark.parametrize(('delay', 'steps'), [(0.04, 2.0), (0.05, 2.5), (0.001, 0.05), (0.02, 1.0)])
+def test_a_late_measurement_is_that_of_before(delay: float, steps: float) -> None:
+    found = measurements(Sensor(delay=delay, ts=TS), range(40))
+    assert found[0] == (at(0), MeasurementError())
+    for k, (measured, error) in enumerate(found):
+        if k > steps:
+            share = steps % 1.0
+            newer, older = at(k - int(steps)), at(k - int(steps) - 1)
+            expected = [
+                (1.0 - share) * new + share * old for new, old in zip(newer, older, strict=True)
+            ]
+            assert measured == pytest.approx(expected)
+        true = at(k)
+        again = with_error(true, error, cos(true.psi), sin(true.psi))
+        assert measured == pytest.approx(again, abs=1e-9)
+
+
+def test_noise_and_delay_of_a_sensor_add_up() -> None:
+    noise = NoiseLevels(v_x=0.5)
+    late = measurements(Sensor(noise, 3, delay=0.02, ts=TS), range(20))
+    punctual = measurements(Sensor(noise, 3), range(20))
+    for k in range(1, 20):
+        assert late[k][0].v_x == at(k - 1).v_x + punctual[k][1].v_x
+
+
+def test_a_sensors_delay_can_change_while_the_car_drives() -> None:
+    sensor = Sensor(ts=TS)
+    measurements(sensor, range(10))
+    sensor.delay = 0.0
+    sensor.delay = 0.04
+    motions = [motion for motion, _ in measurements(sensor, range(10, 14))]
+    assert motions == [at(10), at(10), at(10), at(11)]
+    sensor.delay = 0.02
+    assert sensor.measure(at(14))[0] == at(13)
+
+
+def test_a_late_plant_measures_the_states_that_it_had() -> None:
+    late, punctual = Plant(sensor_delay=0.06), Plant()
+    true = []
+    for _ in range(20):
+        true.append(punctual.observe().true)
+        observation = late.observe()
+        assert observation == late.observe()
+        assert observation.true == true[-1]
+        assert observation.measured == true[max(len(true) - 4, 0)]
+        for plant in (late, punctual):
+            plant.advance(Command(3.0, 0.1))
+    late.place(State(x=50.0))
+    assert late.observe().measured == late.observe().true
 
 
 HILL = Road((0.0, 20.0), (5.0, -7.0))
