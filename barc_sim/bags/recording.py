@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from barc_sim.cli.files import replacing
-from barc_sim.errors import Parameter, UserError
+from barc_sim.errors import UserError
+from barc_sim.interfaces.parameters import Parameter
 from barc_sim.interfaces.topics import CLOCK
 
 if TYPE_CHECKING:

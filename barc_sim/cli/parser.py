@@ -19,8 +19,9 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from barc_sim.cli.limits import not_between
 from barc_sim.cli.process import ROS_PACKAGES, needs_ros
-from barc_sim.errors import UserError, escaped, not_between
+from barc_sim.errors import UserError, escaped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import FIGURES, target
-from barc_sim.errors import UserError, escaped, one_line
+from barc_sim.cli.text import one_line
+from barc_sim.errors import UserError, escaped
 from barc_sim.lab.files import RUBRICS, find_files, handout_of
 
 if TYPE_CHECKING:

@@ -28,7 +28,8 @@ from barc_sim.control.speed import (
     PID,
     SPEED_REFERENCE,
 )
-from barc_sim.errors import Parameter, UserError
+from barc_sim.errors import UserError
+from barc_sim.interfaces.parameters import Parameter
 from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.road import signal

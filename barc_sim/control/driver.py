@@ -15,7 +15,7 @@ from __future__ import annotations
 from math import copysign, inf, isfinite
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from barc_sim.errors import Parameter, parameters_of
+from barc_sim.interfaces.parameters import Parameter, parameters_of
 from barc_sim.vehicle.bike_model import Command
 
 if TYPE_CHECKING:

@@ -26,8 +26,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from barc_sim.cli.packages import extra
 from barc_sim.control.lane import speed_profile
-from barc_sim.errors import UserError, extra
+from barc_sim.errors import UserError
 from barc_sim.vehicle.track import RACING_LINE, Track
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from inspect import signature
 from math import inf, isfinite, isnan, nan, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from barc_sim.errors import Parameter, UserError
+from barc_sim.errors import UserError
+from barc_sim.interfaces.parameters import Parameter
 from barc_sim.vehicle.law import law
 
 if TYPE_CHECKING:

@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
 
+from barc_sim.cli.text import one_line
 from barc_sim.control.cruise_control import GAINS
-from barc_sim.errors import UserError, one_line
+from barc_sim.errors import UserError
 from barc_sim.figures.files import save
 from barc_sim.figures.style import (
     BLUE,

@@ -17,7 +17,8 @@ from pathlib import Path, PurePath, PurePosixPath
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from barc_sim.cli.files import HeldFolder, open_regular
-from barc_sim.errors import UserError, escaped, one_line
+from barc_sim.cli.text import one_line
+from barc_sim.errors import UserError, escaped
 from barc_sim.lab.files import FILES, files_in, names_of
 
 if TYPE_CHECKING:

@@ -16,9 +16,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from barc_sim.cli.limits import not_between
+from barc_sim.cli.packages import extra
 from barc_sim.control.lane import STEERING_LIMIT
 from barc_sim.control.pilots import Pilot
-from barc_sim.errors import UserError, extra, not_between, parameters_of
+from barc_sim.errors import UserError
+from barc_sim.interfaces.parameters import parameters_of
 from barc_sim.simulation.closed_loop import LAP_SPEED, LAP_TRACK, chosen_scenario
 from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.vehicle.bicycles import LateralParameters

@@ -24,8 +24,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barc_sim.errors import Parameter
 from barc_sim.interfaces import qos, topics
+from barc_sim.interfaces.parameters import Parameter
 from barc_sim.interfaces.stamps import NANOSECONDS, to_nanoseconds
 from barc_sim.ros.node_helpers import (
     declare,

@@ -14,9 +14,10 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.cli.parser import MAX_PORT
-from barc_sim.errors import Parameter, UserError
+from barc_sim.errors import UserError
 from barc_sim.interfaces import qos, services, topics
 from barc_sim.interfaces.nodes import CONTROLLER, SIMULATOR
+from barc_sim.interfaces.parameters import Parameter
 from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.page.feed import DEPTH, SUBSCRIBED, Feed
 from barc_sim.page.protocol import (

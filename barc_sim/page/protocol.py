@@ -24,8 +24,9 @@ from barc_sim.control.driver import DriverInput
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.pilots import SpeedPilot
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, Gain, speed_controller
-from barc_sim.errors import Parameter, UserError
+from barc_sim.errors import UserError
 from barc_sim.interfaces.nodes import CONTROLLER, SIMULATOR
+from barc_sim.interfaces.parameters import Parameter
 from barc_sim.interfaces.topics import ECU, ENVIRONMENT, LANE_STATE, PID_STATE, TRACK_STATE
 from barc_sim.simulation.closed_loop import check_ahead
 from barc_sim.simulation.log import columns_of

@@ -14,9 +14,11 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from std_msgs.msg import Header
 
+from barc_sim.cli.limits import not_between
 from barc_sim.control.driver import DriverInput
-from barc_sim.errors import ANY, UserError, not_between
+from barc_sim.errors import UserError
 from barc_sim.interfaces import qos
+from barc_sim.interfaces.parameters import ANY
 from barc_sim.interfaces.stamps import split_time, to_nanoseconds
 from barc_sim.vehicle.parameters import TRACK
 from barc_sim.vehicle.track import Track
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.publisher import Publisher
 
-    from barc_sim.errors import Parameter
+    from barc_sim.interfaces.parameters import Parameter
 
 Message = TypeVar('Message')
 _RECOUNT_NS = 500_000_000

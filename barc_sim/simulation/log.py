@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, TypeVar,
 import numpy as np
 from numpy.typing import NDArray
 
+from barc_sim.cli.packages import extra
 from barc_sim.control.lane import LANE, LaneLaw
 from barc_sim.control.speed import PID
-from barc_sim.errors import extra
 from barc_sim.interfaces.topics import (
     APPLIED_COMMAND,
     ECU,

@@ -11,7 +11,8 @@ from barc_sim.control.cruise_control import LIMIT, SPEED, reference_of
 from barc_sim.control.lane import LaneController, check_steering_law
 from barc_sim.control.pilots import Pilot
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.errors import ANY, UserError, parameters_of
+from barc_sim.errors import UserError
+from barc_sim.interfaces.parameters import ANY, parameters_of
 from barc_sim.vehicle.parameters import PlantOptions, needs_track
 from barc_sim.vehicle.road import Profile, Signal
 from barc_sim.vehicle.track import Track

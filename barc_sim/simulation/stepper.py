@@ -11,7 +11,8 @@ from enum import Enum
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Protocol
 
-from barc_sim.errors import Parameter, UserError, limited, parameters_of
+from barc_sim.errors import UserError
+from barc_sim.interfaces.parameters import Parameter, limited, parameters_of
 from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.simulation.scenario import LIMITS
 from barc_sim.vehicle.bike_model import Command

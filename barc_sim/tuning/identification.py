@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.errors import UserError, extra
+from barc_sim.cli.packages import extra
+from barc_sim.errors import UserError
 from barc_sim.simulation.log import COLUMNS
 from barc_sim.tuning.prediction import (
     AT_REST,

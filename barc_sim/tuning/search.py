@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim import tuning
+from barc_sim.cli.packages import extra
 from barc_sim.control.speed import PID, as_controller, set_gains
-from barc_sim.errors import UserError, extra
+from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import chosen_scenario, drive_scenario
 from barc_sim.simulation.metrics import summary
 from barc_sim.simulation.rollout import scores_of_gains

@@ -27,7 +27,8 @@ from __future__ import annotations
 from math import atan2, copysign, cos, sin, sqrt
 from typing import Annotated, NamedTuple
 
-from barc_sim.errors import UserError, limited
+from barc_sim.errors import UserError
+from barc_sim.interfaces.parameters import limited
 from barc_sim.vehicle.bike_model import (
     Command,
     Model,

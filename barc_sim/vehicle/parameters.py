@@ -14,7 +14,8 @@ from math import inf
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
-from barc_sim.errors import ANY, Parameter, UserError, parameters_of
+from barc_sim.errors import UserError
+from barc_sim.interfaces.parameters import ANY, Parameter, parameters_of
 from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.vehicle.bicycles import DYNAMICS, LateralParameters
 from barc_sim.vehicle.bike_model import Model, State, Vehicle, bikeFE

@@ -11,7 +11,8 @@ from math import copysign, cos, expm1, floor, inf, isnan, nan, sin
 from operator import mul
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from barc_sim.errors import UserError, limited
+from barc_sim.errors import UserError
+from barc_sim.interfaces.parameters import limited
 from barc_sim.vehicle.bicycles import (
     Bicycle,
     Slip,

@@ -18,14 +18,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from barc_sim.cli.files import decoded, read_regular
-from barc_sim.errors import UserError, not_between, one_line
+from barc_sim.cli.limits import not_between
+from barc_sim.cli.text import one_line
+from barc_sim.errors import UserError
 from barc_sim.vehicle.law import law
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from barc_sim.errors import Parameter
+    from barc_sim.interfaces.parameters import Parameter
 
     Floats = NDArray[np.float64]
     Column = tuple[float, ...]

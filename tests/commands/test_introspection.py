@@ -18,8 +18,8 @@ from std_msgs.msg import Float64MultiArray, String
 from barc_sim.bags import reader as bag
 from barc_sim.bags.graph import NodeGraph
 from barc_sim.bags.recording import to_yaml
-from barc_sim.errors import Parameter
 from barc_sim.figures.graph_figure import lines
+from barc_sim.interfaces.parameters import Parameter
 from barc_sim.ros.introspection import plain
 from barc_sim.ros.node_helpers import declare
 

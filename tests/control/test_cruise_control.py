@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from barc_sim.errors import Parameter
+    from barc_sim.interfaces.parameters import Parameter
 
 
 def defaults(table: list[Parameter]) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from barc_sim.control.lane import Curvature
-    from barc_sim.errors import Parameter
+    from barc_sim.interfaces.parameters import Parameter
 
 TRACK = Track.named('oval')
 AT_REST = Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: Those whose examples need no ROS, and those whose examples do.
 ROOMS = (
-    'errors', 'interfaces', 'vehicle', 'control', 'simulation', 'tuning', 'learning', 'bags',
+    'errors', 'cli', 'vehicle', 'control', 'simulation', 'tuning', 'learning', 'bags',
     'figures', 'commands', 'nodes',
 )  # fmt: skip
 NEED_ROS = ('nodes',)

@@ -37,7 +37,7 @@ from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from barc_sim.control.situation import Situation
-    from barc_sim.errors import Parameter
+    from barc_sim.interfaces.parameters import Parameter
 
 MALFORMED = [
     '',

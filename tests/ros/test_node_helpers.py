@@ -15,7 +15,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int64
 
-from barc_sim.errors import Parameter, UserError
+from barc_sim.errors import UserError
+from barc_sim.interfaces.parameters import Parameter
 from barc_sim.ros import node_helpers
 from barc_sim.ros.node_helpers import RefusedInput, declare
 from barc_sim.ros.peers import claim, others_here

@@ -20,7 +20,7 @@ from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from barc_sim.errors import Parameter
+    from barc_sim.interfaces.parameters import Parameter
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.bike_model import Command, Motion
     from barc_sim.vehicle.plant import Observation

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.errors import UserError, one_line, without_addresses
+from barc_sim.cli.text import one_line, without_addresses
+from barc_sim.errors import UserError
 from barc_sim.lab.confined.child import NO_PIPES, abi
 from barc_sim.lab.confined.replies import RESULTS, WrongReply, max_size, parsed
 from barc_sim.lab.files import ChosenGains, UserCodeError, files_in

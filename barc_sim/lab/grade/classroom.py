@@ -18,7 +18,8 @@ from statistics import mean, median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.csv_files import read_rows
-from barc_sim.errors import UserError, one_line
+from barc_sim.cli.text import one_line
+from barc_sim.errors import UserError
 from barc_sim.lab.grade.grade import LABELS
 from barc_sim.lab.pages import render
 

@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from barc_sim import __version__
+from barc_sim.cli.text import one_line
 from barc_sim.cli.yaml_files import read_yaml
-from barc_sim.errors import UserError, escaped, one_line
+from barc_sim.errors import UserError, escaped
 from barc_sim.figures.files import save
 from barc_sim.lab.files import BY_HAND, RUBRICS, names_of
 from barc_sim.lab.judge import Settings, Thresholds

@@ -28,7 +28,7 @@ from threading import get_ident
 from types import ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
 
-from barc_sim.errors import one_line, without_addresses
+from barc_sim.cli.text import one_line, without_addresses
 from barc_sim.lab.files import FILES, Source, UserCodeError, compiled, guarded_imports, read
 from barc_sim.lab.user_code.numpy_names import NumPy
 

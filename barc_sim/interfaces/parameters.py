@@ -1,0 +1,90 @@
+"""What describes a parameter: its name, default, meaning, unit and limits.
+
+There is one table of limits: a record declares its fields as `Annotated[float, description, low,
+high]`, and `parameters_of` returns a `Parameter` for each. Constructors, `simulate`, nodes and
+options of commands check values against them, with the sentence of `not_between`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields, is_dataclass
+from math import inf
+from typing import Annotated, Any, NamedTuple, TypeVar, get_origin, get_type_hints
+
+from barc_sim.cli.limits import not_between
+from barc_sim.errors import UserError
+
+#: The bounds of a text or a flag: there are none.
+ANY = (-inf, inf)
+_Record = TypeVar('_Record', bound=tuple[Any, ...])
+
+
+class Parameter(NamedTuple):
+    """A parameter of a node; `between` bounds a number, ends included, and so keeps NaN out."""
+
+    name: str
+    default: float | str | bool
+    description: str
+    between: tuple[float, float] = ANY
+    read_only: bool = False
+
+    @property
+    def unit(self) -> str:
+        """The unit, which stands in brackets in the description; empty without one."""
+        unit = re.search(r'\[([^]]+)\]', self.description)
+        return unit[1] if unit else ''
+
+    def check(self, value: object, name: str = '') -> None:
+        """Raise UserError if `value`, given as the argument `name`, is not `between` the bounds."""
+        if self.between != ANY and (why := not_between(value, *self.between)):
+            raise UserError(f'{name or self.name}: {why}')
+
+
+def parameters_of(record: type[Any]) -> list[Parameter]:
+    """Return a parameter for each field of a NamedTuple or dataclass that declares its meaning.
+
+    A field is `Annotated[kind, description]`, `Annotated[kind, description, low, high]`, or
+    `Annotated[kind, parameter]`, which shares meaning and limits of another parameter.
+    """
+    if is_dataclass(record):
+        defaults = {each.name: each.default for each in fields(record)}
+    else:
+        defaults = record._field_defaults
+    return [
+        _parameter(name, defaults[name], *hint.__metadata__)
+        for name, hint in get_type_hints(record, include_extras=True).items()
+        if get_origin(hint) is Annotated
+    ]
+
+
+def _parameter(
+    name: str,
+    default: Any,  # noqa: ANN401 (of any kind)
+    meaning: str | Parameter,
+    low: float = -inf,
+    high: float = inf,
+) -> Parameter:
+    if isinstance(meaning, Parameter):
+        return meaning._replace(name=name, default=default)
+    return Parameter(name, default, meaning, (low, high))
+
+
+def limited(record: type[_Record]) -> type[_Record]:
+    """Make the constructor of a record, a NamedTuple, refuse values beyond its fields' limits.
+
+    `_make` and `_replace` check nothing: they are for values that have been checked.
+    """
+    rows = parameters_of(record)
+    make: Any = record.__new__
+    make.__annotations__ = get_type_hints(record)  # what `help` shows
+
+    def new(cls: type[_Record], *values: Any, **named: Any) -> _Record:  # noqa: ANN401 (any field)
+        made: _Record = make(cls, *values, **named)
+        for row in rows:
+            row.check(getattr(made, row.name))
+        return made
+
+    new.__wrapped__ = make  # type: ignore[attr-defined]
+    record.__new__ = new  # type: ignore[assignment]
+    return record
