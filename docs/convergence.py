@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREY, INK, MUTED, STYLE, VERMILLION
+from barc_sim.interfaces.records import Command
 from barc_sim.vehicle.bicycles import INTEGRATORS, Slip, bicycle_of, bicycle_step
-from barc_sim.vehicle.bike_model import Command, State, Vehicle, slip_angle
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle, slip_angle
 from barc_sim.vehicle.road import LEVEL, Inclines, Road, stretch_at
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class ReferenceDrive(NamedTuple):
 
     name: str
     text: str
-    start: State
+    start: BicycleState
     duration: float  #: [s]
     held: Command = Command()
     inclines: Inclines = LEVEL
@@ -96,7 +97,7 @@ REFERENCE_DRIVES = (
     ReferenceDrive(
         name='circle',
         text='15 m/s, 0.4 rad',
-        start=State(v=15.0),
+        start=BicycleState(v=15.0),
         held=Command(0.0, 0.4),
         vehicle=Vehicle(air_drag_coeff=0.0, friction=0.0),
         duration=4.0,
@@ -106,7 +107,7 @@ REFERENCE_DRIVES = (
     ReferenceDrive(
         name='step steer',
         text='20 m/s, 0.05 rad',
-        start=State(v=20.0),
+        start=BicycleState(v=20.0),
         held=Command(0.0, 0.05),
         duration=4.0,
         models=('dynamic',),
@@ -114,7 +115,7 @@ REFERENCE_DRIVES = (
     ReferenceDrive(
         name='descent',
         text='30° down, strong drag',
-        start=State(v=20.0),
+        start=BicycleState(v=20.0),
         inclines=_slope(-30.0),
         vehicle=Vehicle(mass=1000.0, air_drag_coeff=200.0, friction=50.0),
         duration=2.0,
@@ -123,7 +124,7 @@ REFERENCE_DRIVES = (
     ReferenceDrive(
         name='bend downhill',
         text='10° down, strong drag, 0.03 rad',
-        start=State(v=25.0),
+        start=BicycleState(v=25.0),
         held=Command(0.5, 0.03),
         inclines=_slope(-10.0),
         vehicle=Vehicle(air_drag_coeff=100.0),
@@ -132,7 +133,7 @@ REFERENCE_DRIVES = (
     ReferenceDrive(
         name="lab's road",
         text='its grade jumps',
-        start=State(v=8.0),
+        start=BicycleState(v=8.0),
         held=Command(3.0),
         inclines=_LAB.inclines(),
         vehicle=Vehicle(air_drag_coeff=0.0),
@@ -166,7 +167,7 @@ def studies() -> Iterator[Study]:
                 yield Study(test_drive, model, integrator, errors, order(errors))
 
 
-def final_state(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) -> State:
+def final_state(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) -> BicycleState:
     """Return the state at the end, in steps of `ts` seconds."""
     bicycle = bicycle_of(model, integrator, test_drive.vehicle)
     held, inclines = test_drive.held, test_drive.inclines

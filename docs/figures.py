@@ -26,18 +26,11 @@ from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED,
 from barc_sim.figures.style import VERMILLION as RED
 from barc_sim.figures.track_figure import TRACK_GROUND, track_figure
 from barc_sim.figures.views import SIZE, SideView, TopView, frames
+from barc_sim.interfaces.records import Command, VehicleState
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.log import COLUMNS, Log
 from barc_sim.vehicle.bicycles import Slip, bicycle_motion, bicycle_of, bicycle_step
-from barc_sim.vehicle.bike_model import (
-    Command,
-    Motion,
-    State,
-    Vehicle,
-    motion,
-    slip_angle,
-    step,
-)
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle, motion, slip_angle, step
 from barc_sim.vehicle.road import LEVEL, Road
 
 if TYPE_CHECKING:
@@ -262,10 +255,10 @@ def kinematic_and_dynamic() -> Figure:
     speeds = np.arange(4.0, 31.0, 1.0)
     vehicle = Vehicle(air_drag_coeff=0.0, friction=0.0)
 
-    def driven(dynamics: str, v: float, steps: int) -> list[Motion]:
+    def driven(dynamics: str, v: float, steps: int) -> list[VehicleState]:
         bicycle = bicycle_of(dynamics, 'rk4', vehicle)
         held = Command(0.0, steering)
-        state, slip = State(v=v), Slip()
+        state, slip = BicycleState(v=v), Slip()
         motions = []
         for _ in range(steps):
             state, slip = bicycle_step(bicycle, state, slip, held, LEVEL, 0, 0.005)
@@ -387,7 +380,7 @@ def draw_missing() -> None:
 
 def eight_by_hand(ts: float = 0.02) -> Log:
     """Return the log of a figure of eight, driven with the arrow keys."""
-    vehicle, driver, state = Vehicle(), Driver(), State()
+    vehicle, driver, state = Vehicle(), Driver(), BicycleState()
     command, called, rows = Command(), -1.0, []
     for k in range(round(16.0 / ts)):
         t = k * ts

@@ -6,8 +6,8 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import Driver
+from barc_sim.interfaces.records import Command
 from barc_sim.simulation.closed_loop import log_of_rows
-from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 

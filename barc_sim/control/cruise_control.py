@@ -30,8 +30,8 @@ from barc_sim.control.speed import (
 )
 from barc_sim.errors import UserError
 from barc_sim.interfaces.parameters import Parameter
+from barc_sim.interfaces.records import Command
 from barc_sim.interfaces.stamps import NANOSECONDS
-from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.road import signal
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from barc_sim.control.lane import LaneLaw
     from barc_sim.control.situation import Situation
     from barc_sim.control.speed import Controller, Gain
-    from barc_sim.vehicle.bike_model import Motion
+    from barc_sim.interfaces.records import VehicleState
     from barc_sim.vehicle.road import Signal
     from barc_sim.vehicle.track import Pose, Track
 
@@ -232,7 +232,7 @@ class CruiseControl:
         self.situation: Situation | None = None
         self.command = Command(nan, nan)
 
-    def take_state(self, stamp: int, measured: Motion) -> Command | None:
+    def take_state(self, stamp: int, measured: VehicleState) -> Command | None:
         """Return the answer to the state stamped `stamp` [ns]; None: it is refused."""
         if not abs(measured.v_x) <= _FASTEST:  # NaN, too
             self._refuse(lambda: f'a state whose speed is {measured.v_x} m/s')
@@ -289,7 +289,7 @@ class CruiseControl:
         }
 
 
-def _is_near(measured: Motion) -> bool:
+def _is_near(measured: VehicleState) -> bool:
     """Return whether a pose is within the limit; NaN is not."""
     return abs(measured.x) + abs(measured.y) + abs(measured.psi) <= _FARTHEST
 

@@ -16,7 +16,7 @@ from math import copysign, inf, isfinite
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from barc_sim.interfaces.parameters import Parameter, parameters_of
-from barc_sim.vehicle.bike_model import Command
+from barc_sim.interfaces.records import Command
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

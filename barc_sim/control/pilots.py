@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.control.lane import LANE, STEERING_LIMIT, LaneLaw, as_steering_law
 from barc_sim.control.speed import PID, as_controller, read_term, set_gains
 from barc_sim.errors import UserError
-from barc_sim.vehicle.bike_model import Command
+from barc_sim.interfaces.records import Command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

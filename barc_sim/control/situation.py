@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from barc_sim.vehicle.bike_model import Motion
+    from barc_sim.interfaces.records import VehicleState
     from barc_sim.vehicle.road import Signal
     from barc_sim.vehicle.track import Frenet, Pose, Track
 
@@ -27,7 +27,7 @@ class Situation(NamedTuple):
 
     t: float  #: [s] since the start
     dt: float  #: [s] since the situation before
-    measured: Motion
+    measured: VehicleState
     reference: float  #: [m/s] speed to hold
     track: Track | None = None
     place: Frenet | None = None  #: measured, on the track
@@ -57,7 +57,9 @@ class Navigator:
         """Return to the start of the track."""
         self._s = 0.0  # [m] of the latest place
 
-    def situation(self, t: float, dt: float, measured: Motion, reference: Signal) -> Situation:
+    def situation(
+        self, t: float, dt: float, measured: VehicleState, reference: Signal
+    ) -> Situation:
         """Return the situation at `t` [s], `dt` [s] after the one before.
 
         `reference` returns the speed to hold [m/s] at a time and a position.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim.control.speed import PidGains, PidMemory, pid
+from barc_sim.interfaces.records import Command
 from barc_sim.learning.tasks import (
     BLOCK,
     LANE,
@@ -25,7 +26,7 @@ from barc_sim.learning.tasks import (
     reward,
 )
 from barc_sim.vehicle.bicycles import Bicycle, LateralParameters, Slip
-from barc_sim.vehicle.bike_model import Command, State, Vehicle
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle
 from barc_sim.vehicle.law import is_compiled, law
 from barc_sim.vehicle.plant import (
     Channel,
@@ -201,7 +202,7 @@ def levels_of(noise: NoiseLevels, of_speed: float) -> NoiseLevels:
 def state_of(car: Car) -> PlantState:
     """Return the state of a car's plant."""
     return PlantState(
-        State(car.x, car.y, car.psi, car.v),
+        BicycleState(car.x, car.y, car.psi, car.v),
         Slip(car.beta, car.psi_dot),
         Command(car.motor, car.servo),
         Frenet(car.s, car.e_y, car.e_psi, car.curvature),
@@ -241,13 +242,13 @@ def begin_car(world: World, columns: Columns, i: int) -> PlantState:
     """Start an episode of a car; return the state of its plant."""
     begin = columns.starts[i]
     s = begin[0]
-    state = State(s, 0.0 * s, 0.0 * s, begin[3])
+    state = BicycleState(s, 0.0 * s, 0.0 * s, begin[3])
     if world.plant.has_track:
         line = world.plant.line
         at = in_lap(line, s)
         segment = segment_at(line, s)
         pose = placed(line.segments[segment], at - line.starts[segment], begin[1], begin[2])
-        state = State(pose.x, pose.y, pose.psi, begin[3])
+        state = BicycleState(pose.x, pose.y, pose.psi, begin[3])
     car = columns.cars[i]
     now = start(world.plant, state, s, s == 0.0)
     store(car, now)

@@ -18,9 +18,9 @@ from gymnasium.vector.utils import batch_space
 
 from barc_sim.control.speed import speed_controller
 from barc_sim.errors import UserError
+from barc_sim.interfaces.records import Command
 from barc_sim.learning.batch import STARTS, columns_of, step_cars, world_of
 from barc_sim.learning.tasks import BLOCK, TASKS, Seen, Task, command_of, is_over, reward
-from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.law import compiled, is_compiled
 from barc_sim.vehicle.plant import error_of, in_steps, true_motion, with_error
 from barc_sim.vehicle.track import project
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from barc_sim.interfaces.records import VehicleState
     from barc_sim.learning.rendering import Picture
-    from barc_sim.vehicle.bike_model import Motion
 
     Floats = NDArray[np.float64]
     Cars = NDArray[np.intp]
@@ -148,7 +148,7 @@ class CarEnv(gymnasium.Env[Any, Any]):
             'lap_times': plant.lap_times,
         }
 
-    def _measured(self, true: Motion) -> Motion:
+    def _measured(self, true: VehicleState) -> VehicleState:
         """Return a motion with noise."""
         k = self._plant.steps % BLOCK
         if not k:

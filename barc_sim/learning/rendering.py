@@ -16,9 +16,9 @@ from barc_sim.simulation.closed_loop import log_of_rows
 
 if TYPE_CHECKING:
     from barc_sim.figures.views import RunView
+    from barc_sim.interfaces.records import Command
     from barc_sim.learning.tasks import Task
     from barc_sim.simulation.log import Log
-    from barc_sim.vehicle.bike_model import Command
     from barc_sim.vehicle.plant import Plant
 
 _DPI = 50  # 640 x 360

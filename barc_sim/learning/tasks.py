@@ -22,10 +22,11 @@ from barc_sim.control.lane import STEERING_LIMIT
 from barc_sim.control.pilots import Pilot
 from barc_sim.errors import UserError
 from barc_sim.interfaces.parameters import parameters_of
+from barc_sim.interfaces.records import Command
 from barc_sim.simulation.closed_loop import LAP_SPEED, LAP_TRACK, chosen_scenario
 from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.vehicle.bicycles import LateralParameters
-from barc_sim.vehicle.bike_model import Command, State, Vehicle
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle
 from barc_sim.vehicle.law import law
 from barc_sim.vehicle.parameters import needs_track
 from barc_sim.vehicle.plant import Actuator, NoiseLevels
@@ -296,12 +297,12 @@ class Task:
             drawn[name] = value + 0.0 * drawn[name]
         return drawn
 
-    def state(self, drawn: Mapping[str, Numbers]) -> State:
+    def state(self, drawn: Mapping[str, Numbers]) -> BicycleState:
         """Return the first state of an episode."""
         s, v = drawn['s'], drawn['v']
         if self.track:
-            return State(*self.track.place(s, drawn['e_y'], drawn['e_psi']), v)
-        return State(s, 0.0 * s, 0.0 * s, v)
+            return BicycleState(*self.track.place(s, drawn['e_y'], drawn['e_psi']), v)
+        return BicycleState(s, 0.0 * s, 0.0 * s, v)
 
     def action(self, given: Any) -> list[float]:  # noqa: ANN401 (a user's)
         """Return the numbers of an action; UserError: it is not an action."""

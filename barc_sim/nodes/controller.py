@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.control.speed import ACCELERATION_LIMIT
 from barc_sim.interfaces import qos, services, topics
+from barc_sim.interfaces.records import VehicleState
 from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.ros.node_helpers import (
     Outputs,
@@ -23,7 +24,6 @@ from barc_sim.ros.node_helpers import (
     frames,
     to_poses,
 )
-from barc_sim.vehicle.bike_model import Motion
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter
@@ -120,7 +120,7 @@ class CruiseController(Node):
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         stamp = to_nanoseconds(state.header.stamp)
-        measured = Motion(state.x, state.y, state.psi, state.v_x, state.v_y, state.psi_dot)
+        measured = VehicleState(state.x, state.y, state.psi, state.v_x, state.v_y, state.psi_dot)
         if command := self.control.take_state(stamp, measured):
             self._ecu.header.stamp = state.header.stamp
             self._ecu.motor = float(command.motor)

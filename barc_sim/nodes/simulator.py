@@ -15,6 +15,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.interfaces import qos, services, topics
+from barc_sim.interfaces.records import Command
 from barc_sim.interfaces.stamps import split_time, to_nanoseconds
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros.node_helpers import (
@@ -28,7 +29,7 @@ from barc_sim.ros.node_helpers import (
 from barc_sim.ros.peers import claim
 from barc_sim.simulation.scenario import Scenario
 from barc_sim.simulation.stepper import Stepper, StepperOptions, parameters
-from barc_sim.vehicle.bike_model import Command, bikeFE
+from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
+    from barc_sim.interfaces.records import TrackState
     from barc_sim.simulation.metrics import Summary, TrackLaps
-    from barc_sim.vehicle.plant import TrackState
 
 _SHOWN = 1.0  #: [s] after which a lap that is not finished is shown
 #: [s] between two drawings of the live line, and between two plain lines.

@@ -36,7 +36,7 @@ from barc_sim.interfaces.topics import LANE_STATE
 from barc_sim.simulation.log import TrackLog, columns_of, log_of
 from barc_sim.simulation.rollout import pid_log
 from barc_sim.simulation.scenario import LIMITS, Scenario
-from barc_sim.vehicle.bike_model import Command, bikeFE
+from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.parameters import needs_track
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.track import Track
@@ -49,10 +49,11 @@ if TYPE_CHECKING:
 
     from barc_sim.control.lane import LaneController
     from barc_sim.control.speed import Controller
+    from barc_sim.interfaces.records import Command, TrackState
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.bike_model import Model, Vehicle
-    from barc_sim.vehicle.plant import Actuator, NoiseLevels, Observation, TrackState
+    from barc_sim.vehicle.plant import Actuator, NoiseLevels, Observation
     from barc_sim.vehicle.road import Road, Signal
 
     #: Observation, command, and what the controllers computed.

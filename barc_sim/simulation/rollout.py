@@ -15,19 +15,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim.control.speed import FIRST_DT, PidGains, PidMemory, pid
+from barc_sim.interfaces.records import Command, MeasurementError
 from barc_sim.simulation.log import log_of
 from barc_sim.simulation.metrics import RUN_UP
 from barc_sim.vehicle.bicycles import Bicycle, Slip, bicycle_step
-from barc_sim.vehicle.bike_model import Command, State, motion, step, surroundings
+from barc_sim.vehicle.bike_model import BicycleState, motion, step, surroundings
 from barc_sim.vehicle.law import compiled, is_compiled, law
-from barc_sim.vehicle.plant import (
-    Actuator,
-    MeasurementError,
-    Sensor,
-    actuate,
-    with_error,
-    with_force,
-)
+from barc_sim.vehicle.plant import Actuator, Sensor, actuate, with_error, with_force
 from barc_sim.vehicle.road import Inclines, stretch_at
 
 if TYPE_CHECKING:
@@ -61,7 +55,7 @@ class Course(NamedTuple):
     is_ideal: bool  #: a command acts at once
     early: float  #: share of a step for which the older of two commands acts
     waiting: Column  #: [m/s²] commands before the run that have not acted, the oldest first
-    start: State
+    start: BicycleState
     value: float  #: [m/s²] of the motor at the start
     reference: float  #: [m/s] speed to hold
     distance: float  #: [m] at which the run ends
@@ -343,7 +337,7 @@ def _log_of(plant: Plant, course: Course, trace: Trace, errors: Floats, count: i
     wait = len(course.waiting)
     rows = trace._replace(commands=trace.commands[wait:])
     column = Trace(*[np.array(each[:count]) for each in rows])
-    states = State(column.x, column.y, column.psi, column.v)
+    states = BicycleState(column.x, column.y, column.psi, column.v)
     measured = motion(states, 0.0, plant.vehicle)
     if errors.size:
         measured = with_error(measured, error, np.cos(column.psi), np.sin(column.psi))

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Protocol
 
 from barc_sim.errors import UserError
 from barc_sim.interfaces.parameters import Parameter, limited, parameters_of
+from barc_sim.interfaces.records import Command
 from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.simulation.scenario import LIMITS
-from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.parameters import LIVE, ON_TRACK, PARAMETERS
 
 if TYPE_CHECKING:

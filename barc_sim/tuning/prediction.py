@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim.errors import UserError
+from barc_sim.interfaces.records import Command
 from barc_sim.vehicle.bicycles import (
     Bicycle,
     LateralParameters,
@@ -24,7 +25,7 @@ from barc_sim.vehicle.bicycles import (
     check_step,
     kinematic_step,
 )
-from barc_sim.vehicle.bike_model import Command, State, Vehicle, next_speed
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle, next_speed
 from barc_sim.vehicle.law import compiled
 from barc_sim.vehicle.plant import Actuator, actuator_response
 from barc_sim.vehicle.road import LEVEL, Inclines
@@ -180,7 +181,7 @@ def drive_straight(
     for k in range(len(steps)):
         if bicycle.is_rk4:
             held = Command(motor[k] + forces[k] / bicycle.vehicle.mass, 0.0)
-            v = kinematic_step(bicycle, State(0.0, 0.0, 0.0, v), held, level, 0, steps[k]).v
+            v = kinematic_step(bicycle, BicycleState(0.0, 0.0, 0.0, v), held, level, 0, steps[k]).v
         else:
             v = next_speed(v, motor[k], forces[k], bicycle.vehicle, steps[k])
         speeds[k + 1] = v
@@ -224,7 +225,7 @@ def drive_steered(
     In each step, of `steps` [s], acceleration and steering angle are `motor` [m/s²] and `servo`
     [rad]; between two steps the steering angle is `present` [rad].
     """
-    state = State(0.0, 0.0, 0.0, v)
+    state = BicycleState(0.0, 0.0, 0.0, v)
     slip = Slip(0.0, 0.0)
     for k in range(len(present)):
         seen = bicycle_motion(bicycle, state, slip, present[k])

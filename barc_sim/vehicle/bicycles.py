@@ -29,11 +29,10 @@ from typing import Annotated, NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.interfaces.parameters import limited
+from barc_sim.interfaces.records import Command, VehicleState
 from barc_sim.vehicle.bike_model import (
-    Command,
+    BicycleState,
     Model,
-    Motion,
-    State,
     Vehicle,
     clamped_at_zero,
     motion,
@@ -45,7 +44,7 @@ from barc_sim.vehicle.bike_model import (
 from barc_sim.vehicle.law import law
 from barc_sim.vehicle.road import Inclines, theta_at
 
-# Here: bike_model.py, as it is handed in, imports nothing of barc_sim.
+# Here, so that bike_model.py has nothing but the equations.
 limited(Vehicle)
 for _law in (slip_angle, resistance, clamped_at_zero, next_speed, step, motion):
     law(_law)
@@ -72,7 +71,7 @@ class LateralParameters(NamedTuple):
 
 
 class Slip(NamedTuple):
-    """The part of the dynamic bicycle's state that `State` does not have."""
+    """The part of the dynamic bicycle's state that `BicycleState` does not have."""
 
     beta: float = 0.0  #: [rad] from the vehicle's axis to its velocity
     psi_dot: float = 0.0  #: [rad/s]
@@ -109,13 +108,13 @@ def bicycle_of(
 @law
 def bicycle_step(
     bicycle: Bicycle,
-    state: State,
+    state: BicycleState,
     slip: Slip,
     held: Command,
     inclines: Inclines,
     stretch: int,
     ts: float,
-) -> tuple[State, Slip]:
+) -> tuple[BicycleState, Slip]:
     """Return state and slip `ts` seconds later, with acceleration and steering `held`.
 
     The step begins on the stretch of the road of this number.
@@ -126,7 +125,7 @@ def bicycle_step(
 
 
 @law
-def bicycle_motion(bicycle: Bicycle, state: State, slip: Slip, servo: float) -> Motion:
+def bicycle_motion(bicycle: Bicycle, state: BicycleState, slip: Slip, servo: float) -> VehicleState:
     """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad]."""
     if bicycle.is_dynamic and is_slipping(bicycle, state, slip):
         return slipping_motion(state, slip)
@@ -134,8 +133,8 @@ def bicycle_motion(bicycle: Bicycle, state: State, slip: Slip, servo: float) -> 
 
 
 def model_step(
-    model: Model, state: State, held: Command, theta: float, vehicle: Vehicle, ts: float
-) -> State:
+    model: Model, state: BicycleState, held: Command, theta: float, vehicle: Vehicle, ts: float
+) -> BicycleState:
     """Return the state after a step of a user's own model, which has the arguments of `bikeFE`."""
     x, y, psi, v = model(
         state.x,
@@ -153,7 +152,7 @@ def model_step(
         l_r=vehicle.l_r,
         g=vehicle.gravity,
     )
-    return State(x, y, psi, v)
+    return BicycleState(x, y, psi, v)
 
 
 # Along the road
@@ -186,8 +185,13 @@ def passes_zero(before: float, after: float) -> bool:
 
 @law
 def kinematic_step(
-    bicycle: Bicycle, state: State, held: Command, inclines: Inclines, stretch: int, ts: float
-) -> State:
+    bicycle: Bicycle,
+    state: BicycleState,
+    held: Command,
+    inclines: Inclines,
+    stretch: int,
+    ts: float,
+) -> BicycleState:
     """Return the state of the kinematic bicycle `ts` seconds later."""
     if not bicycle.is_rk4:
         return step(state, held, inclines.thetas[stretch], bicycle.vehicle, ts)
@@ -196,20 +200,20 @@ def kinematic_step(
     if not passes_zero(state.v, after.v):
         return after
     free = _kinematic_rk4(vehicle, state, held, inclines, stretch, ts, 0.0)
-    return State(after.x, after.y, after.psi, clamped_at_zero(state.v, after.v, free.v))
+    return BicycleState(after.x, after.y, after.psi, clamped_at_zero(state.v, after.v, free.v))
 
 
 @law
 def kinematic_rates(
-    vehicle: Vehicle, state: State, motor: float, beta: float, theta: float, direction: float
-) -> State:
+    vehicle: Vehicle, state: BicycleState, motor: float, beta: float, theta: float, direction: float
+) -> BicycleState:
     """Return the derivatives by time of the state, the equations that `bikeFE` integrates.
 
     The car moves at an angle of `beta` [rad] to its axis. `direction` is the sign of the motion
     that the resistance opposes; 0: there is none.
     """
     course = state.psi + beta
-    return State(
+    return BicycleState(
         state.v * cos(course),
         state.v * sin(course),
         state.v * (sin(beta) / vehicle.l_r),
@@ -220,13 +224,13 @@ def kinematic_rates(
 @law
 def _kinematic_rk4(
     vehicle: Vehicle,
-    state: State,
+    state: BicycleState,
     held: Command,
     inclines: Inclines,
     stretch: int,
     ts: float,
     direction: float,
-) -> State:
+) -> BicycleState:
     """Return the state after a step by Runge-Kutta."""
     motor = held.motor
     beta = slip_angle(held.servo, vehicle.l_f, vehicle.l_r)
@@ -240,7 +244,7 @@ def _kinematic_rk4(
     at = _shifted_state(state, k3, ts)
     theta = theta_at(inclines, stretch, at.x)
     k4 = kinematic_rates(vehicle, at, motor, beta, theta, direction)
-    return State(
+    return BicycleState(
         state.x + rk4_change(k1.x, k2.x, k3.x, k4.x, ts),
         state.y + rk4_change(k1.y, k2.y, k3.y, k4.y, ts),
         state.psi + rk4_change(k1.psi, k2.psi, k3.psi, k4.psi, ts),
@@ -249,9 +253,9 @@ def _kinematic_rk4(
 
 
 @law
-def _shifted_state(state: State, rates: State, t: float) -> State:
+def _shifted_state(state: BicycleState, rates: BicycleState, t: float) -> BicycleState:
     """Return the state after `t` seconds of these rates."""
-    return State(
+    return BicycleState(
         state.x + t * rates.x,
         state.y + t * rates.y,
         state.psi + t * rates.psi,
@@ -269,15 +273,15 @@ def rk4_change(k1: float, k2: float, k3: float, k4: float, ts: float) -> float:
 
 
 @law
-def is_slipping(bicycle: Bicycle, state: State, slip: Slip) -> bool:
+def is_slipping(bicycle: Bicycle, state: BicycleState, slip: Slip) -> bool:
     """Return whether the car is fast enough for the equations of the dynamic bicycle."""
     return state.v * cos(slip.beta) > bicycle.lateral.dynamic_above
 
 
 @law
-def slipping_motion(state: State, slip: Slip) -> Motion:
+def slipping_motion(state: BicycleState, slip: Slip) -> VehicleState:
     """Return the velocities of the dynamic bicycle in the vehicle's frame."""
-    return Motion(
+    return VehicleState(
         state.x,
         state.y,
         state.psi,
@@ -297,13 +301,13 @@ def kinematic_slip(v: float, servo: float, vehicle: Vehicle) -> Slip:
 @law
 def dynamic_step(
     bicycle: Bicycle,
-    state: State,
+    state: BicycleState,
     slip: Slip,
     held: Command,
     inclines: Inclines,
     stretch: int,
     ts: float,
-) -> tuple[State, Slip]:
+) -> tuple[BicycleState, Slip]:
     """Return state and slip of the dynamic bicycle `ts` seconds later."""
     vehicle = bicycle.vehicle
     if not is_slipping(bicycle, state, slip):
@@ -319,15 +323,15 @@ def dynamic_step(
         v_x = clamped_at_zero(before.v_x, v_x, free.v_x)
     if v_x <= bicycle.lateral.dynamic_above:
         v = v_x / cos(slip_angle(held.servo, vehicle.l_f, vehicle.l_r))
-        return State(end.x, end.y, end.psi, v), kinematic_slip(v, held.servo, vehicle)
+        return BicycleState(end.x, end.y, end.psi, v), kinematic_slip(v, held.servo, vehicle)
     v = sqrt(v_x * v_x + end.v_y * end.v_y)
-    return State(end.x, end.y, end.psi, v), Slip(atan2(end.v_y, v_x), end.psi_dot)
+    return BicycleState(end.x, end.y, end.psi, v), Slip(atan2(end.v_y, v_x), end.psi_dot)
 
 
 @law
 def dynamic_rates(
-    bicycle: Bicycle, at: Motion, held: Command, theta: float, direction: float
-) -> Motion:
+    bicycle: Bicycle, at: VehicleState, held: Command, theta: float, direction: float
+) -> VehicleState:
     """Return the derivatives by time of a motion of the dynamic bicycle.
 
     `direction` is the sign of the motion that the resistance opposes; 0: there is none.
@@ -346,7 +350,7 @@ def dynamic_rates(
     cos_psi = cos(at.psi)
     sin_psi = sin(at.psi)
     turning = vehicle.l_f * front * cos_servo - vehicle.l_r * rear
-    return Motion(
+    return VehicleState(
         at.v_x * cos_psi - at.v_y * sin_psi,
         at.v_x * sin_psi + at.v_y * cos_psi,
         at.psi_dot,
@@ -359,13 +363,13 @@ def dynamic_rates(
 @law
 def _dynamic_end(
     bicycle: Bicycle,
-    begin: Motion,
+    begin: VehicleState,
     held: Command,
     inclines: Inclines,
     stretch: int,
     ts: float,
     direction: float,
-) -> Motion:
+) -> VehicleState:
     """Return the motion after a step, by the bicycle's integrator."""
     k1 = dynamic_rates(bicycle, begin, held, inclines.thetas[stretch], direction)
     if not bicycle.is_rk4:
@@ -376,7 +380,7 @@ def _dynamic_end(
     k3 = dynamic_rates(bicycle, at, held, theta_at(inclines, stretch, at.x), direction)
     at = _shifted_motion(begin, k3, ts)
     k4 = dynamic_rates(bicycle, at, held, theta_at(inclines, stretch, at.x), direction)
-    return Motion(
+    return VehicleState(
         begin.x + rk4_change(k1.x, k2.x, k3.x, k4.x, ts),
         begin.y + rk4_change(k1.y, k2.y, k3.y, k4.y, ts),
         begin.psi + rk4_change(k1.psi, k2.psi, k3.psi, k4.psi, ts),
@@ -387,9 +391,9 @@ def _dynamic_end(
 
 
 @law
-def _shifted_motion(motion: Motion, rates: Motion, t: float) -> Motion:
+def _shifted_motion(motion: VehicleState, rates: VehicleState, t: float) -> VehicleState:
     """Return the motion after `t` seconds of these rates."""
-    return Motion(
+    return VehicleState(
         motion.x + t * rates.x,
         motion.y + t * rates.y,
         motion.psi + t * rates.psi,

@@ -14,6 +14,8 @@ from collections.abc import Callable, Sequence
 from math import atan, cos, sin, tan
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+from barc_sim.interfaces.records import Command, Surroundings, VehicleState
+
 if TYPE_CHECKING:
     from barc_sim.vehicle.road import RoadPoint
 
@@ -51,44 +53,13 @@ class Vehicle(NamedTuple):
 _LABS_CAR = Vehicle()
 
 
-class State(NamedTuple):
+class BicycleState(NamedTuple):
     """The vehicle's state: its centre of mass, in the frame of the road's surface."""
 
     x: float = 0.0  #: [m] along the road's surface
     y: float = 0.0  #: [m] to the left of the road's x axis
     psi: float = 0.0  #: [rad] heading, counter-clockwise from x
     v: float = 0.0  #: [m/s] speed in the direction psi + beta
-
-
-class Command(NamedTuple):
-    """The command to the actuators."""
-
-    motor: float = 0.0  #: [m/s²] acceleration
-    servo: float = 0.0  #: [rad] front steering angle, positive to the left
-
-
-class Surroundings(NamedTuple):
-    """The incline, the elevation and the external forces, as in the message `Environment`.
-
-    The forces are positive forwards; their sum is F_ext.
-    """
-
-    theta: float  #: [deg] incline of the road
-    elevation: float  #: [m]
-    friction: float  #: [N]
-    drag: float  #: [N]
-    gravity: float  #: [N]
-
-
-class Motion(NamedTuple):
-    """The state as `z_vhcl` carries it: velocities in the vehicle's frame."""
-
-    x: float  #: [m]
-    y: float  #: [m]
-    psi: float  #: [rad]
-    v_x: float  #: [m/s] along the vehicle's axis
-    v_y: float  #: [m/s] to the vehicle's left
-    psi_dot: float  #: [rad/s]
 
 
 def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
@@ -187,10 +158,12 @@ def bikeFE(  # noqa: N802 (the lab's name)
     vehicle = _LABS_CAR._replace(
         mass=m, air_drag_coeff=a0, friction=Ff, l_f=l_f, l_r=l_r, gravity=g
     )
-    return [*step(State(x, y, psi, v), Command(a, d_f), theta, vehicle, ts)]
+    return [*step(BicycleState(x, y, psi, v), Command(a, d_f), theta, vehicle, ts)]
 
 
-def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: float) -> State:
+def step(
+    state: BicycleState, command: Command, theta: float, vehicle: Vehicle, ts: float
+) -> BicycleState:
     """Return the state one forward-Euler step later, on an incline of `theta` [rad].
 
     The speed follows `next_speed`: resistance never pushes the vehicle backwards.
@@ -199,7 +172,7 @@ def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: flo
     way = ts * state.v
     direction = state.psi + beta
     gravity_force = -vehicle.mass * vehicle.gravity * sin(theta)
-    return State(
+    return BicycleState(
         state.x + way * cos(direction),
         state.y + way * sin(direction),
         state.psi + way / vehicle.l_r * sin(beta),
@@ -207,10 +180,10 @@ def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: flo
     )
 
 
-def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
+def motion(state: BicycleState, servo: float, vehicle: Vehicle) -> VehicleState:
     """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad]."""
     beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
-    return Motion(
+    return VehicleState(
         state.x,
         state.y,
         state.psi,

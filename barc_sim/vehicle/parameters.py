@@ -18,7 +18,7 @@ from barc_sim.errors import UserError
 from barc_sim.interfaces.parameters import ANY, Parameter, parameters_of
 from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.vehicle.bicycles import DYNAMICS, LateralParameters
-from barc_sim.vehicle.bike_model import Model, State, Vehicle, bikeFE
+from barc_sim.vehicle.bike_model import BicycleState, Model, Vehicle, bikeFE
 from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
 from barc_sim.vehicle.road import Profile, Road, Signal, signal
 from barc_sim.vehicle.track import TRACKS, Track
@@ -156,7 +156,7 @@ class PlantOptions:
             track=Track.of(self.track) if self.track else None,
         )
         if plant.track and self.e_y:
-            plant.place(State(*plant.track.place(0.0, self.e_y)))
+            plant.place(BicycleState(*plant.track.place(0.0, self.e_y)))
         return plant
 
     def retune(self, plant: Plant) -> None:

@@ -13,6 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.interfaces.parameters import limited
+from barc_sim.interfaces.records import (
+    Command,
+    MeasurementError,
+    Surroundings,
+    TrackState,
+    VehicleState,
+)
 from barc_sim.vehicle.bicycles import (
     Bicycle,
     Slip,
@@ -22,16 +29,7 @@ from barc_sim.vehicle.bicycles import (
     check_step,
     model_step,
 )
-from barc_sim.vehicle.bike_model import (
-    Command,
-    Model,
-    Motion,
-    State,
-    Surroundings,
-    Vehicle,
-    bikeFE,
-    surroundings,
-)
+from barc_sim.vehicle.bike_model import BicycleState, Model, Vehicle, bikeFE, surroundings
 from barc_sim.vehicle.law import law
 from barc_sim.vehicle.road import Inclines, Road, stretch_at
 from barc_sim.vehicle.track import CentreLine, Frenet, nearest, project, segment_at
@@ -211,17 +209,6 @@ class NoiseLevels(NamedTuple):
     psi_dot: Annotated[float, 'standard deviation of yaw rate [rad/s]', 0.0, 1e3] = 0.0
 
 
-class MeasurementError(NamedTuple):
-    """Measured minus true, of each signal of `NoiseLevels`."""
-
-    s: float = 0.0
-    ey: float = 0.0
-    epsi: float = 0.0
-    v_x: float = 0.0
-    v_y: float = 0.0
-    psi_dot: float = 0.0
-
-
 _NO_ERROR = MeasurementError()
 
 
@@ -258,7 +245,7 @@ class Sensor:
         self._generator: np.random.Generator | None = None
         self._normals: list[list[float]] = []  # of the next measurements, the last one first
         self._ts = ts
-        self._past: deque[Motion] = deque()  # of the states before the present one
+        self._past: deque[VehicleState] = deque()  # of the states before the present one
         self.delay = delay
 
     @property
@@ -278,7 +265,7 @@ class Sensor:
         """Whether any signal has noise."""
         return any(self.noise)
 
-    def measure(self, true: Motion) -> tuple[Motion, MeasurementError]:
+    def measure(self, true: VehicleState) -> tuple[VehicleState, MeasurementError]:
         """Return the motion as measured, and its error: measured minus true."""
         if self._delay:
             return self._measure_late(true)
@@ -287,7 +274,7 @@ class Sensor:
         error = self._draw_error()
         return with_error(true, error, cos(true.psi), sin(true.psi)), error
 
-    def remember(self, motion: Motion) -> None:
+    def remember(self, motion: VehicleState) -> None:
         """Keep the motion of a state that the car leaves, for later measurements."""
         self._past.append(motion)
         while len(self._past) > self._whole + 1:
@@ -297,7 +284,7 @@ class Sensor:
         """Forget the motions so far, as the car was placed elsewhere."""
         self._past.clear()
 
-    def _measure_late(self, true: Motion) -> tuple[Motion, MeasurementError]:
+    def _measure_late(self, true: VehicleState) -> tuple[VehicleState, MeasurementError]:
         """Return the motion of before as measured, and its error."""
         newer = self._before(true, self._whole)
         older = self._before(true, self._whole + 1)
@@ -307,7 +294,7 @@ class Sensor:
             measured = with_error(measured, error, cos(measured.psi), sin(measured.psi))
         return measured, error_between(true, measured)
 
-    def _before(self, true: Motion, steps: int) -> Motion:
+    def _before(self, true: VehicleState, steps: int) -> VehicleState:
         """Return the motion this many steps before `true`, or the oldest that is kept."""
         steps = min(steps, len(self._past))
         return self._past[-steps] if steps else true
@@ -350,12 +337,14 @@ def error_of(noise: NoiseLevels, normals: Column) -> MeasurementError:
 
 
 @law
-def with_error(true: Motion, error: MeasurementError, cos_psi: float, sin_psi: float) -> Motion:
+def with_error(
+    true: VehicleState, error: MeasurementError, cos_psi: float, sin_psi: float
+) -> VehicleState:
     """Return the motion as measured, with cosine and sine of the heading.
 
     A log passes records of arrays.
     """
-    return Motion(
+    return VehicleState(
         true.x + error.s * cos_psi + error.ey * -sin_psi,
         true.y + error.s * sin_psi + error.ey * cos_psi,
         true.psi + error.epsi,
@@ -366,9 +355,9 @@ def with_error(true: Motion, error: MeasurementError, cos_psi: float, sin_psi: f
 
 
 @law
-def motion_between(newer: Motion, older: Motion, share: float) -> Motion:
+def motion_between(newer: VehicleState, older: VehicleState, share: float) -> VehicleState:
     """Return the motion that is a share of the way from a newer to an older one."""
-    return Motion(
+    return VehicleState(
         newer.x + share * (older.x - newer.x),
         newer.y + share * (older.y - newer.y),
         newer.psi + share * (older.psi - newer.psi),
@@ -378,7 +367,7 @@ def motion_between(newer: Motion, older: Motion, share: float) -> Motion:
     )
 
 
-def error_between(true: Motion, measured: Motion) -> MeasurementError:
+def error_between(true: VehicleState, measured: VehicleState) -> MeasurementError:
     """Return measured minus true, in the vehicle's true frame."""
     cos_psi = cos(true.psi)
     sin_psi = sin(true.psi)
@@ -394,23 +383,11 @@ def error_between(true: Motion, measured: Motion) -> MeasurementError:
     )
 
 
-class TrackState(NamedTuple):
-    """The position of the car on its track."""
-
-    s: float  #: [m] along the centre line; it grows over the laps
-    e_y: float  #: [m] to the left of the centre line
-    e_psi: float  #: [rad] heading minus the heading of the centre line
-    curvature: float  #: [1/m] of the centre line there
-    width: float  #: [m] of the track there, from edge to edge
-    lap: int  #: laps before this one; the car has passed their end, s = k · length
-    lap_time: float  #: [s] since the lap began, between two states
-
-
 class Observation(NamedTuple):
     """One state: true, measured, with forces and actuators."""
 
-    true: Motion
-    measured: Motion
+    true: VehicleState
+    measured: VehicleState
     error: MeasurementError  #: measured minus true
     surroundings: Surroundings
     acting: Command  #: the present values of the actuators
@@ -442,7 +419,7 @@ class PlantModel(NamedTuple):
 class PlantState(NamedTuple):
     """The state of the car, its actuators, and its place."""
 
-    state: State
+    state: BicycleState
     slip: Slip = Slip()
     acting: Command = Command()  #: the present values of the actuators
     frenet: Frenet = Frenet(0.0, 0.0, 0.0, 0.0)  #: the pose on the track
@@ -460,7 +437,7 @@ class Queues(NamedTuple):
 
 
 @law
-def start(model: PlantModel, state: State, near: float, is_whole: bool) -> PlantState:
+def start(model: PlantModel, state: BicycleState, near: float, is_whole: bool) -> PlantState:
     """Return the plant at the start of a run, at rest but for the car's speed.
 
     On a track the car is near s = `near` [m], and its first lap may count as a whole one.
@@ -515,7 +492,7 @@ def on_road(model: PlantModel, x: float, s: float) -> float:
 
 @law
 def arrive(
-    model: PlantModel, now: PlantState, acting: Command, state: State, slip: Slip
+    model: PlantModel, now: PlantState, acting: Command, state: BicycleState, slip: Slip
 ) -> PlantState:
     """Return the plant after a step to this state."""
     frenet = now.frenet
@@ -552,7 +529,7 @@ def advance(
 
 
 @law
-def true_motion(model: PlantModel, now: PlantState) -> Motion:
+def true_motion(model: PlantModel, now: PlantState) -> VehicleState:
     """Return the true state, with the velocities in the vehicle's frame."""
     return bicycle_motion(model.bicycle, now.state, now.slip, now.acting.servo)
 
@@ -614,7 +591,7 @@ class Plant:
             ts=ts,
         )
         self.now: PlantState
-        self.place(State(*track.place(0.0)) if track else State(), near=0.0)
+        self.place(BicycleState(*track.place(0.0)) if track else BicycleState(), near=0.0)
 
     @property
     def ts(self) -> float:
@@ -631,12 +608,12 @@ class Plant:
         self.model = self.model._replace(bicycle=self.model.bicycle._replace(vehicle=vehicle))
 
     @property
-    def state(self) -> State:
+    def state(self) -> BicycleState:
         """The state of the car; it can be set between steps."""
         return self.now.state
 
     @state.setter
-    def state(self, state: State) -> None:
+    def state(self, state: BicycleState) -> None:
         self.now = self._in_stretch(self.now._replace(state=state))
 
     @property
@@ -718,7 +695,7 @@ class Plant:
         around = surroundings(now.state.v, self.road.at(place), self.vehicle)
         return Observation(true, measured, error, around, now.acting, self.on_track)
 
-    def motion(self) -> Motion:
+    def motion(self) -> VehicleState:
         """Return the true state, with the velocities in the vehicle's frame."""
         return true_motion(self.model, self.now)
 
@@ -743,7 +720,7 @@ class Plant:
         if laps.lap > now.laps.lap and not isnan(laps.finished):
             self.lap_times += (laps.finished,)
 
-    def place(self, state: State, near: float | None = None) -> None:
+    def place(self, state: BicycleState, near: float | None = None) -> None:
         """Start a run in this state, on a track near s = `near` [m], without waiting commands."""
         model = self.model
         self._queues = Queues(

@@ -10,7 +10,7 @@ import pytest
 from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.control.pilots import SpeedPilot
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID
-from barc_sim.vehicle.bike_model import Motion
+from barc_sim.interfaces.records import VehicleState
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
@@ -24,9 +24,9 @@ def defaults(table: list[Parameter]) -> dict[str, Any]:
     return {each.name: each.default for each in table}
 
 
-def moving(speed: float, x: float = 0.0, y: float = 0.0, psi: float = 0.0) -> Motion:
+def moving(speed: float, x: float = 0.0, y: float = 0.0, psi: float = 0.0) -> VehicleState:
     """Return the motion of a car at this speed [m/s]."""
-    return Motion(x, y, psi, speed, 0.0, 0.0)
+    return VehicleState(x, y, psi, speed, 0.0, 0.0)
 
 
 @pytest.fixture

@@ -21,8 +21,9 @@ from barc_sim.control.pilots import LaneKeeping, as_lane_pilot, as_pilot
 from barc_sim.control.situation import Navigator, Situation
 from barc_sim.control.speed import PID, Gain
 from barc_sim.errors import UserError
+from barc_sim.interfaces.records import Command, VehicleState
 from barc_sim.simulation.closed_loop import lap
-from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle
 from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.track import Track
 
@@ -35,7 +36,7 @@ def on_circle(radius: float, v: float, e_psi: float, integrator: str, steer: flo
     """Return a car that has driven 480 m with one steering angle, from the centre line on."""
     track = Track((2.0 * pi * radius,), (1.0 / radius,))
     plant = Plant(track=track, vehicle=FREE, integrator=integrator)
-    plant.place(State(*track.place(0.0, 0.0, e_psi), v=v))
+    plant.place(BicycleState(*track.place(0.0, 0.0, e_psi), v=v))
     for _ in range(round(480.0 / v / plant.ts)):
         plant.advance(Command(0.0, steer))
         assert plant.on_track
@@ -207,7 +208,7 @@ class Gained:
 
 def situation(navigator: Navigator, x: float, y: float, psi: float, speed: float) -> Situation:
     """Return the situation of a car at a pose on the map."""
-    measured = Motion(x, y, psi, speed, 0.0, 0.0)
+    measured = VehicleState(x, y, psi, speed, 0.0, 0.0)
     return navigator.situation(0.0, 0.02, measured, lambda _t, _s: 8.0)
 
 

@@ -24,8 +24,8 @@ from barc_sim.control.pilots import (
 from barc_sim.control.situation import Situation
 from barc_sim.control.speed import LQR, PID, Gain
 from barc_sim.errors import UserError
+from barc_sim.interfaces.records import Command, VehicleState
 from barc_sim.simulation.closed_loop import closed_loop, lap, simulate
-from barc_sim.vehicle.bike_model import Command, Motion
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.track import Track
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from barc_sim.interfaces.parameters import Parameter
 
 TRACK = Track.named('oval')
-AT_REST = Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+AT_REST = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Schedule(Pilot):

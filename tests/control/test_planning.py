@@ -17,7 +17,7 @@ from barc_sim.control.pilots import as_lane_pilot
 from barc_sim.control.planning import bending, cost_to_go, lap_time
 from barc_sim.control.situation import Navigator
 from barc_sim.errors import UserError
-from barc_sim.vehicle.bike_model import Motion
+from barc_sim.interfaces.records import VehicleState
 from barc_sim.vehicle.plant import Actuator
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def test_prediction_is_where_the_car_goes() -> None:
     track, law = Track.named('oval'), MPC()
     navigator = Navigator(track)
     pilot = as_lane_pilot(law)
-    measured = Motion(*track.place(40.0, 0.5, 0.0), 6.0, 0.0, 0.0)
+    measured = VehicleState(*track.place(40.0, 0.5, 0.0), 6.0, 0.0, 0.0)
     pilot.command(navigator.situation(0.0, 0.02, measured, lambda _t, _s: 6.0))
     assert pilot.plan is not None
     predicted = navigator.poses(pilot.plan)

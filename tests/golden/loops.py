@@ -10,7 +10,7 @@ from barc_sim.control.driver import Driver, DriverInput, Limits
 from barc_sim.control.speed import PID, speed_controller
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bicycles import LateralParameters
-from barc_sim.vehicle.bike_model import State, Vehicle
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle
 
 # The only names of the package that the golden figures use, but for the command line.
 from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
@@ -57,11 +57,11 @@ def _by_hand(plant: Plant | None = None, limits: Limits | None = None) -> Log:
 
 def _rolling_back(speed: float, pid: PID | None = None) -> Log:
     return closed_loop(
-        _at(State(x=1.0, v=3.0), _STEEP), pid, speed_reference=speed, max_duration=8.0
+        _at(BicycleState(x=1.0, v=3.0), _STEEP), pid, speed_reference=speed, max_duration=8.0
     )
 
 
-def _at(state: State, road: Road) -> Plant:
+def _at(state: BicycleState, road: Road) -> Plant:
     plant = Plant(road=road)
     plant.state = state
     return plant

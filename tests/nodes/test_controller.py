@@ -20,10 +20,10 @@ from barc_sim.control.lane import LaneLQR
 from barc_sim.control.pilots import Pilot
 from barc_sim.control.speed import LQR, speed_controller
 from barc_sim.interfaces import qos, topics
+from barc_sim.interfaces.records import Command
 from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros.node_helpers import to_header
-from barc_sim.vehicle.bike_model import Command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -25,6 +25,7 @@ from barc_sim.control.lane import LaneLQR
 from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
 from barc_sim.interfaces import qos, topics
+from barc_sim.interfaces.records import Command
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
@@ -32,7 +33,7 @@ from barc_sim.page.protocol import CAR, RunFacts, Status, lap_facts, stretch_fac
 from barc_sim.ros.node_helpers import to_header
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.metrics import track_laps_of
-from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle, motion, step
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ class Car(Node):
             lambda changed: self.values.update({each.name: each.value for each in changed})
         )
         self.road = Road.named(road)
-        self._state = State()
+        self._state = BicycleState()
         self._lock = threading.Lock()  # no step replaces a state that a test sets
         self.command = Command()
         self.paused = self.hangs = self.braking = False
@@ -84,12 +85,12 @@ class Car(Node):
         self.create_timer(TS, self._step)
 
     @property
-    def state(self) -> State:
+    def state(self) -> BicycleState:
         """The present state."""
         return self._state
 
     @state.setter
-    def state(self, state: State) -> None:
+    def state(self, state: BicycleState) -> None:
         with self._lock:
             self._state = state
 
@@ -130,7 +131,7 @@ class Car(Node):
         self.command = Command(ecu.motor, ecu.servo)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.state = State()
+        self.state = BicycleState()
         response.success = True
         return response
 
@@ -194,7 +195,7 @@ def test_acc_shows_the_car_on_its_road(acc: Acc, open_: Open) -> None:
     canvases = ('#scene', '#course', '#speed-chart', '#command-chart')
     for canvas in canvases:
         tab.remember(canvas)
-    car.state, car.stops_at = State(x=22.0, v=8.0), 30.0
+    car.state, car.stops_at = BicycleState(x=22.0, v=8.0), 30.0
     wait_until(lambda: 30.0 < tab.number('#position') < 30.5 and tab.text('#grade') == '10')
     for canvas in canvases:
         assert tab.changed(canvas) > 100, canvas
@@ -208,7 +209,7 @@ def test_nothing_is_cut_at_any_size_or_on_paper_and_all_works_by_keyboard(
     ros: Context, open_: Open, mode: str
 ) -> None:
     with run(ros, mode) as (view, car, controller):
-        car.state = State(x=100.0, v=8.0, psi=0.0 if mode == 'acc' else 0.5)
+        car.state = BicycleState(x=100.0, v=8.0, psi=0.0 if mode == 'acc' else 0.5)
         tab = open_(view.url, width=1440, height=900)
         if controller:  # its sliders come with the answer to a request
             tab.until("document.querySelector('#kp')?.value === '30'")
@@ -286,7 +287,7 @@ def test_goal_counts_the_cones_that_are_touched(teleop: Teleop, open_: Open) -> 
     tab = open_(view.url)
     assert tab.run("document.querySelector('#goal-panel').hidden") is True
     tab.click('#goal')
-    car.state = State(x=19.0)
+    car.state = BicycleState(x=19.0)
     tab.press('ArrowUp')
     wait_until(lambda: tab.text('#goal-touched') == '1')
     tab.release('ArrowUp')
@@ -304,7 +305,7 @@ def test_the_goals_clock_starts_when_it_is_switched_on(teleop: Teleop, open_: Op
         wait_until(lambda: tab.number('#time') == pytest.approx(end.current.end, abs=0.051))
         return end.current.end
 
-    car.state = State(v=2.0)
+    car.state = BicycleState(v=2.0)
     wait_until(lambda: car.state.x > 1.0)
     on = pause()
     tab.click('#goal')
@@ -558,7 +559,7 @@ def test_a_value_that_is_asked_for_is_shown_until_its_node_answers(
 
 def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) -> None:
     view, car, controller = acc
-    car.state = State(x=22.0, v=8.0)
+    car.state = BicycleState(x=22.0, v=8.0)
     tab = open_(view.url)
     tab.until("document.querySelector('#kp').value === '30'")
     names = "Array.from(document.querySelectorAll('#presets button'), (b) => b.textContent)"
@@ -593,7 +594,7 @@ def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) 
 
 def test_forces_and_terms_are_those_of_the_messages(acc: Acc, open_: Open) -> None:
     view, car, _ = acc
-    car.state, car.stops_at = State(x=22.0, v=8.0), 34.0
+    car.state, car.stops_at = BicycleState(x=22.0, v=8.0), 34.0
     tab = open_(view.url)
     wait_until(lambda: car.paused)
     wait_until(lambda: tab.number('#position') == pytest.approx(car.state.x, abs=0.1))
@@ -653,7 +654,7 @@ def test_a_run_that_hangs_is_named_with_its_seconds_and_little_is_announced(
 
 def test_reset_begins_a_lap_and_the_last_one_stays_as_a_ghost(acc: Acc, open_: Open) -> None:
     view, car, _ = acc
-    car.state = State(x=11.0, v=8.0)
+    car.state = BicycleState(x=11.0, v=8.0)
     tab = open_(view.url)
     wait_until(lambda: tab.number('#position') > 14.0)
     before = view.page.feed.laps.current.number  # the car may have driven before it was placed
@@ -675,7 +676,7 @@ def test_an_earlier_state_is_shown_beside_the_laps_of_its_time(acc: Acc, open_: 
     for speed, gain in ((6.0, 30.0), (7.0, 20.0), (8.0, 10.0)):
         number = laps.number
         controller.set_parameters(overrides(kp=gain))
-        car.state = State(x=11.0, v=speed)  # a jump begins a lap
+        car.state = BicycleState(x=11.0, v=speed)  # a jump begins a lap
         wait_until(lambda number=number: laps.number > number and laps.current.length > 4.0)
         wait_until(lambda gain=gain: f'kp {gain:g}, ' in tab.text('#lap-gains'))
     car.paused = True
@@ -723,13 +724,13 @@ def test_a_heading_has_one_number(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
     for degrees, shown in HEADINGS.items():
-        car.state = State(psi=math.radians(degrees))
+        car.state = BicycleState(psi=math.radians(degrees))
         wait_until(lambda shown=shown: tab.number('#heading') == shown, f'heading {degrees}')
 
 
 def test_buttons_pause_and_reset(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
-    car.state = State(x=50.0)
+    car.state = BicycleState(x=50.0)
     tab = open_(view.url)
     tab.click('#pause')
     wait_until(lambda: car.paused)
@@ -747,7 +748,7 @@ def test_buttons_pause_and_reset(teleop: Teleop, open_: Open) -> None:
 
 def test_end_card_has_the_score_and_the_next_commands(acc: Acc, open_: Open) -> None:
     view, car, _ = acc
-    car.state, car.stops_at = State(x=16.0, v=8.0), 22.0
+    car.state, car.stops_at = BicycleState(x=16.0, v=8.0), 22.0
     tab = open_(view.url, width=1440, height=900)
     tab.until("document.querySelector('#kp').value === '30'")
     wait_until(lambda: tab.text('#state') == 'Paused')
@@ -803,7 +804,7 @@ def test_page_reports_a_lost_connection_and_reconnects(teleop: Teleop, open_: Op
     tab.until("(window.shown ?? '').startsWith('The connection to the run was lost')")
     wait_until(lambda: tab.text('#state') == 'Live')
     assert tab.run("document.querySelector('#message').hidden") is True
-    car.state = State(x=33.0)
+    car.state = BicycleState(x=33.0)
     wait_until(lambda: tab.text('#place').startswith('33'))
 
 

@@ -17,6 +17,7 @@ from barc_sim.control.lane import LaneLQR
 from barc_sim.control.pilots import Pilot
 from barc_sim.control.speed import LQR, PID, Gain, speed_controller
 from barc_sim.errors import UserError
+from barc_sim.interfaces.records import Command
 from barc_sim.page.protocol import (
     CAR,
     OTHERS,
@@ -30,7 +31,6 @@ from barc_sim.page.protocol import (
 )
 from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.metrics import summary
-from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track

@@ -15,7 +15,7 @@ from barc_sim.control.speed import PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import STALL_TIMEOUT, Progress, closed_loop, simulate
 from barc_sim.simulation.metrics import summary
-from barc_sim.vehicle.bike_model import State, Vehicle, bikeFE
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle, bikeFE
 from barc_sim.vehicle.parameters import PARAMETERS, PlantOptions
 from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
@@ -289,7 +289,7 @@ roads = st.lists(st.tuples(st.floats(0.5, 20.0), st.floats(-60.0, 60.0)), min_si
 @given(
     stretches=roads,
     state=st.builds(
-        State,
+        BicycleState,
         st.floats(-5.0, 5.0),
         st.floats(-2.0, 2.0).map(lambda y: y or 0.0),
         st.just(0.0),
@@ -306,7 +306,7 @@ roads = st.lists(st.tuples(st.floats(0.5, 20.0), st.floats(-60.0, 60.0)), min_si
 )
 def test_the_log_is_that_of_the_general_loop(
     stretches: list[tuple[float, float]],
-    state: State,
+    state: BicycleState,
     resistance: tuple[float, float, float],
     gains: tuple[float, float, float],
     low: float,

@@ -12,10 +12,11 @@ import pytest
 from barc_sim.control.lane import STEERING_LIMIT, LaneLQR
 from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
+from barc_sim.interfaces.records import Command
 from barc_sim.simulation.closed_loop import lap, simulate
 from barc_sim.simulation.log import Log, TrackLog
 from barc_sim.simulation.metrics import summary
-from barc_sim.vehicle.bike_model import Command, State
+from barc_sim.vehicle.bike_model import BicycleState
 from barc_sim.vehicle.plant import Actuator, NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track
@@ -170,7 +171,7 @@ def test_a_track_is_flat_unless_a_road_is_given() -> None:
 
 def test_a_placed_car_begins_a_lap_where_it_is_nearest() -> None:
     plant = Plant(track=Track.named('circle'))
-    plant.place(State(20.0, 20.0, 1.5, 5.0))
+    plant.place(BicycleState(20.0, 20.0, 1.5, 5.0))
     assert plant.on_track
     assert plant.distance == pytest.approx(31.4159, abs=1e-3)
     assert (plant.on_track.lap, plant.on_track.lap_time) == (0, 0.0)
@@ -179,7 +180,7 @@ def test_a_placed_car_begins_a_lap_where_it_is_nearest() -> None:
 
 def test_a_car_that_rolls_back_over_the_line_stays_in_its_lap() -> None:
     plant = Plant(track=Track.named('oval'))
-    plant.place(State(*Track.named('oval').place(225.6), v=8.0))
+    plant.place(BicycleState(*Track.named('oval').place(225.6), v=8.0))
     laps = []
     for k in range(60):
         plant.advance(Command(-20.0 if k > 4 else 0.0))

@@ -11,10 +11,11 @@ import pytest
 
 import barc_sim
 from barc_sim.control.speed import LQR
+from barc_sim.interfaces.records import Command
 from barc_sim.interfaces.topics import ECU, ENVIRONMENT, MESSAGE_TYPES, STATE, STATE_ERROR
 from barc_sim.simulation.closed_loop import closed_loop, lap, simulate
 from barc_sim.simulation.log import COLUMNS, Log, columns_of
-from barc_sim.vehicle.bike_model import Command, State
+from barc_sim.vehicle.bike_model import BicycleState
 from barc_sim.vehicle.plant import NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
 
@@ -37,7 +38,7 @@ def test_distance_and_speed_are_the_true_ones_behind_the_noise(log: Log, psi: fl
     plant = Plant(
         road=Road.flat(), noise=NoiseLevels(s=2.0, ey=3.0, epsi=0.4, v_x=0.5, v_y=1.0, psi_dot=1.0)
     )
-    plant.state = State(x=3.0, y=-4.0, psi=psi, v=5.0)
+    plant.state = BicycleState(x=3.0, y=-4.0, psi=psi, v=5.0)
     true, seen = [], []
     for _ in range(len(log)):
         true.append(plant.state)

@@ -21,8 +21,8 @@ from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from barc_sim.interfaces.parameters import Parameter
+    from barc_sim.interfaces.records import Command, VehicleState
     from barc_sim.simulation.log import Log
-    from barc_sim.vehicle.bike_model import Command, Motion
     from barc_sim.vehicle.plant import Observation
 
 DISTANCE = 4.0  #: [m] of a run
@@ -120,7 +120,7 @@ class Nodes:
             self._refuse,
             track,
         )
-        self.seen: list[Motion] = []
+        self.seen: list[VehicleState] = []
         self.commands: list[Command] = []
 
     def drive(self, states: int) -> None:

@@ -12,6 +12,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from barc_sim.interfaces.records import Command
 from barc_sim.simulation.scenario import Scenario
 from barc_sim.simulation.stepper import (
     PUNCTUAL,
@@ -22,7 +23,6 @@ from barc_sim.simulation.stepper import (
     StepperOptions,
     parameters,
 )
-from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from barc_sim.interfaces.records import Command, VehicleState
 from barc_sim.vehicle.bicycles import (
     Bicycle,
     LateralParameters,
@@ -19,7 +20,7 @@ from barc_sim.vehicle.bicycles import (
     bicycle_step,
     dynamic_rates,
 )
-from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle, motion
 from barc_sim.vehicle.road import LEVEL, Inclines
 
 if TYPE_CHECKING:
@@ -32,7 +33,9 @@ speeds = st.floats(-30.0, 30.0)
 properties = settings(deadline=None, derandomize=True)
 
 
-def drive(state: State, held: Command, vehicle: Vehicle, steps: int, theta: float = 0.0) -> State:
+def drive(
+    state: BicycleState, held: Command, vehicle: Vehicle, steps: int, theta: float = 0.0
+) -> BicycleState:
     bicycle = bicycle_of('kinematic', 'rk4', vehicle)
     hill = Inclines((0.0,), (theta,))
     for _ in range(steps):
@@ -45,7 +48,7 @@ def test_rk4_rolls_downhill_against_drag_as_the_closed_form_has_it() -> None:
     pull = 1000.0 * 9.8 * sin(radians(10.0)) - 50.0
     terminal, rate = sqrt(pull / 20.0), sqrt(pull * 20.0) / 1000.0
     phase = atanh(3.0 / terminal)
-    state = drive(State(v=3.0), Command(), vehicle, 200, radians(-10.0))
+    state = drive(BicycleState(v=3.0), Command(), vehicle, 200, radians(-10.0))
     assert state.v == pytest.approx(terminal * tanh(phase + rate * 4.0), rel=1e-10)
     way = terminal / rate * log(cosh(phase + rate * 4.0) / cosh(phase))
     assert state.x == pytest.approx(way, rel=1e-10)
@@ -60,7 +63,9 @@ def test_rk4_reads_the_incline_along_the_step_unless_it_is_held(
     # At the start, in the middle and at the end of the step.
     inclines = Inclines((0.0, 5.05, 5.15), (0.1, -0.2, 0.3), is_held)
     bicycle = bicycle_of('kinematic', 'rk4', FREE)
-    after, _ = bicycle_step(bicycle, State(5.0, v=10.0), Slip(), Command(), inclines, 0, LAB_TS)
+    after, _ = bicycle_step(
+        bicycle, BicycleState(5.0, v=10.0), Slip(), Command(), inclines, 0, LAB_TS
+    )
     sines = [sin(theta) for theta in inclines.thetas]
     mean = sum(weight * sine for weight, sine in zip(weights, sines, strict=True)) / 6.0
     assert after.v == pytest.approx(10.0 - LAB_TS * 9.8 * mean)
@@ -70,7 +75,7 @@ def test_rk4_reads_the_incline_along_the_step_unless_it_is_held(
 @given(v=st.floats(-1.0, 1.0), friction=st.floats(0.0, 1e6), a0=st.floats(0.0, 1e3))
 def test_rk4_resistance_alone_never_reverses_the_car(v: float, friction: float, a0: float) -> None:
     vehicle = Vehicle(mass=2000.0, air_drag_coeff=a0, friction=friction)
-    found = drive(State(v=v), Command(), vehicle, 1).v
+    found = drive(BicycleState(v=v), Command(), vehicle, 1).v
     assert 0.0 <= found <= v or v <= found <= 0.0
 
 
@@ -80,11 +85,11 @@ def test_rk4_resistance_alone_never_reverses_the_car(v: float, friction: float, 
 def turned(name: str, steps: int) -> float:
     """Return the error of a position on a circle, after 2 s."""
     bicycle = bicycle_of('kinematic', name, FREE)
-    state = State(v=8.0)
+    state = BicycleState(v=8.0)
     held = Command(0.0, 0.2)
     for _ in range(steps):
         state, _ = bicycle_step(bicycle, state, Slip(), held, LEVEL, 0, 2.0 / steps)
-    begin = motion(State(v=8.0), 0.2, FREE)
+    begin = motion(BicycleState(v=8.0), 0.2, FREE)
     beta = atan2(begin.v_y, begin.v_x)
     radius = 8.0 / begin.psi_dot
     end = beta + 2.0 * begin.psi_dot
@@ -116,9 +121,9 @@ def understeer_gradient(vehicle: Vehicle, lateral: LateralParameters) -> float:
     return load * (vehicle.l_r / lateral.front_stiffness - vehicle.l_f / lateral.rear_stiffness)
 
 
-def at_speed(bicycle: Bicycle, v: float, servo: float, t: float) -> Motion:
+def at_speed(bicycle: Bicycle, v: float, servo: float, t: float) -> VehicleState:
     """Return the motion after `t` seconds of constant steering, its speed held at `v`."""
-    state, slip = State(v=v), Slip()
+    state, slip = BicycleState(v=v), Slip()
     for _ in range(round(t / TS)):
         state, slip = bicycle_step(bicycle, state, slip, Command(0.0, servo), LEVEL, 0, TS)
         state = state._replace(v=v)
@@ -126,8 +131,8 @@ def at_speed(bicycle: Bicycle, v: float, servo: float, t: float) -> Motion:
 
 
 def driven(
-    bicycle: Bicycle, state: State, held: Command, steps: int, ts: float = TS
-) -> Iterator[tuple[State, Motion]]:
+    bicycle: Bicycle, state: BicycleState, held: Command, steps: int, ts: float = TS
+) -> Iterator[tuple[BicycleState, VehicleState]]:
     """Yield state and motion after each step on the flat."""
     slip = Slip()
     for _ in range(steps):
@@ -164,7 +169,7 @@ def test_energy_changes_by_the_power_of_the_tyres_alone(
     v: float, v_y: float, psi_dot: float, servo: float
 ) -> None:
     bicycle = bicycle_of('dynamic', 'euler', ODD, OVERSTEERING)
-    at = Motion(0.0, 0.0, 0.0, v, v_y, psi_dot)
+    at = VehicleState(0.0, 0.0, 0.0, v, v_y, psi_dot)
     rates = dynamic_rates(bicycle, at, Command(0.0, servo), 0.0, 1.0)
     gain = ODD.mass * (v * rates.v_x + v_y * rates.v_y) + 4000.0 * psi_dot * rates.psi_dot
     front_y, rear_y = v_y + 1.1 * psi_dot, v_y - 1.58 * psi_dot
@@ -179,7 +184,7 @@ def test_energy_changes_by_the_power_of_the_tyres_alone(
 def test_grade_resistance_and_command_act_along_the_car() -> None:
     vehicle = Vehicle(mass=1000.0, air_drag_coeff=2.0, friction=30.0)
     theta = radians(7.0)
-    at = Motion(0.0, 0.0, 1.0, 10.0, 0.0, 0.0)
+    at = VehicleState(0.0, 0.0, 1.0, 10.0, 0.0, 0.0)
     rates = dynamic_rates(bicycle_of('dynamic', 'euler', vehicle), at, Command(1.5), theta, 1.0)
     assert rates.v_x == pytest.approx(1.5 - 9.8 * sin(theta) - (2.0 * 100.0 + 30.0) / 1000.0)
     assert (rates.v_y, rates.psi_dot) == (0.0, 0.0)
@@ -194,7 +199,7 @@ def test_grade_resistance_and_command_act_along_the_car() -> None:
 )
 def test_car_that_spins_stays_finite(integrator: str, commands: list[tuple[float, float]]) -> None:
     bicycle = bicycle_of('dynamic', integrator, Vehicle(), OVERSTEERING)
-    state, slip = State(v=30.0), Slip()
+    state, slip = BicycleState(v=30.0), Slip()
     for command in commands:
         for _ in range(25):
             held = Command(*command)
@@ -208,7 +213,7 @@ def test_car_that_spins_stays_finite(integrator: str, commands: list[tuple[float
 @pytest.mark.parametrize('integrator', ['euler', 'rk4'])
 @pytest.mark.parametrize('v', [-8.0, -1.0, 0.0, 2.0])
 def test_slow_or_reversing_car_is_the_kinematic_one(integrator: str, v: float) -> None:
-    begin, held = State(1.0, 2.0, 0.3, v), Command(-0.5, 0.3)
+    begin, held = BicycleState(1.0, 2.0, 0.3, v), Command(-0.5, 0.3)
     dynamic, kinematic = (
         next(driven(bicycle_of(dynamics, integrator, ODD), begin, held, 1))
         for dynamics in ('dynamic', 'kinematic')
@@ -219,7 +224,7 @@ def test_slow_or_reversing_car_is_the_kinematic_one(integrator: str, v: float) -
 
 def test_car_that_speeds_up_goes_over_without_a_jump() -> None:
     bicycle = bicycle_of('dynamic', 'rk4', CAR)
-    seen = [found[3:] for _, found in driven(bicycle, State(v=2.9), Command(1.0, 0.1), 200)]
+    seen = [found[3:] for _, found in driven(bicycle, BicycleState(v=2.9), Command(1.0, 0.1), 200)]
     assert seen[0][0] < 3.0 < seen[-1][0]
     jumps = [max(abs(b - a) for a, b in zip(*pair, strict=True)) for pair in pairwise(seen)]
     assert max(jumps) < 0.02
@@ -227,7 +232,7 @@ def test_car_that_speeds_up_goes_over_without_a_jump() -> None:
 
 def test_car_that_slows_down_ends_at_rest() -> None:
     bicycle = bicycle_of('dynamic', 'euler', Vehicle(friction=4000.0))
-    for state, found in driven(bicycle, State(v=12.0), Command(0.0, 0.1), 3000):  # noqa: B007
+    for state, found in driven(bicycle, BicycleState(v=12.0), Command(0.0, 0.1), 3000):  # noqa: B007
         assert state.v >= 0.0
     assert state.v == 0.0
     assert found[3:] == (0.0, 0.0, 0.0)

@@ -8,16 +8,8 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from barc_sim.vehicle.bike_model import (
-    Command,
-    State,
-    Surroundings,
-    Vehicle,
-    bikeFE,
-    motion,
-    step,
-    surroundings,
-)
+from barc_sim.interfaces.records import Command, Surroundings
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle, bikeFE, motion, step, surroundings
 from barc_sim.vehicle.road import Road, RoadPoint
 
 TS = 0.02
@@ -44,8 +36,8 @@ def drive(
     a: float = 0.0,
     theta: float = 0.0,
     vehicle: Vehicle = Vehicle(air_drag_coeff=0.0, friction=0.0),  # noqa: B008 (immutable)
-) -> State:
-    state = State(v=v)
+) -> BicycleState:
+    state = BicycleState(v=v)
     for _ in range(round(duration / ts)):
         state = step(state, Command(a), theta, vehicle, ts)
     return state
@@ -105,9 +97,9 @@ def test_resistance_only_ever_slows_whatever_command_and_gravity_do(
 def test_left_is_the_mirror_of_right(
     y: float, psi: float, v: float, a: float, d_f: float, theta: float
 ) -> None:
-    left = step(State(1.0, y, psi, v), Command(a, d_f), theta, ODD_VEHICLE, TS)
-    right = step(State(1.0, -y, -psi, v), Command(a, -d_f), theta, ODD_VEHICLE, TS)
-    assert right == State(left.x, -left.y, -left.psi, left.v)
+    left = step(BicycleState(1.0, y, psi, v), Command(a, d_f), theta, ODD_VEHICLE, TS)
+    right = step(BicycleState(1.0, -y, -psi, v), Command(a, -d_f), theta, ODD_VEHICLE, TS)
+    assert right == BicycleState(left.x, -left.y, -left.psi, left.v)
 
 
 # The records over the same arithmetic
@@ -118,7 +110,7 @@ def test_left_is_the_mirror_of_right(
 def test_motion_is_the_rate_of_change_seen_from_the_vehicle(
     psi: float, v: float, d_f: float
 ) -> None:
-    state = State(1.0, 2.0, psi, v)
+    state = BicycleState(1.0, 2.0, psi, v)
     seen = motion(state, d_f, ODD_VEHICLE)
     after = step(state, Command(0.0, d_f), 0.0, ODD_VEHICLE, 1.0)
     d_x, d_y = after.x - state.x, after.y - state.y
@@ -132,7 +124,7 @@ def test_motion_is_the_rate_of_change_seen_from_the_vehicle(
 @given(v=speeds, theta=inclines)
 def test_forces_sum_to_what_accelerates_the_vehicle(v: float, theta: float) -> None:
     assume(abs(v) > 1.0)
-    after = step(State(v=v), Command(), theta, ODD_VEHICLE, TS)
+    after = step(BicycleState(v=v), Command(), theta, ODD_VEHICLE, TS)
     _, _, *forces = surroundings(v, RoadPoint(0.0, sin(theta), 0.0), ODD_VEHICLE)
     total = sum(forces)
     assert total / ODD_VEHICLE.mass == pytest.approx((after.v - v) / TS, abs=1e-9)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import barc_sim
-from barc_sim.vehicle.bike_model import Command
+from barc_sim.interfaces.records import Command
 from barc_sim.vehicle.parameters import LIVE, PARAMETERS, PlantOptions
 
 if TYPE_CHECKING:

@@ -10,20 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.errors import UserError
+from barc_sim.interfaces.records import Command, MeasurementError, VehicleState
 from barc_sim.vehicle.bicycles import LateralParameters
-from barc_sim.vehicle.bike_model import (
-    Command,
-    Motion,
-    State,
-    Vehicle,
-    bikeFE,
-    motion,
-    step,
-    surroundings,
-)
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle, bikeFE, motion, step, surroundings
 from barc_sim.vehicle.plant import (
     Actuator,
-    MeasurementError,
     NoiseLevels,
     Plant,
     Sensor,
@@ -156,7 +147,7 @@ def test_replaced_delay_counts_from_the_next_command(before: int, after: int) ->
     assert acted == [max(k - after, 10.0 - before) for k in range(11, 21)]
 
 
-TRUE = Motion(x=30.0, y=-2.0, psi=0.7, v_x=8.0, v_y=0.3, psi_dot=-0.2)
+TRUE = VehicleState(x=30.0, y=-2.0, psi=0.7, v_x=8.0, v_y=0.3, psi_dot=-0.2)
 NOISY = NoiseLevels(s=0.1, ey=0.2, epsi=0.03, v_x=0.4, v_y=0.05, psi_dot=0.06)
 
 #: The second measurement's errors with standard deviations of 1 and seed 1.
@@ -221,11 +212,11 @@ def test_turning_one_deviation_off_leaves_the_other_errors_as_they_were(off: str
 # Delay of the sensor
 
 
-def at(k: int) -> Motion:
-    return Motion(x=0.1 * k * k, y=-0.2 * k, psi=0.3 * k, v_x=10.0 * k, v_y=k, psi_dot=-k)
+def at(k: int) -> VehicleState:
+    return VehicleState(x=0.1 * k * k, y=-0.2 * k, psi=0.3 * k, v_x=10.0 * k, v_y=k, psi_dot=-k)
 
 
-def measurements(sensor: Sensor, steps: range) -> list[tuple[Motion, MeasurementError]]:
+def measurements(sensor: Sensor, steps: range) -> list[tuple[VehicleState, MeasurementError]]:
     found = []
     for k in steps:
         found.append(sensor.measure(at(k)))
@@ -280,13 +271,13 @@ def test_a_late_plant_measures_the_states_that_it_had() -> None:
         assert observation.measured == true[max(len(true) - 4, 0)]
         for plant in (late, punctual):
             plant.advance(Command(3.0, 0.1))
-    late.place(State(x=50.0))
+    late.place(BicycleState(x=50.0))
     assert late.observe().measured == late.observe().true
 
 
 HILL = Road((0.0, 20.0), (5.0, -7.0))
 VEHICLE = Vehicle(mass=1000.0, air_drag_coeff=2.0, friction=30.0, l_f=1.1, l_r=1.9, gravity=9.0)
-STATE = State(x=25.0, y=1.0, psi=0.3, v=6.0)
+STATE = BicycleState(x=25.0, y=1.0, psi=0.3, v=6.0)
 SLOW = Actuator(delay=0.13, lag=0.2, rate=5.0, limit=4.0)
 #: All that is off by default.
 ALL_ON: dict[str, Any] = {
@@ -298,7 +289,7 @@ ALL_ON: dict[str, Any] = {
 }
 
 
-def plant_at(state: State, *, noise: NoiseLevels | None = None, seed: int = 0) -> Plant:
+def plant_at(state: BicycleState, *, noise: NoiseLevels | None = None, seed: int = 0) -> Plant:
     plant = Plant(road=HILL, vehicle=VEHICLE, ts=0.05, noise=noise, seed=seed)
     plant.state = state
     return plant
@@ -327,7 +318,7 @@ def test_another_model_is_stepped_in_the_place_of_the_labs() -> None:
     plant.advance(Command())
     plant.advance(Command())
 
-    assert plant.state == State(-2.0, 0.0, 0.0, 0.0)
+    assert plant.state == BicycleState(-2.0, 0.0, 0.0, 0.0)
 
 
 # Actuators
@@ -335,7 +326,7 @@ def test_another_model_is_stepped_in_the_place_of_the_labs() -> None:
 
 def test_velocities_are_observed_under_the_steering_that_acts_not_under_the_command() -> None:
     plant = Plant(servo=Actuator(delay=0.02, rate=1.0))
-    plant.state = State(v=6.0)
+    plant.state = BicycleState(v=6.0)
     told = []
     for _ in range(3):
         plant.advance(Command(0.0, 0.3))
@@ -350,7 +341,7 @@ def test_placed_car_has_no_command_on_its_way() -> None:
     for _ in range(50):
         plant.advance(Command(4.0, 0.2))
     for car in (plant, fresh):
-        car.place(State(x=1.0, v=9.0))
+        car.place(BicycleState(x=1.0, v=9.0))
         assert car.observe().acting == Command()
     for _ in range(20):
         plant.advance(Command())
@@ -392,7 +383,7 @@ def test_what_does_not_go_together_is_refused(options: dict[str, Any], sentence:
 
 def test_rk4_makes_longer_steps_of_the_dynamic_bicycle_than_euler() -> None:
     plant = Plant(road=Road.flat(), dynamics='dynamic', integrator='rk4', ts=0.05)
-    plant.place(State(v=3.1))
+    plant.place(BicycleState(v=3.1))
     for _ in range(400):
         plant.advance(Command(0.01, 0.1))
         assert abs(plant.motion().psi_dot) < 0.2

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from barc_sim.errors import UserError
+from barc_sim.interfaces.records import Command
 from barc_sim.lab import files
 from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, share
 from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.tuning.identification import covariance
-from barc_sim.vehicle.bike_model import Command, Vehicle
+from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.plant import Actuator, Plant
 from barc_sim.vehicle.road import Road
 

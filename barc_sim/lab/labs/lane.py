@@ -22,7 +22,7 @@ from barc_sim.lab.law import read_law
 from barc_sim.simulation.closed_loop import closed_loop, lap
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import LAP_HEADINGS, track_laps_of
-from barc_sim.vehicle.bike_model import L_F, L_R, State
+from barc_sim.vehicle.bike_model import L_F, L_R, BicycleState
 from barc_sim.vehicle.parameters import PlantOptions
 from barc_sim.vehicle.track import Track, l_shape
 
@@ -268,7 +268,7 @@ def _drive(law: NewLaw, track: Track, distance: float, e_y: float = 0.0) -> Trac
     """Drive with a law: from a standstill, or from `e_y` [m] beside the line at full speed."""
     plant = PlantOptions(track=track, dynamics='dynamic').plant()
     if e_y:
-        plant.place(State(*track.place(0.0, e_y), SPEED))
+        plant.place(BicycleState(*track.place(0.0, e_y), SPEED))
     log = closed_loop(
         plant,
         speed_reference=SPEED,
