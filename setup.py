@@ -1,9 +1,13 @@
 """What cannot be declared in setup.cfg; everything else is."""
 
+import sys
 from pathlib import Path
-from runpy import run_path
 
 from setuptools import Distribution, find_packages, setup
+
+sys.path.insert(0, str(Path(__file__).parent))
+from barc_sim.commands import COMMANDS
+from barc_sim.interfaces.nodes import ALONE
 
 # An executable for each command and each node, where `ros2 run barc_sim NAME` looks for it.
 _EXECUTABLE = """\
@@ -18,9 +22,8 @@ exec "$barc" {words} "$@"
 
 def executables() -> list[str]:
     """Write the executables, and return their paths."""
-    tables = run_path('barc_sim/commands/__init__.py')
-    words = {name: name for name in tables['COMMANDS'] if name != 'node'}
-    words |= {name: f'node {name}' for name in tables['NODES']}
+    words = {name: name for name in COMMANDS if name != 'node'}
+    words |= {name: f'node {name}' for name in ALONE}
     folder = Path('build', 'ros2_run')
     folder.mkdir(parents=True, exist_ok=True)
     for name in words:

@@ -32,7 +32,8 @@ from barc_sim import __version__
 from barc_sim.cli.parser import ROS_ARGS, Parser, call, check_arguments, did_you_mean
 from barc_sim.cli.process import interruptible
 from barc_sim.cli.python import ignore_working_directory
-from barc_sim.commands import COMMANDS, GROUPS, NODES, SHARED
+from barc_sim.commands import COMMANDS, GROUPS, SHARED
+from barc_sim.interfaces.nodes import ALONE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -100,7 +101,7 @@ def _print_about(argv: Sequence[str]) -> None:
     parser.add_argument('--version', action='version', version=f'barc {__version__}')
     parser.add_argument('--completion', choices=_SHELLS, metavar='SHELL', help=_COMPLETION)
     if not argv[0].startswith('-'):
-        names = [*COMMANDS, *(f'node {name}' for name in NODES)]
+        names = [*COMMANDS, *(f'node {name}' for name in ALONE)]
         parser.error(f'there is no command {argv[0]!r}{did_you_mean(argv[0], names)}')
     if shell := parser.parse_args(argv).completion:
         import argcomplete  # noqa: PLC0415

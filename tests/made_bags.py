@@ -13,7 +13,7 @@ from barc_sim.bags.messages import Message, Topic, definition, topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LANE
 from barc_sim.control.speed import PID
-from barc_sim.interfaces.topics import CONTROLLER_STATE, LANE_STATE, MESSAGE_TYPES, PID_STATE
+from barc_sim.interfaces.topics import CONTROLLER_STATE, LANE_STATE, LOG_TYPES, PID_STATE
 from barc_sim.simulation.log import columns_of
 from barc_sim.simulation.stepper import parameters as simulator_parameters
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 PERIOD = 20_000_000
 TYPES = get_typestore(Stores.EMPTY)
-for _name in MESSAGE_TYPES.values():
+for _name in LOG_TYPES.values():
     TYPES.register(get_types_from_msg(definition(_name), _name))
 (QOS,) = topic('/clock', 'rosgraph_msgs/msg/Clock').offered_qos
 #: A topic of one number.
@@ -65,7 +65,7 @@ PARAMETERS = yaml.safe_dump(
 
 def encoded(log: Log, k: int, topic: str) -> bytes:
     """Return the message of a topic that belongs to state `k`, in CDR."""
-    name, types = MESSAGE_TYPES[topic], TYPES
+    name, types = LOG_TYPES[topic], TYPES
     sec, nanosec = divmod(10**18 + k * PERIOD, 10**9)
     stamp = types.types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
     source = PID_STATE if topic == CONTROLLER_STATE else topic
@@ -95,7 +95,7 @@ def fill(writer: BagWriter, log: Log, namespace: str = '') -> None:
     unused = CONTROLLER_STATE if log.terms.keys() == PID.terms.keys() else PID_STATE
     topics = {
         name: topic(f'{namespace}/{name}', kind)
-        for name, kind in MESSAGE_TYPES.items()
+        for name, kind in LOG_TYPES.items()
         if name != unused and {*columns_of(name).values()} <= log.declared.keys()
     }
     for k in range(len(log)):

@@ -30,7 +30,7 @@ from barc_sim.interfaces.topics import (
     CONTROLLER_STATE,
     ECU,
     LANE_STATE,
-    MESSAGE_TYPES,
+    LOG_TYPES,
     PARAMETER_EVENTS,
     PID_STATE,
     STATE,
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 _logger = logging.getLogger(__name__)
 _LATEST = 2**64 - 1  #: [ns]
 #: The log's column for each field that is read, by topic.
-TOPICS = {topic: columns for topic in MESSAGE_TYPES if (columns := columns_of(topic))}
+TOPICS = {topic: columns for topic in LOG_TYPES if (columns := columns_of(topic))}
 
 
 def newest(root: Path | str = 'bags') -> Path:
@@ -128,7 +128,7 @@ class Bag:
         if not cars:
             whose = 'of a car' if wanted is None else f'of the car {wanted}'
             raise UserError(
-                f'{name!r} has no states {whose} (topic {STATE} of type {MESSAGE_TYPES[STATE]}): '
+                f'{name!r} has no states {whose} (topic {STATE} of type {LOG_TYPES[STATE]}): '
                 'name the bag of a run'
             )
         if len(cars) > 1:
@@ -200,7 +200,7 @@ def _sink(
     """Return what takes a topic's messages into the bag; None if they are not read."""
     namespace, _, name = topic.name.rpartition('/')
     is_event = (topic.name, topic.type) == (PARAMETER_EVENTS, EVENT_TYPE)
-    if not is_event and topic.type != MESSAGE_TYPES.get(name):
+    if not is_event and topic.type != LOG_TYPES.get(name):
         return None
     key = name, topic.message_encoding, topic.definition
     if key not in decoders and len(decoders) < bounds.MAX_SCHEMAS:

@@ -49,13 +49,3 @@ SHARED |= dict.fromkeys(('new', 'report', 'submit'), 'lab')
 SHARED |= dict.fromkeys(('tune', 'identify', 'raceline'), 'research')
 SHARED |= dict.fromkeys(GROUPS['bags'], 'bags')
 SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
-#: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and class.
-NODES = {
-    'bag_recorder': ('recorder', 'BagRecorder'),
-    'controller': ('controller', 'CruiseController'),
-    'keyboard': ('keyboard', 'Keyboard'),
-    'mirror': ('mirror', 'MirrorNode'),
-    'relay': ('relay', 'Relay'),
-    'vehicle_simulator': ('simulator', 'VehicleSimulator'),
-    'view': ('view', 'ViewNode'),
-}

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from barc_sim.cli.files import saving, target
 from barc_sim.cli.parser import ROS_ARGS, call, show, whole
 from barc_sim.cli.process import require_ros
-from barc_sim.commands import NODES
 from barc_sim.errors import UserError, escaped
+from barc_sim.interfaces.nodes import ALONE
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -178,7 +178,7 @@ def run_show(options: Namespace) -> None:
 def add_arguments_node(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Run one node alone in this process, until Ctrl-C.'
-    parser.add_argument('name', choices=NODES, metavar='NAME', help=', '.join(NODES))
+    parser.add_argument('name', choices=ALONE, metavar='NAME', help=', '.join(ALONE))
     parser.add_argument(
         'arguments', nargs=REMAINDER, metavar='...', help='for ROS, such as --ros-args -p kp:=20.0'
     )
@@ -192,12 +192,12 @@ def run_node(options: Namespace) -> int:
             f'{ROS_ARGS} -p kp:=20.0'
         )
     require_ros('barc node')
-    module, kind = NODES[options.name]
-    make = getattr(import_module(f'barc_sim.nodes.{module}'), kind)
+    description = ALONE[options.name]
+    node_class = getattr(import_module(description.module), description.class_name)
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
     def create() -> Node:
-        node: Node = make()
+        node: Node = node_class()
         if url := getattr(node, 'url', ''):  # not into /rosout: a page's has its token
             print(f'{options.name}  {url}', flush=True)  # noqa: T201
         return node

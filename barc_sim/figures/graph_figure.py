@@ -106,9 +106,9 @@ def _draw_topic(
 def lines(graph: NodeGraph) -> list[str]:
     """Return the table of nodes as lines of text, with a heading."""
     rows = {'node': 'what it does'}
-    rows |= {
-        name: NODES.get(name.rpartition('/')[2], '(not of this package)') for name in graph.nodes
-    }
+    for name in graph.nodes:
+        description = NODES.get(name.rpartition('/')[2])
+        rows[name] = description.purpose if description else '(not of this package)'
     width = max(map(len, rows))
     return [f'{name:{width}}  {purpose}' for name, purpose in rows.items()]
 

@@ -1,4 +1,4 @@
-"""The names of the services, relative, so that a namespace moves them.
+"""The names of the services, relative, so that a namespace moves them, and their types.
 
 They are not `~/reset` and the like: a remapped node keeps these names, so that its clients find it.
 """
@@ -13,3 +13,14 @@ RESET_CONTROLLER = 'controller/reset'  #: resets the controller
 RESET_RELAY = 'relay/reset'  #: clears the driver's input and straightens the wheels
 PAUSE_RECORDER = 'bag_recorder/pause'  #: pauses the recording
 RESUME_RECORDER = 'bag_recorder/resume'  #: resumes the recording
+
+#: The type of each service.
+SERVICE_TYPES = {
+    RESET_SIMULATOR: 'std_srvs/srv/Trigger',
+    PAUSE_SIMULATOR: 'std_srvs/srv/SetBool',
+    STEP_SIMULATOR: 'std_srvs/srv/Trigger',
+    RESET_CONTROLLER: 'std_srvs/srv/Trigger',
+    RESET_RELAY: 'std_srvs/srv/Trigger',
+    PAUSE_RECORDER: 'std_srvs/srv/Trigger',
+    RESUME_RECORDER: 'std_srvs/srv/Trigger',
+}

@@ -40,8 +40,8 @@ PARAMETER_EVENTS = '/parameter_events'
 #: Figures name them, but do not draw them.
 EVERYONES = (ROSOUT, PARAMETER_EVENTS)
 
-#: The message type of each topic that a log is made of, by the topic's name without namespace.
-MESSAGE_TYPES = {
+#: The message type of each topic that a log is made of.
+LOG_TYPES = {
     STATE: 'barc_interfaces/msg/ZDynBkMdl',
     STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',
     ECU: 'barc_interfaces/msg/ECU',
@@ -52,4 +52,19 @@ MESSAGE_TYPES = {
     CONTROLLER_STATE: 'barc_interfaces/msg/ControllerState',
     TRACK_STATE: 'barc_interfaces/msg/TrackState',
     LANE_STATE: 'barc_interfaces/msg/LaneState',
+}
+#: The message type of each topic.
+MESSAGE_TYPES = {
+    **LOG_TYPES,
+    CLOCK: 'rosgraph_msgs/msg/Clock',
+    CMD_VEL: 'geometry_msgs/msg/Twist',
+    PREDICTION: 'nav_msgs/msg/Path',
+    SPEED_REFERENCE: 'std_msgs/msg/Float64',
+    ODOM: 'nav_msgs/msg/Odometry',
+    PATH: 'nav_msgs/msg/Path',
+    MARKERS: 'visualization_msgs/msg/MarkerArray',
+    ROAD_MARKERS: 'visualization_msgs/msg/MarkerArray',
+    TRACK_PATH: 'nav_msgs/msg/Path',
+    TF: 'tf2_msgs/msg/TFMessage',
+    DIAGNOSTICS: 'diagnostic_msgs/msg/DiagnosticArray',
 }

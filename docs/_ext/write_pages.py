@@ -21,6 +21,11 @@ import barc_sim
 from barc_sim.__main__ import functions
 from barc_sim.cli.parser import Parser
 from barc_sim.commands import GROUPS
+from barc_sim.interfaces import services as service_names
+from barc_sim.interfaces import topics as topic_names
+from barc_sim.interfaces.nodes import NODES
+from barc_sim.interfaces.services import SERVICE_TYPES
+from barc_sim.interfaces.topics import MESSAGE_TYPES
 from barc_sim.lab.labs.hills import BIKE, PID_LAW
 from barc_sim.lab.labs.identify import LAW as IDENTIFY
 from barc_sim.lab.labs.lane import CLASS as LANE_CLASS
@@ -30,6 +35,7 @@ from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
+    from types import ModuleType
 
     from barc_sim.lab.law import Law
 
@@ -114,32 +120,47 @@ def _kind(kind: str) -> str:
 
 
 def topics() -> Iterator[str]:
-    """Yield a table of the topics, from the nodes' endpoints."""
-    import observed_nodes  # noqa: PLC0415 (needs ROS)
-
-    meanings = observed_nodes.meanings()
+    """Yield a table of the topics, from the table of nodes."""
+    meanings = _meanings(topic_names)
     rows = []
-    for topic, (kind, publishers, subscribers) in observed_nodes.topics().items():
-        path = messages.MESSAGES / f'{kind.split("/")[1]}.msg'
+    for topic, message_type in sorted(MESSAGE_TYPES.items(), key=lambda row: row[0].lstrip('/')):
+        package, _, name = message_type.split('/')
+        path = messages.MESSAGES / f'{name}.msg'
         about = messages.message(path.read_text(encoding='utf-8'))[0] if path.is_file() else ''
-        ends = (', '.join(ends) or 'any' for ends in (publishers, subscribers))
-        rows.append((code(topic), _kind(kind), plain(meanings.get(topic) or about), *ends))
+        publishers = [name for name, node in NODES.items() if topic in node.publishes]
+        subscribers = [name for name, node in NODES.items() if topic in node.subscribes]
+        ends = (', '.join(sorted(ends)) or 'any' for ends in (publishers, subscribers))
+        meaning = plain(meanings.get(topic) or about)
+        rows.append((code(topic), _kind(f'{package}/{name}'), meaning, *ends))
     return table(('topic', 'type', 'meaning', 'from', 'to'), rows)
 
 
 def services() -> Iterator[str]:
-    """Yield a table of the services, from the nodes."""
-    import observed_nodes  # noqa: PLC0415
-
-    meanings = observed_nodes.meanings()
-    found = observed_nodes.services().items()
-    rows = ((code(name), _kind(kind), plain(meanings.get(name, ''))) for name, kind in found)
+    """Yield a table of the services."""
+    meanings = _meanings(service_names)
+    rows = []
+    for service, service_type in sorted(SERVICE_TYPES.items()):
+        package, _, name = service_type.split('/')
+        rows.append((code(service), _kind(f'{package}/{name}'), plain(meanings[service])))
     return table(('service', 'type', 'meaning'), rows)
+
+
+def _meanings(module: ModuleType) -> dict[str, str]:
+    """Return the comment at each constant of a module, by the constant's value."""
+    text = Path(module.__file__ or '').read_text(encoding='utf-8')
+    comments = re.findall(
+        r"^(?:#: (.*)\n)?([A-Z_]+) = '[\w./]+'(?:  #: (.*))?$", text, re.MULTILINE
+    )
+    return {
+        getattr(module, name): before or behind
+        for before, name, behind in comments
+        if before or behind
+    }
 
 
 def parameters() -> Iterator[str]:
     """Yield a table for each node, from its parameters."""
-    import observed_nodes  # noqa: PLC0415
+    import observed_nodes  # noqa: PLC0415 (needs ROS)
 
     for node, found in observed_nodes.parameters().items():
         yield from (f'## {node}', '')

@@ -21,7 +21,7 @@ from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
 from barc_sim.bags.messages import definition
 from barc_sim.bags.writer import BagWriter
-from barc_sim.interfaces.topics import MESSAGE_TYPES, STATE
+from barc_sim.interfaces.topics import LOG_TYPES, STATE
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ COMMANDS = ('plot', 'report', 'graph', 'info', 'recover')
 SECONDS = 20.0  # of processor time: reading may take 9, which a busy machine counts more
 MEMORY = 300 << 20  # bytes
 LOG = closed_loop(distance=2.0)
-SCHEMA = definition(MESSAGE_TYPES[STATE])
+SCHEMA = definition(LOG_TYPES[STATE])
 
 
 def bag(path: Path, metadata: dict[str, str] | None = None, **attachments: bytes) -> None:
@@ -51,7 +51,7 @@ def file_of(
     with (path / 'run_0.mcap').open('wb') as stream:
         writer = Writer(stream, chunk_size=1 << 40, compression=CompressionType.ZSTD)
         writer.start(profile='ros2')
-        number = writer.register_schema(MESSAGE_TYPES[STATE], 'ros2msg', schema.encode())
+        number = writer.register_schema(LOG_TYPES[STATE], 'ros2msg', schema.encode())
         channel = writer.register_channel('/' + STATE, 'cdr', number, metadata)
         for k, data in messages:
             writer.add_message(channel, k, data, k, 0)
@@ -126,7 +126,7 @@ def packed(record: Callable[[int], bytes], count: int) -> Callable[[Path], None]
     """Return a maker of a bag whose chunks have so many records of one kind."""
 
     def write(path: Path) -> None:
-        name = MESSAGE_TYPES[STATE].encode()
+        name = LOG_TYPES[STATE].encode()
         chunks = b''
         for first in range(0, count, 100_000):
             data = schema_record(1, name, SCHEMA.encode())

@@ -13,7 +13,8 @@ from command_line import barc
 
 import barc_sim
 from barc_sim.__main__ import functions
-from barc_sim.commands import COMMANDS, GROUPS, NODES
+from barc_sim.commands import COMMANDS, GROUPS
+from barc_sim.interfaces.nodes import ALONE
 
 PACKAGE = Path(barc_sim.__file__).parent
 SCRIPT = Path(sys.prefix) / 'bin' / 'barc'
@@ -136,7 +137,7 @@ def test_barc_is_the_only_program_so_that_none_of_the_system_is_hidden() -> None
 @installed
 def test_ros2_run_finds_every_command_and_node() -> None:
     names = {path.name for path in EXECUTABLES.iterdir() if os.access(path, os.X_OK)}
-    assert names == {*COMMANDS, *NODES} - {'node'}
+    assert names == {*COMMANDS, *ALONE} - {'node'}
 
 
 @installed

@@ -11,7 +11,8 @@ from pages import PAGES, ROOT
 
 from barc_sim.__main__ import functions
 from barc_sim.cli.parser import ROS_ARGS, Parser
-from barc_sim.commands import COMMANDS, NODES
+from barc_sim.commands import COMMANDS
+from barc_sim.interfaces.nodes import ALONE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -56,7 +57,7 @@ def unknown_words(words: list[str]) -> list[str]:
     if command not in COMMANDS:
         return [command]
     if command == 'node' and rest and rest[0].islower():
-        return [rest[0]] if rest[0] not in NODES else []
+        return [rest[0]] if rest[0] not in ALONE else []
     if ROS_ARGS in rest:
         rest = rest[: rest.index(ROS_ARGS)]
     options = {word.partition('=')[0] for word in rest if re.match('--[a-z]', word)}

@@ -12,7 +12,7 @@ import pytest
 import barc_sim
 from barc_sim.control.speed import LQR
 from barc_sim.interfaces.records import Command
-from barc_sim.interfaces.topics import ECU, ENVIRONMENT, MESSAGE_TYPES, STATE, STATE_ERROR
+from barc_sim.interfaces.topics import ECU, ENVIRONMENT, LOG_TYPES, STATE, STATE_ERROR
 from barc_sim.simulation.closed_loop import closed_loop, lap, simulate
 from barc_sim.simulation.log import COLUMNS, Log, columns_of
 from barc_sim.vehicle.bike_model import BicycleState
@@ -62,7 +62,7 @@ def test_distance_and_speed_are_the_true_ones_behind_the_noise(log: Log, psi: fl
 def messages() -> dict[str, dict[str, str]]:
     """Return, by topic, the units of the fields as the .msg files have them in their comments."""
     found = {}
-    for topic, kind in MESSAGE_TYPES.items():
+    for topic, kind in LOG_TYPES.items():
         text = (MSG / f'{kind.rpartition("/")[2]}.msg').read_text('utf-8')
         lines = re.findall(r'^(?:float64|bool) +(\w+) +# (?:\[(.*?)\])?', text, re.MULTILINE)
         found[topic] = {name: unit.replace('^2', '²') for name, unit in lines}
