@@ -43,9 +43,9 @@ setup(
     # The definitions of the lab's messages, for runs without ROS.
     packages=[
         *find_packages(include=['barc_sim', 'barc_sim.*']),
-        'barc_sim.bags.msg.barc_interfaces',
+        'barc_sim.interfaces.msg.barc_interfaces',
     ],
-    package_dir={'barc_sim.bags.msg.barc_interfaces': 'barc_interfaces/msg'},
+    package_dir={'barc_sim.interfaces.msg.barc_interfaces': 'barc_interfaces/msg'},
     # colcon cannot read what setup.cfg would make of it.
     python_requires='>=3.10,<3.14',
     data_files=[

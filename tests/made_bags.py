@@ -9,10 +9,11 @@ import numpy as np
 import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.messages import Message, Topic, definition, topic
+from barc_sim.bags.messages import Message, Topic, topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LANE
 from barc_sim.control.speed import PID
+from barc_sim.interfaces.definitions import definition
 from barc_sim.interfaces.topics import CONTROLLER_STATE, LANE_STATE, LOG_TYPES, PID_STATE
 from barc_sim.simulation.log import columns_of
 from barc_sim.simulation.stepper import parameters as simulator_parameters

@@ -1,43 +1,20 @@
-"""Messages and their types in a bag: CDR with times, and definitions, with or without ROS.
-
-Definitions come from installed packages of messages, or else from barc_sim.
+"""Messages and their topics as a bag has them.
 
 CDR is the encoding of DDS (OMG formal/2008-01-04, 15.3, PLAIN_CDR).
 """
 
 from __future__ import annotations
 
-import os
-import re
 from dataclasses import dataclass
-from functools import cache
-from importlib.machinery import PathFinder
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.cli.parser import did_you_mean
-from barc_sim.errors import UserError
+from barc_sim.interfaces.definitions import DELIMITER, definition_without_ros, store
 from barc_sim.interfaces.topics import ROSOUT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
-    from rosbags.typesys.store import Typestore
-
-_NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
-PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
-_FIELD_TYPE = re.compile(r'(?:^|\n)\s*([a-zA-Z0-9_/]+)(?:\[[^\]]*\])?\s+')
-# Definitions, with their comments, as `<package>/<name>.msg`: what a run without ROS records.
-_SHIPPED = Path(__file__).with_name('msg')
-# In a checkout our own definitions are beside the package; in a wheel, with the others.
-_CHECKOUT = Path(__file__).parents[2] / 'barc_interfaces' / 'msg'
-_OURS = 'barc_interfaces'
-_FIELD = re.compile(r'\s*([a-zA-Z]\w*(?:/\w+)?)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+\b(?!\s*=)')
-_COMMENT = re.compile(r'\s*#.*')
-_DELIMITER = '=' * 80
-IDL = f'{_DELIMITER}\nIDL: '  #: begins a `ros2idl` definition
-#: The field that rosidl adds to a type without fields, as DDS allows none.
-_PLACEHOLDER = 'uint8 structure_needs_at_least_one_member'
+IDL = f'{DELIMITER}\nIDL: '  #: begins a `ros2idl` definition
 CDR = 'cdr'  #: the encoding of ROS's messages
 ROS2MSG, ROS2IDL = 'ros2msg', 'ros2idl'  #: the encodings of ROS's definitions
 
@@ -55,111 +32,6 @@ class Topic:
     message_encoding: str = CDR
     #: All metadata of the channel, as a bag has it; None: it has type hash and QoS.
     metadata: Mapping[str, str] | None = None
-
-
-def _with_field(text: str) -> str:
-    """Return a message definition; one without fields gets the field that rosidl adds."""
-    if any(_FIELD.match(_COMMENT.sub('', line)) for line in text.splitlines()):
-        return text
-    return f'{text.rstrip()}\n{_PLACEHOLDER}\n'.lstrip('\n')
-
-
-@cache
-def definition(type_name: str) -> str:
-    """Return the `ros2msg` schema of a type: its definition and those of all types that it uses.
-
-    The layout is rosbag2's: the type's own text first; then, depth first and by name, each
-    dependency once, under a line of 80 `=` and its name as `MSG: std_msgs/Header`. A type without
-    fields has the field that it has in CDR; other readers need it.
-
-    LookupError: a type is not installed.
-    """
-    paths, seen = installed(), {type_name}
-
-    def expand(name: str) -> str:
-        package = name.partition('/')[0]
-        full = name if name.count('/') > 1 else name.replace('/', '/msg/')
-        if full not in paths:
-            raise LookupError(f'the definition of {name!r} is not installed')
-        text = _with_field(paths[full].read_text(encoding='utf-8'))
-        names = set(_FIELD_TYPE.findall(text)) - PRIMITIVES
-        for dependency in sorted(each if '/' in each else f'{package}/{each}' for each in names):
-            if dependency not in seen:
-                seen.add(dependency)
-                text += f'\n{_DELIMITER}\nMSG: {dependency}\n{expand(dependency)}'
-        return text
-
-    return expand(type_name)
-
-
-def shipped() -> Iterator[tuple[str, Path]]:
-    """Yield the name of each message type that barc_sim ships, and the file that defines it."""
-    for path in (*_SHIPPED.glob('*/*.msg'), *_CHECKOUT.glob('*.msg')):
-        package = path.parent.name if path.parent.parent == _SHIPPED else 'barc_interfaces'
-        yield f'{package}/msg/{path.stem}', path
-
-
-def installed() -> dict[str, Path]:
-    """Return the file of each message, service and action: the installed, or else barc_sim's."""
-    return _files(os.environ.get('AMENT_PREFIX_PATH', ''))
-
-
-@cache
-def _files(prefixes: str) -> dict[str, Path]:
-    roots = [Path(prefix) / 'share' for prefix in prefixes.split(os.pathsep) if prefix]
-    # ROS from wheels does not set AMENT_PREFIX_PATH. The messages of `ros/local` have no file.
-    if spec := PathFinder.find_spec(_OURS):
-        above = Path(spec.origin or '').parents
-        roots += [root for each in above if (root := each / 'share') and (root / _OURS).is_dir()]
-    paths = dict(shipped())
-    for root in reversed(roots):
-        for kind in ('msg', 'srv', 'action'):
-            for path in root.glob(f'*/{kind}/*.{kind}'):
-                paths[f'{path.parents[1].name}/{kind}/{path.stem}'] = path
-    return dict(sorted(paths.items()))
-
-
-def find_type(name: str) -> str:
-    """Return the full name of a type, given as `ECU`, `barc_interfaces/ECU` or in full."""
-    types = installed()
-    if name in types:
-        return name
-    matches = [full for full in types if name in _short_names(full)]
-    ours = [full for full in matches if full.startswith(f'{_OURS}/')]
-    if len(ours or matches) == 1:
-        return (ours or matches)[0]
-    if matches:
-        raise UserError(f'{name!r} is the name of several types: name one of {", ".join(matches)}')
-    names = {short for full in types for short in (*_short_names(full), full)}
-    same = [each for each in names if each.lower() == name.lower()]
-    hint = f': did you mean {same[0]}?' if same else did_you_mean(name, names)
-    listed = ', '.join(_short_names(full)[0] for full in types if full.startswith(f'{_OURS}/'))
-    raise UserError(
-        f'there is no message, service or action {name!r}{hint or f": {_OURS} has {listed}"}'
-    )
-
-
-def _short_names(full: str) -> tuple[str, str]:
-    package, _, base = full.split('/')
-    return base, f'{package}/{base}'
-
-
-def definition_lines(name: str, depth: int = 0) -> Iterator[str]:
-    """Yield the lines of the definition of `name`, with those of its fields' types indented.
-
-    Only the comments of the type itself, at `depth` 0, are kept.
-    """
-    paths = installed()
-    for line in paths[name].read_text(encoding='utf-8').splitlines():
-        text = _COMMENT.sub('', line) if depth else line
-        if text or not depth:
-            yield ('\t' * depth + text).rstrip()
-        field = _FIELD.match(_COMMENT.sub('', line))
-        if field and field[1] not in PRIMITIVES:
-            package, _, base = field[1].rpartition('/')
-            nested = f'{package or name.partition("/")[0]}/msg/{base}'
-            if nested in paths:
-                yield from definition_lines(nested, depth + 1)
 
 
 #: The QoS that ROS reports of a publisher of another participant, in rosbag2's terms.
@@ -193,30 +65,12 @@ class Message(NamedTuple):
 MessageFields = tuple[Topic, bytes, int, int, int]
 
 
-@cache
-def store() -> Typestore:
-    """Return the types of Jazzy's common interfaces and of barc_interfaces."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 (100 ms)
-
-    typestore = get_typestore(Stores.ROS2_JAZZY)
-    types: dict[str, Any] = {}
-    for name, path in shipped():
-        if name not in typestore.fielddefs:
-            types |= get_types_from_msg(path.read_text(encoding='utf-8'), name)
-    typestore.register(types)
-    return typestore
-
-
 def topic(name: str, type_name: str) -> Topic:
     """Return a bag's record of a topic that a run publishes without ROS."""
-    try:
-        text = definition(type_name)
-    except LookupError:
-        text = _with_field(store().generate_msgdef(type_name, ros_version=2)[0])
     return Topic(
         name=name,
         type=type_name,
-        definition=text,
+        definition=definition_without_ros(type_name),
         type_hash=store().hash_rihs01(type_name),
         offered_qos=[_OFFERED_QOS | _QOS_OF.get(name, {})],
     )

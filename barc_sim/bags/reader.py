@@ -18,11 +18,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from barc_sim.bags import bounds
 from barc_sim.bags.contents import Contents, types_of
-from barc_sim.bags.messages import store
 from barc_sim.bags.parameters import EVENT_TYPE, ParameterHistory
 from barc_sim.bags.recording import TRACK_NAME
 from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
+from barc_sim.interfaces.definitions import store
 from barc_sim.interfaces.nodes import CONTROLLER, SIMULATOR
 from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.interfaces.topics import (

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import TypesysError, get_types_from_msg
 
-from barc_sim.bags.messages import IDL, ROS2IDL, ROS2MSG, definition, installed
+from barc_sim.bags.messages import IDL, ROS2IDL, ROS2MSG
+from barc_sim.interfaces.definitions import definition, installed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -15,11 +15,11 @@ from urllib.parse import quote
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.messages import definition, installed
 from barc_sim.cli.files import open_regular
 from barc_sim.cli.parser import program_path
 from barc_sim.cli.yaml_files import from_yaml
 from barc_sim.errors import UserError
+from barc_sim.interfaces.definitions import definition, installed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -169,9 +169,9 @@ def add_arguments_show(parser: Parser) -> None:
 
 def run_show(options: Namespace) -> None:
     """Print the definition."""
-    from barc_sim.bags import messages  # noqa: PLC0415
+    from barc_sim.interfaces.definitions import definition_lines, find_type  # noqa: PLC0415
 
-    for line in messages.definition_lines(messages.find_type(options.type)):
+    for line in definition_lines(find_type(options.type)):
         print(line)  # noqa: T201
 
 

@@ -1,4 +1,5 @@
-"""What nodes share without ROS: topics, services, QoS, stamps, parameters, records of messages.
+"""What rooms agree on: topics, services, QoS, stamps, records of messages, parameters and nodes.
 
-Nodes, bags, the page and the figures take the names from here; nothing here imports them.
+It needs no ROS. The definitions of our messages are in `barc_interfaces/msg`; those of other
+packages that a run without ROS needs are in `msg`.
 """

@@ -19,8 +19,8 @@ from mcap.writer import CompressionType, Writer
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
-from barc_sim.bags.messages import definition
 from barc_sim.bags.writer import BagWriter
+from barc_sim.interfaces.definitions import definition
 from barc_sim.interfaces.topics import LOG_TYPES, STATE
 from barc_sim.simulation.closed_loop import closed_loop
 

@@ -12,9 +12,10 @@ from made_bags import PERIOD, QOS, make
 
 from barc_sim.bags import bounds
 from barc_sim.bags import reader as bag
-from barc_sim.bags.messages import Message, Topic, definition, store
+from barc_sim.bags.messages import Message, Topic
 from barc_sim.bags.parameters import EVENT_TYPE, ParameterHistory
 from barc_sim.bags.writer import BagWriter
+from barc_sim.interfaces.definitions import definition, store
 from barc_sim.interfaces.topics import PARAMETER_EVENTS
 from barc_sim.simulation.closed_loop import closed_loop
 

@@ -14,7 +14,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 
-from barc_sim.bags.messages import store
+from barc_sim.interfaces.definitions import store
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

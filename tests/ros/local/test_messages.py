@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message
 from rosbags.interfaces import Nodetype
 
-from barc_sim.bags.messages import installed
+from barc_sim.interfaces.definitions import installed
 from barc_sim.ros.local import messages
 
 if TYPE_CHECKING:
