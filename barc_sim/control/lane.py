@@ -20,11 +20,11 @@ from dataclasses import dataclass
 from math import asin, atan2, cos, inf, nan, sin, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from barc_sim.control.speed import Adapter, Gain, OfRecord, take_gains
+from barc_sim.control.speed import Adapter, Gain, OfRecord, limited_output, take_gains
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R
 from barc_sim.vehicle.law import law
-from barc_sim.vehicle.track import beside_arc
+from barc_sim.vehicle.track import CentreLine, Frenet, beside_arc, curvature_at
 
 if TYPE_CHECKING:
     from barc_sim.vehicle.track import Track
@@ -337,6 +337,88 @@ class LaneLQR(LaneLaw):
         here = curvature(0.0)
         ahead = curvature(self.preview * speed) if self.preview else here
         return self._sum(lane_lqr(self.law_gains, e_y, e_psi, here, ahead))
+
+
+#: Which law steers, in `LaneGains`.
+STRAIGHT_AHEAD, REGULATOR, STANLEY, PURSUIT = range(4)
+
+
+class LaneGains(NamedTuple):
+    """One of the steering laws here with its gains; those of the others have no effect."""
+
+    kind: int  #: STRAIGHT_AHEAD, REGULATOR, STANLEY or PURSUIT
+    lqr: LaneLqrGains
+    preview: float  #: [s] of the regulator
+    stanley: StanleyGains
+    pursuit: PursuitGains
+
+
+#: Of a car that drives straight ahead.
+NO_LANE = LaneGains(
+    STRAIGHT_AHEAD, LaneLQR.law_gains, nan, Stanley.law_gains, PurePursuit.law_gains
+)
+
+
+def lane_gains(lane: SteeringLaw) -> LaneGains | None:
+    """Return a steering law with its present gains, which are floats.
+
+    None: it is neither a `LaneLQR` nor a `Stanley` nor a `PurePursuit`.
+    """
+    if type(lane) is LaneLQR:
+        of_lqr = LaneLqrGains._make(map(float, lane.law_gains))
+        return NO_LANE._replace(kind=REGULATOR, lqr=of_lqr, preview=float(lane.preview))
+    if type(lane) is Stanley:
+        of_stanley = StanleyGains._make(map(float, lane.law_gains))
+        return NO_LANE._replace(kind=STANLEY, stanley=of_stanley)
+    if type(lane) is PurePursuit:
+        of_pursuit = PursuitGains._make(map(float, lane.law_gains))
+        return NO_LANE._replace(kind=PURSUIT, pursuit=of_pursuit)
+    return None
+
+
+@law
+def with_lane_gains(gains: LaneGains, values: Column) -> LaneGains:
+    """Return a steering law with other gains, which are in the order of its class's `gains`."""
+    of_lqr = gains.lqr
+    preview = gains.preview
+    of_stanley = gains.stanley
+    of_pursuit = gains.pursuit
+    if gains.kind == REGULATOR:
+        of_lqr = LaneLqrGains(values[0], values[1], of_lqr.l_f, of_lqr.l_r)
+        preview = values[2]
+    elif gains.kind == STANLEY:
+        of_stanley = StanleyGains(values[0], values[1], of_stanley.l_f)
+    elif gains.kind == PURSUIT:
+        of_pursuit = PursuitGains(values[0], values[1], of_pursuit.l_f, of_pursuit.l_r)
+    return LaneGains(gains.kind, of_lqr, preview, of_stanley, of_pursuit)
+
+
+@law
+def steer(
+    gains: LaneGains, line: CentreLine, place: Frenet, segment: int, speed: float, room: Column
+) -> float:
+    """Return the front angle [rad] of a steering law within `STEERING_LIMIT`.
+
+    The car is at `place`, on this segment of the centre line or not far from it, at a measured
+    speed [m/s]. `room` is for `POINTS` numbers, which the law overwrites.
+    """
+    angle = 0.0
+    if gains.kind == REGULATOR:
+        here = curvature_at(line, place.s, segment)
+        ahead = here
+        if gains.preview:
+            ahead = curvature_at(line, place.s + gains.preview * speed, segment)
+        angle = steering_angle(lane_lqr(gains.lqr, place.e_y, place.e_psi, here, ahead))
+    elif gains.kind == STANLEY:
+        here = curvature_at(line, place.s, segment)
+        angle = steering_angle(stanley(gains.stanley, place.e_y, place.e_psi, speed, here))
+    elif gains.kind == PURSUIT:
+        step = pursuit_step(gains.pursuit, speed)
+        for k in range(POINTS):
+            room[k] = curvature_at(line, place.s + (k + 0.5) * step, segment)
+        angle = steering_angle(pure_pursuit(gains.pursuit, place.e_y, place.e_psi, step, room))
+    angle, _ = limited_output(angle, -STEERING_LIMIT, STEERING_LIMIT)
+    return angle
 
 
 class LaneAdapter(Adapter):

@@ -13,7 +13,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.lane import LANE, STEERING_LIMIT, LaneLaw, as_steering_law
-from barc_sim.control.speed import PID, as_controller, read_term, set_gains
+from barc_sim.control.speed import PID, as_controller, limited_output, read_term, set_gains
 from barc_sim.errors import UserError
 from barc_sim.interfaces.records import Command
 
@@ -246,7 +246,8 @@ class LaneKeeping(Pilot):
         driving = self.speed.command(situation)
 
         raw = steering.servo
-        self.output = float(min(max(raw, -STEERING_LIMIT), STEERING_LIMIT))
+        output, _ = limited_output(raw, -STEERING_LIMIT, STEERING_LIMIT)
+        self.output = float(output)
         # At the limit except for rounding, like the plan of an MPC; NaN, too.
         self._is_limited = not abs(raw) < STEERING_LIMIT * (1.0 - 1e-9)
         motor = steering.motor if self._plans_speed else driving.motor

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.errors import UserError
+from barc_sim.vehicle.track import Pose, locate
 
 if TYPE_CHECKING:
     import numpy as np
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
 
     from barc_sim.interfaces.records import VehicleState
     from barc_sim.vehicle.road import Signal
-    from barc_sim.vehicle.track import Frenet, Pose, Track
+    from barc_sim.vehicle.track import Frenet, Track
 
 
 class Gap(NamedTuple):
@@ -56,6 +57,7 @@ class Navigator:
     def reset(self) -> None:
         """Return to the start of the track."""
         self._s = 0.0  # [m] of the latest place
+        self._segment = 0  # of the track
 
     def situation(
         self, t: float, dt: float, measured: VehicleState, reference: Signal
@@ -67,10 +69,8 @@ class Navigator:
         track = self.track
         if track is None:
             return Situation(t, dt, measured, reference(t, measured.x))
-        x, y, psi = measured.x, measured.y, measured.psi
-        place = track.frenet(x, y, psi, self._s)
-        if abs(place.e_y) > track.width:  # the car was put somewhere else
-            place = track.frenet(x, y, psi)
+        pose = Pose(measured.x, measured.y, measured.psi)
+        place, self._segment = locate(track.line, track.width, pose, self._s, self._segment)
         self._s = place.s
         return Situation(t, dt, measured, reference(t, place.s), track, place)
 

@@ -15,6 +15,8 @@ from barc_sim.vehicle.law import law
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    Column = Any  #: a list of numbers in Python, an array in compiled code
+
 
 class Gain(NamedTuple):
     """A gain of a controller: its default, unit, meaning and limits."""
@@ -67,17 +69,23 @@ def check_gains(controller: Tunable) -> None:
     set_gains(controller, {name: getattr(controller, name) for name in controller.gains})
 
 
+def check_values(gains: Mapping[str, Gain], values: Mapping[str, float]) -> None:
+    """Raise UserError if a value is that of no gain, or beyond the limits of its gain."""
+    if unknown := ', '.join(values.keys() - gains.keys()):
+        names = ', '.join(gains)
+        raise UserError(f'{unknown}: this controller has no such gain, but {names}')
+    for name, value in values.items():
+        gain = gains[name]
+        Parameter(name, gain.default, '', gain.between).check(value)
+
+
 def set_gains(controller: Tunable, values: Mapping[str, float]) -> None:
     """Set gains of a controller by name.
 
     UserError: it has no such gain, or one is beyond its limits.
     """
-    if unknown := ', '.join(values.keys() - controller.gains.keys()):
-        names = ', '.join(controller.gains)
-        raise UserError(f'{unknown}: this controller has no such gain, but {names}')
+    check_values(controller.gains, values)
     for name, value in values.items():
-        gain = controller.gains[name]
-        Parameter(name, gain.default, '', gain.between).check(value)
         setattr(controller, name, value)
 
 
@@ -117,6 +125,19 @@ class OfRecord:
     def __set__(self, controller: Any, value: float) -> None:  # noqa: ANN401
         """Change the record."""
         controller.law_gains = controller.law_gains._replace(**{self._name: value})
+
+
+@law
+def limited_output(raw: float, minimum: float, maximum: float) -> tuple[float, bool]:
+    """Return a controller's output within its limits, and whether a limit cut it.
+
+    NaN is returned as it is.
+    """
+    if raw > maximum:
+        return maximum, True
+    if raw < minimum:
+        return minimum, True
+    return raw, False
 
 
 class PidGains(NamedTuple):
@@ -162,15 +183,10 @@ def pid(
         derivative = -gains.kd * (measured - memory.previous) / dt
 
     raw = proportional + memory.integral + increment + derivative
-    output = raw
-    saturated = False
-    if raw > gains.output_max:
-        saturated = True
-        output = gains.output_max
+    output, saturated = limited_output(raw, gains.output_min, gains.output_max)
+    if raw > output:
         increment = min(increment, 0.0)
-    elif raw < gains.output_min:
-        saturated = True
-        output = gains.output_min
+    elif raw < output:
         increment = max(increment, 0.0)
 
     integral = memory.integral
@@ -367,14 +383,7 @@ def lqr(
     error = reference - measured
     feedback = feedback_gain(gains.speed_weight, gains.effort_weight, gains.dt) * error
     raw = feedback + compensation
-    output = raw
-    saturated = False
-    if raw > gains.output_max:
-        saturated = True
-        output = gains.output_max
-    elif raw < gains.output_min:
-        saturated = True
-        output = gains.output_min
+    output, saturated = limited_output(raw, gains.output_min, gains.output_max)
 
     previous = measured if isfinite(error) else nan
     return LqrMemory(compensation, output, previous), LqrTerms(output, feedback, saturated)
@@ -453,6 +462,70 @@ class LQR:
         self.feedback = terms.feedback
         self.saturated = terms.saturated
         return terms.output
+
+
+class SpeedGains(NamedTuple):
+    """One of the speed laws here with its gains; those of the other law have no effect."""
+
+    is_lqr: bool  #: otherwise it is the PID
+    pid: PidGains
+    lqr: LqrGains
+
+
+class SpeedMemory(NamedTuple):
+    """What a speed law keeps from one call to the next."""
+
+    pid: PidMemory
+    lqr: LqrMemory
+
+
+_NO_PID = PidGains(nan, nan, nan, nan, nan)
+_NO_LQR = LqrGains(nan, nan, nan, nan, nan, nan)
+
+
+def speed_gains(controller: Controller, limit: float) -> SpeedGains | None:
+    """Return the law of a controller with its present gains, its output within ±`limit` [m/s²].
+
+    The numbers are floats. None: it is neither a `PID` nor an `LQR`.
+    """
+    if type(controller) is PID:
+        of_pid = PidGains._make(map(float, controller.law_gains))
+        of_pid = of_pid._replace(output_min=-limit, output_max=limit)
+        return SpeedGains(is_lqr=False, pid=of_pid, lqr=_NO_LQR)
+    if type(controller) is LQR:
+        of_lqr = LqrGains._make(map(float, controller.law_gains))
+        of_lqr = of_lqr._replace(output_min=-limit, output_max=limit)
+        return SpeedGains(is_lqr=True, pid=_NO_PID, lqr=of_lqr)
+    return None
+
+
+@law
+def with_speed_gains(gains: SpeedGains, values: Column) -> SpeedGains:
+    """Return a speed law with other gains, which are in the order of its class's `gains`."""
+    of_pid = gains.pid
+    of_lqr = gains.lqr
+    if gains.is_lqr:
+        of_lqr = LqrGains(
+            values[0], values[1], values[2], of_lqr.dt, of_lqr.output_min, of_lqr.output_max
+        )
+    else:
+        of_pid = PidGains(values[0], values[1], values[2], of_pid.output_min, of_pid.output_max)
+    return SpeedGains(gains.is_lqr, of_pid, of_lqr)
+
+
+@law
+def accelerate(
+    memory: SpeedMemory, gains: SpeedGains, reference: float, measured: float, dt: float
+) -> tuple[SpeedMemory, float]:
+    """Return the memory of a speed law after a call, and the acceleration [m/s²].
+
+    The arguments are those of `pid` and `lqr`.
+    """
+    if gains.is_lqr:
+        of_lqr, regulated = lqr(memory.lqr, gains.lqr, reference, measured, dt)
+        return SpeedMemory(memory.pid, of_lqr), regulated.output
+    of_pid, controlled = pid(memory.pid, gains.pid, reference, measured, dt)
+    return SpeedMemory(of_pid, memory.lqr), controlled.output
 
 
 _MEMBERS = ('gains', 'terms', 'output_min', 'output_max', 'saturated', 'reset')

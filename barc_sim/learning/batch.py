@@ -41,16 +41,16 @@ from barc_sim.vehicle.plant import (
     queue_room,
     start,
     true_motion,
+    with_arrays,
     with_error,
 )
-from barc_sim.vehicle.track import CentreLine, Frenet, Segment, in_lap, placed, project, segment_at
+from barc_sim.vehicle.track import Frenet, in_lap, placed, project, segment_at
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.control.speed import PID
     from barc_sim.learning.tasks import Task
-    from barc_sim.vehicle.road import Inclines
 
     Floats = NDArray[np.float64]
     Car = Any  #: a record of `CAR`
@@ -119,7 +119,7 @@ def world_of(task: Task, controller: PID) -> World:
             is_ideal=False,
         )
     if is_compiled():
-        model = model._replace(inclines=_inclines(model.inclines), line=_line(model.line))
+        model = with_arrays(model)
         ahead = _table(ahead)
     return World(
         plant=model,
@@ -129,16 +129,6 @@ def world_of(task: Task, controller: PID) -> World:
         noise=task.noise(0.0),
         is_noisy=task.is_noisy,
     )
-
-
-def _inclines(inclines: Inclines) -> Inclines:
-    return inclines._replace(starts=np.array(inclines.starts), thetas=np.array(inclines.thetas))
-
-
-def _line(line: CentreLine) -> CentreLine:
-    kind = np.dtype([(name, np.float64) for name in Segment._fields], align=True)
-    segments = np.array([*map(tuple, line.segments)], kind)
-    return line._replace(starts=np.array(line.starts, np.float64), segments=segments)
 
 
 def _table(table: Table) -> Table:

@@ -33,13 +33,14 @@ from barc_sim.control.speed import (
 )
 from barc_sim.errors import UserError
 from barc_sim.interfaces.topics import LANE_STATE
+from barc_sim.simulation.drive import RUNAWAY
 from barc_sim.simulation.log import TrackLog, columns_of, log_of
 from barc_sim.simulation.rollout import pid_log
 from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.parameters import needs_track
 from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.track import Track
+from barc_sim.vehicle.track import Track, is_off_track
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -422,7 +423,6 @@ def _columns(rows: Sequence[Sequence[float]]) -> NDArray[np.float64]:
 
 #: [s] of simulated time without progress, after which the run ends.
 STALL_TIMEOUT = 20.0
-_RUNAWAY = 1000.0  #: [m/s] beyond which the run ends at once: an unstable loop has no bound
 _ADVANCE = 0.01  #: [m] that counts as progress
 _STANDS = 0.05  #: [m/s] below which a car stands
 _BACKWARDS = 1.0  #: [m] behind the start, or the place that it has reached
@@ -459,10 +459,10 @@ class Progress:
             self._since = t
         self._may_stand = self._may_stand or reference > 0.0
         self.failure = ''
-        if abs(v) > _RUNAWAY:
+        if abs(v) > RUNAWAY:
             self.failure = f'the car {self._does(x, v)}; at {v:.4g} m/s it is given up'
             return True
-        if place and abs(place.e_y) > 0.5 * place.width:
+        if place and is_off_track(place.e_y, place.width):
             side = 'left' if place.e_y > 0.0 else 'right'
             self.failure = f'the car left the track to the {side} at {x:.1f} m'
             return True
@@ -479,7 +479,7 @@ class Progress:
             return f'drives backwards, to {x:.4g} m: the error is speed_reference - speed_current'
         if abs(v) <= _STANDS:
             return f'stands at {x:.1f} m: the commands do not move it'
-        if abs(v) > _RUNAWAY:
+        if abs(v) > RUNAWAY:
             return 'gets faster and faster: a sign is wrong, or a gain is too large'
         where = f'is at {x:.1f} m, at {v:.2f} m/s, and was at {self._best:.1f} m'
         if x < self._best - _BACKWARDS:

@@ -136,7 +136,16 @@ def _figures(errors: Floats) -> tuple[float, float]:
     valid = errors[~np.isnan(errors)]
     if not len(valid):
         return nan, nan
-    return sqrt(float(valid @ valid) / len(valid)), float(valid.max())
+    return rms(valid), float(valid.max())
+
+
+def rms(values: Floats) -> float:
+    """Return the root mean square, whose sum is made in the order of the values.
+
+    So it is the same on every machine, and that of a loop.
+    """
+    sums = np.add.accumulate(np.square(values))
+    return sqrt(float(sums[-1]) / len(values))
 
 
 def _step_response(t: Floats, speed: Floats, reference: Floats) -> tuple[float, float]:

@@ -7,9 +7,7 @@ last bit.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from math import ceil, inf, nan, sqrt
-from os import cpu_count
+from math import inf, nan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,16 +15,15 @@ import numpy as np
 from barc_sim.control.speed import FIRST_DT, PidGains, PidMemory, pid
 from barc_sim.interfaces.records import Command, MeasurementError
 from barc_sim.simulation.log import log_of
-from barc_sim.simulation.metrics import RUN_UP
+from barc_sim.simulation.many_runs import rooms_for, scores_of_many
+from barc_sim.simulation.scores import Driven, Scores, first_states, score
 from barc_sim.vehicle.bicycles import Bicycle, Slip, bicycle_step
 from barc_sim.vehicle.bike_model import BicycleState, motion, step, surroundings
 from barc_sim.vehicle.law import compiled, is_compiled, law
-from barc_sim.vehicle.plant import Actuator, Sensor, actuate, with_error, with_force
+from barc_sim.vehicle.plant import Actuator, actuate, with_arrays, with_error, with_force
 from barc_sim.vehicle.road import Inclines, stretch_at
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
     from numpy.typing import NDArray
 
     from barc_sim.control.speed import PID
@@ -40,8 +37,6 @@ if TYPE_CHECKING:
 
 _SIGNALS = len(MeasurementError._fields)
 _SPEED = MeasurementError._fields.index('v_x')
-_USUAL = 2048  #: states of a run, for which there is room at first
-_MAX_PIECE = 4096  #: runs that a thread makes at a time
 
 
 class Course(NamedTuple):
@@ -71,6 +66,8 @@ class Trace(NamedTuple):
     y: Column  #: [m]
     psi: Column  #: [rad]
     v: Column  #: [m/s]
+    speed: Column  #: [m/s] as a log with noise has it: measured minus error
+    reference: Column  #: [m/s]
     commands: Column  #: [m/s²] behind those that wait at the start
     proportional: Column  #: [m/s²]
     integral: Column  #: [m/s²] after the command
@@ -86,29 +83,23 @@ def course_of(
     `errors` are those of its measurements, shape `(n, 6)`. `is_array` makes arrays of the columns,
     for a compiled loop; Python is faster with lists.
     """
-
-    def column(values: Iterable[float]) -> Column:
-        return np.array([*values], np.float64) if is_array else [*values]
-
+    model = with_arrays(plant.model) if is_array else plant.model
+    waiting = plant.waiting.motor
     of_speed = errors[:, _SPEED]
-
-    bicycle = plant.model.bicycle
-    inclines = plant.model.inclines
-    motor = plant.model.motor
     return Course(
-        inclines=Inclines(column(inclines.starts), column(inclines.thetas)),
-        bicycle=bicycle,
-        is_euler=not (bicycle.is_dynamic or bicycle.is_rk4),
+        inclines=model.inclines,
+        bicycle=model.bicycle,
+        is_euler=not (model.bicycle.is_dynamic or model.bicycle.is_rk4),
         force=float(plant.force),
-        motor=motor.actuator,
-        is_ideal=motor.is_ideal,
-        early=motor.early,
-        waiting=column(plant.waiting.motor),
-        start=plant.state,
-        value=plant.acting.motor,
-        reference=reference,
-        distance=distance,
-        ts=plant.ts,
+        motor=model.motor.actuator,
+        is_ideal=model.motor.is_ideal,
+        early=model.motor.early,
+        waiting=np.array(waiting, np.float64) if is_array else waiting,
+        start=BicycleState._make(map(float, plant.state)),
+        value=float(plant.acting.motor),
+        reference=float(reference),
+        distance=float(distance),
+        ts=model.ts,
         dt=plant.period_ns / 1e9,
         errors=of_speed.copy() if is_array else of_speed.tolist(),
     )
@@ -116,9 +107,23 @@ def course_of(
 
 def trace_of(course: Course, states: int, *, is_array: bool = False) -> Trace:
     """Return a trace with room for this number of states."""
-    rooms = Trace(*[states] * len(Trace._fields))
-    rooms = rooms._replace(commands=len(course.waiting) + states)
-    return Trace(*[np.zeros(room) if is_array else [0.0] * room for room in rooms])
+
+    def column(room: int) -> Column:
+        return np.zeros(room) if is_array else [0.0] * room
+
+    return Trace(
+        x=column(states),
+        y=column(states),
+        psi=column(states),
+        v=column(states),
+        speed=column(states if len(course.errors) else 0),
+        reference=column(states),
+        commands=column(len(course.waiting) + states),
+        proportional=column(states),
+        integral=column(states),
+        derivative=column(states),
+        saturated=column(states),
+    )
 
 
 @law
@@ -142,7 +147,9 @@ def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> i
     while True:
         measured = state.v
         if is_noisy:
-            measured += course.errors[count]
+            error = course.errors[count]
+            measured += error
+            trace.speed[count] = measured - error
         memory, terms = pid(memory, gains, course.reference, measured, dt)
         dt = course.dt
 
@@ -150,6 +157,7 @@ def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> i
         trace.y[count] = state.y
         trace.psi[count] = state.psi
         trace.v[count] = state.v
+        trace.reference[count] = course.reference
         trace.commands[wait + count] = terms.output
         trace.proportional[count] = terms.proportional
         trace.integral[count] = memory.integral
@@ -174,57 +182,23 @@ def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> i
             state, slip = bicycle_step(bicycle, state, slip, held, inclines, stretch, course.ts)
 
 
-class Scores(NamedTuple):
-    """The scores of a run, as `metrics.summary` defines them; infinite if it did not arrive."""
-
-    rms_error: float = inf  #: [m/s] beyond `RUN_UP`
-    max_error: float = inf  #: [m/s]
-    overshoot: float = inf  #: of the first grade's speed, as a share of the reference
-    effort: float = inf  #: [m/s²] RMS command
-
-
-@law
-def score(course: Course, trace: Trace, count: int) -> Scores:
-    """Return the scores of a run of `count` states."""
-    if trace.x[count - 1] < course.distance:
-        return Scores(inf, inf, inf, inf)
-
-    squares = 0.0
-    largest = 0.0
-    counted = 0
-    effort = 0.0
-    fastest = -inf
-    inclines = course.inclines
-    stretch = stretch_at(inclines.starts, trace.x[0], 0)
-    first = inclines.thetas[stretch]
-    is_first = True
-    wait = len(course.waiting)
-    for k in range(count):
-        x = trace.x[k]
-        error = abs(course.reference - trace.v[k])
-        if x >= RUN_UP:
-            squares += error * error
-            largest = max(largest, error)
-            counted += 1
-        command = trace.commands[wait + k]
-        effort += command * command
-        stretch = stretch_at(inclines.starts, x, stretch)
-        is_first = is_first and inclines.thetas[stretch] == first
-        if is_first:
-            fastest = max(fastest, trace.v[k] / course.reference)
-    return Scores(sqrt(squares / counted), largest, max(fastest - 1.0, 0.0), sqrt(effort / count))
-
-
 def score_all(course: Course, gains: Floats, limit: float, trace: Trace, scores: Floats) -> None:
     """Drive with each of the gains, shape `(n, 3)`, and store the scores, shape `(n, 4)`."""
+    speed = trace.speed if len(course.errors) > 0 else trace.v
+    wait = len(course.waiting)
     for i in range(len(gains)):
         of_run = PidGains(gains[i, 0], gains[i, 1], gains[i, 2], -limit, limit)
         count = drive(course, of_run, PidMemory(0.0, nan), trace)
-        found = score(course, trace, count)
-        scores[i, 0] = found.rms_error
-        scores[i, 1] = found.max_error
-        scores[i, 2] = found.overshoot
-        scores[i, 3] = found.effort
+        of_speed = Scores(inf, inf, inf, inf)
+        if trace.x[count - 1] >= course.distance:
+            motor = trace.commands[wait:]
+            driven = Driven(trace.x, speed, trace.reference, motor)
+            first = first_states(course.inclines, driven, count, inf)
+            of_speed = score(driven, count, first)
+        scores[i, 0] = of_speed.rms_error
+        scores[i, 1] = of_speed.max_error
+        scores[i, 2] = of_speed.overshoot
+        scores[i, 3] = of_speed.effort
 
 
 def scores_of_gains(
@@ -258,61 +232,25 @@ def scores_of_gains(
     ndarray
         The fields of `Scores` of each run, shape `(n, 4)`.
     """
-    scores = np.empty((len(gains), len(Scores._fields)))
-    workers = (cpu_count() or 1) if is_compiled() else 1
-    size = max(min(ceil(len(gains) / workers), _MAX_PIECE), 1)
-    groups = [np.arange(len(gains))]
-    sensors = [plant.sensor]
-    if seeds is not None and plant.sensor.is_noisy:
-        of_each, which = np.unique(seeds, return_inverse=True)
-        sensors = [Sensor(plant.sensor.noise, seed) for seed in of_each.tolist()]
-        groups = np.split(np.argsort(which, kind='stable'), np.cumsum(np.bincount(which))[:-1])
+    is_array = is_compiled()
+    width = len(Scores._fields)
 
-    score_runs = compiled(score_all)
-
-    def run_group(sensor: Sensor, runs: Ints) -> None:
-        errors = np.empty((0, _SIGNALS))
-        # Noise takes time to be drawn; room without noise takes none.
-        for last in _rooms(steps + 1) if sensor.is_noisy else [steps + 1]:
-            if sensor.is_noisy:
-                errors = sensor.draw(last)
-            course = course_of(plant, reference, distance, errors, is_array=is_compiled())
-            trace = trace_of(course, last, is_array=is_compiled())
-            found = np.empty((len(runs), scores.shape[1]))
-            score_runs(course, gains[runs], limit, trace, found)
-            scores[runs] = found
-            runs = runs[np.isinf(found[:, 0])]  # these have not arrived
-            if not len(runs):
-                break
-
-    jobs = [
-        (sensor, runs[first : first + size])
-        for sensor, runs in zip(sensors, groups, strict=True)
-        for first in range(0, len(runs), size)
-    ]
-    if len(jobs) == 1:
-        run_group(*jobs[0])
+    def score_runs(gains: Floats, normals: Floats, states: int) -> Floats:
+        errors = normals * plant.sensor.noise
+        course = course_of(plant, reference, distance, errors, is_array=is_array)
+        trace = trace_of(course, states, is_array=is_array)
+        scores = np.empty((len(gains), width))
+        compiled(score_all)(course, gains, float(limit), trace, scores)
         return scores
-    with ThreadPoolExecutor(workers) as threads:
-        for done in [threads.submit(run_group, *job) for job in jobs]:
-            done.result()
-    return scores
 
-
-def _rooms(states: int) -> Iterator[int]:
-    """Yield numbers of states, from those of a usual run up to this one."""
-    room = min(states, _USUAL)
-    yield room
-    while room < states:
-        room = min(4 * room, states)
-        yield room
+    return scores_of_many(score_runs, plant.sensor, gains, width, steps + 1, seeds)
 
 
 def pid_log(plant: Plant, controller: PID, reference: float, distance: float, steps: int) -> Log:
     """Return the log of `closed_loop` for a plant that `has_fast_path`, without changing either."""
     gains = controller.law_gains
     memory = controller.memory
-    for states in _rooms(steps + 1):
+    for states in rooms_for(steps + 1):
         errors = _errors(plant, states)
         course = course_of(plant, reference, distance, errors)
         trace = trace_of(course, states)
@@ -333,10 +271,13 @@ def _errors(plant: Plant, states: int) -> Floats:
 def _log_of(plant: Plant, course: Course, trace: Trace, errors: Floats, count: int) -> Log:
     """Return the log of a run of `count` states."""
     zero: Any = np.zeros(count)
-    error: Any = MeasurementError(*(errors.T if errors.size else [zero] * 6))
+    error: Any = MeasurementError(zero, zero, zero, zero, zero, zero)
+    if errors.size:
+        error = MeasurementError._make(errors.T)
+
     wait = len(course.waiting)
     rows = trace._replace(commands=trace.commands[wait:])
-    column = Trace(*[np.array(each[:count]) for each in rows])
+    column = Trace._make(np.array(values[:count]) for values in rows)
     states = BicycleState(column.x, column.y, column.psi, column.v)
     measured = motion(states, 0.0, plant.vehicle)
     if errors.size:
@@ -348,7 +289,7 @@ def _log_of(plant: Plant, course: Course, trace: Trace, errors: Floats, count: i
         error,
         Command(column.commands, zero),
         around,
-        reference=np.full(count, course.reference),
+        reference=column.reference,
         proportional=column.proportional,
         integral=column.integral,
         derivative=column.derivative,

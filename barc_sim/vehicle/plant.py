@@ -22,6 +22,7 @@ from barc_sim.interfaces.records import (
 )
 from barc_sim.vehicle.bicycles import (
     Bicycle,
+    LateralParameters,
     Slip,
     bicycle_motion,
     bicycle_of,
@@ -32,13 +33,12 @@ from barc_sim.vehicle.bicycles import (
 from barc_sim.vehicle.bike_model import BicycleState, Model, Vehicle, bikeFE, surroundings
 from barc_sim.vehicle.law import law
 from barc_sim.vehicle.road import Inclines, Road, stretch_at
-from barc_sim.vehicle.track import CentreLine, Frenet, nearest, project, segment_at
+from barc_sim.vehicle.track import CentreLine, Frenet, Segment, nearest, project, segment_at
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.road import Signal
     from barc_sim.vehicle.track import Track
 
@@ -311,8 +311,14 @@ class Sensor:
 
     def draw(self, n: int) -> Floats:
         """Return the errors of the first `n` measurements, shape `(n, 6)`."""
-        normals: Floats = self.again()._draw_normals(n)  # noqa: SLF001 (of this class)
-        return normals * self.noise
+        return self.normals(n) * self.noise
+
+    def normals(self, n: int) -> Floats:
+        """Return the standard normal numbers of the first `n` measurements, shape `(n, 6)`.
+
+        `error_of` makes errors of them.
+        """
+        return self.again()._draw_normals(n)  # noqa: SLF001 (of this class)
 
     def _draw_normals(self, n: int) -> Floats:
         """Return the standard normal numbers of the next `n` measurements, shape `(n, 6)`."""
@@ -414,6 +420,38 @@ class PlantModel(NamedTuple):
     line: CentreLine
     has_track: bool  #: otherwise the car drives along its road, and there is no `line`
     ts: float  #: [s] of a step
+
+
+def with_arrays(model: PlantModel) -> PlantModel:
+    """Return a model as compiled loops take it: its columns are arrays, and its numbers floats."""
+    import numpy as np  # noqa: PLC0415 (a single run does not need it)
+
+    inclines = model.inclines
+    line = model.line
+    kind = np.dtype([(name, np.float64) for name in Segment._fields], align=True)
+    segments = np.array([*map(tuple, line.segments)], kind)
+    vehicle = Vehicle._make(map(float, model.bicycle.vehicle))
+    lateral = LateralParameters._make(map(float, model.bicycle.lateral))
+    return model._replace(
+        bicycle=model.bicycle._replace(vehicle=vehicle, lateral=lateral),
+        motor=_with_floats(model.motor),
+        servo=_with_floats(model.servo),
+        inclines=inclines._replace(
+            starts=np.array(inclines.starts, np.float64),
+            thetas=np.array(inclines.thetas, np.float64),
+        ),
+        line=line._replace(
+            starts=np.array(line.starts, np.float64),
+            segments=segments,
+            length=float(line.length),
+        ),
+        ts=float(model.ts),
+    )
+
+
+def _with_floats(channel: Channel) -> Channel:
+    """Return a channel whose actuator's numbers are floats."""
+    return channel._replace(actuator=Actuator._make(map(float, channel.actuator)))
 
 
 class PlantState(NamedTuple):
@@ -671,11 +709,16 @@ class Plant:
     def has_fast_path(self) -> bool:
         """Whether laws move the car straight ahead along its road."""
         return (
-            type(self) is Plant
-            and not (self.track or self._own_model or self.disturbance or self.sensor.delay)
+            self.has_laws
+            and not (self.track or self.sensor.delay)
             and self.state.psi == self.acting.servo == 0.0
             and not any(self.waiting.servo)
         )
+
+    @property
+    def has_laws(self) -> bool:
+        """Whether laws alone move the car, so that loops over many runs can be compiled."""
+        return type(self) is Plant and not (self._own_model or self.disturbance)
 
     @property
     def waiting(self) -> Queues:

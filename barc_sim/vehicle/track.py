@@ -397,6 +397,35 @@ def project(
 
 
 @law
+def locate(line: CentreLine, width: float, pose: Pose, near: float, i: int) -> tuple[Frenet, int]:
+    """Return the pose on the track of a measured pose, and the number of its segment.
+
+    The car was at `near` [m], on segment `i` or not far from it. Where the pose is farther from the
+    centre line than the `width` [m] of the track, the car was put somewhere else: then the nearest
+    point counts.
+    """
+    i = stretch_at(line.starts, in_lap(line, near), i)
+    place, segment = project(line, pose.x, pose.y, pose.psi, near, i)
+    if abs(place.e_y) > width:
+        near = nearest(line, pose.x, pose.y)
+        place, segment = project(line, pose.x, pose.y, pose.psi, near, segment_at(line, near))
+    return place, segment
+
+
+@law
+def curvature_at(line: CentreLine, s: float, i: int) -> float:
+    """Return the curvature [1/m] at `s` [m], on segment `i` or not far from it."""
+    curvature: float = line.segments[stretch_at(line.starts, in_lap(line, s), i)].curvature
+    return curvature
+
+
+@law
+def is_off_track(e_y: float, width: float) -> bool:
+    """Return whether a car is beyond the edge of a track."""
+    return abs(e_y) > 0.5 * width
+
+
+@law
 def beside_segment(segment: Segment, x: float, y: float) -> tuple[float, float]:
     """Return s and e_y [m] of a point on the map, beside a segment or its continuation."""
     dx = x - segment.x
