@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import sys
 import time
-from typing import TYPE_CHECKING
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
 import numpy as np
 from numpy import arctan, cos, float64, sin, tan
 
-from barc_sim.control.speed import KD, KP
-from barc_sim.simulation import rollout
+from barc_sim.control.lane import LaneLQR, PurePursuit, Stanley
+from barc_sim.control.speed import KD, KP, LQR
+from barc_sim.simulation import drive, many_runs, rollout
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.scenario import Scenario
 from barc_sim.tuning.search import sweep
@@ -22,8 +24,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _RUNS = 100_000  #: that `sweep` scores at a time
+_RUNS_OF_LAWS = 10_000  #: of the LQR, and of laps
 _RUNS_IN_PYTHON = 100
 _SEEDS = 5000
+#: Two laps and a half.
+_LAPS: dict[str, Any] = {'track': 'oval', 'distance': 564.0, 'speed_reference': 6.0}
+_LANES = {'laps': LaneLQR(), 'stanley': Stanley(), 'pure pursuit': PurePursuit()}
 
 
 class LabPid:
@@ -93,16 +99,32 @@ def sweep_loop(runs: int = _RUNS) -> int:
     return runs * simulate_loop()
 
 
-def sweep_in_one_thread() -> int:
-    """Score them on one core."""
-    with patch.object(rollout, 'cpu_count', lambda: 1):
-        return sweep_loop()
+def lqr_loop(runs: int = _RUNS_OF_LAWS) -> int:
+    """Score the same weights of the LQR many times; return the steps."""
+    sweep(controller=LQR(), speed_weight=np.full(runs, 400.0))
+    return runs * (len(simulate(controller=LQR())) - 1)
 
 
-def sweep_in_python() -> int:
-    """Score some of them without Numba."""
-    with patch.multiple(rollout, is_compiled=lambda: False, compiled=lambda loop: loop):
-        return sweep_loop(_RUNS_IN_PYTHON)
+def laps_loop(runs: int = _RUNS_OF_LAWS, lane: str = 'laps', **options: Any) -> int:  # noqa: ANN401
+    """Score the same laps many times, with one law of steering; return the steps."""
+    sweep(np.full(runs, KP), lane=_LANES[lane], **_LAPS, **options)
+    return runs * (len(simulate(lane=_LANES[lane], **_LAPS)) - 1)
+
+
+def in_one_thread(loop: Callable[..., int]) -> int:
+    """Score runs on one core."""
+    with patch.object(many_runs, 'cpu_count', lambda: 1):
+        return loop()
+
+
+def in_python(loop: Callable[..., int]) -> int:
+    """Score some of the runs without Numba."""
+    with ExitStack() as stack:
+        for module in (drive, many_runs, rollout):
+            stack.enter_context(patch.object(module, 'is_compiled', lambda: False))
+        for module in (drive, rollout):
+            stack.enter_context(patch.object(module, 'compiled', lambda loop: loop))
+        return loop(_RUNS_IN_PYTHON)
 
 
 def seeds_loop() -> int:
@@ -130,9 +152,17 @@ def main(task: dict[str, object]) -> dict[str, float]:
         'simulate': simulate_loop,
         'noise': noise_loop,
         'sweep': sweep_loop,
-        'one thread': sweep_in_one_thread,
-        'python': sweep_in_python,
+        'one thread': lambda: in_one_thread(sweep_loop),
+        'python': lambda: in_python(sweep_loop),
         'seeds': seeds_loop,
+        'lqr': lqr_loop,
+        'lqr python': lambda: in_python(lqr_loop),
+        'laps': laps_loop,
+        'laps one thread': lambda: in_one_thread(laps_loop),
+        'laps python': lambda: in_python(laps_loop),
+        'stanley': lambda: laps_loop(lane='stanley'),
+        'pure pursuit': lambda: laps_loop(lane='pure pursuit'),
+        'laps seeds': lambda: laps_loop(_SEEDS, noise=0.05, seed=range(_SEEDS)),
     }
     return _rates(drives[str(task['subject'])], float(str(task['seconds'])))
 

@@ -2,7 +2,8 @@
 
 The lab's own loop, with NumPy's functions for single numbers, beside `simulate` with its log, and
 with noise; the scores of 100,000 gains, which are compiled where Numba is installed, on all cores,
-in one thread, and those of fewer in Python; and the scores of 5,000 seeds.
+in one thread, and those of fewer in Python; and the scores of 5,000 seeds. Likewise 10,000 runs of
+the LQR, and of laps by each law of steering.
 """
 
 from __future__ import annotations
@@ -22,6 +23,14 @@ _SUBJECTS = {
     'one thread': 'sweep, in one thread',
     'python': 'sweep, not compiled',
     'seeds': 'sweep of seeds, with noise',
+    'lqr': 'LQR, on all cores',
+    'lqr python': 'LQR, not compiled',
+    'laps': 'laps by the lane LQR, on all cores',
+    'laps one thread': 'laps, in one thread',
+    'laps python': 'laps, not compiled',
+    'stanley': 'laps by Stanley',
+    'pure pursuit': 'laps by pure pursuit',
+    'laps seeds': 'laps of seeds, with noise',
 }
 QUICK = ('--repeat', '1', '--seconds', '1')
 
