@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,14 +21,15 @@ from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.interfaces import services
 from barc_sim.interfaces.topics import CLOCK
+from barc_sim.ros.carrier import find_carrier
 from barc_sim.ros.node_helpers import declare
-from barc_sim.ros.peers import has_dds, node_graph
+from barc_sim.ros.peers import node_graph
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-
-# [s] between two searches for new topics.
+    from barc_sim.ros.carrier import Carrier
+#: [s] between two searches for new topics.
 _DISCOVERY_PERIOD = 0.2
 
 
@@ -56,6 +56,8 @@ class BagRecorder(Node):
         The new bag's directory itself; overrides `directory`.
     metadata
         The run's metadata, stored in the bag.
+    carrier
+        What carries the messages; by default, what carries those of this process.
     options
         Options of `rclpy.node.Node`.
 
@@ -82,35 +84,42 @@ class BagRecorder(Node):
         *,
         path: Path | None = None,
         metadata: Mapping[str, str] | None = None,
+        carrier: Carrier | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         super().__init__('bag_recorder', **options)
-        self._own_name = self.get_name()  # also needed after the node is destroyed
+        recording = recording or Recording()
+        carrier = carrier or find_carrier()
+
         self.finished: Future = Future()  #: done when writing has failed
         self.failure: str | None = None  #: the first failure to write, in a sentence
-        recording = recording or Recording()
+        self._own_name = self.get_name()  # also needed after the node is destroyed
         self._metadata = dict(metadata or {})
         self._graph_size = 0  # number of nodes and topics in the bag's graph
         self._is_announced = False
-        self._topics = _subscriptions(self, recording)
-        self.discover()  # before the parameters are declared, to record their events
-        default = str(directory or 'bags')
-        root = Path(declare(self, [BAG_DIR._replace(default=default)])['bag_dir'])
+
+        # Before the parameters are declared, to record their events.
+        self._topics = carrier.new_subscriptions(self, recording)
+        self.discover()
+
+        bag_dir = BAG_DIR._replace(default=str(directory or 'bags'))
+        root = Path(declare(self, [bag_dir])['bag_dir'])
+
         check_space(path or root, recording.reserve)
         self._writer = BagWriter(make_directory(path, root), metadata=self._metadata)
         self._thread = WriterThread(
             self._writer, self._topics.take, recording.reserve, self._on_failure
         )
-        if not has_dds():
-            self._topics.on_full = self._thread.write_now
         self._thread.use_sim_time = recording.use_sim_time
         self._thread.waits_for_clock = recording.use_sim_time
         self._thread.writes_clock = recording.wants(CLOCK)
+        self._topics.call_when_full(self._thread.write_now)
         self._thread.start()
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
-        for name, on in ((services.PAUSE_RECORDER, True), (services.RESUME_RECORDER, False)):
-            self.create_service(Trigger, name, partial(self._on_pause, on=on))
+        self.create_service(Trigger, services.PAUSE_RECORDER, self._on_pause)
+        self.create_service(Trigger, services.RESUME_RECORDER, self._on_resume)
+
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
 
@@ -131,6 +140,7 @@ class BagRecorder(Node):
         """Add the graph to the bag whenever it has grown, unless the run adds it."""
         if 'graph' in self._metadata:
             return
+
         size = len(self.get_node_names()) + len(self.get_topic_names_and_types())
         if size > self._graph_size:
             self._graph_size = size
@@ -216,20 +226,14 @@ class BagRecorder(Node):
         self.close()
         super().destroy_node()
 
-    def _on_pause(
-        self, _: Trigger.Request, response: Trigger.Response, *, on: bool
-    ) -> Trigger.Response:
-        self._thread.paused = on
-        response.success, response.message = True, 'paused' if on else 'recording'
+    def _on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._thread.paused = True
+        response.success = True
+        response.message = 'paused'
         return response
 
-
-def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of either engine)
-    """Return the subscriptions of a recorder, over DDS or in this process alone."""
-    if has_dds():
-        from barc_sim.ros.topics import TopicSubscriptions  # noqa: PLC0415
-
-        return TopicSubscriptions(node, recording)
-    from barc_sim.ros.local.node import LocalSubscriptions  # noqa: PLC0415
-
-    return LocalSubscriptions(node, recording)
+    def _on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._thread.paused = False
+        response.success = True
+        response.message = 'recording'
+        return response

@@ -96,6 +96,11 @@ def _initialise(args: list[str] | None) -> None:
         set_logger_level('rcl', LoggingSeverity.UNSET)
 
 
+def new_executor() -> QuickExecutor:
+    """Return the executor of the nodes of a process."""
+    return QuickExecutor(num_threads=NUM_THREADS)
+
+
 def spin(create: Callable[[], _Node], args: list[str] | None = None) -> _Node:
     """Spin the node that `create` returns until it is `finished` or a signal stops it.
 
@@ -103,7 +108,7 @@ def spin(create: Callable[[], _Node], args: list[str] | None = None) -> _Node:
     """
     with StopSignals() as stop, ros(args):
         node = create()
-        executor = QuickExecutor(num_threads=NUM_THREADS)
+        executor = new_executor()
         executor.add_node(node)
         done = getattr(node, 'finished', None) or Future()
         stop.then(lambda: done.set_result(None))

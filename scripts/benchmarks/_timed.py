@@ -10,8 +10,7 @@ from _jitter import Clock
 
 from barc_sim.__main__ import parse
 from barc_sim.cli.process import StopSignals
-from barc_sim.ros.executor import QuickExecutor
-from barc_sim.ros.process import NUM_THREADS
+from barc_sim.ros.process import new_executor
 from barc_sim.runs.composition import Run
 from barc_sim.runs.cruise_control import add_car
 from barc_sim.runs.inputs import read_inputs
@@ -53,7 +52,7 @@ class TimedRun(Display):
     def spin(self, stop: StopSignals, executor: Any = None) -> None:  # noqa: ANN401 (any executor)
         """Spin the nodes until the run has ended, and end them."""
         stop.then(self.run.finish)
-        executor = executor or QuickExecutor(num_threads=NUM_THREADS)
+        executor = executor or new_executor()
         with self.run:
             for node in self.run.nodes:
                 executor.add_node(node)

@@ -144,7 +144,7 @@ def test_a_topic_without_a_definition_or_a_type(
     recorder.discover()
     spin_until(executor, publisher.get_subscription_count)
     publisher.publish(Float64(data=2.0))
-    monkeypatch.setattr('barc_sim.ros.topics.message_class', missing)
+    monkeypatch.setattr('barc_sim.ros.recording.subscriptions.message_class', missing)
     talker.create_publisher(ColorRGBA, 'color', 10)
     recorder.discover()
     recorder.discover()
@@ -358,7 +358,7 @@ def test_nothing_from_a_best_effort_publisher_is_an_unknown_loss(
 def test_what_the_middleware_could_not_deliver_is_lost(
     recorder: BagRecorder, talker: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('barc_sim.ros.topics.undelivered', lambda _: 18)
+    monkeypatch.setattr('barc_sim.ros.recording.topic.undelivered', lambda _: 18)
     talker.create_publisher(Float64, 'image', BEST_EFFORT)
     recorder.discover()
     recorder.close()

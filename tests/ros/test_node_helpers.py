@@ -20,7 +20,7 @@ from barc_sim.interfaces.parameters import Parameter
 from barc_sim.ros import node_helpers
 from barc_sim.ros.node_helpers import RefusedInput, declare
 from barc_sim.ros.peers import claim, others_here
-from barc_sim.ros.topics import Taker
+from barc_sim.ros.recording.polled import Taker
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

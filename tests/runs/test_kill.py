@@ -23,7 +23,7 @@ from rclpy.node import Node
 from barc_sim.bags import reader as bag
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.convert import recover
-from barc_sim.ros.topics import Taker
+from barc_sim.ros.recording.polled import Taker
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -1,6 +1,6 @@
 """Nodes with QoS, publishers, subscriptions, services, clients, guard conditions and the graph.
 
-Also rclpy's `init` and `shutdown`, and the subscriptions of a recorder.
+Also rclpy's `init` and `shutdown`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from functools import partial, partialmethod
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.bags.messages import topic
 from barc_sim.errors import UserError
 from barc_sim.ros.local.executor import (
     SECOND,
@@ -33,10 +32,7 @@ from barc_sim.ros.local.messages import LACKS, message_type
 from barc_sim.ros.local.parameters import Arguments, Parameter, Parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    from barc_sim.bags.messages import MessageFields, Topic
-    from barc_sim.bags.recording import Recording
+    from collections.abc import Callable, Iterator
 
 HistoryPolicy = IntEnum('HistoryPolicy', 'SYSTEM_DEFAULT KEEP_LAST KEEP_ALL UNKNOWN', start=0)
 ReliabilityPolicy = IntEnum(
@@ -69,7 +65,8 @@ qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST
 _DOCUMENTED = '(create|destroy|get|set|add|remove|count|declare|undeclare|describe|wait)_'
 #: The names of a node's lists of entities.
 _KINDS = ('publishers', 'subscriptions', 'services', 'clients', 'timers', 'guards')
-_LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: Of a publisher or subscription that gets the messages from before it began.
+LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class NotInitializedException(Exception):
@@ -109,8 +106,9 @@ class _Entity:
         self.endpoint_gid = [*id(self).to_bytes(16, 'little')]
         self.queue: deque[Any] = deque(maxlen=qos.length)
 
-    def offer(self, arrival: Any, _: int = 0) -> None:
+    def offer(self, arrival: Any, number: int = 0) -> None:
         """Queue an arrival, in any thread; a full queue drops its oldest one."""
+        del number
         queue, executor = self.queue, self.node.executor
         full = len(queue) == queue.maxlen
         queue.append(arrival)
@@ -219,7 +217,7 @@ class Node(Parameters):
         self._logger = Logger(name.strip('/').replace('/', '.'), self.context)
         if enable_rosout:
             log = message_type('rcl_interfaces/msg/Log')
-            self._logger.rosout = self.create_publisher(log, '/rosout', _LATCHED)
+            self._logger.rosout = self.create_publisher(log, '/rosout', LATCHED)
         event = message_type('rcl_interfaces/msg/ParameterEvent')
         events = self.create_publisher(event, '/parameter_events', 1000)
         overrides = self.context.arguments.of(name)
@@ -452,61 +450,3 @@ def _spin(method: str, node: Node, *args: Any, executor: Any = None, **options: 
 spin = partial(_spin, 'spin')
 spin_once = partial(_spin, 'spin_once')
 spin_until_future_complete = partial(_spin, 'spin_until_future_complete')
-
-
-class LocalSubscriptions:
-    """Subscribes to the selected topics; `take` returns their messages, serialized.
-
-    The publisher's thread serializes and keeps a message, without an executor.
-
-    Attributes
-    ----------
-    left_out
-        Topics that cannot be recorded: none.
-    on_full
-        Called when many messages wait; a recorder replaces it to write them.
-    """
-
-    def __init__(self, node: Node, recording: Recording) -> None:
-        self._node, self._wants, self._depth = node, recording.needs, recording.depth
-        self._subscriptions: dict[str, Subscription] = {}
-        self._messages: deque[MessageFields] = deque()
-        self.left_out: Mapping[str, str] = {}
-        self.on_full: Callable[[], object] = lambda: None
-
-    def expect(self, *_: object) -> None:
-        """Do nothing: a new publisher is discovered at once."""
-
-    def discover(self) -> None:
-        """Subscribe to each selected topic with a new publisher since the last call."""
-        for name, (kind, *_) in self._node.get_topic_names_and_types():
-            wanted = name not in self._subscriptions and self._wants(name)
-            if wanted and self._node.get_publishers_info_by_topic(name):
-                new = Subscription(self._node, name, message_type(kind), _LATCHED)
-                new.raw, keep = True, partial(self._keep, topic(name, kind))
-                new.offer = keep  # type: ignore[method-assign]
-                self._subscriptions[name] = self._node.connect(new)
-
-    def _keep(self, described: Topic, data: bytes, number: int) -> None:
-        """Keep a message of a topic."""
-        now = self._node.context.date()
-        self._messages.append((described, data, now, now, number))
-        if len(self._messages) > self._depth:
-            self.on_full()
-
-    def take(self) -> list[MessageFields]:
-        """Return the messages since the last call; for one thread at a time."""
-        return [self._messages.popleft() for _ in range(len(self._messages))]
-
-    def lost(self) -> dict[str, dict[str, int]]:
-        """Return the number of lost messages by topic: none."""
-        return {name: {} for name in self._subscriptions}
-
-    def unknown(self) -> dict[str, str]:
-        """Return why more messages of a topic may be lost, by topic: none may."""
-        return {}
-
-    def close(self) -> None:
-        """Destroy the subscriptions."""
-        while self._subscriptions:
-            self._node.destroy_subscription(self._subscriptions.popitem()[1])

@@ -37,7 +37,7 @@ from std_msgs.msg import Header
 from barc_sim.ros.executor import QuickExecutor, rclpy_private
 from barc_sim.ros.executor.entities import entry_of
 from barc_sim.ros.executor.rclpy_private import set_listener
-from barc_sim.ros.topics import PolledCallbackGroup
+from barc_sim.ros.recording.polled import PolledCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
