@@ -74,7 +74,7 @@ NODES = {
             topics.ENVIRONMENT,
             topics.APPLIED_COMMAND,
         ),
-        subscribes=(topics.ECU,),
+        subscribes=(topics.ECU, topics.INITIAL_POSE),
         serves=(
             services.RESET_SIMULATOR,
             services.PAUSE_SIMULATOR,

@@ -21,6 +21,7 @@ CLOCK = '/clock'
 CMD_VEL = 'cmd_vel'
 PREDICTION = 'prediction'  #: the path that the lane controller plans, at every fifth state
 SPEED_REFERENCE = 'speed_reference'  #: the speed to hold [m/s], from an outer loop
+INITIAL_POSE = 'initialpose'  #: resets the car to this pose on the map, at rest; RViz publishes it
 
 # Published by the node `mirror`, for ROS's own tools.
 ODOM = 'odom'  #: the measured pose from odom to base_link; x on the map, z the elevation

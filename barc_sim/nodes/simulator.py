@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, AppliedCommand, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
@@ -25,6 +26,7 @@ from barc_sim.ros.node_helpers import (
     declare_track,
     fill,
     frames,
+    to_state_at_rest,
 )
 from barc_sim.ros.peers import claim
 from barc_sim.simulation.scenario import Scenario
@@ -52,8 +54,9 @@ class VehicleSimulator(Node):
     stands still. At factor 1 this needs the parameter `clock` to be true.
 
     The service `reset` resets the car, and the controller or relay, once the present state is
-    answered. `pause` stops and resumes time; `step` takes one step while time is paused. `finished`
-    is done at the end of the run; `refused` counts invalid messages.
+    answered. `pause` stops and resumes time; `step` takes one step while time is paused. A pose on
+    `initialpose` resets the car, too, to that pose. `finished` is done at the end of the run;
+    `refused` counts invalid messages.
 
     Examples
     --------
@@ -72,7 +75,7 @@ class VehicleSimulator(Node):
     >>> rclpy.shutdown()
     """
 
-    inputs: ClassVar = {topics.ECU: ECU}
+    inputs: ClassVar = {topics.ECU: ECU, topics.INITIAL_POSE: PoseWithCovarianceStamped}
 
     def __init__(
         self,
@@ -126,6 +129,9 @@ class VehicleSimulator(Node):
         self._environment_pub = self.create_publisher(Environment, topics.ENVIRONMENT, qos.DEFAULT)
         self._state_pub = self.create_publisher(ZDynBkMdl, topics.STATE, qos.DEFAULT)
         self.create_subscription(ECU, topics.ECU, self._on_command, qos.DEFAULT)
+        self.create_subscription(
+            PoseWithCovarianceStamped, topics.INITIAL_POSE, self._on_initial_pose, qos.NEWEST
+        )
         self.create_service(Trigger, services.RESET_SIMULATOR, self._on_reset)
         self.create_service(SetBool, services.PAUSE_SIMULATOR, self._on_pause)
         self.create_service(Trigger, services.STEP_SIMULATOR, self._on_single_step)
@@ -196,6 +202,20 @@ class VehicleSimulator(Node):
         stamp = to_nanoseconds(command.header.stamp)
         if why := self.stepper.take_command(Command(command.motor, command.servo), stamp):
             self.refused.add(lambda: why)
+
+    def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
+        map_frame, base_link = frames(self)
+        odom = base_link.replace('base_link', 'odom')
+        frame = message.header.frame_id
+        if frame not in ('', map_frame, odom):
+            why = f'an initial pose in the frame {frame!r}: expected {map_frame!r} or {odom!r}'
+            self.refused.add(lambda: why)
+            return
+
+        road = Road.flat() if self.track else self.road  # as the mirror shows it
+        refusal = self.stepper.place(to_state_at_rest(message.pose.pose, road))
+        if refusal:
+            self.refused.add(lambda: refusal)
 
     def _on_parameters(self, changed: list[Parameter]) -> None:
         self.values = self.values | {parameter.name: parameter.value for parameter in changed}

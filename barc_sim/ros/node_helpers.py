@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections import Counter
-from math import cos, sin
+from math import atan2, cos, nan, radians, sin
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from builtin_interfaces.msg import Time
@@ -20,6 +20,7 @@ from barc_sim.errors import UserError
 from barc_sim.interfaces import qos
 from barc_sim.interfaces.parameters import ANY
 from barc_sim.interfaces.stamps import split_time, to_nanoseconds
+from barc_sim.vehicle.bike_model import BicycleState
 from barc_sim.vehicle.parameters import TRACK
 from barc_sim.vehicle.track import Track
 
@@ -30,9 +31,11 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from barc_sim.interfaces.parameters import Parameter
+    from barc_sim.vehicle.road import Road
 
 Message = TypeVar('Message')
 _RECOUNT_NS = 500_000_000
+_NORM_TOLERANCE = 1e-3  #: of the squared norm of a quaternion that is a rotation
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
@@ -111,6 +114,24 @@ def to_poses(header: Header, poses: Any) -> dict[str, Any]:  # noqa: ANN401 (x, 
         pose.orientation = Quaternion(z=sin(half), w=cos(half))
         path.append(PoseStamped(header=header, pose=pose))
     return {'poses': path}
+
+
+def to_state_at_rest(pose: Pose, road: Road) -> BicycleState:
+    """Return the state of a car at rest at `pose` on the map; not a number: there is none.
+
+    It undoes the mirror's pose: `x` of the state is along the road's surface, and the heading is in
+    its plane. Of the orientation only the direction counts in which the car points on the map.
+    """
+    x = road.along(pose.position.x)
+    theta = radians(road.grade_deg(x))
+
+    q = pose.orientation
+    norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
+    if not abs(norm - 1.0) < _NORM_TOLERANCE:
+        return BicycleState(x, pose.position.y, nan)
+    east = 1.0 - 2.0 * (q.y * q.y + q.z * q.z)
+    north = 2.0 * (q.x * q.y + q.w * q.z)
+    return BicycleState(x, pose.position.y, atan2(north, east / cos(theta)))
 
 
 def to_driver_input(twist: Twist) -> DriverInput:

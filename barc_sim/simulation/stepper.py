@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from enum import Enum
-from math import inf
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Protocol
 
 from barc_sim.errors import UserError
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from barc_sim.simulation.scenario import Scenario
+    from barc_sim.vehicle.bike_model import BicycleState
     from barc_sim.vehicle.plant import Observation
 
 
@@ -126,6 +127,7 @@ def out_of_order(stamp: int, present: int) -> str:
 
 
 RESET = 'reset: the car is back at the start'
+_FAR = 1e6  #: [m] beyond which no car can be placed
 #: Simulated seconds per second; besides, 0 is as fast as commands arrive.
 REALTIME_FACTORS = (0.001, 1000.0)
 
@@ -228,17 +230,17 @@ class Stepper:
     PAUSED     single step          unanswered              step when a command answers
     PAUSED     resume               answered, lock-step     RUNNING, step
     PAUSED     resume               otherwise               RUNNING
-    both       reset                answered                STARTING
-    both       reset                unanswered              STARTING at answer, deadline or check
+    both       reset, place         answered                STARTING
+    both       reset, place         unanswered              STARTING at answer, deadline or check
     both       step                 lap is at its end       STARTING, or FINISHED after the last
-    FINISHED   reset                                        STARTING
+    FINISHED   reset, place                                 STARTING
     =========  ===================  ======================  =====================================
 
     A step publishes the command that acts, and the next state. From a state at or beyond `distance`
     it ends the lap: the next lap begins as after a reset, and the last one leads to FINISHED; so
     does any step after `end`. If commands are lost, the car brakes. STARTING begins with a new
-    plant and no command. Other events change nothing in a phase, except that a command is stored
-    for the next step.
+    plant, at the start or where `place` puts it, and no command. Other events change nothing in a
+    phase, except that a command is stored for the next step.
 
     Stamps begin with the wall clock, and grow by one period a step, also over a reset. In real time
     (`realtime_factor` 1) a pause or a slip leaves them `stamp_lag` behind the wall clock; a reset
@@ -314,6 +316,7 @@ class Stepper:
         self._request: Literal['step', 'reset'] | None = None  # once the state is answered
         self._undecided: Literal['punctual', 'late'] | None = None  # the deadline that has passed
         self._ends = False
+        self._start: BicycleState | None = None  # after the requested reset; None: the scenario's
 
     @property
     def slipped(self) -> int:
@@ -430,6 +433,30 @@ class Stepper:
 
     def reset(self) -> bool:
         """Put the car back to the start once the present state is answered; return whether now."""
+        return self._reset_to(None)
+
+    def place(self, state: BicycleState) -> str | None:
+        """Put the car there as `reset` puts it back to the start; return why it is refused."""
+        # Written so that NaN is out of range, too.
+        if not (abs(state.x) <= _FAR and abs(state.y) <= _FAR and isfinite(state.psi)):
+            return (
+                f'an initial pose at x {state.x:g} m, y {state.y:g} m, heading {state.psi:g} rad: '
+                f'expected at most {_FAR:g} m either way, and a rotation'
+            )
+        track = self._plant.track
+        if track:
+            e_y = track.frenet(state.x, state.y, state.psi).e_y
+            if abs(e_y) > 0.5 * track.width:
+                return (
+                    f'an initial pose {abs(e_y):.2f} m from the centre line: expected one on the '
+                    f'track, at most {0.5 * track.width:g} m from it'
+                )
+        self._reset_to(state)
+        return None
+
+    def _reset_to(self, start: BicycleState | None) -> bool:
+        """Begin a run in this state, as `reset` does; return whether now."""
+        self._start = start
         if self._commands.answered or self.phase in {Phase.STARTING, Phase.FINISHED}:
             self._restart()
             return True
@@ -524,6 +551,10 @@ class Stepper:
         self._ends = False
         self._stop_deadlines()
         self._plant = self._scenario.plant()
+        if self._start:
+            self._plant.place(self._start)
+            why = f'reset: the car is at x {self._start.x:.2f} m, y {self._start.y:.2f} m'
+            self._start = None
         self._commands = Commands(self._timeout)
         self._first_state = self.states
         self._outputs.prepare_start(why)

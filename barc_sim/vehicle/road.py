@@ -217,6 +217,12 @@ class Road:
         """
         return self._length(s) - self._length(0.0)
 
+    def along(self, horizontal: float) -> float:
+        """Return the distance [m] along the road that is `horizontal` metres on the map."""
+        length = horizontal + float(self._length(0.0))
+        i = max(bisect_right(self._lengths, length) - 1, 0)
+        return self.starts[i] + (length - self._lengths[i]) / self._cosines[i]
+
     def _length(self, s: Places) -> Places:
         if isinstance(s, (float, int)):
             i = self.stretch(s)

@@ -21,7 +21,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from barc_sim.interfaces import qos
 from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.nodes.mirror import Facts, MirrorNode, diagnose
-from barc_sim.ros.node_helpers import to_header
+from barc_sim.ros.node_helpers import to_header, to_state_at_rest
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track
 
@@ -99,6 +99,14 @@ def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Make) -> None:
     assert to_nanoseconds(odom.header.stamp) == STEP
     twist = odom.twist.twist
     assert (twist.linear.x, twist.linear.y, twist.angular.z) == (8.0, 0.5, 0.1)
+
+
+def test_a_pose_that_is_sent_back_as_the_initial_one_is_the_same_state(bench: Make) -> None:
+    mirror = bench()
+    road = Road.lab()
+    for x, psi in ((30.0, 0.4), (110.0, -2.0), (150.0, 3.0), (-5.0, 1.0)):
+        pose = mirror.answer('odom', x=x, y=-2.0, psi=psi).pose.pose
+        assert to_state_at_rest(pose, road) == pytest.approx((x, -2.0, psi, 0.0))
 
 
 def test_state_that_is_not_finite_is_left_out(bench: Make) -> None:

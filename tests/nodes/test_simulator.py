@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,11 +12,13 @@ import pytest
 pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU, AppliedCommand, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
+from geometry_msgs.msg import Point, Pose, PoseWithCovarianceStamped, Quaternion
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.errors import UserError
@@ -309,6 +312,53 @@ def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None
     assert len(calls) == 1
     assert world.states[calls[0]].x == 0.0
     assert world.states[calls[0] - 1].x > 0.0
+
+
+def initial_pose(
+    x: float, y: float, z: float, w: float, frame: str = 'map'
+) -> PoseWithCovarianceStamped:
+    message = PoseWithCovarianceStamped(header=Header(frame_id=frame))
+    message.pose.pose = Pose(position=Point(x=x, y=y), orientation=Quaternion(z=z, w=w))
+    return message
+
+
+def test_a_pose_on_initialpose_resets_car_and_controller_to_it(
+    world: World, capfd: Capture
+) -> None:
+    resets: list[int] = []
+
+    def on_reset(_: Any, response: Any) -> Any:  # noqa: ANN401
+        resets.append(simulator.stepper.states)
+        return response
+
+    world.driver(partial(command, 1.0))
+    controller = world.add(Node('controller', context=world.context))
+    controller.create_service(Trigger, '~/reset', on_reset)
+    simulator = world.simulator(realtime_factor=LOCK_STEP, road='flat')
+    rviz = world.add(Node('rviz', context=world.context))
+    poses = rviz.create_publisher(PoseWithCovarianceStamped, 'initialpose', 1)
+    world.until(lambda: len(world.states) >= 10 and poses.get_subscription_count() == 1)
+    before = len(resets)
+
+    refused = (
+        initial_pose(math.nan, 0.0, 0.0, 1.0),
+        initial_pose(0.0, 0.0, 0.0, 0.0),  # no rotation
+        initial_pose(0.0, 0.0, 0.0, 1.0, frame='base_link'),
+    )
+    for number, message in enumerate(refused, 1):
+        poses.publish(message)
+        world.until(lambda: simulator.refused.count == number)  # noqa: B023 (called at once)
+    assert len(resets) == before
+    assert capfd.readouterr().err.count('refused an initial pose') == 1
+
+    poses.publish(initial_pose(-30.0, 5.0, 0.6, 0.8))
+    world.until(lambda: any(state.x < -29.0 for state in world.states))
+    assert len(resets) == before + 1
+    placed = next(state for state in world.states if state.x < -29.0)
+    assert (placed.x, placed.y, placed.v_x) == (-30.0, 5.0, 0.0)
+    assert placed.psi == pytest.approx(2.0 * math.atan2(0.6, 0.8))
+    world.until(lambda: world.states[-1].v_x > 0.1)
+    assert stamps(world.states) == sorted(stamps(world.states))
 
 
 def test_nodes_that_drive_together_are_named(world: World, capfd: Capture) -> None:

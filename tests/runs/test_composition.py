@@ -25,6 +25,9 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import laps_of
+from barc_sim.vehicle.bike_model import BicycleState
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     import subprocess
@@ -49,6 +52,28 @@ while not publisher.get_subscription_count():
     time.sleep(0.001)
 publisher.publish(Float64(data=5.0))
 publisher.wait_for_all_acked(Duration(seconds=10))
+"""
+#: Puts the car elsewhere, and ends when it has driven 15 m from there.
+INITIAL_POSE = """
+import rclpy
+from barc_interfaces.msg import ZDynBkMdl
+from geometry_msgs.msg import PoseWithCovarianceStamped
+rclpy.init()
+node = rclpy.create_node('rviz')
+publisher = node.create_publisher(PoseWithCovarianceStamped, 'initialpose', 1)
+places = []
+node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda state: places.append(state.x), 100)
+print(flush=True)
+while len(places) < 10 or not publisher.get_subscription_count():
+    rclpy.spin_once(node)
+pose = PoseWithCovarianceStamped()
+pose.header.frame_id = 'map'
+pose.pose.pose.position.x, pose.pose.pose.position.y = -40.0, 3.0
+publisher.publish(pose)
+while places[-1] > -35.0:
+    rclpy.spin_once(node)
+while places[-1] < -25.0:
+    rclpy.spin_once(node)
 """
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
@@ -180,6 +205,31 @@ def test_bag_holds_what_a_publisher_sends_that_comes_and_goes(
 
     found = messages(path)
     assert [reference.data for reference in found['/speed_reference']] == [5.0]
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_an_initial_pose_is_in_the_bag_and_the_run_from_there_can_be_repeated(
+    tmp_path: Path, start: Callable[..., subprocess.Popen[str]]
+) -> None:
+    rviz = start('-c', INITIAL_POSE)
+    assert rviz.stdout
+    rviz.stdout.readline()
+    options = ('--realtime-factor', 'max', '--road', 'flat', '--distance', '0')
+    run = start('-m', 'barc_sim.run', 'acc', '-q', *options)
+    assert rviz.wait(60) == 0
+    run.send_signal(signal.SIGINT)
+    path = tmp_path / run.communicate(timeout=200)[0].strip()
+
+    (message,) = messages(path)['/initialpose']
+    assert (message.pose.pose.position.x, message.pose.pose.position.y) == (-40.0, 3.0)
+    log = bag.read(path)
+    first = int(np.argmax(log.x == -40.0))
+    assert np.all(np.diff(log.t) > 0.0)
+    plant = Plant(road=Road.flat())
+    plant.place(BicycleState(-40.0, 3.0))
+    again = closed_loop(plant, distance=-30.0)
+    rows = log.map(lambda column: column[first : first + len(again)])
+    assert_same(rows, replace(again, t=rows.t))
 
 
 # How it ends

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from math import cos, inf, nan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
@@ -23,7 +23,10 @@ from barc_sim.simulation.stepper import (
     StepperOptions,
     parameters,
 )
+from barc_sim.vehicle.bike_model import BicycleState
+from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -86,7 +89,7 @@ LATE = 0.015  #: [s] of a period of 0.02
 class Engine:
     """A stepper with a clock that stands still, and all that it calls."""
 
-    def __init__(self, **settings: float) -> None:
+    def __init__(self, **settings: Any) -> None:  # noqa: ANN401 (of any parameter)
         self.now = 100.0
         self.wall = START
         self.published: list[tuple[float, Observation, int]] = []
@@ -151,13 +154,13 @@ class Engine:
         self.now -= late
 
 
-def started(**settings: float) -> Engine:
+def started(**settings: Any) -> Engine:  # noqa: ANN401 (as above)
     engine = Engine(**settings)
     engine.stepper.start()
     return engine
 
 
-def lock_step(**settings: float) -> Engine:
+def lock_step(**settings: Any) -> Engine:  # noqa: ANN401 (as above)
     return started(realtime_factor=0.0, **settings)
 
 
@@ -522,6 +525,81 @@ def test_reset_of_a_state_that_is_not_answered_waits(how: str) -> None:
     engine.stepper.start()
 
 
+# Initial pose
+
+
+def test_an_initial_pose_is_the_start_of_the_run_that_follows() -> None:
+    engine = lock_step(distance=20.0)
+    for _ in range(5):
+        engine.answer(8.0)
+    place = BicycleState(x=-3.0, y=1.0, psi=0.1)
+    assert engine.stepper.place(place) is None
+    assert engine.stepper.phase is Phase.RUNNING
+    engine.answer(8.0)
+    assert (engine.stepper.phase, engine.starts) == (Phase.STARTING, 1)
+    assert engine.log == ['reset: the car is at x -3.00 m, y 1.00 m']
+
+    engine.stepper.start()
+    first = len(engine.published) - 1
+    plant = Plant(road=Road.flat())
+    plant.place(place)
+    for _ in range(10):
+        t, seen, stamp = engine.published[-1]
+        k = len(engine.published) - 1
+        assert (t, stamp) == (pytest.approx((k - first) * 0.02), START + k * PERIOD)
+        assert seen == plant.observe()
+        engine.answer(2.0)
+        plant.advance(Command(2.0))
+
+    engine.stepper.reset()
+    engine.answer()
+    engine.stepper.start()
+    assert engine.published[-1][1].true.x == 0.0  # where the run had begun
+
+
+def test_an_initial_pose_on_a_track_is_measured_from_the_nearest_place() -> None:
+    engine = lock_step(track='oval', laps=2)
+    track = Track.named('oval')
+    x, y, psi = track.place(12.0, 0.5, 0.1)
+    engine.answer()
+    assert engine.stepper.place(BicycleState(x, y, psi)) is None
+    engine.answer()
+    engine.stepper.start()
+    place = engine.published[-1][1].on_track
+    assert place
+    assert (place.s, place.e_y, place.e_psi) == pytest.approx((12.0, 0.5, 0.1))
+    assert (place.lap, place.lap_time) == (0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('settings', 'state', 'sentence'),
+    [
+        (
+            {},
+            BicycleState(x=nan),
+            'an initial pose at x nan m, y 0 m, heading 0 rad: expected at most',
+        ),
+        ({}, BicycleState(y=-inf), 'an initial pose at x 0 m, y -inf m'),
+        ({}, BicycleState(psi=nan), 'an initial pose at x 0 m, y 0 m, heading nan rad'),
+        ({}, BicycleState(x=2e6), 'an initial pose at x 2e+06 m'),
+        (
+            {'track': 'oval'},
+            BicycleState(y=-4.0),
+            'an initial pose 4.00 m from the centre line: expected',
+        ),
+    ],
+)
+def test_an_initial_pose_where_no_car_can_be_is_refused(
+    settings: dict[str, Any], state: BicycleState, sentence: str
+) -> None:
+    engine = lock_step(**settings)
+    refusal = engine.stepper.place(state)
+    assert refusal
+    assert refusal.startswith(sentence)
+    engine.answer()
+    assert (engine.stepper.phase, engine.stepper.states) == (Phase.RUNNING, 2)
+
+
 # Whatever comes
 
 
@@ -565,6 +643,10 @@ class AnyEvents(RuleBasedStateMachine):
     @rule()
     def reset(self) -> None:
         self.stepper.reset()
+
+    @rule(x=st.floats(-1.0, 1.0))
+    def place(self, x: float) -> None:
+        assert self.stepper.place(BicycleState(x=x)) is None
 
     @rule()
     def check(self) -> None:

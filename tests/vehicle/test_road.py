@@ -85,6 +85,12 @@ def test_arrays_make_a_road_and_are_places_on_it() -> None:
         assert found.ravel().tolist() == [method(s) for s in places.ravel().tolist()]
 
 
+@pytest.mark.parametrize('road', [Road.lab(), Road.flat(), Road((5.0, 9.0), (20.0, -40.0))])
+def test_a_place_on_the_map_is_found_along_the_road(road: Road) -> None:
+    for s in (-30.0, 0.0, 3.0, 25.0, 110.0, 150.0, 400.0):
+        assert road.along(road.horizontal(s)) == pytest.approx(s)
+
+
 # By name
 
 
