@@ -35,7 +35,7 @@ class ParameterHistory:
         #: Times [ns] and values, by the full name of the node and by parameter.
         self._changes: dict[str, dict[str, tuple[array[int], array[float]]]] = {}
         self._count = 0
-        for node, name, value in _described(description):
+        for node, name, value in _numbers(description):
             self._add(node, name, 0, value)
 
     def add(self, event: Any, published: int) -> None:  # noqa: ANN401 (a ParameterEvent)
@@ -67,15 +67,29 @@ class ParameterHistory:
         return columns
 
 
-def _described(text: str) -> Iterator[tuple[str, str, float]]:
-    """Yield node, name and value of each number in a description."""
+def described(text: str) -> dict[str, dict[str, Any]]:
+    """Return the parameters in a run's metadata: values by node and name.
+
+    What cannot be read is left out, as it may be anyone's.
+    """
     try:
         nodes = from_yaml(text)
     except ValueError:
-        return
-    for node, described in (nodes if isinstance(nodes, dict) else {}).items():
-        values = described.get(_ROS_PARAMETERS) if isinstance(described, dict) else None
-        for name, value in (values if isinstance(values, dict) else {}).items():
+        return {}
+    if not isinstance(nodes, dict):
+        return {}
+    parameters = {}
+    for node, entry in nodes.items():
+        values = entry.get(_ROS_PARAMETERS) if isinstance(entry, dict) else None
+        if isinstance(values, dict):
+            parameters[str(node)] = {str(name): value for name, value in values.items()}
+    return parameters
+
+
+def _numbers(text: str) -> Iterator[tuple[str, str, float]]:
+    """Yield node, name and value of each number in a run's metadata."""
+    for node, values in described(text).items():
+        for name, value in values.items():
             if isinstance(value, (int, float)) and not isinstance(value, bool):
                 with suppress(OverflowError):  # an integer beyond all floats
-                    yield str(node), str(name), float(value)
+                    yield node, name, float(value)

@@ -125,9 +125,18 @@ def add_bag(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the bag to read and, in it, the car."""
-    add_bag(parser)
+def add_bag_arguments(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+    """Add the bag, or `several`, to read and, in it, the car."""
+    if several:
+        parser.add_argument(
+            'bags',
+            nargs='*',
+            type=Path,
+            metavar='BAG',
+            help='its directory, or a file of it (the newest in ./bags); several are compared',
+        )
+    else:
+        add_bag(parser)
     parser.add_argument(
         '--namespace', metavar='NS', help='the car, if the bag has several, as in /car1'
     )

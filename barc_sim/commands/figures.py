@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.parser import Parser
+    from barc_sim.figures.run_figures import RecordedRun
 
 _VIDEOS = ('mp4', 'gif')
 
@@ -22,9 +24,10 @@ def add_arguments_plot(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
         'Draw speed, grade and command of a run; of a drive by hand, its path; of laps of a track, '
-        'the path, errors and steering.'
+        'the path, errors and steering. Several runs are compared in one figure, each with what it '
+        'differs in, such as its gains.'
     )
-    add_bag_arguments(parser)
+    add_bag_arguments(parser, several=True)
     parser.add_argument('--save', metavar='FILE', help='save as .png, .pdf or .svg')
     parser.add_argument(
         '--show',
@@ -41,25 +44,55 @@ def run_plot(options: Namespace) -> None:
     from barc_sim.figures.files import save_figure  # noqa: PLC0415
 
     path = figure_path(options.save)
-    source = options.bag or reader.newest()
-    bag = reader.load(source)
-    log = bag.log(options.namespace)
-    directory = source if source.is_dir() else source.parent
-    title = escaped(directory.resolve().name)
+    sources = options.bags or [reader.newest()]
+    runs = [_recorded_run(source, options.namespace) for source in sources]
+    title = runs[0].name if len(runs) == 1 else f'{len(runs)} runs'
     window = style.window(title) if options.show or not path else None
     if options.show and not window:
         raise UserError(
             'cannot open a window for --show: there is no display, or no GUI toolkit such as '
             'tkinter; use --save FILE'
         )
-    figure = run_figures.run_figure(log, bag.info, title, window)
+    if len(runs) == 1:
+        figure = run_figures.run_figure(runs[0].log, runs[0].info, title, window)
+    else:
+        figure = run_figures.runs_figure(_with_unique_names(runs, sources), title, window)
     if not window and not path:
+        if len(runs) > 1:
+            raise UserError('there is no display to compare runs on: name a file with --save')
+        source = sources[0]
+        directory = source if source.is_dir() else source.parent
         check_plain(directory)
         path = directory / 'speed.png'
     if path:
         save_figure(path, figure)
     if window:
         style.show()
+
+
+def _recorded_run(source: Path, namespace: str | None) -> RecordedRun:
+    """Read a run from its bag."""
+    from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.figures.run_figures import RecordedRun  # noqa: PLC0415
+
+    bag = reader.load(source)
+    log = bag.log(namespace)
+    directory = source if source.is_dir() else source.parent
+    return RecordedRun(
+        name=escaped(directory.resolve().name),
+        info=bag.info,
+        car=namespace or bag.cars[0],
+        log=log,
+    )
+
+
+def _with_unique_names(runs: list[RecordedRun], sources: list[Path]) -> list[RecordedRun]:
+    """Return the runs; those whose bags have one name are named by their paths."""
+    counts = Counter(run.name for run in runs)
+    return [
+        run._replace(name=escaped(str(source))) if counts[run.name] > 1 else run
+        for run, source in zip(runs, sources, strict=True)
+    ]
 
 
 def add_arguments_replay(parser: Parser) -> None:

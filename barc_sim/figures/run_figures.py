@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from barc_sim.cli.text import one_line
 from barc_sim.control.cruise_control import GAINS
-from barc_sim.errors import UserError
+from barc_sim.figures.differences import bag_settings, labels_of, log_settings
 from barc_sim.figures.files import save
 from barc_sim.figures.style import (
     BLUE,
@@ -26,13 +26,14 @@ from barc_sim.figures.style import (
     GREY,
     INK,
     MUTED,
-    RUN_COLOURS,
+    RUN_LINES,
     SKY,
     STYLE,
     TERM_DASHES,
     TERMS,
     VERMILLION,
     after_run_up,
+    driven_road,
     limits,
     speed_limits,
     use_measurement,
@@ -55,10 +56,17 @@ if TYPE_CHECKING:
 
 _POSITION = 'Position along the road [m]'
 _SHOWN = 120  # maximum length of a setting
+_SEPARATOR = ' · '  #: between two settings
 _INCHES = 0.85  #: [inch] of a chart's share of the height
 _ROW_INCHES = 0.24  #: [inch] of a row of the table
 _TABLE_WIDTHS = (0.08, 0.1, 0.12, 0.12, 0.11, 0.11, 0.36)  #: shares
 _MAX_GAINS = 46  #: characters
+ROW_HEADINGS = ('run', *metrics.ROAD_LAP_HEADINGS[1:])  #: of the table of a comparison
+_COMPARISON_WIDTHS = (0.42, 0.1, 0.12, 0.12, 0.12, 0.12)  #: shares
+_MAX_NAME = 44  #: characters of a run's name in it
+_LEGEND_CHARACTERS = 105  #: of a row of the legend
+_HANDLE_CHARACTERS = 8  #: that the line in front of a name takes
+_LEGEND_ROW = 16.0  #: [pt]
 
 
 class NotebookFigure(Figure):
@@ -78,9 +86,24 @@ class NotebookFigure(Figure):
 def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figure | SubFigure:
     """Return the figure of speed, grade and command over the position; `savefig` saves it.
 
-    Several runs have a line each, with their `labels`. With `ax`, Matplotlib's axes, only the
-    speed is drawn, in these axes. For a run on a track the figure has the path, and errors, speed
-    and steering over a lap.
+    Several runs are compared: each has a line, and a row in a table of their errors. With `ax`,
+    Matplotlib's axes, only the speed is drawn, in these axes. For a run on a track the figure has
+    the path, and errors, speed and steering over a lap; of several, the best laps.
+
+    Parameters
+    ----------
+    logs
+        The runs, all on roads or all on one track.
+    labels
+        A label for each run; by default the parameters in which recorded runs differ, such as
+        `kp 20`.
+    ax
+        The axes to draw into.
+
+    Raises
+    ------
+    UserError
+        if there is no log with a state, or the logs cannot be compared.
 
     Examples
     --------
@@ -96,19 +119,26 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
             )
     if not logs or any(not len(log) for log in logs):
         raise UserError('plot needs at least one log with a state: pass the log of a run')
-    names = [*labels, *(f'run {k}' for k in range(len(labels) + 1, len(logs) + 1))][: len(logs)]
+    names = [*labels, *_default_labels(logs)[len(labels) :]][: len(logs)]
     if ax is not None:
-        for log, name, color in zip(logs, names, cycle(RUN_COLOURS), strict=False):
-            curve = _Line(_broken(use_measurement(log)), name, color, color)
-            _draw_speed(ax, curve, has_reference=True)
+        for curve in _run_lines([use_measurement(log) for log in logs], names):
+            _draw_speed(ax, curve)
+            _draw_reference(ax, curve.log, '', 0.8)
         ax.set_xlabel(_POSITION)
         ax.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
         return ax.figure
-    on_track = [log for log in logs if isinstance(log, TrackLog)]
-    title = ''.join(labels) if len(logs) == 1 else ''
-    if len(on_track) == len(logs):
-        return track_figure(*on_track, labels=names, title=title, figure=NotebookFigure())
-    return speed_figure(*logs, labels=names, title=title, figure=NotebookFigure())
+    if len(logs) > 1:
+        return comparison_figure(logs, names, figure=NotebookFigure())
+    title = ''.join(labels)
+    if isinstance(logs[0], TrackLog):
+        return track_figure(logs[0], title=title, figure=NotebookFigure())
+    return speed_figure(logs[0], title=title, figure=NotebookFigure())
+
+
+def _default_labels(logs: Sequence[Log]) -> list[str]:
+    """Return what recorded runs differ in, or else `run 1`, `run 2` and so on."""
+    names = [f'run {k}' for k in range(1, len(logs) + 1)]
+    return labels_of([log_settings(log) for log in logs], names)
 
 
 class _Line(NamedTuple):
@@ -119,6 +149,7 @@ class _Line(NamedTuple):
     speed: str  #: colour of the line in the chart of speed and error
     command: str  #: colour
     width: float = 1.4  #: [pt] of the speed's line
+    dashes: Any = '-'
 
 
 class _LapLines(NamedTuple):
@@ -130,81 +161,176 @@ class _LapLines(NamedTuple):
     colors: dict[int, str]  #: of rows of the table
 
 
+class _Charts(NamedTuple):
+    """The charts of a figure over the position along the road, and a table below them."""
+
+    speed: Axes
+    error: Axes | None  #: None: no run has a known error
+    grade: Axes
+    command: Axes
+    table: Axes | None  #: None: it has no rows
+
+
 @style.context(STYLE)
 def speed_figure(
-    *logs: Log,
-    labels: Sequence[str] = (),
+    log: Log, *, title: str = '', settings: str = '', figure: Figure | None = None
+) -> Figure:
+    """Draw speed, speed error, grade and command of a run over the position.
+
+    The error is drawn after the run-up, unless the run is shorter or has no reference (NaN). The
+    laps of a run with several have their own lines, the best one and the last one in colour, and a
+    table with the errors and the gains of each. `title` and `settings` are the two lines of the
+    heading. `figure` must be empty; its size is set here.
+    """
+    run = use_measurement(log)
+    laps = _laps_of(run)
+    curves = laps.curves if laps else [_Line(run, 'speed', BLUE, GREEN, 2.0)]
+    shown = laps.shown if laps else run
+    figure = figure or Figure()
+    charts = _add_charts(figure, [run], len(laps.rows) if laps else 0)
+
+    for curve in curves:
+        _draw_curve(charts, curve)
+        _draw_grade(charts.grade, curve.log, MUTED)
+    _draw_reference(charts.speed, _broken(run), 'reference', 1.2)
+    _add_details(run, shown, charts)
+    if laps and charts.table:
+        draw_table(charts.table, laps.rows, _TABLE_WIDTHS[: len(laps.rows[0])], laps.colors)
+    if not laps:
+        figure.supxlabel(_caption(log), x=0.99, ha='right', fontsize=9, color=MUTED)
+
+    _finish(figure, charts, [run])
+    # The heading's second line and the legend are above the axes, the title is above both.
+    speed = charts.speed
+    speed.set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
+    speed.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
+    speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.06), ncols=4, borderaxespad=0.0)
+    return figure
+
+
+@style.context(STYLE)
+def comparison_figure(
+    logs: Sequence[Log],
+    labels: Sequence[str],
+    *,
     title: str = '',
     settings: str = '',
     figure: Figure | None = None,
 ) -> Figure:
-    """Draw speed, speed error, grade and command of runs over the position.
+    """Draw several runs in one figure, each in a colour of its own and with its label.
 
-    The error is drawn after the run-up, unless the run is shorter or has no reference (NaN). The
-    laps of a single run have their own lines, the best one and the last one in colour, and a table
-    with the errors and the gains of each. Several runs have a line each, with their `labels`.
-    `title` and `settings` are the two lines of the heading. `figure` must be empty; its size is set
-    here.
+    On roads it has the charts of `speed_figure` and a table of the errors; the slopes are shaded if
+    all runs have the same. Runs on a track are drawn by `track_figure`. `title` and `settings` are
+    the two lines of the heading: what the runs have in common.
+
+    UserError: the runs cannot be compared.
     """
+    on_track = [log for log in logs if isinstance(log, TrackLog)]
+    if on_track:
+        _check_tracks(logs)
+        return track_figure(*on_track, labels=labels, title=title, settings=settings, figure=figure)
+
     runs = [use_measurement(log) for log in logs]
-    is_single = len(runs) == 1
-    laps = _laps_of(runs[0]) if is_single else None
-    if laps:
-        curves = laps.curves
-    elif is_single:
-        curves = [_Line(runs[0], 'speed', BLUE, GREEN, 2.0)]
-    else:
-        curves = [
-            _Line(_broken(log), name, color, color)
-            for log, name, color in zip(runs, labels, cycle(RUN_COLOURS), strict=False)
-        ]
+    curves = _run_lines(runs, labels)
     figure = figure or Figure()
-    speed, error, grade, command, table = _panels(figure, runs, len(laps.rows) if laps else 0)
+    charts = _add_charts(figure, runs, 1 + len(runs))
 
     for curve in curves:
-        log = curve.log
-        steps: dict[str, Any] = {'where': 'post', 'marker': _marker(log), 'lw': 1.2}
-        _draw_speed(speed, curve, has_reference=not (is_single or laps))
-        if error:
-            # During the run-up it is too large for the chart.
-            values = np.where(log.distance >= metrics.RUN_UP, log.speed_error, np.nan)
-            error.plot(log.distance, values, color=curve.speed, lw=1.4)
-        grade.step(log.distance, log.theta_deg, color=MUTED if is_single else curve.speed, **steps)
-        command.step(log.distance, log.motor, color=curve.command, **steps)
-    if error:
-        error.axhline(0.0, color=GREY, lw=0.8)
-        error.set_ylabel('Error [m/s]')
-    if is_single:
-        shown = laps.shown if laps else runs[0]
-        _draw_reference(speed, _broken(runs[0]), 'reference', 1.2)
-        _add_details(runs[0], shown, speed, grade, command)
-    if laps and table:
-        draw_table(table, laps.rows, _TABLE_WIDTHS[: len(laps.rows[0])], laps.colors)
-    if is_single and not laps:
-        figure.supxlabel(_caption(logs[0]), x=0.99, ha='right', fontsize=9, color=MUTED)
+        _draw_curve(charts, curve)
+    _draw_references(charts.speed, [curve.log for curve in curves])
+    longest = max(runs, key=lambda run: float(np.ptp(run.distance)))
+    if all(_has_slopes_of(run, longest) for run in runs):
+        _draw_grade(charts.grade, longest, MUTED)
+        _shade(charts.grade, longest)
+    else:
+        for curve in curves:
+            _draw_grade(charts.grade, curve.log, curve.speed)
+    ends = [end for run in runs if _has_error(run) for end in speed_limits(run)]
+    if ends:
+        charts.speed.set_ylim(min(ends), max(ends))
+    if charts.table:
+        rows = [
+            ROW_HEADINGS,
+            *(_row_of(label, log) for label, log in zip(labels, logs, strict=True)),
+        ]
+        colors = {k: curve.speed for k, curve in enumerate(curves, 1)}
+        draw_table(charts.table, rows, _COMPARISON_WIDTHS, colors)
 
-    _name_position(command, *runs)
-    speed.set_ylabel('Speed [m/s]')
-    grades = np.concatenate([log.theta_deg for log in runs])
-    grade.set(ylabel='Grade [°]', ylim=limits(grades, share=0.15, minimum=5.0))
-    commands = np.concatenate([after_run_up(log, log.motor) for log in runs])
-    command.set(ylabel='Command [m/s²]', ylim=limits(commands, share=0.12, minimum=1.0))
-    # The heading's second line and the legend are above the axes, the title is above both.
-    speed.set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
-    speed.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
-    speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.06), ncols=4, borderaxespad=0.0)
-    figure.align_ylabels([axes for axes in (speed, error, grade, command) if axes])
+    _finish(figure, charts, runs)
+    _add_heading(charts.speed, title, settings)
     return figure
 
 
-def _panels(
-    figure: Figure, runs: Sequence[Log], rows: int
-) -> tuple[Axes, Axes | None, Axes, Axes, Axes | None]:
-    """Return the charts of speed, error, grade and command, and a table of so many rows.
+def _run_lines(runs: Sequence[Log], labels: Sequence[str]) -> list[_Line]:
+    """Return the line of each of several runs."""
+    return [
+        _Line(_broken(run), label, color, color, dashes=dashes)
+        for run, label, (color, dashes) in zip(runs, labels, cycle(RUN_LINES), strict=False)
+    ]
 
-    There is no chart of an error that is unknown, and no table without rows.
-    """
-    heights = [4.0, 1.8, 1.4, 1.6] if any(map(_has_error, runs)) else [4.0, 1.4, 1.6]
+
+def _check_tracks(logs: Sequence[Log]) -> None:
+    """Raise UserError unless all runs are on one track; one that is unknown may be any."""
+    if not all(isinstance(log, TrackLog) for log in logs):
+        raise UserError(
+            'runs on a track and on a road have no position in common to be compared at: plot '
+            'them apart'
+        )
+    tracks = [log.track for log in logs if isinstance(log, TrackLog) and log.track]
+    for track in tracks:
+        if track != tracks[0]:
+            raise UserError(
+                f'runs on the tracks {tracks[0].name!r} and {track.name!r} have no position in '
+                'common to be compared at: plot them apart'
+            )
+
+
+def _row_of(label: str, log: Log) -> tuple[str, ...]:
+    """Return the row of a run in the table of a comparison."""
+    lap = metrics.Lap(0, log.t[0], log.t[-1], 0.0, 0.0, metrics.summary(log))
+    name = textwrap.shorten(label, _MAX_NAME, placeholder=' …')
+    return (name, *lap.cells[1:])
+
+
+def _draw_references(axes: Axes, logs: Sequence[Log]) -> None:
+    """Draw the reference of each run; a speed that several runs hold is drawn for the longest."""
+    drawn: set[float] = set()
+    name = 'reference'
+    for log in sorted(logs, key=lambda log: -float(np.nanmax(log.distance))):
+        speeds = set(log.reference[np.isfinite(log.reference)].tolist())
+        if len(speeds) == 1:
+            if speeds <= drawn:
+                continue
+            drawn |= speeds
+        _draw_reference(axes, log, name, 0.8)
+        name = ''
+
+
+def _has_slopes_of(run: Log, other: Log) -> bool:
+    """Return whether a run has the grades of another one, as far as both recorded them."""
+    road = driven_road(other)
+    if road is None or driven_road(run) is None:
+        return False
+    # The states of two runs lie at different places: near an edge either grade may be recorded.
+    margin = max(_longest_step(run), _longest_step(other))
+    within = (run.distance >= other.distance.min()) & (run.distance <= other.distance.max())
+    recorded = within & np.isfinite(run.theta_deg)
+    distance = run.distance[recorded]
+    grades = [road.grade_deg(distance + shift) for shift in (-margin, 0.0, margin)]
+    is_equal = run.theta_deg[recorded] == np.array(grades)
+    return bool(is_equal.any(axis=0).all())
+
+
+def _longest_step(run: Log) -> float:
+    """Return the distance between two states at the highest speed [m]."""
+    period = float(np.median(np.diff(run.t))) if len(run) > 1 else 0.0
+    return period * float(np.nanmax(np.abs(run.speed)))
+
+
+def _add_charts(figure: Figure, runs: Sequence[Log], rows: int) -> _Charts:
+    """Add the charts to an empty figure, and a table of so many rows."""
+    has_error = any(map(_has_error, runs))
+    heights = [4.0, 1.8, 1.4, 1.6] if has_error else [4.0, 1.4, 1.6]
     height = 0.9 + _INCHES * sum(heights)
     count = len(heights)
     if rows:
@@ -212,14 +338,88 @@ def _panels(
         height += _ROW_INCHES * rows + 0.3
     figure.set_size_inches(9.6, height)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
+
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
-    charts = [figure.add_subplot(grid[0])]
-    charts += [figure.add_subplot(grid[k], sharex=charts[0]) for k in range(1, count)]
-    for axes in charts[:-1]:
-        axes.tick_params(labelbottom=False)
-    speed, *error, grade, command = charts
-    table = figure.add_subplot(grid[count]) if rows else None
-    return speed, error[0] if error else None, grade, command, table
+    axes = [figure.add_subplot(grid[0])]
+    axes += [figure.add_subplot(grid[k], sharex=axes[0]) for k in range(1, count)]
+    for upper in axes[:-1]:
+        upper.tick_params(labelbottom=False)
+    return _Charts(
+        speed=axes[0],
+        error=axes[1] if has_error else None,
+        grade=axes[-2],
+        command=axes[-1],
+        table=figure.add_subplot(grid[count]) if rows else None,
+    )
+
+
+def _draw_curve(charts: _Charts, curve: _Line) -> None:
+    """Draw speed, error and command of a run or lap."""
+    log = curve.log
+    _draw_speed(charts.speed, curve)
+    if charts.error:
+        # During the run-up it is too large for the chart.
+        values = np.where(log.distance >= metrics.RUN_UP, log.speed_error, np.nan)
+        charts.error.plot(log.distance, values, color=curve.speed, lw=1.4, ls=curve.dashes)
+    charts.command.step(
+        log.distance,
+        log.motor,
+        where='post',
+        marker=_marker(log),
+        lw=1.2,
+        ls=curve.dashes,
+        color=curve.command,
+    )
+
+
+def _draw_grade(axes: Axes, log: Log, color: str) -> None:
+    """Draw the grade along the road."""
+    axes.step(log.distance, log.theta_deg, where='post', marker=_marker(log), lw=1.2, color=color)
+
+
+def _shade(axes: Axes, log: Log) -> None:
+    """Shade the slopes."""
+    axes.fill_between(log.distance, log.theta_deg, step='post', color=EARTH)
+
+
+def _finish(figure: Figure, charts: _Charts, runs: Sequence[Log]) -> None:
+    """Name and scale the axes."""
+    charts.speed.set_ylabel('Speed [m/s]')
+    if charts.error:
+        charts.error.axhline(0.0, color=GREY, lw=0.8)
+        charts.error.set_ylabel('Error [m/s]')
+    grades = np.concatenate([log.theta_deg for log in runs])
+    charts.grade.set(ylabel='Grade [°]', ylim=limits(grades, share=0.15, minimum=5.0))
+    commands = np.concatenate([after_run_up(log, log.motor) for log in runs])
+    charts.command.set(ylabel='Command [m/s²]', ylim=limits(commands, share=0.12, minimum=1.0))
+    _name_position(charts.command, *runs)
+    named = (charts.speed, charts.error, charts.grade, charts.command)
+    figure.align_ylabels([axes for axes in named if axes])
+
+
+def _add_heading(axes: Axes, title: str, settings: str) -> None:
+    """Add the legend above the axes, and the two lines of the heading above the legend.
+
+    Long labels have fewer columns.
+    """
+    handles, names = axes.get_legend_handles_labels()
+    longest = max(map(len, names))
+    columns = max(min(len(names), _LEGEND_CHARACTERS // (longest + _HANDLE_CHARACTERS)), 1)
+    rows = -(-len(names) // columns)
+    axes.legend(
+        handles,
+        names,
+        loc='lower left',
+        bbox_to_anchor=(0.0, 1.02),
+        ncols=columns,
+        borderaxespad=0.0,
+    )
+    height = 10.0 + _LEGEND_ROW * rows
+    axes.annotate(
+        settings, (0.0, 1.0), (0.0, height), 'axes fraction', 'offset points', color=MUTED
+    )
+    above = height + (18.0 if settings else 0.0)
+    axes.set_title(title, loc='left', pad=above, fontsize=14, fontweight='bold')
 
 
 def _laps_of(run: Log) -> _LapLines | None:
@@ -274,15 +474,48 @@ def run_figure(log: Log, info: Mapping[str, str], title: str, figure: Figure | N
     return speed_figure(log, title=title, settings=settings(info, log), figure=figure)
 
 
+class RecordedRun(NamedTuple):
+    """A run, read from its bag."""
+
+    name: str
+    info: Mapping[str, str]  #: the metadata
+    car: str  #: its namespace
+    log: Log
+
+
+def runs_figure(runs: Sequence[RecordedRun], title: str, figure: Figure | None) -> Figure:
+    """Draw several recorded runs; the heading has what they have in common.
+
+    UserError: they cannot be compared.
+    """
+    of_bags = [bag_settings(run.info, run.car, run.log) for run in runs]
+    labels = labels_of(of_bags, [run.name for run in runs])
+    headings = [_heading(run.info, run.log) for run in runs]
+    common = [
+        text
+        for name, text in headings[0].items()
+        if all(heading.get(name) == text for heading in headings)
+    ]
+    logs = [run.log for run in runs]
+    return comparison_figure(
+        logs, labels, title=title, settings=_SEPARATOR.join(common), figure=figure
+    )
+
+
 def settings(info: Mapping[str, str], log: Log) -> str:
     """Return road or track, and the gains of a run with its metadata, in one line."""
+    return _SEPARATOR.join(_heading(info, log).values())
+
+
+def _heading(info: Mapping[str, str], log: Log) -> dict[str, str]:
+    """Return the texts of `settings`, by name."""
     texts = {
         key: f'{key} {info[key]}'
         for key in ('track' if 'track' in info else 'road', 'lane', *GAINS)
         if key in info
     }
     texts |= changes_of(log)
-    return ' · '.join(textwrap.shorten(text, _SHOWN, placeholder=' …') for text in texts.values())
+    return {name: textwrap.shorten(text, _SHOWN, placeholder=' …') for name, text in texts.items()}
 
 
 @style.context(STYLE)
@@ -343,8 +576,8 @@ def _broken(log: Log) -> Log:
     )
 
 
-def _draw_speed(axes: Axes, curve: _Line, *, has_reference: bool) -> None:
-    """Draw the true speed, and perhaps the reference, which then has no name in the legend."""
+def _draw_speed(axes: Axes, curve: _Line) -> None:
+    """Draw the true speed."""
     log = curve.log
     axes.plot(
         log.distance,
@@ -352,10 +585,9 @@ def _draw_speed(axes: Axes, curve: _Line, *, has_reference: bool) -> None:
         label=curve.name,
         color=curve.speed,
         lw=curve.width,
+        ls=curve.dashes,
         marker=_marker(log),
     )
-    if has_reference:
-        _draw_reference(axes, log, '', 0.8)
 
 
 def _draw_reference(axes: Axes, log: Log, name: str, width: float) -> None:
@@ -370,8 +602,10 @@ def _has_error(log: Log) -> bool:
     return bool(np.isfinite(log.speed_error[log.distance >= metrics.RUN_UP]).any())
 
 
-def _add_details(log: Log, shown: Log, speed: Axes, grade: Axes, command: Axes) -> None:
+def _add_details(log: Log, shown: Log, charts: _Charts) -> None:
     """Add the details of a single run; ground and measured speed are those of the `shown` lap."""
+    speed = charts.speed
+    command = charts.command
     if np.any(shown.e_v_x):
         speed.plot(
             shown.distance, shown.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured', zorder=1.9
@@ -380,7 +614,7 @@ def _add_details(log: Log, shown: Log, speed: Axes, grade: Axes, command: Axes) 
         speed.axhline(0.0, color=GREY, lw=0.8)
     if _has_error(log):
         speed.set_ylim(*speed_limits(log))
-    grade.fill_between(shown.distance, shown.theta_deg, step='post', color=EARTH)
+    _shade(charts.grade, shown)
     if missed := np.count_nonzero(log.missed):
         label = f'{missed} missed deadline' + ('s' if missed > 1 else '')
         marks: dict[str, Any] = {

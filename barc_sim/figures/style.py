@@ -46,6 +46,8 @@ TERM_DASHES = ((0.0, (8.0, 2.0)), (0.0, (2.0, 2.0)), (0.0, (8.0, 2.0, 2.0, 2.0))
 RUN_COLOURS = tuple(
     COLOURS[name].light for name in ('blue', 'vermillion', 'green', 'purple', 'orange', 'sky')
 )
+#: Colour and dashes of each run; more runs than colours have the same colours with other dashes.
+RUN_LINES = tuple((color, dashes) for dashes in ('-', (0.0, (3.0, 1.5))) for color in RUN_COLOURS)
 BLUE = COLOURS['blue'].light
 SKY = COLOURS['sky'].light
 VERMILLION = COLOURS['vermillion'].light

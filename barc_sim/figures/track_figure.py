@@ -23,7 +23,7 @@ from barc_sim.figures.style import (
     GREY,
     INK,
     MUTED,
-    RUN_COLOURS,
+    RUN_LINES,
     STYLE,
     VERMILLION,
     limits,
@@ -57,6 +57,8 @@ _OTHERS: dict[str, Any] = {'color': OTHER, 'lw': 1.0}
 _WIDTHS = (0.25, 0.15, 0.16, 0.17, 0.27)  #: of the table's columns, as shares
 _WIDTHS_WITH_GAINS = (0.13, 0.13, 0.14, 0.14, 0.23, 0.23)
 _MAX_GAINS = 22  #: characters
+_MAX_NAME = 20  #: characters of a run's name in the table
+_LEGEND_CHARACTERS = 60  #: of the names in a row of the legend
 _ARC: dict[str, Any] = {'step': 'post', 'color': EARTH, 'zorder': 0, 'lw': 0.0}
 
 
@@ -147,17 +149,22 @@ def track_figure(
         _draw_laps(below, results[0])
     else:
         curves = [
-            each.curves[-1]._replace(name=name, line={'color': color, 'lw': 1.6})
-            for each, name, color in zip(results, labels, cycle(RUN_COLOURS), strict=False)
+            each.curves[-1]._replace(name=name, line={'color': color, 'lw': 1.6, 'ls': dashes})
+            for each, name, (color, dashes) in zip(results, labels, cycle(RUN_LINES), strict=False)
         ]
-        _draw_bests(below, results, labels)
+        _draw_bests(below, results, curves)
     _draw_map(seen, track, curves)
     _draw_charts(charts, curves, track)
     ends = [end for each in runs for end in speed_limits(each)]
     charts[2].set_ylim(min(ends), max(ends))
     handles = [Line2D([], [], label=curve.name, **curve.line) for curve in curves]
+    longest = max(len(curve.name) for curve in curves)
     charts[0].legend(
-        handles=handles, loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0
+        handles=handles,
+        loc='lower right',
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=max(min(3, _LEGEND_CHARACTERS // longest), 1),
+        borderaxespad=0.0,
     )
     seen.set_title(title, loc='left', pad=24.0, fontsize=14, fontweight='bold')
     seen.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
@@ -185,13 +192,16 @@ def _draw_laps(axes: Axes, result: _TrackRun) -> None:
     draw_table(axes, [headings, *rows], widths, colors)
 
 
-def _draw_bests(axes: Axes, results: Sequence[_TrackRun], labels: Sequence[str]) -> None:
-    """Draw the table of the best laps of several runs."""
+def _draw_bests(axes: Axes, results: Sequence[_TrackRun], curves: Sequence[_Curve]) -> None:
+    """Draw the table of the best laps of several runs, each in the colour of its curve."""
     rows = []
-    for name, each in zip(labels, results, strict=True):
-        shown = name if each.shown.is_finished else f'{name}, not finished'
-        rows.append((shown, *each.shown.cells[1:]))
-    draw_table(axes, [('best lap of', *LAP_HEADINGS[1:]), *rows], _WIDTHS, {})
+    for curve, result in zip(curves, results, strict=True):
+        name = shorten(curve.name, _MAX_NAME, placeholder=' …')
+        if not result.shown.is_finished:
+            name = f'{name}, not finished'
+        rows.append((name, *result.shown.cells[1:]))
+    colors = {k: curve.line['color'] for k, curve in enumerate(curves, 1)}
+    draw_table(axes, [('best lap of', *LAP_HEADINGS[1:]), *rows], _WIDTHS, colors)
 
 
 def _draw_map(axes: Axes, track: Track | None, curves: list[_Curve]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 from command_line import refused
 from made_bags import make
 from matplotlib.figure import Figure
@@ -12,7 +13,7 @@ from matplotlib.text import Text
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
-from barc_sim.figures import style
+from barc_sim.figures import files, style
 from barc_sim.simulation.closed_loop import closed_loop
 
 SIGNATURES = {'png': b'\x89PNG', 'pdf': b'%PDF', 'svg': b'<?xml'}
@@ -59,6 +60,67 @@ def test_the_heading_names_the_bag_its_road_and_its_gains(
     assert barc(['plot', str(directory)]) == 0
     words = {text.get_text() for text in window.findobj(Text)}
     assert {'2026-11-21_12-00-00', 'road lab · kp 30.0'} <= words
+
+
+def saved_words(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> set[str]:
+    """Return the words of the figure that `barc plot` saves."""
+    figures: list[Figure] = []
+    monkeypatch.setattr(files, 'save_figure', lambda _, figure: figures.append(figure))
+    assert barc(['plot', *arguments, '--save', 'runs.png']) == 0
+    (figure,) = figures
+    return {text.get_text() for text in figure.findobj(Text)}
+
+
+def parameters(**controller: object) -> str:
+    nodes = {'/controller': {'ros__parameters': controller}}
+    return yaml.safe_dump(nodes, sort_keys=False)
+
+
+def test_several_runs_are_labelled_by_what_differs_and_headed_by_what_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    log = closed_loop(distance=12.0)
+    of_runs = {
+        'a': {'controller_type': 'pid', 'kp': 5.0, 'ki': 200.0, 'realtime_factor': 1.0},
+        'b': {'controller_type': 'pid', 'kp': 20.0, 'ki': 200.0, 'realtime_factor': 0.0},
+        'c': {'controller_type': 'lqr', 'effort_weight': 1.0},
+        'd': {'controller_type': 'lqr', 'effort_weight': 1.0},
+    }
+    for name, values in of_runs.items():
+        make(Path(name), log, {'road': 'lab', 'parameters': parameters(**values)})
+    words = saved_words(monkeypatch, *of_runs)
+    assert {'pid, kp 5', 'pid, kp 20', 'lqr (c)', 'lqr (d)', '4 runs', 'road lab'} <= words
+    assert not any('realtime' in word or 'weight' in word for word in words)
+    assert {'kp 5', 'kp 20'} <= saved_words(monkeypatch, 'a', 'b')
+
+
+def test_bags_of_one_name_are_told_apart_by_their_paths(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ('one/run', 'two/run', 'two/other'):
+        Path(name).parent.mkdir(exist_ok=True)
+        make(Path(name), closed_loop(distance=12.0), {})
+    words = saved_words(monkeypatch, 'one/run', 'two/run', 'two/other')
+    assert {'one/run', 'two/run', 'other'} <= words
+
+
+@pytest.mark.parametrize(
+    'text', ['[', '- a', '/controller: 3', '/controller: {ros__parameters: 1}']
+)
+def test_a_description_that_cannot_be_read_labels_no_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ('a', 'b'):
+        info = {'parameters': text, 'student_code': text}
+        make(Path(name), closed_loop(distance=12.0), info)
+    assert {'a', 'b'} <= saved_words(monkeypatch, 'a', 'b')
+
+
+def test_the_comparison_of_runs_needs_a_display_or_a_name(directory: Path) -> None:
+    assert 'name a file with --save' in refused('plot', str(directory), str(directory))
 
 
 @pytest.mark.parametrize(

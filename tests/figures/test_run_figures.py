@@ -19,10 +19,17 @@ from matplotlib.text import Text
 from barc_sim.control.driver import DriverInput
 from barc_sim.errors import UserError
 from barc_sim.figures.files import save
-from barc_sim.figures.run_figures import drive_figure, plot, run_figure, speed_figure
+from barc_sim.figures.run_figures import (
+    comparison_figure,
+    drive_figure,
+    plot,
+    run_figure,
+    speed_figure,
+)
 from barc_sim.figures.views import frames, view_of
-from barc_sim.simulation.closed_loop import closed_loop, simulate
+from barc_sim.simulation.closed_loop import closed_loop, lap, simulate
 from barc_sim.simulation.log import COLUMNS
+from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.plant import NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
 
@@ -174,6 +181,10 @@ def test_the_caption_has_the_error_after_the_run_up_and_of_the_whole_run(log: Lo
 )
 def test_no_words_overlap_or_leave_the_figure(log: Log, change: Callable[[Log], Log]) -> None:
     figure = speed_figure(change(log), title='2026-11-21_12-00-00', settings='road lab')
+    assert_words_are_apart(figure)
+
+
+def assert_words_are_apart(figure: Figure) -> None:
     FigureCanvasAgg(figure).draw()
     words = [*figure.texts]
     for axes in figure.axes:
@@ -190,6 +201,13 @@ def test_no_words_overlap_or_leave_the_figure(log: Log, change: Callable[[Log], 
         assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1
         assert figure.bbox.y0 <= box.y0 <= box.y1 <= figure.bbox.y1
         assert not any(box.overlaps(other) for other in boxes[:i])
+
+
+def test_no_words_of_a_comparison_overlap_or_leave_the_figure(log: Log) -> None:
+    labels = ['kp 30', 'stanley, noise_v_x 0.05, sensor_delay 0.04, servo_delay 0.06', 'lqr']
+    logs = [log, simulate(kp=5.0), simulate(road='flat')]
+    figure = comparison_figure(logs, labels, title='3 runs', settings='road lab')
+    assert_words_are_apart(figure)
 
 
 def test_a_users_own_style_changes_nothing(log: Log) -> None:
@@ -290,15 +308,75 @@ def test_reset_to_the_start_breaks_the_lines() -> None:
 
 
 def test_several_runs_have_a_line_each_in_one_figure(log: Log) -> None:
-    slower = log.map(lambda column: column[:500])
-    assert len(plot(log, slower, labels=['a', 'a']).axes[0].get_lines()) == 4
-    figure = plot(log, slower, labels=['all'])
-    speed, *others = figure.axes
-    assert [line.get_label() for line in speed.get_lines()[::2]] == ['all', 'run 2']
-    for axes in others:
-        assert [len(line.get_xdata()) for line in axes.get_lines()][:1] == [len(log)]
-    colours = {line.get_color() for line in speed.get_lines()[::2]}
-    assert len(colours) == 2
+    shorter = log.map(lambda column: column[:500])
+    figure = plot(shorter, log, labels=['part'])
+    speed, error, grade, command, _ = figure.axes
+    for axes in (speed, error, command):
+        one, other, *_ = axes.get_lines()
+        assert (len(one.get_xdata()), len(other.get_xdata())) == (500, len(log))
+        assert one.get_color() != other.get_color()
+    # The speed to hold and the slopes are those of both: they are drawn once.
+    assert [len(line) for line in lines(speed).values()] == [500, len(log), len(log)]
+    assert [*lines(speed)] == ['part', 'run 2', 'reference']
+    assert [len(line.get_xdata()) for line in grade.get_lines()] == [len(log)]
+    assert len(grade.collections) == 1
+    low, high = speed.get_ylim()
+    assert 7.0 < low < log.speed[log.distance > 10.0].min()
+    assert log.speed.max() < high < 9.0
+
+
+def test_each_of_several_runs_has_a_row_of_errors(log: Log) -> None:
+    other = simulate(kp=5.0)
+    (table,) = plot(log, other).axes[-1].tables
+    words = {cell.get_text().get_text() for cell in table.get_celld().values()}
+    assert {'run 1', 'run 2', 'overshoot'} <= words
+    for each in (log, other):
+        assert f'{summary(each).rms_error_after_run_up:.3f} m/s' in words
+
+
+def test_slopes_that_differ_have_a_line_for_each_run(log: Log) -> None:
+    grade = plot(log, simulate(road='flat'), simulate(kp=5.0)).axes[2]
+    assert len(grade.get_lines()) == 3
+    assert not grade.collections
+
+
+def test_slopes_are_alike_wherever_the_states_of_two_runs_lie(log: Log) -> None:
+    others = [simulate(speed_reference=5.0), simulate(ts=0.03), simulate(distance=50.0)]
+    grade = plot(log, *others).axes[2]
+    assert len(grade.get_lines()) == len(grade.collections) == 1
+
+
+def test_more_runs_than_colours_differ_by_their_dashes(log: Log) -> None:
+    short = log.map(lambda column: column[:100])
+    speed = plot(*[short] * 8).axes[0]
+    styles = {(line.get_color(), line.get_linestyle()) for line in speed.get_lines()[:8]}
+    assert len(styles) == 8
+
+
+def test_recorded_runs_are_labelled_by_what_differs() -> None:
+    logs = []
+    for kp, noise in ((5.0, 0.0), (20.0, 0.0), (20.0, 0.1)):
+        log = simulate(kp=kp, noise=noise, distance=20.0)
+        values = {'controller.kp': kp, 'controller.ki': 200.0, 'vehicle_simulator.noise_v_x': noise}
+        parameters = {name: np.full(len(log), value) for name, value in values.items()}
+        logs.append(replace(log, parameters=parameters))
+    assert [*lines(plot(*logs).axes[0])][:3] == ['kp 5', 'kp 20', 'kp 20, noise_v_x 0.1']
+    assert [*lines(plot(*logs, labels=['a']).axes[0])][:2] == ['a', 'kp 20']
+
+
+@pytest.mark.parametrize(
+    ('others', 'sentence'),
+    [
+        ([simulate(distance=5.0)], 'runs on a track and on a road have no position in common'),
+        (
+            [lap(track='L', laps=1, speed=9.0)],
+            "runs on the tracks 'oval' and 'L' have no position in common",
+        ),
+    ],
+)
+def test_runs_on_different_courses_cannot_be_compared(others: list[Log], sentence: str) -> None:
+    with pytest.raises(UserError, match=f'^{sentence} .*: plot them apart$'):
+        plot(lap(track='oval', laps=1), *others)
 
 
 def test_a_plot_goes_into_axes_that_are_given(log: Log) -> None:
