@@ -47,11 +47,24 @@ _KEY_READERS = {
 _INPUTS = {'sys.stdin', 'input()', 'raw_input()'}
 
 
+class Called(NamedTuple):
+    """The signature of a user's function, class or method that barc_sim calls."""
+
+    part: str  #: its file, see `FILES`
+    takes: str | None  #: the names of its arguments; None: any
+    numbers: int = 0  #: how many numbers it returns; 0: any object
+    returns: str = 'an object'  #: what it returns, in words
+    method: str = ''  #: of a class: the method that is called
+    is_timed: bool = False  #: whether it may also take the time step `dt`
+    is_main: bool = False  #: whether its file must define it, or another main one
+
+
 class Handout(NamedTuple):
     """The templates of a lab, and the files that a student hands in."""
 
-    folder: str  #: of its templates
+    folder: str  #: of its templates, and the name of its module in `labs`
     files: Mapping[str, str]  #: the files that are loaded and judged, by part
+    called: Mapping[str, Called]  #: the functions, classes and methods of these files, by name
     rubric: str  #: the name of its rubric
     drive: str  #: the command that drives with a folder, without the folder's name
     others: tuple[str, ...] = ()  #: more files to write
@@ -68,28 +81,81 @@ class Handout(NamedTuple):
         return {name: (folder / name).read_bytes() for name in names}
 
 
+_STATE = 'four finite numbers, [x_next, y_next, psi_next, v_next]'
 HILLS = Handout(
     folder='hills',
     files={'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'},
+    called={
+        'bikeFE': Called('model', 'x y psi v a d_f a0 m Ff theta ts', 4, _STATE, is_main=True),
+        'PID': Called('controller', 'kp ki kd', method='acc_calculate', is_main=True),
+        'acc_calculate': Called(
+            'controller',
+            'speed_reference speed_current',
+            1,
+            'a finite number, the acceleration [m/s²]',
+            is_timed=True,
+        ),
+        'Relay': Called('relay', '', method='relay', is_main=True),
+        'relay': Called(
+            'relay',
+            'linear_x angular_z',
+            2,
+            'two finite numbers, [motor, servo]',
+            is_timed=True,
+            is_main=True,
+        ),
+    },
     rubric='lab',
     drive='acc --lab',
     others=(COMPOSE,),
 )
+_ERRORS = 'two finite numbers, [e_y, e_psi]'
 LANE = Handout(
     folder='lane',
     files={'lane': 'lane.py'},
+    called={
+        'Lane': Called('lane', None, method='steer_calculate', is_main=True),
+        'steer_calculate': Called(
+            'lane', 'e_y e_psi speed curvature', 1, 'a finite number, the steering angle [rad]'
+        ),
+        'straight_errors': Called('lane', 'x y psi x_0 y_0 psi_0', 2, _ERRORS),
+        'arc_errors': Called('lane', 'x y psi x_c y_c radius', 2, _ERRORS),
+        'steady': Called('lane', 'curvature', 2, 'two finite numbers, [delta, e_psi]'),
+    },
     rubric='lane',
     drive='acc --track L --speed 6 --laps 3 --dynamics dynamic --lab',
 )
+POINTS = 120  #: of a track, in `raceline.py`
+_MODEL = 'six finite numbers, [a11, a12, a21, a22, b1, b2]'
+_PROGRAM = '110 finite numbers, np.append(H, g)'
 RACELINE = Handout(
     folder='raceline',
     files={'raceline': 'raceline.py'},
+    called={
+        'profile': Called('raceline', 'curvatures step', POINTS, f'{POINTS} finite speeds [m/s]'),
+        'line': Called(
+            'raceline',
+            'x y psi half',
+            POINTS,
+            f'{POINTS} finite numbers, offsets [m]',
+            is_main=True,
+        ),
+        'predict': Called('raceline', 'speed', 6, _MODEL),
+        'program': Called('raceline', 'e_y e_psi speed', 110, _PROGRAM),
+    },
     rubric='raceline',
     drive='acc --track L --speed-profile 3.5 2 --speed 12 --laps 3 --dynamics dynamic --lab',
 )
+_ESTIMATE = 'six finite numbers, [drag, …, delay_interval]'
 IDENTIFY = Handout(
     folder='identify',
     files={'identify': 'identify.py'},
+    called={
+        'command': Called(
+            'identify', 't', 1, 'a finite number, the acceleration [m/s²]', is_main=True
+        ),
+        'estimate': Called('identify', 't v a', 6, _ESTIMATE),
+    },
     rubric='identify',
     drive='acc --road flat --distance 0 --lab',
 )
@@ -98,6 +164,14 @@ HANDOUTS = {'hills': HILLS, '3': LANE, '4': RACELINE, '5': IDENTIFY}
 #: The file of each part of any lab.
 FILES = {part: name for each in HANDOUTS.values() for part, name in each.files.items()}
 RUBRICS = tuple(each.rubric for each in HANDOUTS.values())
+#: The functions, classes and methods of user files that barc_sim calls, of any lab or of a policy.
+CALLED = {name: called for each in HANDOUTS.values() for name, called in each.called.items()}
+CALLED['policy'] = Called('policy', 'observation', returns='a list of actions', is_main=True)
+
+
+def main_names(part: str) -> list[str]:
+    """Return the names to look for in the file of a part; the first one that it has is used."""
+    return [name for name, called in CALLED.items() if called.part == part and called.is_main]
 
 
 def handout_of(parts: Collection[str]) -> Handout:

@@ -19,9 +19,8 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import JudgedCode, Limits
-from barc_sim.lab.files import NEEDS_PYTHON
+from barc_sim.lab.files import CALLED, NEEDS_PYTHON
 from barc_sim.lab.law import Mistake
-from barc_sim.lab.user_code.code import CALLED
 from barc_sim.lab.user_code.folder import BY_EYE
 
 if TYPE_CHECKING:

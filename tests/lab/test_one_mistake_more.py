@@ -21,9 +21,10 @@ import test_wrong_lines as lines
 import test_wrong_programs as programs
 from user_files import IDENTIFY, LANE, PLAIN_CONTROLLER, RACELINE, LocalCode, Program
 
+from barc_sim.lab.files import CALLED
 from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs import hills, identify, lane, raceline
-from barc_sim.lab.user_code.code import CALLED, UserCode
+from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

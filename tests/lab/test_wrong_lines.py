@@ -20,10 +20,11 @@ from user_files import LocalCode, points_of, read_programs, replaced
 
 from barc_sim.control.lane import speed_profile
 from barc_sim.errors import UserError
+from barc_sim.lab.files import POINTS
 from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs.raceline import LAW
 from barc_sim.lab.user_code.adapters import line_along
-from barc_sim.lab.user_code.code import POINTS, UserCode
+from barc_sim.lab.user_code.code import UserCode
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:

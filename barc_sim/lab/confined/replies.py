@@ -12,7 +12,8 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, Protocol
 
 from barc_sim.lab.confined.child import MAX_TEXT
-from barc_sim.lab.user_code.code import CALLED, MAX_LINES, MAX_NAME, MAX_PLACE
+from barc_sim.lab.files import CALLED
+from barc_sim.lab.user_code.code import MAX_LINES, MAX_NAME, MAX_PLACE
 from barc_sim.lab.user_code.folder import MAX_COMMANDS, MAX_PHRASES, Command
 
 if TYPE_CHECKING:

@@ -24,12 +24,9 @@ from barc_sim.cli.text import one_line
 from barc_sim.cli.yaml_files import read_yaml
 from barc_sim.errors import UserError, escaped
 from barc_sim.figures.files import save
-from barc_sim.lab.files import BY_HAND, RUBRICS, names_of
+from barc_sim.lab.files import BY_HAND, HANDOUTS, RUBRICS, names_of
 from barc_sim.lab.judge import Settings, Thresholds
-from barc_sim.lab.labs.hills import HILLS
-from barc_sim.lab.labs.identify import IDENTIFY
-from barc_sim.lab.labs.lane import LANE
-from barc_sim.lab.labs.raceline import RACELINE
+from barc_sim.lab.labs import lab_of
 from barc_sim.lab.pages import data_url, render
 
 if TYPE_CHECKING:
@@ -46,7 +43,7 @@ _HEAD = """\
 # Points that you enter replace the computed ones: 4.5, or 4.5 and a comment.
 """
 _T = TypeVar('_T')
-_LABS = (HILLS, LANE, RACELINE, IDENTIFY)
+_LABS = tuple(map(lab_of, HANDOUTS.values()))
 #: Every criterion, with its name for readers, in the order of a report.
 LABELS = {name: label for lab in _LABS for name, label in lab.labels.items()}
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')

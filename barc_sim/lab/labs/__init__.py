@@ -1,1 +1,21 @@
-"""Each lab: its right results, its common mistakes, and how both are judged."""
+"""Each lab: its right results, its common mistakes, and how both are judged.
+
+A lab is a module with the name of its templates' folder. It has a `Lab` of this name in capitals,
+such as `lane.LANE`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from barc_sim.lab.files import Handout
+    from barc_sim.lab.judge import Lab
+
+
+def lab_of(handout: Handout) -> Lab:
+    """Return the lab that judges what a handout asks for."""
+    module = import_module(f'{__name__}.{handout.folder}')
+    lab: Lab = getattr(module, handout.folder.upper())
+    return lab

@@ -17,11 +17,11 @@ from barc_sim.control.lane import LaneLQR, speed_profile
 from barc_sim.control.planning import bending, lap_time, racing_line, solver
 from barc_sim.errors import UserError
 from barc_sim.lab import files
+from barc_sim.lab.files import POINTS
 from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, share
 from barc_sim.lab.labs.lane import hidden_track
 from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.adapters import line_along, line_arguments
-from barc_sim.lab.user_code.code import POINTS
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.vehicle.bike_model import L_F, L_R
 from barc_sim.vehicle.track import Track

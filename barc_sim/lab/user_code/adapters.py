@@ -15,7 +15,8 @@ from barc_sim.control.planning import line_beside
 from barc_sim.control.speed import KD, KI, KP, PID, Adapter, Gain, SpeedAdapter
 from barc_sim.errors import UserError
 from barc_sim.interfaces.records import Command
-from barc_sim.lab.user_code.code import POINTS, UserCode, gains_of
+from barc_sim.lab.files import POINTS
+from barc_sim.lab.user_code.code import UserCode, gains_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

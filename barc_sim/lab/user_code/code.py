@@ -22,6 +22,7 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.files import (
+    CALLED,
     FILES,
     GAINS,
     ChosenGains,
@@ -29,6 +30,7 @@ from barc_sim.lab.files import (
     UserCodeError,
     find_gains,
     key_reader,
+    main_names,
     ros_of_program,
 )
 from barc_sim.lab.user_code.folder import (
@@ -37,7 +39,6 @@ from barc_sim.lab.user_code.folder import (
     MAX_PHRASES,
     SECOND,
     Budget,
-    Called,
     Command,
     Folder,
     OutOfTime,
@@ -66,55 +67,6 @@ MAX_NAME = 200  #: characters of the `NAME` in `identify.py`
 #: [s] Time budget to load a file: it might import SciPy.
 _LOADING = 20.0
 _PERIOD = SECOND // 50  #: [ns] between two calls of an object that is judged
-
-
-_ERRORS = 'two finite numbers, [e_y, e_psi]'
-POINTS = 120  #: of a track, in `raceline.py`
-#: The functions, classes and methods of user files that barc_sim calls.
-CALLED = {
-    'bikeFE': Called(
-        'model',
-        'x y psi v a d_f a0 m Ff theta ts',
-        4,
-        'four finite numbers, [x_next, y_next, psi_next, v_next]',
-    ),
-    'PID': Called('controller', 'kp ki kd', method='acc_calculate'),
-    'acc_calculate': Called(
-        'controller',
-        'speed_reference speed_current',
-        1,
-        'a finite number, the acceleration [m/s²]',
-        timed=True,
-    ),
-    'Relay': Called('relay', '', method='relay'),
-    'relay': Called(
-        'relay', 'linear_x angular_z', 2, 'two finite numbers, [motor, servo]', timed=True
-    ),
-    'Lane': Called('lane', None, method='steer_calculate'),
-    'steer_calculate': Called(
-        'lane', 'e_y e_psi speed curvature', 1, 'a finite number, the steering angle [rad]'
-    ),
-    'straight_errors': Called('lane', 'x y psi x_0 y_0 psi_0', 2, _ERRORS),
-    'arc_errors': Called('lane', 'x y psi x_c y_c radius', 2, _ERRORS),
-    'steady': Called('lane', 'curvature', 2, 'two finite numbers, [delta, e_psi]'),
-    'policy': Called('policy', 'observation', returns='a list of actions'),
-    'profile': Called('raceline', 'curvatures step', POINTS, f'{POINTS} finite speeds [m/s]'),
-    'line': Called('raceline', 'x y psi half', POINTS, f'{POINTS} finite numbers, offsets [m]'),
-    'predict': Called('raceline', 'speed', 6, 'six finite numbers, [a11, a12, a21, a22, b1, b2]'),
-    'program': Called('raceline', 'e_y e_psi speed', 110, '110 finite numbers, np.append(H, g)'),
-    'command': Called('identify', 't', 1, 'a finite number, the acceleration [m/s²]'),
-    'estimate': Called('identify', 't v a', 6, 'six finite numbers, [drag, …, delay_interval]'),
-}
-#: The names to look for in the file of each part; the first one that it defines is used.
-_MAIN = {
-    'model': ['bikeFE'],
-    'controller': ['PID'],
-    'relay': ['Relay', 'relay'],
-    'lane': ['Lane'],
-    'identify': ['command'],
-    'raceline': ['line'],
-    'policy': ['policy'],
-}
 
 
 class UserCode:
@@ -181,7 +133,7 @@ class UserCode:
     def _part(self, part: str) -> Any:  # noqa: ANN401 (see `_loaded`)
         if part in self.paths and part not in self._loaded:
             program = self._program() if part == 'relay' else None
-            self._loaded[part] = program or self.function(*_MAIN[part])
+            self._loaded[part] = program or self.function(*main_names(part))
         return self._loaded.get(part)
 
     def _program(self) -> RelayProgram | None:
@@ -249,7 +201,7 @@ class UserCode:
 
     def new(self, part: str, *args: float, fresh: bool = False, **options: float) -> UserObject:
         """Return a new object of the class of a part; for `fresh` see `function`."""
-        new = self.function(*_MAIN[part], fresh=True) if fresh else self._part(part)
+        new = self.function(*main_names(part), fresh=True) if fresh else self._part(part)
         name = new.called.method
         instance = new(*args, **options)
         method = guarded(getattr, instance, name, default=None)

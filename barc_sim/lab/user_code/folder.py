@@ -29,7 +29,15 @@ from types import ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 from barc_sim.cli.text import one_line, without_addresses
-from barc_sim.lab.files import FILES, Source, UserCodeError, compiled, guarded_imports, read
+from barc_sim.lab.files import (
+    FILES,
+    Called,
+    Source,
+    UserCodeError,
+    compiled,
+    guarded_imports,
+    read,
+)
 from barc_sim.lab.user_code.numpy_names import NumPy
 
 if TYPE_CHECKING:
@@ -441,17 +449,6 @@ def short_repr(value: object) -> str:
     return one_line(without_addresses(text), _SHOWN)
 
 
-class Called(NamedTuple):
-    """The signature of a user's function, class or method that barc_sim calls."""
-
-    part: str  #: its file, see `FILES`
-    takes: str | None  #: the names of its arguments; None: any
-    numbers: int = 0  #: how many numbers it returns; 0: any object
-    returns: str = 'an object'  #: what it returns, in words
-    method: str = ''  #: of a class: the method that is called
-    timed: bool = False  #: whether it may also take the time step `dt`
-
-
 class UserFunction:
     """A user's function, method or class, called with those options that it takes.
 
@@ -470,7 +467,7 @@ class UserFunction:
         self._takes_all = Parameter.VAR_KEYWORD in kinds
         self._positions = {name: position for position, name in enumerate(self.parameters)}
         takes = self.parameters if called.takes is None else called.takes.split()
-        is_timed = called.timed and _binds(found, len(takes), dt=0.0)
+        is_timed = called.is_timed and _binds(found, len(takes), dt=0.0)
         is_named = called.method and _binds(found, 0, **dict.fromkeys(takes, 0.0))
         if not (is_timed or is_named or _binds(found, len(takes))):
             hint = '' if self._has_self() else ': is self missing as its first argument?'
