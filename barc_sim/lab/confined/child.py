@@ -39,8 +39,13 @@ if TYPE_CHECKING:
 
 MAX_TEXT = 4000  #: characters of an error; a longer one is cut
 NO_PIPES = 97  #: exit code of a process whose pipes have been closed
-_SET_PDEATHSIG, _SET_DUMPABLE, _SET_SECCOMP, _SET_NO_NEW_PRIVS = 1, 4, 22, 38
-_MODE_FILTER, _RESTRICT_SELF = 2, 446
+# Options of prctl, the mode of a filter, and the system call of Landlock.
+_SET_PDEATHSIG = 1
+_SET_DUMPABLE = 4
+_SET_SECCOMP = 22
+_SET_NO_NEW_PRIVS = 38
+_MODE_FILTER = 2
+_RESTRICT_SELF = 446
 _INSTRUCTION = 8  # bytes of a seccomp program
 
 
@@ -59,13 +64,12 @@ def _handler(seconds: float) -> Callable[..., Any]:
         from barc_sim.lab.user_code import relay_program  # noqa: PLC0415
 
         relay_program.prepare()
-    import numpy as np  # noqa: PLC0415
 
-    # A generator without a seed would give the same file other points.
-    new_generator = np.random.default_rng
-    np.random.default_rng = lambda seed=None: new_generator(0 if seed is None else seed)
+    _seed_generators()
+
     code = UserCode(files, budget=None)
     code.drop_writes()  # so that `check`, which is not confined, writes nothing either
+
     has_alarms = hasattr(signal, 'setitimer')  # not on Windows: the grader ends the process
 
     def set_alarm(seconds: float) -> None:
@@ -90,6 +94,18 @@ def _handler(seconds: float) -> Callable[..., Any]:
     return handle
 
 
+def _seed_generators() -> None:
+    """Seed NumPy's generators without a seed: with them, the same file would get other points."""
+    import numpy as np  # noqa: PLC0415
+
+    new_generator = np.random.default_rng
+
+    def seeded(seed: Any = None) -> np.random.Generator:  # noqa: ANN401 (as NumPy's)
+        return new_generator(0 if seed is None else seed)
+
+    np.random.default_rng = seeded
+
+
 def _forget_packages(path: list[str]) -> None:
     """Prevent further imports of barc_sim's modules, and of packages installed beside it."""
     sys.path[:] = path
@@ -110,13 +126,15 @@ def _limit(memory: int, parent: int) -> None:
     if os.getppid() != parent:
         os._exit(1)  # the parent ended before prctl
     _called('prctl', _SET_DUMPABLE, 0, 0, 0, 0)
-    for kind, amount in (
-        (resource.RLIMIT_AS, memory),
-        (resource.RLIMIT_FSIZE, 0),
-        (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_NOFILE, 64),
-        (resource.RLIMIT_NPROC, 0),
-    ):
+
+    limits = {
+        resource.RLIMIT_AS: memory,
+        resource.RLIMIT_FSIZE: 0,
+        resource.RLIMIT_CORE: 0,
+        resource.RLIMIT_NOFILE: 64,
+        resource.RLIMIT_NPROC: 0,
+    }
+    for kind, amount in limits.items():
         # An existing hard limit that is lower stays.
         hard = resource.getrlimit(kind)[1]
         lower = amount if hard == resource.RLIM_INFINITY else min(amount, hard)
@@ -128,6 +146,7 @@ def _confine(ruleset: int, program: bytes) -> None:
     _called('prctl', _SET_NO_NEW_PRIVS, 1, 0, 0, 0)
     _landlock(_RESTRICT_SELF, ruleset, 0)
     os.close(ruleset)
+
     buffer = ctypes.create_string_buffer(program, len(program))
     filter_program = _FilterProgram(len(program) // _INSTRUCTION, ctypes.addressof(buffer))
     _called('prctl', _SET_SECCOMP, _MODE_FILTER, ctypes.addressof(filter_program), 0, 0)
@@ -156,10 +175,13 @@ def _called(function: str, number: int, *arguments: bytes | int | None) -> int:
 
 
 # Landlock. Its calls have the same numbers on all architectures.
-_CREATE_RULESET, _ADD_RULE = 444, 445
+_CREATE_RULESET = 444
+_ADD_RULE = 445
 _VERSION = 1
 _PATH_BENEATH = 1
-_WRITE_FILE, _READ_FILE, _READ_DIR = 1 << 1, 1 << 2, 1 << 3
+_WRITE_FILE = 1 << 1
+_READ_FILE = 1 << 2
+_READ_DIR = 1 << 3
 # The rights that each version can refuse: on files, on TCP, and (scopes) on signals and sockets.
 _FILES = {1: 0x1FFF, 2: 0x3FFF, 3: 0x7FFF, 4: 0x7FFF, 5: 0xFFFF}
 _TCP = 0b11
@@ -238,8 +260,15 @@ def _shared_libraries() -> list[Path]:
 _KILL_PROCESS = 0x80000000
 _ERRNO = 0x00050000
 _ALLOW = 0x7FFF0000
-_LOAD, _JUMP_IF_EQUAL, _RETURN, _AND = 0x20, 0x15, 0x06, 0x54
-_NUMBER, _ARCHITECTURE, _ARGUMENTS = 0, 4, 16  # offsets in struct seccomp_data
+# Instructions.
+_LOAD = 0x20
+_JUMP_IF_EQUAL = 0x15
+_RETURN = 0x06
+_AND = 0x54
+# Offsets in struct seccomp_data.
+_NUMBER = 0
+_ARCHITECTURE = 4
+_ARGUMENTS = 16
 # Before Linux 6.2, Landlock lets O_TRUNC empty a readable file that is not opened for writing.
 _NO_MODE = O_WRONLY | O_RDWR  # neither reading nor writing; also the mask of the access modes
 _EMPTYING = (O_RDONLY | O_TRUNC, _NO_MODE | O_TRUNC)
@@ -266,7 +295,8 @@ def call_numbers(machine: str, calls: Iterable[str]) -> dict[str, int]:
     """Return the numbers of these system calls on a machine, without those that it lacks."""
     from system_calls import NotSupportedSystemCall, syscalls  # noqa: PLC0415 (no site-packages yet)
 
-    tables, numbers = syscalls(), {}
+    tables = syscalls()
+    numbers = {}
     for call in calls:
         with suppress(NotSupportedSystemCall):
             numbers[call] = int(tables.get(call, MACHINES[machine][0]))
@@ -339,8 +369,9 @@ def _answer(handler: Callable[..., Any], serial: int, do: str, arguments: list[A
 def _text(error: BaseException) -> str:
     try:
         # Errors of barc_sim are whole sentences; for other exceptions the type is added.
-        own = type(error).__module__.startswith('barc_sim.')
-        return (str(error) if own else f'{type(error).__name__}: {error}')[:MAX_TEXT]
+        is_sentence = type(error).__module__.startswith('barc_sim.')
+        text = str(error) if is_sentence else f'{type(error).__name__}: {error}'
+        return text[:MAX_TEXT]
     except BaseException:  # noqa: BLE001 (str() can run the submission's code)
         return 'an exception that cannot be printed'
 
@@ -358,22 +389,28 @@ def _serve(handler: Callable[..., Any], requests: int, replies: int) -> None:
 def _main() -> None:
     start = json.loads(sys.argv.pop())
     sys.path.pop(0)  # the script's own folder
+
     # So that a submission cannot read requests or print replies by stdin and stdout.
-    requests, replies = os.dup(0), os.dup(1)
+    requests = os.dup(0)
+    replies = os.dup(1)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
     os.dup2(2, 1)
+
     try:
         path = [*sys.path]
         sys.path += start['packages']
         import numpy  # noqa: ICN001, PLC0415 (the only package that a submission may import)
 
         handler = _handler(start['call'])
-        ruleset, program = 0, b''
+        ruleset = 0
+        program = b''
         if start['landlock']:
             package = Path(numpy.__file__).resolve().parent
-            ruleset, program = _ruleset(Path(), package, start['landlock']), call_filter()
+            ruleset = _ruleset(Path(), package, start['landlock'])
+            program = call_filter()
+
         _forget_packages(path)
         if sys.platform == 'linux':
             _limit(start['memory'], start['parent'])
@@ -382,6 +419,7 @@ def _main() -> None:
     except Exception as error:  # noqa: BLE001 (the grader prints it)
         os.write(replies, json.dumps({'serial': 0, 'error': _text(error)}).encode() + b'\n')
         sys.exit(1)
+
     try:
         _serve(handler, requests, replies)
     except (OSError, ValueError):

@@ -79,12 +79,17 @@ class Process:
         """Start it, and wait until it is confined; raise `Unconfined` if that fails."""
         self._limits = limits
         self._serial = 0
-        self._deadline, self._is_late = inf, False
+        self._deadline = inf
+        self._is_late = False
         #: The first bytes of the output, with one byte more than the limit if there are more.
         self.printed = b''
+
         self._process = _start(folder, limits)
         pipes: Any = self._process  # mypy: its pipes are not None
-        self._requests, self._replies, self._output = pipes.stdin, pipes.stdout, pipes.stderr
+        self._requests = pipes.stdin
+        self._replies = pipes.stdout
+        self._output = pipes.stderr
+
         self._printing = threading.Thread(target=self._keep_output, daemon=True)
         self._printing.start()
         threading.Thread(target=self._watch, daemon=True).start()
@@ -112,8 +117,10 @@ class Process:
         self._process.wait()
         self._printing.join(1.0)
         # A child process can hold the other end of the output: closing would block.
-        is_open = self._printing.is_alive()
-        for stream in (self._requests, self._replies, *(() if is_open else (self._output,))):
+        streams = [self._requests, self._replies]
+        if not self._printing.is_alive():
+            streams.append(self._output)
+        for stream in streams:
             with suppress(OSError):
                 stream.close()
 
@@ -154,6 +161,7 @@ class Process:
             raise
         finally:
             self._deadline = inf
+
         try:
             result, error = parsed(line, self._serial)
         except ValueError:
@@ -172,6 +180,7 @@ class Process:
                 self._process.wait(_LAST_WORDS)
         code = self._process.poll()
         self.close()
+
         if self._is_late:
             waited = f'{self._limits.wait:g} s: does the code sleep, or loop without end?'
             return f'was ended, because it did not answer within {waited}'
@@ -187,12 +196,14 @@ def _start(folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
     environment = dict(_ENVIRONMENT)
     if 'SYSTEMROOT' in os.environ:  # Windows starts no process without it
         environment['SYSTEMROOT'] = os.environ['SYSTEMROOT']
+
     try:
         version = abi() if limits.confined else 0
     except OSError as error:
         raise Unconfined(error.strerror or str(error)) from None
-    needed: list[Any] = [find_spec(name) for name in ('numpy', 'rosbags', 'system_calls')]
-    folders = [Path(each.submodule_search_locations[0]).resolve().parent for each in needed]
+
+    specs: list[Any] = [find_spec(name) for name in ('numpy', 'rosbags', 'system_calls')]
+    folders = [Path(spec.submodule_search_locations[0]).resolve().parent for spec in specs]
     arguments = {
         'landlock': version,
         'parent': os.getpid(),
@@ -226,7 +237,8 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
 
     def __init__(self, folder: Path, limits: Limits = _USUAL) -> None:
         """Use the files in `folder`; the process starts at the first call."""
-        self._folder, self._limits = folder, limits
+        self._folder = folder
+        self._limits = limits
         self._process: Process | None = None
         self._left = limits.total
         self._ends: defaultdict[str, list[str]] = defaultdict(list)  # the reasons, by function
@@ -246,10 +258,11 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
 
         For `corrected` see `UserCode.functions`.
         """
+        size = max(len(rows) // _REQUESTS, 1)
         results: list[Any] = []
-        while left := rows[len(results) :]:
-            some = left[: max(len(rows) // _REQUESTS, 1)]
-            results += map(tuple, self.call('functions', name, some, False, corrected))
+        while len(results) < len(rows):
+            part = rows[len(results) :][:size]
+            results += map(tuple, self.call('functions', name, part, False, corrected))
         return results
 
     def make(self, name: str, *arguments: Any) -> int:  # noqa: ANN401 (JSON)
@@ -268,9 +281,10 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
 
     def chosen_gains(self) -> ChosenGains | None:
         """Return the gains that `controller.py` chooses; None if it is not loaded or has none."""
-        if found := self._notes().get('gains'):
-            kp, ki, kd, origin = found
-            self._gains = ChosenGains(kp, ki, kd, one_line(origin))  # kept: the process may end
+        reply = self._notes().get('gains')
+        if reply:
+            gains = ChosenGains(*reply)
+            self._gains = gains._replace(origin=one_line(gains.origin))  # the process may end
         return self._gains
 
     def tolerated(self) -> tuple[str, ...]:
@@ -289,10 +303,14 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
             lines = self.call('lines', do, *arguments)
         except UserCodeError:
             return ''
+
         usual = np.array([0.0, 1.0, *others])
         wrong = np.array([v for v in values if not np.isclose(v, usual, 1e-12, 0.0).any()])
-        near = (at for at, value in lines if np.isclose(value, wrong, 1e-9, 0.0).any())
-        return one_line(next(near, lines[-1][0] if lines else ''))
+        for place, value in lines:
+            if np.isclose(value, wrong, 1e-9, 0.0).any():
+                return one_line(place)
+        last_place = lines[-1][0] if lines else ''
+        return one_line(last_place)
 
     def _notes(self) -> dict[str, Any]:
         try:
@@ -310,14 +328,17 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
     def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
         """Return the result of a request; a UserCodeError if it fails, or ends its process."""
         function = self._called(do, *arguments)
-        if len(ends := self._ends[function]) >= _MAX_ENDS:
+        ends = self._ends[function]
+        if len(ends) >= _MAX_ENDS:
             raise UserCodeError(ends[-1])
         if self._left <= 0.0:
             raise UserCodeError(self._out_of_time())
-        if do == 'notes' and self._process is None:
-            return {}
+
         if self._process is None:
+            if do == 'notes':
+                return {}
             self._process = Process(self._folder, self._limits)
+
         began = time.monotonic()
         try:
             return self._process.request(do, *arguments, wait=min(self._limits.wait, self._left))
@@ -340,7 +361,9 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
         """Return the name of the user's function that a request calls."""
         if do == 'lines':
             return self._called(*arguments)
-        return 'relay' if do == 'relay_commands' else str(arguments[0]) if arguments else do
+        if do == 'relay_commands':
+            return 'relay'
+        return str(arguments[0]) if arguments else do
 
     def _out_of_time(self) -> str:
         return (

@@ -39,7 +39,8 @@ _HEADERS = {
     'section': ('section', 'sections'),
 }
 _BINS = 10  # of the histogram
-_MISTAKES, _SHOWN = 8, 90  # rows, and characters of a message
+_MISTAKES = 8  # rows
+_SHOWN = 90  # characters of a message
 # The call and the line of code at the beginning of a message, and the arguments of a function.
 _PLACE = re.compile(
     r'^(call \d+, after [\d.]+ s on the road: )?([\w .()-]+\.py, line \d+: )?|\(\w+=[-\[\d][^()]*\)'
@@ -67,34 +68,55 @@ def read_roster(path: Path) -> list[Student]:
     It also reads an export of Canvas's gradebook, a roster of Gradescope, and what Excel saves.
     """
     try:
-        first, *rows = read_rows(path) or [[]]
+        rows = read_rows(path)
     except UserError:
         raise
     except (OSError, ValueError) as error:
         reason = getattr(error, 'strerror', None) or error
         raise UserError(f'the roster {str(path)!r} cannot be read: {reason}') from None
+
+    first = rows[0] if rows else []
     headers = {header.strip().lower(): header for header in first if header.strip()}
     if not {'name', 'student', 'full name', 'last name'} & headers.keys():
         raise UserError(
             f'the roster {str(path)!r} has no column name: expected a first line such as '
             'name,id,section'
         )
-    cells = (dict(zip_longest(first, row[: len(first)], fillvalue='')) for row in rows)
-    return [student for row in cells if (student := _student(row, headers))]
+
+    students = []
+    for row in rows[1:]:
+        cells = dict(zip_longest(first, row[: len(first)], fillvalue=''))
+        student = _student(cells, headers)
+        if student:
+            students.append(student)
+    return students
 
 
 def _student(row: dict[str, str], headers: dict[str, str]) -> Student | None:
-    cells = {
-        field: next((row[headers[h]] for h in possible if h in headers), '').strip()
-        for field, possible in _HEADERS.items()
-    }
-    name = cells['name'] or f'{cells["first"]} {cells["last"]}'.strip()
+    """Return the student in a row of cells by header; None if it has none.
+
+    `headers` are those of the roster, by their text in lower case.
+    """
+
+    def cell(field: str) -> str:
+        values = [row[headers[each]] for each in _HEADERS[field] if each in headers]
+        return values[0].strip() if values else ''
+
+    name = cell('name') or f'{cell("first")} {cell("last")}'.strip()
     if not name or name == 'Points Possible':  # the second line of Canvas's export
         return None
-    texts = [row[headers[h]] for h in (*_HEADERS['id'], *_HEADERS['login']) if h in headers]
+
+    id_headers = (*_HEADERS['id'], *_HEADERS['login'])
+    texts = [row[headers[each]] for each in id_headers if each in headers]
     ids = frozenset(''.join(_words(text.partition('@')[0])) for text in texts) - {''}
-    columns = {header: value for header, value in row.items() if header}
-    return Student(name, cells['id'], cells['section'], cells['login'], ids, columns)
+    return Student(
+        name,
+        id=cell('id'),
+        section=cell('section'),
+        login=cell('login'),
+        ids=ids,
+        columns={header: value for header, value in row.items() if header},
+    )
 
 
 def owner(folder: str, students: Sequence[Student]) -> Student | None:
@@ -106,9 +128,10 @@ def owner(folder: str, students: Sequence[Student]) -> Student | None:
     by_id = [student for student in students if student.ids.intersection(words)]
     if len(by_id) == 1:
         return by_id[0]
-    named = [(size, each) for each in by_id or students if (size := _name_in(words, each.name))]
-    longest = max((size for size, _ in named), default=0)
-    best = [student for size, student in named if size == longest]
+
+    sizes = {student: _name_in(words, student.name) for student in by_id or students}
+    longest = max(sizes.values(), default=0)
+    best = [student for student, size in sizes.items() if size == longest > 0]
     return best[0] if len(best) == 1 else None
 
 
@@ -150,7 +173,9 @@ class Entry(NamedTuple):
     @property
     def remark(self) -> str:
         """The remark on its grade, in one line."""
-        return self.grade.remark if self.grade else '' if self.folder else 'nothing handed in'
+        if self.grade:
+            return self.grade.remark
+        return '' if self.folder else 'nothing handed in'
 
     @property
     def flags(self) -> list[str]:
@@ -173,30 +198,41 @@ def entries(
     rows = [Entry(student=student) for student in students if not counts[student]]
     for name, student in owners.items():
         grade = grades.get(name)
-        looks = [f'not graded: {failures[name]}'] if name in failures else []
+        looks = []
+        if name in failures:
+            looks.append(f'not graded: {failures[name]}')
         if grade:
-            by_eye = ', '.join(LABELS[criterion] for criterion in grade.open)
-            looks += [*grade.notes, *([f'judge by eye: {by_eye}'] if by_eye else [])]
-        looks += ['not in the roster'] if students and not student else []
-        looks += ['handed in more than once'] if student and counts[student] > 1 else []
+            looks += grade.notes
+            if grade.open:
+                by_eye = ', '.join(LABELS[criterion] for criterion in grade.open)
+                looks.append(f'judge by eye: {by_eye}')
+        if students and not student:
+            looks.append('not in the roster')
+        if student and counts[student] > 1:
+            looks.append('handed in more than once')
         rows.append(Entry(name, grade, student, tuple(looks)))
     return sorted(rows, key=lambda each: (each.section, each.name.casefold(), each.folder))
 
 
 def as_csv(all_entries: Sequence[Entry], rubric: Rubric) -> str:
     """Return a CSV line for each entry; points that are open or not graded are empty."""
-    student = ['student', 'id', 'section'] if any(each.student for each in all_entries) else []
+    columns = ['name']
+    if any(entry.student for entry in all_entries):
+        columns += ['student', 'id', 'section']
+    columns += ['score', 'max_score', *rubric.points, 'open', 'comment', 'remark']
+
     rows = []
-    for each in all_entries:
-        row: dict[str, object] = {'name': each.folder}
-        if each.student:
-            row |= {'student': each.name, 'id': each.student.id, 'section': each.section}
-        if grade := each.grade:
+    for entry in all_entries:
+        row: dict[str, object] = {'name': entry.folder}
+        if entry.student:
+            row |= {'student': entry.name, 'id': entry.student.id, 'section': entry.section}
+        grade = entry.grade
+        if grade:
             row |= {'score': grade.score, 'max_score': grade.max_score, **grade.points}
             row |= {'open': sum(grade.open.values()) or '', 'comment': grade.comment}
-        rows.append({**row, 'remark': '; '.join(filter(None, (*each.looks, each.remark)))})
-    columns = ['name', *student, 'score', 'max_score', *rubric.points]
-    return _lines([*columns, 'open', 'comment', 'remark'], rows)
+        row['remark'] = '; '.join(filter(None, (*entry.looks, entry.remark)))
+        rows.append(row)
+    return _lines(columns, rows)
 
 
 def _lines(fields: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
@@ -239,8 +275,9 @@ def _tasks(rubric: Rubric, title: str) -> list[_Task]:
     }
     tasks = []
     for name, criteria in kinds.items():
-        own = tuple(each for each in rubric.points if each in criteria)
-        tasks.append(_Task(name, own, round(sum(rubric.points[each] for each in own), 2)))
+        ordered = tuple(each for each in rubric.points if each in criteria)
+        worth = round(sum(rubric.points[each] for each in ordered), 2)
+        tasks.append(_Task(name, ordered, worth))
     return [task for task in tasks if task.worth]
 
 
@@ -253,11 +290,13 @@ def canvas(all_entries: Sequence[Entry], rubric: Rubric) -> str:
     tasks = _tasks(rubric, one_line(rubric.title, 70) or 'Lab')
     worth = {task.title: task.worth for task in tasks}
     rows: list[dict[str, object]] = [{'Student': 'Points Possible', **worth}]
+
     by_student: dict[Student, list[Entry]] = {}
-    for each in all_entries:
-        if each.student:
-            by_student.setdefault(each.student, []).append(each)
-    for student, (first, *others) in by_student.items():
+    for entry in all_entries:
+        if entry.student:
+            by_student.setdefault(entry.student, []).append(entry)
+
+    for student, submissions in by_student.items():
         row = {
             'Student': student.name,
             'SIS User ID': student.id,
@@ -265,7 +304,7 @@ def canvas(all_entries: Sequence[Entry], rubric: Rubric) -> str:
             'Section': student.section,
         }
         row |= {name: value for name, value in student.columns.items() if name in _CANVAS}
-        grade = None if others else first.grade
+        grade = submissions[0].grade if len(submissions) == 1 else None
         rows.append(row | {task.title: task.score(grade) for task in tasks})
     return _lines([*_CANVAS, *worth], rows)
 
@@ -274,41 +313,46 @@ def _rows(tasks: Iterable[_Task], grades: Sequence[Grade]) -> list[dict[str, Any
     """Return statistics of each task for which at least one grade has points."""
     rows = []
     for task in tasks:
-        scores = [score for grade in grades if (score := task.score(grade)) is not None]
-        if scores:
-            full = sum(score >= task.worth for score in scores)
-            spread = f'{min(scores):g} to {max(scores):g}'
-            rows.append(
-                {
-                    **task._asdict(),
-                    'scores': scores,
-                    'mean': mean(scores),
-                    'full': f'{full} of {len(scores)}',
-                    'words': f'median {median(scores):g}, {spread}',
-                }
-            )
+        all_scores = [task.score(grade) for grade in grades]
+        scores = [score for score in all_scores if score is not None]
+        if not scores:
+            continue
+        full = sum(score >= task.worth for score in scores)
+        spread = f'{min(scores):g} to {max(scores):g}'
+        rows.append(
+            {
+                **task._asdict(),
+                'scores': scores,
+                'mean': mean(scores),
+                'full': f'{full} of {len(scores)}',
+                'words': f'median {median(scores):g}, {spread}',
+            }
+        )
     return rows
 
 
 def summary(grades: Sequence[Grade], rubric: Rubric) -> list[str]:
     """Return the score of one submission, or the means of several, a line for each task."""
-    return [
-        f'{row["title"]:6}  {row["mean"]:.2f} of {row["worth"]:g}'
-        + (f'  ({row["words"]})' if len(grades) > 1 else '')
-        for row in _rows(_tasks(rubric, 'Score'), grades)
-    ]
+    lines = []
+    for row in _rows(_tasks(rubric, 'Score'), grades):
+        line = f'{row["title"]:6}  {row["mean"]:.2f} of {row["worth"]:g}'
+        if len(grades) > 1:
+            line += f'  ({row["words"]})'
+        lines.append(line)
+    return lines
 
 
 def page(all_entries: Sequence[Entry], rubric: Rubric) -> str:
     """Return the class as one HTML page, with links to the reports beside it."""
-    grades = [each.grade for each in all_entries if each.grade]
+    grades = [entry.grade for entry in all_entries if entry.grade]
     tasks = _rows(_tasks(rubric, 'Score'), grades)
     criteria = [_Task(LABELS[name], (name,), worth) for name, worth in rubric.points.items()]
-    bins = Counter(
-        min(int(_BINS * score / task['worth']), _BINS - 1)
-        for task in tasks[:1]
-        for score in task['scores']
-    )
+
+    bins: Counter[int] = Counter()
+    if tasks:
+        worth = tasks[0]['worth']
+        bins.update(min(int(_BINS * score / worth), _BINS - 1) for score in tasks[0]['scores'])
+
     return render(
         'class',
         title=rubric.title,
@@ -334,14 +378,16 @@ def _mistakes(grades: Iterable[Grade]) -> list[tuple[str, str, int]]:
     first: dict[str, Item] = {}
     for grade in grades:
         # A message on several criteria counts once, for the one that lost most.
-        own = {_in_general(item.message): item for item in reversed(grade.mistakes)}
-        counts.update([*own])
-        first = own | first
-    common = [(first[text], n) for text, n in counts.most_common(_MISTAKES)]
-    return [
-        (LABELS[item.criterion], one_line(_PLACE.sub('', item.message), _SHOWN), n)
-        for item, n in common
-    ]
+        by_text = {_in_general(item.message): item for item in reversed(grade.mistakes)}
+        counts.update(by_text.keys())
+        first = by_text | first
+
+    rows = []
+    for text, number in counts.most_common(_MISTAKES):
+        item = first[text]
+        message = one_line(_PLACE.sub('', item.message), _SHOWN)
+        rows.append((LABELS[item.criterion], message, number))
+    return rows
 
 
 def _in_general(message: str) -> str:

@@ -80,8 +80,10 @@ class Rubric:
 def load(rubric: str | Path = RUBRICS[0]) -> Rubric:
     """Return the rubric with a name in `RUBRICS`, or from the file at a path."""
     name = str(rubric)
-    shipped = Path(__file__).parent / 'rubrics' / f'{name}.yaml'
-    return _read(f'the rubric {name!r}', shipped if name in RUBRICS else Path(name), _rubric)
+    path = Path(name)
+    if name in RUBRICS:
+        path = Path(__file__).parent / 'rubrics' / f'{name}.yaml'
+    return _read(f'the rubric {name!r}', path, _rubric)
 
 
 def _read(what: str, path: Path, parse: Callable[[object], _T]) -> _T:
@@ -106,7 +108,9 @@ class ByHand(NamedTuple):
 def entered(folder: Path, rubric: Rubric) -> ByHand:
     """Return the points and comments that are entered in the file in `folder`, if it exists."""
     path = folder / BY_HAND
-    return _read(repr(str(path)), path, partial(_by_hand, rubric)) if path.exists() else ByHand()
+    if not path.exists():
+        return ByHand()
+    return _read(repr(str(path)), path, partial(_by_hand, rubric))
 
 
 def nothing_entered(rubric: Rubric) -> str:
@@ -144,30 +148,34 @@ def _rubric(values: object) -> Rubric:
     keys = {**_mapping('it', values, _KEYS)}
     if 'criteria' not in keys:
         raise ValueError('there is no key criteria: expected the points of each criterion')
-    required, optional = (
-        _mapping(key, keys.pop(key, {}), dict.fromkeys(LABELS, _POINTS))
-        for key in ('criteria', 'task_3')
-    )
+    criteria = dict.fromkeys(LABELS, _POINTS)
+    required = _mapping('criteria', keys.pop('criteria'), criteria)
+    optional = _mapping('task_3', keys.pop('task_3', {}), criteria)
     for name in required.keys() & optional.keys():
         raise ValueError(f'{name!r} is in criteria and in task_3: delete one of the two')
     entries = required | optional
     points = {name: float(entries[name]) for name in LABELS if entries.get(name)}
     if not points:
         raise ValueError('no criterion has points: expected at least one')
+
     by_lab = {lab.handout.folder: name for lab in _LABS for name in points if name in lab.labels}
     if len(by_lab) > 1:
-        first, second, *_ = by_lab.values()
-        raise ValueError(f'{first!r} and {second!r} belong to two labs: keep the criteria of one')
+        names = list(by_lab.values())
+        raise ValueError(
+            f'{names[0]!r} and {names[1]!r} belong to two labs: keep the criteria of one'
+        )
+
     thresholds = _thresholds(keys.pop('thresholds', {}))
     settings = Settings(keys.pop('seed', Settings.seed), thresholds, tuple(points), points)
     return Rubric(points, settings, optional=frozenset(optional.keys() & points.keys()), **keys)
 
 
 def _thresholds(values: object) -> Thresholds:
-    names = [each.name for each in fields(Thresholds)]
-    thresholds = Thresholds(**_mapping('thresholds', values, dict.fromkeys(names, _POSITIVE)))
+    keys = {each.name: _POSITIVE for each in fields(Thresholds)}
+    thresholds = Thresholds(**_mapping('thresholds', values, keys))
     for error in ('rms', 'max'):
-        full, zero = (getattr(thresholds, f'{end}_{error}') for end in ('full', 'zero'))
+        full = getattr(thresholds, f'full_{error}')
+        zero = getattr(thresholds, f'zero_{error}')
         if not full < zero:
             raise ValueError(f'full_{error} is {full:g}: expected less than zero_{error}, {zero:g}')
     return thresholds
@@ -287,25 +295,28 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits) -> Grade:
         notes = (f'it has no {", ".join(expected.values())}',)
     if not limits.confined:
         notes = (*notes, 'its code ran unconfined, because of --unconfined')
+
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
         submission.write(Path(folder))
         judged = rubric.lab.judge_folder(Path(folder), rubric.settings, limits)
+
     worth = rubric.worth(judged.findings)
+    items = [
+        Item(
+            finding.criterion,
+            rubric.points_for(finding),
+            worth[finding.criterion],
+            message=escaped(finding.message),
+            open=finding.open,
+            evidence=finding.evidence,
+        )
+        for finding in judged.findings
+        if finding.criterion in worth
+    ]
     return Grade(
         name=submission.name,
         rubric=rubric,
-        items=tuple(
-            Item(
-                each.criterion,
-                rubric.points_for(each),
-                worth[each.criterion],
-                escaped(each.message),
-                each.open,
-                each.evidence,
-            )
-            for each in judged.findings
-            if each.criterion in worth
-        ),
+        items=tuple(items),
         notes=notes,
         printed=escaped(judged.printed),
         hashes={name: hashlib.sha256(submission.files[name]).hexdigest() for name in files},
@@ -338,13 +349,18 @@ def _merged(grade: Grade, hand: ByHand) -> Grade:
 def page(grade: Grade) -> str:
     """Return the HTML report, with a figure of the judged drive."""
     png = io.BytesIO()
-    for evidence in filter(None, (item.evidence for item in grade.items)):
-        save(evidence.figure(''), png, format='png', dpi=_DPI, metadata={'Software': ''})
+    for item in grade.items:
+        if item.evidence:
+            save(item.evidence.figure(''), png, format='png', dpi=_DPI, metadata={'Software': ''})
+
+    score = f'{grade.score:g} / {grade.max_score:g}'
+    if grade.open:
+        score += f', {sum(grade.open.values()):g} open'
+
     return render(
         'grade',
         grade=grade,
-        score=f'{grade.score:g} / {grade.max_score:g}'
-        + (f', {sum(grade.open.values()):g} open' if grade.open else ''),
+        score=score,
         labels=LABELS,
         versions=versions(),
         figures=data_url('image/png', png.getvalue()) if png.tell() else '',
@@ -365,8 +381,9 @@ def gradescope(grade: Grade) -> str:
 
     https://gradescope-autograders.readthedocs.io/en/latest/specs/
     """
-    tests = [
-        {
+    tests = []
+    for item in grade.items:
+        test = {
             'name': LABELS[item.criterion],
             'number': item.criterion,
             'max_score': item.max_points,
@@ -374,20 +391,20 @@ def gradescope(grade: Grade) -> str:
             'output_format': 'text',
             'visibility': grade.rubric.visibility,
         }
-        # An open criterion has no score yet.
-        | ({} if item.open else {'score': item.points, 'status': item.status})
-        for item in grade.items
-    ]
+        if not item.open:  # an open criterion has no score yet
+            test |= {'score': item.points, 'status': item.status}
+        tests.append(test)
+
     remarks = {
         'comment': grade.comment,
         'gains': grade.gains,
         'tolerated': '; '.join(grade.tolerated),
     }
+    lines = [*grade.notes, *(f'{name}: {text}' for name, text in remarks.items() if text)]
+
     content = {
         'score': grade.score,
-        'output': '\n'.join(
-            [*grade.notes, *(f'{name}: {text}' for name, text in remarks.items() if text)]
-        ),
+        'output': '\n'.join(lines),
         'output_format': 'text',
         'visibility': grade.rubric.visibility,
         'stdout_visibility': 'hidden',
