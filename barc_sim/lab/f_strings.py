@@ -19,12 +19,12 @@ def without_f_strings(text: str) -> str:
     """
     parts = []
     at = 0
-    while found := _F_STRING.search(text, at):
-        end = _end_of_f_string(text, found.end(), found[1])
+    while match := _F_STRING.search(text, at):
+        end = _end_of_f_string(text, match.end(), match[1])
         if end < 0:
             break
-        lines = text.count('\n', found.start(), end)
-        parts += [text[at : found.start()], "''", '\\\n' * lines]
+        lines = text.count('\n', match.start(), end)
+        parts += [text[at : match.start()], "''", '\\\n' * lines]
         at = end
     return ''.join([*parts, text[at:]])
 

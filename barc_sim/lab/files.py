@@ -25,7 +25,7 @@ from barc_sim.lab.f_strings import without_f_strings
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
-    from inspect import Signature
+    from inspect import BoundArguments, Signature
     from types import CodeType
 
 #: The script of Task 3 of the hills lab: a student runs it; it is not judged.
@@ -184,7 +184,12 @@ def handout_of(parts: Collection[str]) -> Handout:
 
 def names_of(names: Collection[str], parts: Collection[str] = tuple(FILES)) -> dict[str, str]:
     """Return those `names` that are files of `parts`, by part; see `find_name`."""
-    return {part: name for part in parts if (name := find_name(names, part))}
+    by_part = {}
+    for part in parts:
+        name = find_name(names, part)
+        if name:
+            by_part[part] = name
+    return by_part
 
 
 def files_in(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
@@ -202,7 +207,8 @@ def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str,
             f'there is no folder {str(folder)!r}: name the one with your files; '
             f'barc new {shlex.quote(str(folder))} writes one'
         )
-    if files := files_in(folder, parts):
+    files = files_in(folder, parts)
+    if files:
         return files
     names = ', '.join(FILES[part] for part in parts)
     raise UserError(f'the folder {str(folder)!r} has no {names}: expected at least one of them')
@@ -216,9 +222,12 @@ def find_name(names: Collection[str], part: str) -> str | None:
     if FILES[part] in names:
         return FILES[part]
     stem = _letters(Path(FILES[part]).stem)
-    here = [name for name in names if name.endswith('.py') and '/' not in name]
-    letters = {name: _letters(name[:-3]) for name in here}
-    similar = [name for name, own in letters.items() if own.startswith(stem) or own.endswith(stem)]
+    similar = []
+    for name in names:
+        if name.endswith('.py') and '/' not in name:
+            letters = _letters(name[:-3])
+            if letters.startswith(stem) or letters.endswith(stem):
+                similar.append(name)
     return similar[0] if len(similar) == 1 else None
 
 
@@ -339,11 +348,15 @@ def _later_syntax(source: Source, error: SyntaxError) -> str:
 def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
     text = (error.text or '').strip()[:_SHOWN]
     at = f'{source.name}, line {error.lineno or 1}'
-    if later := _later_syntax(source, error):
+
+    later = _later_syntax(source, error)
+    if later:
         return UserCodeError(
             f'{at}: {later}, and this machine has {_HERE}: run it with a later one'
         )
-    if 'print' in error.msg and (statement := _PRINT.match(text)):
+
+    statement = _PRINT.match(text)
+    if statement and 'print' in error.msg:
         return UserCodeError(
             f'{at}: {text}: this is the print of Python 2: write print({statement[1]})'
         )
@@ -375,23 +388,33 @@ def ros_of_program(tree: ast.Module) -> str:
                 if arguments[1:] or part.args.vararg:
                     return ''
     imported = {name.partition('.')[0] for node in ast.walk(tree) for name in _imports(node)}
-    return next((ros for ros in ('rclpy', 'rospy') if ros in imported), '')
+    for ros in ('rclpy', 'rospy'):
+        if ros in imported:
+            return ros
+    return ''
 
 
 def key_reader(tree: ast.Module) -> str:
     """Return the module or function with which a file reads keys; empty if it reads none."""
-    nodes = [*ast.walk(tree)]
-    names = [name.partition('.')[0] for node in nodes for name in _imports(node)]
-    names = [name for name in names if name in _KEY_READERS]
-    texts = {ast.unparse(each) for each in nodes if isinstance(each, ast.Attribute)}
-    texts |= {f'{ast.unparse(each.func)}()' for each in nodes if isinstance(each, ast.Call)}
-    return next(iter([*names, *sorted(texts & _INPUTS)]), '')
+    inputs = set()
+    for node in ast.walk(tree):
+        for name in _imports(node):
+            module = name.partition('.')[0]
+            if module in _KEY_READERS:
+                return module
+        if isinstance(node, ast.Attribute):
+            inputs.add(ast.unparse(node))
+        elif isinstance(node, ast.Call):
+            inputs.add(f'{ast.unparse(node.func)}()')
+    return min(inputs & _INPUTS, default='')
 
 
 def _imports(node: ast.AST) -> list[str]:
     if isinstance(node, ast.Import):
         return [alias.name for alias in node.names]
-    return [node.module or ''] if isinstance(node, ast.ImportFrom) and not node.level else []
+    if isinstance(node, ast.ImportFrom) and not node.level:
+        return [node.module or '']
+    return []
 
 
 class ChosenGains(NamedTuple):
@@ -415,30 +438,51 @@ def find_gains(tree: ast.Module, file: str, new: Signature, place: str) -> Chose
     """
     nodes = sorted(ast.walk(tree), key=lambda node: getattr(node, 'lineno', 0))
     names = GAINS if {*GAINS} <= {*new.parameters} else [*new.parameters][: len(GAINS)]
-    constants: dict[str, Any] = {'self': SimpleNamespace()}
-    few_names: dict[str, Any] = {'__builtins__': {'dict': dict, 'float': float}}
-    for node in nodes:
-        if isinstance(node, ast.Assign):
-            with suppress(Exception):  # the value is not a constant
-                exec(compile(ast.Module([node], []), '', 'exec'), few_names, constants)  # noqa: S102
-    for call in reversed(nodes):
-        if isinstance(call, ast.Call) and 'PID' in (
-            getattr(call.func, 'id', ''),
-            getattr(call.func, 'attr', ''),
-        ):
-            own = ast.Expression(ast.Call(ast.Name('PID', ast.Load()), call.args, call.keywords))
+    constants = _constants(nodes)
+    for node in reversed(nodes):
+        if isinstance(node, ast.Call) and _is_pid(node):
             with suppress(Exception):  # the arguments are not constants
-                code = compile(ast.fix_missing_locations(own), '', 'eval')
-                passed = eval(code, few_names, {**constants, 'PID': new.bind})  # noqa: S307
-                is_chosen = not passed.arguments.keys().isdisjoint(names)
-                passed.apply_defaults()
-                gains = _gains(map(passed.arguments.get, names), f'{file}, line {call.lineno}')
+                bound = _bound_arguments(node, new, constants)
+                is_chosen = not bound.arguments.keys().isdisjoint(names)
+                bound.apply_defaults()
+                gains = _gains(map(bound.arguments.get, names), f'{file}, line {node.lineno}')
                 if is_chosen:
                     return gains
+
     with suppress(TypeError, ValueError):  # there are no defaults
         gains = _gains((new.parameters[name].default for name in names), f'defaults, {place}')
         return None if gains[:3] == _TEMPLATE else gains
     return None
+
+
+def _few_names() -> dict[str, Any]:
+    """Return the built-in names in expressions of user files that are evaluated here."""
+    return {'__builtins__': {'dict': dict, 'float': float}}
+
+
+def _constants(nodes: Iterable[ast.AST]) -> dict[str, Any]:
+    """Return the constants that a file assigns, by name, also to attributes of `self`."""
+    constants: dict[str, Any] = {'self': SimpleNamespace()}
+    for node in nodes:
+        if isinstance(node, ast.Assign):
+            with suppress(Exception):  # the value is not a constant
+                exec(compile(ast.Module([node], []), '', 'exec'), _few_names(), constants)  # noqa: S102
+    return constants
+
+
+def _is_pid(call: ast.Call) -> bool:
+    """Return whether a call is one of `PID`, also as an attribute of a module."""
+    return 'PID' in (getattr(call.func, 'id', ''), getattr(call.func, 'attr', ''))
+
+
+def _bound_arguments(
+    call: ast.Call, new: Signature, constants: Mapping[str, Any]
+) -> BoundArguments:
+    """Return the arguments of a call of `new`, computed from constants."""
+    expression = ast.Expression(ast.Call(ast.Name('PID', ast.Load()), call.args, call.keywords))
+    code = compile(ast.fix_missing_locations(expression), '', 'eval')
+    bound: BoundArguments = eval(code, _few_names(), {**constants, 'PID': new.bind})  # noqa: S307
+    return bound
 
 
 def _gains(values: Iterable[Any], origin: str) -> ChosenGains:

@@ -67,7 +67,8 @@ def close(got: Floats, expected: Floats) -> bool:
 
 
 _ROUNDING = 1e-6  #: relative error, larger than in single precision
-_FACTOR, _SIGN = 0.4, 0.6  #: loss for a wrong factor, and for a wrong sign; see `Functions.loss`
+_FACTOR = 0.4  #: loss for a wrong factor; see `Functions.loss`
+_SIGN = 0.6  #: loss for a wrong sign
 _UNRELATED = 0.95  #: relative error from which on a result has nothing of the right one
 _ABSENT = 'Absent'  #: The topic of a missing result begins so: each costs all its points.
 
@@ -79,21 +80,30 @@ def _is_absent(cause: Mistake) -> bool:
 def _loss(got: Floats, right: Floats, scale: float) -> float:
     """Return the lost share of the points, from 0 to 1, for numbers of this scale."""
     size = max(float(np.vdot(right, right)), right.size * (_ROUNDING * scale) ** 2)
+
+    # Is it the right result times a factor?
     factor = float(np.vdot(got, right)) / size
     if factor and np.abs(got - factor * right).max() <= _ROUNDING * np.abs(got).max():
         return min(abs(factor - 1.0), _FACTOR) if factor > 0.0 else _SIGN
+
     error = float(np.sqrt(np.vdot(got - right, got - right) / size))
     return error if error < _UNRELATED else 1.0  # 1 for NaN
 
 
 def _joined(trials: Sequence[Trial], name: str) -> Case:
     """Return inputs and results of several trials in one array; at most about 100 calls."""
-    step = max(sum(len(trial.got[name]) for trial in trials) // _SAMPLE, 1)
-    inputs = {
-        key: np.concatenate([trial.inputs[key] for trial in trials])[::step]
-        for key in trials[0].inputs
-    }
-    return inputs, np.concatenate([trial.got[name] for trial in trials])[::step]
+    got = np.concatenate([trial.got[name] for trial in trials])
+    step = max(len(got) // _SAMPLE, 1)
+    inputs = {}
+    for key in trials[0].inputs:
+        values = np.concatenate([trial.inputs[key] for trial in trials])
+        inputs[key] = values[::step]
+    return inputs, got[::step]
+
+
+def _mean(losses: Sequence[float]) -> float:
+    """Return the mean; 0 without any."""
+    return sum(losses) / max(len(losses), 1)
 
 
 def share(value: float, full: float, zero: float) -> float:
@@ -213,28 +223,38 @@ class Lab:
         """
         settings = settings or Settings()
         criteria = self.labels if settings.criteria is None else settings.criteria
+
         findings: list[Finding] = []
         for name, part in self.parts.items():
-            requested, message = [each for each in part.labels if each in criteria], ''
-            if not code.has(name):
+            requested = [criterion for criterion in part.labels if criterion in criteria]
+            if code.has(name):
+                findings += self._judge_part(part, code, settings, requested)
+            else:
                 message = f'there is no {self.handout.files[name]}'
                 findings += [Finding(each, 0.0, message, skipped=True) for each in requested]
-                continue
-            by_name = {
-                each: Finding(each, 0.0, f'{what}: {BY_EYE}', open=True)
-                for each, what in self.by_eye.items()
-            }
-            try:
-                if {*requested} - by_name.keys():
-                    for each in part.judge(code, settings):
-                        by_name[each.criterion] = each
-                        if by_name.keys() >= {*requested}:
-                            break
-            except UserError as error:
-                message = str(error)
-            found = [by_name.get(each) or Finding(each, 0.0, message) for each in requested]
-            findings += map(_opened, found)
         return findings
+
+    def _judge_part(
+        self, part: Part, code: JudgedCode, settings: Settings, requested: Sequence[str]
+    ) -> list[Finding]:
+        """Return a finding for each requested criterion of a part."""
+        findings = {
+            criterion: Finding(criterion, 0.0, f'{what}: {BY_EYE}', open=True)
+            for criterion, what in self.by_eye.items()
+        }
+        message = ''
+        try:
+            if {*requested} - findings.keys():
+                for finding in part.judge(code, settings):
+                    findings[finding.criterion] = finding
+                    if findings.keys() >= {*requested}:
+                        break
+        except UserError as error:
+            message = str(error)
+        return [
+            _opened(findings.get(criterion) or Finding(criterion, 0.0, message))
+            for criterion in requested
+        ]
 
     def judge_folder(self, folder: Path, settings: Settings, limits: Limits = _CHECKED) -> Report:
         """Return the findings on the files in `folder`; a process with limits calls their code.
@@ -243,7 +263,8 @@ class Lab:
         """
         with JudgedCode(folder, limits) as code:
             findings = self.judge(code, settings)
-            gains, tolerated = code.chosen_gains(), code.tolerated()
+            gains = code.chosen_gains()
+            tolerated = code.tolerated()
         return Report(findings, code.printed, gains, tolerated)
 
 
@@ -274,12 +295,13 @@ class Functions:
         `points` by criterion decide what a mistake in several results costs.
         """
         trials = [each for name in self.results for each in self._trials(code, name, seed)]
-        judged = [
-            each._replace(got={n: got for n, got in each.got.items() if n in self.criteria})
-            for each in trials
-        ]
+        judged = []
+        for trial in trials:
+            got = {name: values for name, values in trial.got.items() if name in self.criteria}
+            judged.append(trial._replace(got=got))
+
         points = points or {}
-        weights = {name: points.get(each, 1.0) for name, each in self.criteria.items()}
+        weights = {name: points.get(criterion, 1.0) for name, criterion in self.criteria.items()}
         findings = []
         for name, (score, message) in self.verdicts(code, judged, weights).items():
             cases = self.count * sum(name in trial.got for trial in trials)
@@ -298,16 +320,21 @@ class Functions:
         wrong factor costs little, a very wrong one more, a wrong sign even more; a result that is
         missing, or unrelated to the right one, costs all. A state is judged by its change.
         """
-        tested, others = [0.0], [0.0]
+        in_tests: list[float] = []
+        in_others: list[float] = []
         scale = max(float(np.abs(trial.right[name]).max()) for trial in trials)
         for trial in trials:
-            old = trial.inputs.get(name.removesuffix('_next'), 0.0)
-            got, right = trial.got[name] - old, trial.right[name] - old
-            loss = 0.0 if self.is_right(trial, name) else _loss(got, right, scale)
-            (tested if name in trial.tests else others).append(loss)
-        shares = (sum(each) / max(len(each) - 1, 1) for each in (tested, others))
-        loss = 1.0 - (1.0 - next(shares)) * (1.0 - next(shares))
-        return float(max(loss, self.min_loss)) if loss else 0.0
+            loss = 0.0
+            if not self.is_right(trial, name):
+                old = trial.inputs.get(name.removesuffix('_next'), 0.0)
+                loss = _loss(trial.got[name] - old, trial.right[name] - old, scale)
+            if name in trial.tests:
+                in_tests.append(loss)
+            else:
+                in_others.append(loss)
+
+        total = 1.0 - (1.0 - _mean(in_tests)) * (1.0 - _mean(in_others))
+        return float(max(total, self.min_loss)) if total else 0.0
 
     def verdicts(
         self, code: JudgedCode, trials: Sequence[Trial], weights: Mapping[str, float]
@@ -318,17 +345,18 @@ class Functions:
         once: together they lose what it costs in the result that loses most by it. `weights` are
         the points of each result.
         """
-        own = {name: [trial for trial in trials if name in trial.got] for name in weights}
-        losses = {name: loss for name in own if (loss := self.loss(own[name], name))}
-        causes = self._causes(trials, [*losses]) if losses else {}
+        losses = {name: self.loss(_with_result(trials, name), name) for name in weights}
+        wrong = [name for name, loss in losses.items() if loss]
+        causes = self._causes(trials, wrong) if wrong else {}
         lost = {
             name: min(losses[name], _SIGN if cause.topic else 1.0) for name, cause in causes.items()
         }
 
-        verdicts = dict.fromkeys(own, (1.0, ''))
-        placed: dict[str, str] = {}  # one mistake has one line
+        verdicts = dict.fromkeys(weights, (1.0, ''))
+        messages: dict[str, str] = {}  # one mistake has one line
         for name, cause in causes.items():
-            text = placed.setdefault(cause.sentence, self._placed(code, own[name], name, cause))
+            message = self._message(code, _with_result(trials, name), name, cause)
+            text = messages.setdefault(cause.sentence, message)
             if _is_absent(cause):
                 verdicts[name] = 0.0, text
                 continue
@@ -342,31 +370,34 @@ class Functions:
         """Return the cause of each wrong result: a failure, a mistake of the law, or neither."""
         causes: dict[str, Mistake] = {}
         cases: dict[str, Case] = {}
-        for name in {name: 0 for trial in trials for name in trial.got}:
-            own = [trial for trial in trials if name in trial.got]
-            failed = [trial for trial in own if trial.failure]
-            if len(failed) == len(own):
+        names = dict.fromkeys(name for trial in trials for name in trial.got)
+        for name in names:
+            trials_of_name = _with_result(trials, name)
+            failed = [trial for trial in trials_of_name if trial.failure]
+            if len(failed) == len(trials_of_name):
                 causes[name] = Mistake(_ABSENT, failed[0].failure, {}, '')
             elif failed:
                 text = f'{failed[0].failure} ({failed[0].name})'
                 causes[name] = Mistake('', text, {}, text)
             else:
-                cases[name] = _joined(own, name)
-        named = self.law.explain(cases, [name for name in wrong if name in cases], self.agree)
+                cases[name] = _joined(trials_of_name, name)
+
+        mistakes = self.law.explain(cases, [name for name in wrong if name in cases], self.agree)
         return {
-            name: causes.get(name) or named.get(name) or self._unnamed(trials, name)
+            name: causes.get(name) or mistakes.get(name) or self._unnamed(trials, name)
             for name in wrong
         }
 
-    def _placed(self, code: JudgedCode, trials: Sequence[Trial], name: str, cause: Mistake) -> str:
+    def _message(self, code: JudgedCode, trials: Sequence[Trial], name: str, cause: Mistake) -> str:
         """Return the message on a mistake, with file and line before it if they are known.
 
         The line is the first one that assigns a value of the wrong law; else the return.
         """
         # The last wrong trial is the most general. A failure names its line itself.
-        trial = next((each for each in reversed(trials) if not self.is_right(each, name)), None)
-        if trial is None or any(each.failure for each in trials):
+        wrong_trials = [each for each in trials if not self.is_right(each, name)]
+        if not wrong_trials or any(each.failure for each in trials):
             return cause.sentence
+        trial = wrong_trials[-1]
         index, _ = trial.largest_error(name)
         wrong = [*self.law.changed(trial.inputs, cause, index), float(trial.got[name][index])]
         line = self._line(code, trial, name, index, wrong)
@@ -374,20 +405,22 @@ class Functions:
 
     def _unnamed(self, trials: Sequence[Trial], name: str) -> Mistake:
         """Return the cause if no mistake of the law matches: a constant, or the largest error."""
-        own = [trial for trial in trials if name in trial.got]
-        if not any(np.ptp(trial.got[name], axis=-1).any() for trial in own):
-            values = {*np.concatenate([trial.got[name].ravel() for trial in own]).tolist()}
+        trials = _with_result(trials, name)
+        if not any(np.ptp(trial.got[name], axis=-1).any() for trial in trials):
+            values = {*np.concatenate([trial.got[name].ravel() for trial in trials]).tolist()}
             always = f'{values.pop():.6g}' if len(values) == 1 else 'the same in a call'
             text = f'{name} is always {always}: is it computed, and returned?'
             return Mistake(_ABSENT, text, {}, text)
-        bad = [trial for trial in own if not self.is_right(trial, name)]
-        where = f' ({", ".join(trial.name for trial in bad)})' if len(bad) < len(own) else ''
-        trial = max(bad, key=lambda each: each.largest_error(name)[1])
-        index, _ = trial.largest_error(name)
-        got, right = trial.got[name][index], trial.right[name][index]
+
+        wrong_trials = [trial for trial in trials if not self.is_right(trial, name)]
+        where = ''
+        if len(wrong_trials) < len(trials):
+            where = f' ({", ".join(trial.name for trial in wrong_trials)})'
+        worst = max(wrong_trials, key=lambda trial: trial.largest_error(name)[1])
+        index, _ = worst.largest_error(name)
         text = (
-            f'{name} is wrong{where}. The largest error: {self._call(trial, index)} gave '
-            f'{got:.9g}, expected {right:.9g}'
+            f'{name} is wrong{where}. The largest error: {self._call(worst, index)} gave '
+            f'{worst.got[name][index]:.9g}, expected {worst.right[name][index]:.9g}'
         )
         return Mistake('', text, {}, text)
 
@@ -397,14 +430,22 @@ class Functions:
         for situation in self.law.situations[name]:
             inputs: Inputs = situation.inputs(seed, self.count)
             right = self.law.compute(inputs)
-            returned, failure = np.full((self.count, CALLED[name].numbers), np.nan), ''
+
+            numbers = np.full((self.count, CALLED[name].numbers), np.nan)
+            failure = ''
             try:
                 rows = code.rows(name, self._rows(name, inputs), self._corrected(name, inputs))
-                returned = np.array(rows)
+                numbers = np.array(rows)
             except UserError as error:
                 failure = str(error)
-            got = dict(zip(results, [returned] if len(results) == 1 else returned.T, strict=True))
-            got |= {each: _unwound(got[each], right[each]) for each in self.angles if each in got}
+
+            if len(results) == 1:
+                got = {results[0]: numbers}
+            else:
+                got = dict(zip(results, numbers.T, strict=True))
+            for angle in self.angles:
+                if angle in got:
+                    got[angle] = _unwound(got[angle], right[angle])
             yield Trial(name, situation.name, situation.tests, inputs, right, got, failure)
 
     def _corrected(self, name: str, inputs: Inputs) -> Corrected | None:
@@ -415,8 +456,9 @@ class Functions:
         """
         if name not in self.calls:
             return None
-        called = self.calls[name]
-        return called, self._rows(called, inputs), self.law.compute(inputs)[called].tolist()
+        callee = self.calls[name]
+        results = self.law.compute(inputs)[callee].tolist()
+        return callee, self._rows(callee, inputs), results
 
     def _rows(self, name: str, inputs: Inputs) -> list[list[Any]]:
         values = self.law.compute(inputs)
@@ -428,11 +470,9 @@ class Functions:
     ) -> str:
         """Return file and line where a call assigns one of these values; empty if nowhere."""
         k = index[0]
-        inputs = {n: each[k : k + 1] for n, each in trial.inputs.items()}
-        rows, corrected = (
-            self._rows(trial.function, inputs),
-            self._corrected(trial.function, inputs),
-        )
+        inputs = {n: values[k : k + 1] for n, values in trial.inputs.items()}
+        rows = self._rows(trial.function, inputs)
+        corrected = self._corrected(trial.function, inputs)
         others = [float(trial.right[n][k]) for n in trial.got if n != name]
         # Loads the file again: its constants count, too.
         request = trial.function, rows, True, corrected
@@ -440,13 +480,18 @@ class Functions:
 
     def _call(self, trial: Trial, index: Index) -> str:
         """Return a call with its arguments as text."""
-        k, *number = index
-        shown = (
+        k = index[0]
+        arguments = [
             f'{name}={trial.inputs[name][k]:.6g}' if name in trial.inputs else name
             for name in _arguments(trial.function)
-        )
-        which = f', number {number[0] + 1},' if number else ''
-        return f'{trial.function}({", ".join(shown)}){which}'
+        ]
+        which = f', number {index[1] + 1},' if len(index) > 1 else ''
+        return f'{trial.function}({", ".join(arguments)}){which}'
+
+
+def _with_result(trials: Sequence[Trial], name: str) -> list[Trial]:
+    """Return the trials that have a result of this name."""
+    return [trial for trial in trials if name in trial.got]
 
 
 def _unwound(got: Floats, right: Floats) -> Floats:

@@ -61,10 +61,13 @@ class Situation(NamedTuple):
         """Return `count` values of each input, the same for the same seed."""
         # A string seeds the generator alike in every version of Python.
         uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
-        rows = [
-            [uniform(*each) if isinstance(each, tuple) else each for each in self.values.values()]
-            for _ in range(count)
-        ]
+        rows = []
+        for _ in range(count):
+            row = {
+                name: uniform(*value) if isinstance(value, tuple) else value
+                for name, value in self.values.items()
+            }
+            rows.append([*row.values()])
         return dict(zip(self.values, np.array(rows).T, strict=True))
 
 
@@ -82,13 +85,15 @@ class Law:
 
         An input of the same name replaces a formula.
         """
-        changes, values = changes or {}, dict(inputs)
-        first = {name: each for name, each in changes.items() if name in inputs}
-        later = {name: each for name, each in changes.items() if name not in inputs}
-        for name, formula in {**first, **self.formulas, **later}.items():
+        changes = changes or {}
+        of_inputs = {name: formula for name, formula in changes.items() if name in inputs}
+        of_formulas = {name: formula for name, formula in changes.items() if name not in inputs}
+
+        names = {**_FUNCTIONS, **self.functions}
+        values = dict(inputs)
+        for name, formula in {**of_inputs, **self.formulas, **of_formulas}.items():
             if name in inputs and name in self.formulas:
                 continue
-            names = {**_FUNCTIONS, **self.functions}
             values[name] = np.asarray(eval(_compiled(formula), names, values), np.float64)  # noqa: S307 (ours)
         return values
 
@@ -97,14 +102,18 @@ class Law:
         shape = np.broadcast_shapes(
             *(np.shape(values) for name, values in inputs.items() if name not in self.formulas)
         )
-        at = tuple(at[: len(shape)])
-        wrong, right = self.compute(inputs, mistake.formulas), self.compute(inputs)
-        pairs = (
-            [float(np.broadcast_to(values[name], shape)[at]) for values in (wrong, right)]
-            for name in right
-            if right[name].ndim <= len(shape)
-        )
-        return [wrong_value for wrong_value, right_value in pairs if wrong_value != right_value]
+        index = tuple(at[: len(shape)])
+        wrong = self.compute(inputs, mistake.formulas)
+        right = self.compute(inputs)
+
+        changed = []
+        for name, values in right.items():
+            if values.ndim > len(shape):
+                continue
+            wrong_value = float(np.broadcast_to(wrong[name], shape)[index])
+            if wrong_value != float(np.broadcast_to(values, shape)[index]):
+                changed.append(wrong_value)
+        return changed
 
     def explain(
         self, cases: Mapping[str, Case], wrong: Iterable[str], agree: Agree
@@ -120,9 +129,14 @@ class Law:
             values = self.compute(inputs, mistake.formulas)[name]
             return agree(got, np.broadcast_to(values, got.shape))
 
+        names_by_mistake = []
+        for mistake in self.mistakes:
+            names = [name for name in cases if explains(mistake, name)]
+            names_by_mistake.append((mistake, names))
+        names_by_mistake.sort(key=lambda pair: -len(pair[1]))
+
         causes: dict[str, Mistake] = {}
-        tried = [(each, [name for name in cases if explains(each, name)]) for each in self.mistakes]
-        for mistake, names in sorted(tried, key=lambda each: -len(each[1])):
+        for mistake, names in names_by_mistake:
             causes |= {n: mistake for n in wrong if n in names and n not in causes}
         return causes
 
@@ -133,33 +147,48 @@ def read_law(name: str, functions: Mapping[str, Any] | None = None, **values: ob
     Each `{NAME}` in it is replaced by the value of that name.
     """
     file = Path(__file__).parent / 'labs' / name
-    head, *sections = file.read_text(encoding='utf-8').split('\n# ')
+    parts = file.read_text(encoding='utf-8').split('\n# ')
+
     right: dict[str, str] = {}
+    for line in parts[0].splitlines():
+        quantity, equals, text = line.strip().partition(' = ')
+        if equals:
+            target: dict[str, Any] = right if line.startswith(' ') else values
+            target[quantity] = text.format_map(values)
+
     mistakes: list[Mistake] = []
     inputs: dict[str, float | Range] = {}
     situations: dict[str, tuple[Situation, ...]] = {}
-    for line in head.splitlines():
-        name, equals, text = line.strip().partition(' = ')
-        if equals:
-            target: dict[str, Any] = right if line.startswith(' ') else values
-            target[name] = text.format_map(values)
-    for section in sections:
+    for section in parts[1:]:
         title, _, text = section.partition('\n')
-        topic, *loops = title.split('; ')
+        topic, _, rest = title.partition('; ')
         if topic == 'Inputs':
             inputs = _ranges(next(_entries(text, values)).formulas)
         elif topic == 'Situations':
-            situations[loops[0]] = tuple(
-                Situation(name, tests.split(), {**inputs, **_ranges(each.formulas)})
-                for each in _entries(text, values)
-                for name, _, tests in [each.sentence.partition('; ')]
-            )
+            situations[rest] = tuple(_situations(text, values, inputs))
         else:
-            for chosen in product(*map(_choices, loops)):
-                if len({value for _, value in chosen}) == len(loops):
-                    entries = _entries(text, {**values, **dict(chosen)})
-                    mistakes += (each._replace(topic=topic) for each in entries)
+            mistakes += _mistakes(topic, rest.split('; ') if rest else [], text, values)
     return Law(right, tuple(mistakes), situations, functions or {})
+
+
+def _situations(
+    text: str, values: Mapping[str, object], inputs: Mapping[str, float | Range]
+) -> Iterator[Situation]:
+    """Yield the situations of a section."""
+    for entry in _entries(text, values):
+        name, _, tests = entry.sentence.partition('; ')
+        yield Situation(name, tests.split(), {**inputs, **_ranges(entry.formulas)})
+
+
+def _mistakes(
+    topic: str, loops: Sequence[str], text: str, values: Mapping[str, object]
+) -> Iterator[Mistake]:
+    """Yield the mistakes of a section, once for each choice of different values of its loops."""
+    for choice in product(*map(_choices, loops)):
+        names = dict(choice)
+        if len({*names.values()}) == len(loops):
+            for entry in _entries(text, {**values, **names}):
+                yield entry._replace(topic=topic)
 
 
 def _choices(loop: str) -> list[tuple[str, str]]:
@@ -171,14 +200,17 @@ def _choices(loop: str) -> list[tuple[str, str]]:
 def _entries(text: str, values: Mapping[str, object]) -> Iterator[Mistake]:
     """Yield the entries of a section as mistakes without a topic."""
     for entry in re.split(r'\n(?! )', text.strip()):
-        kind, *lines = entry.splitlines()
-        formulas = (line.strip().format_map(values).partition(' = ') for line in lines)
-        wrong = {name: formula for name, _, formula in formulas}
+        lines = entry.splitlines()
+        kind = lines[0]
+        wrong = {}
+        for line in lines[1:]:
+            name, _, formula = line.strip().format_map(values).partition(' = ')
+            wrong[name] = formula
         yield Mistake('', kind.format_map(values), wrong, kind)
 
 
 def _ranges(formulas: Formulas) -> dict[str, float | Range]:
-    return {name: eval(each, dict(_FUNCTIONS)) for name, each in formulas.items()}  # noqa: S307 (ours)
+    return {name: eval(text, dict(_FUNCTIONS)) for name, text in formulas.items()}  # noqa: S307 (ours)
 
 
 @cache

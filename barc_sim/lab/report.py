@@ -104,13 +104,15 @@ class Facts:
     def settings(self) -> list[tuple[str, str]]:
         """The settings of the run by name; a gain that was changed has all its values."""
         changes = changes_of(self.log)
-        shown = []
+        settings = []
         for key, name in _SETTINGS.items():
             if key in changes:
-                shown.append((name, changes.pop(key).removeprefix(f'{key} ')))
+                settings.append((name, changes.pop(key).removeprefix(f'{key} ')))
             elif key in self.info:
-                shown.append((name, self.info[key]))
-        return [*shown, *((name, text.removeprefix(f'{name} ')) for name, text in changes.items())]
+                settings.append((name, self.info[key]))
+        for name, text in changes.items():
+            settings.append((name, text.removeprefix(f'{name} ')))
+        return settings
 
     @property
     def changes(self) -> list[tuple[float, str, float]]:
@@ -119,24 +121,27 @@ class Facts:
         for name, values in self.log.parameters.items():
             is_change = (values[1:] != values[:-1]) & ~np.isnan(values[1:])
             for k in np.flatnonzero(is_change) + 1:
-                rows.append((float(self.log.t[k]), name, float(values[k])))  # noqa: PERF401
+                row = float(self.log.t[k]), name, float(values[k])
+                rows.append(row)
         return sorted(rows)
 
 
 def read(path: Path, namespace: str | None = None) -> Facts:
     """Read the bag at `path`; a UserError if there is no bag, or it has no car, or several."""
     bag = reader.load(path)
-    log, info = _drawable(bag.log(namespace)), bag.info
+    log = _drawable(bag.log(namespace))
     laps, numbers = laps_of(log)
-    sources = attached(bag.attachments)
-    directory = path if path.is_dir() else path.parent
+
     graph = None
     with suppress(KeyError, ValueError):  # a run has no graph, or a damaged one
-        graph = NodeGraph.from_json(info['graph'])
+        graph = NodeGraph.from_json(bag.info['graph'])
+
+    directory = path if path.is_dir() else path.parent
+    sources = attached(bag.attachments)
     return Facts(
         name=directory.resolve().name,
         log=log,
-        info=info,
+        info=bag.info,
         laps=laps,
         numbers=numbers,
         graph=graph,
@@ -167,7 +172,9 @@ def page(facts: Facts) -> str:
     """Return the report as HTML."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')  # characters that the font lacks
-        figures, graph = [*_figures(facts)], _graph(facts)
+        figures = list(_figures(facts))
+        graph = _graph(facts)
+
     lap_gains = facts.lap_gains
     return render(
         'report',
@@ -194,8 +201,10 @@ def _shown(sources: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """Yield the name and the HTML of each file; long files are cut."""
     left = _MAX_SHOWN
     for name, text in sources.items():
-        more = f'# ... cut: {len(text)} characters in all\n' if len(text) > left else ''
-        yield name, _highlighted(text[:left] + '\n' * bool(more) + more)
+        shown = text[:left]
+        if len(text) > left:
+            shown += f'\n# ... cut: {len(text)} characters in all\n'
+        yield name, _highlighted(shown)
         left = max(left - len(text), 0)
 
 
@@ -216,23 +225,26 @@ def _figures(facts: Facts) -> Iterator[_Figure]:
             'e_psi, speed and steering over the position in the lap.',
         )
         return
-    steered = np.isnan(log.reference).all() and np.any(np.abs(log.across) > _VISIBLE)
-    if steered or is_by_hand(log):
-        words = (
-            'Path, heading, speed and steering',
-            "The car's path from above; below it heading, speed and steering angle over time.",
-        )
-        if not np.nan_to_num(log.servo).any():
-            words = 'Speed and command', 'The speed over time; below it the commanded acceleration.'
-        yield _drawn(drive_figure(log), *words)
+
+    is_steered = np.isnan(log.reference).all() and np.any(np.abs(log.across) > _VISIBLE)
+    if is_steered or is_by_hand(log):
+        if np.nan_to_num(log.servo).any():
+            caption = 'Path, heading, speed and steering'
+            alt = "The car's path from above; below it heading, speed and steering angle over time."
+        else:
+            caption = 'Speed and command'
+            alt = 'The speed over time; below it the commanded acceleration.'
+        yield _drawn(drive_figure(log), caption, alt)
         return
+
     yield _drawn(
         speed_figure(log),
         'Speed, grade and command',
         "The speed over the position along the road; below it the road's grade and the commanded "
         'acceleration; of several laps, a table of errors and gains.',
     )
-    if (terms := terms_figure(facts.shown_states)) is not None:
+    terms = terms_figure(facts.shown_states)
+    if terms is not None:
         of_lap = f' in lap {facts.shown_lap.number + 1}' if facts.laps.finished else ''
         alt = f'The terms {", ".join(log.terms)} over the position along the road{of_lap}.'
         yield _drawn(terms, f"The controller's terms{of_lap}", alt)

@@ -68,12 +68,17 @@ def find(path: Path, *, is_class: bool = False) -> list[Path]:
     if not path.is_dir():
         if path.exists() and _is_archive(path.name):
             return [path.resolve()]
-        fault = f'{str(path)!r} is a file' if path.exists() else f'there is no folder {str(path)!r}'
+        fault = f'there is no folder {str(path)!r}'
+        if path.exists():
+            fault = f'{str(path)!r} is a file'
         raise UserError(f'{fault}: name one submission (a folder or a .zip), or a folder of them')
+
     entries = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
     packed = [entry for entry in entries if entry.is_dir() or _is_archive(entry.name)]
     names = [entry.name for entry in entries]
-    is_one = any(name in names for name in FILES.values()) if packed else names_of(names)
+    is_one = bool(names_of(names))
+    if packed:
+        is_one = any(name in names for name in FILES.values())
     if is_one or (len(packed) == 1 and files_in(packed[0]) and not is_class):
         return [path.resolve()]
     if not packed:
@@ -93,11 +98,13 @@ def read(path: Path) -> Submission:
         if stat.S_ISDIR(status.st_mode):
             with HeldFolder(path) as folder:
                 files, notes = _of_folder(folder)
-        elif fault := _unreadable(path.name, status):
-            notes.append(fault)
         else:
-            with open_regular(path, follow=False) as file:
-                files, notes = _of_archive(file)
+            fault = _unreadable(path.name, status)
+            if fault:
+                notes.append(fault)
+            else:
+                with open_regular(path, follow=False) as file:
+                    files, notes = _of_archive(file)
     except Exception as error:  # noqa: BLE001 (a damaged submission can raise any exception)
         notes.append(f'it cannot be read: {_reason_of(error)}')
     if not files and not notes:
@@ -109,14 +116,16 @@ def read(path: Path) -> Submission:
 
 def _unreadable(name: str, status: os.stat_result) -> str:
     """Return why a file is no archive that can be opened; empty if it is one."""
-    if fault := _fault_of(status.st_mode):
+    fault = _fault_of(status.st_mode)
+    if fault:
         return f'it {fault}: hand in a .zip or a folder'
     if name.lower().endswith('.ipynb'):
         return 'a notebook cannot be graded: hand in its code as a .py file, in a .zip or a folder'
     if not _is_archive(name):
         return f'a single {Path(name).suffix} file cannot be graded: hand in a .zip or a folder'
-    too_big = f'it is larger than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
-    return too_big if status.st_size > MAX_ARCHIVE else ''
+    if status.st_size > MAX_ARCHIVE:
+        return f'it is larger than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
+    return ''
 
 
 def _is_archive(name: str) -> bool:
@@ -126,13 +135,14 @@ def _is_archive(name: str) -> bool:
 
 def _of_folder(folder: HeldFolder) -> tuple[dict[str, bytes], list[str]]:
     """Return the files of a folder, or of the only archive in one without code, and notes."""
-    files, notes = _taken(listed(folder))
+    files, notes = _beside_code(listed(folder))
     # Moodle packs each student's archive in a folder.
     packed = {name: status for name, status in folder.entries().items() if _is_archive(name)}
     if names_of(files) or len(packed) != 1:
         return files, notes
-    ((name, status),) = packed.items()
-    if fault := _unreadable(name, status):
+    name, status = packed.popitem()
+    fault = _unreadable(name, status)
+    if fault:
         return {}, [fault]
     with folder.open(PurePath(name)) as file:
         return _of_archive(file)
@@ -148,13 +158,15 @@ def _unpacked(file: BinaryIO, depth: int = 0) -> tuple[dict[str, bytes], list[st
     """Return the files of an archive, or of the only archive in one without code, and notes."""
     with zipfile.ZipFile(file) as archive:
         members = [_zipped(archive, info) for info in archive.infolist() if not info.is_dir()]
-        files, notes = _taken(sorted(members, key=lambda each: len(PurePosixPath(each.path).parts)))
+        from_top = sorted(members, key=lambda each: len(PurePosixPath(each.path).parts))
+        files, notes = _beside_code(from_top)
         packed = [
             each for each in members if _is_archive(each.path) and not _is_of_tools(each.path)
         ]
         if names_of(files) or len(packed) != 1 or packed[0].fault:
             return files, notes
         data = packed[0].read(_MAX_READ + 1)
+
     shown = _shown(PurePosixPath(packed[0].path))
     if len(data) > _MAX_READ:
         return {}, [f'{shown} is larger than {_MAX_READ >> 20} MiB: hand in only your own code']
@@ -163,12 +175,13 @@ def _unpacked(file: BinaryIO, depth: int = 0) -> tuple[dict[str, bytes], list[st
     return _unpacked(io.BytesIO(data), depth + 1)
 
 
-def _taken(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
+def _beside_code(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
     """Return the files beside the code among members, those nearest to the top first, and notes."""
+    candidates = (each for each in members if not _is_left_out(each))
+    first = [*islice(candidates, MAX_ENTRIES)]
+
     notes: list[str] = []
-    near = (each for each in members if not _is_left_out(each))
-    first = [*islice(near, MAX_ENTRIES)]
-    files, left_out = take(_beside_the_code(first, notes))
+    files, left_out = take(_in_code_folder(first, notes))
     notebooks = [each.path for each in first if each.path.lower().endswith('.ipynb')]
     if notebooks and not names_of(files):
         shown = _shown(PurePosixPath(notebooks[0]))
@@ -242,23 +255,25 @@ def _zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
     return Member(info.filename.replace('\\', '/'), content, fault)
 
 
-def _beside_the_code(members: list[Member], notes: list[str]) -> Iterator[Member]:
+def _in_code_folder(members: list[Member], notes: list[str]) -> Iterator[Member]:
     """Yield the files in the folder of the first graded file, and below; note the other copies."""
     folders: dict[PurePosixPath, list[str]] = {}
     for path in (PurePosixPath(member.path) for member in members):
         if not _leads_out(path):
             folders.setdefault(path.parent, []).append(path.name)
-    graded = {
-        folder: folder / name
-        for folder, names in folders.items()
-        for name in [*names_of(names).values()][:1]
-    }
-    top = min(graded, key=lambda folder: len(folder.parts), default=PurePosixPath())
+
+    code_files = {}  # the first one of each folder that has one
+    for folder, names in folders.items():
+        code_names = list(names_of(names).values())
+        if code_names:
+            code_files[folder] = folder / code_names[0]
+    top = min(code_files, key=lambda folder: len(folder.parts), default=PurePosixPath())
     notes += [
-        f'{_shown(copy)} is not graded, because {_shown(graded[top])} is'
-        for folder, copy in graded.items()
+        f'{_shown(copy)} is not graded, because {_shown(code_files[top])} is'
+        for folder, copy in code_files.items()
         if folder != top
     ]
+
     for member in members:
         path = PurePosixPath(member.path)
         if _leads_out(path):
@@ -281,12 +296,15 @@ def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
             limits = f'{MAX_FILES} files or {MAX_TOTAL >> 20} MiB'
             notes.append(f'there are more than {limits}: the rest is left out')
             break
+
         path = PurePosixPath(member.path)
-        data, fault = b'', _fault(member, path, files)
-        try:
-            data = b'' if fault else member.read(MAX_FILE + 1)
-        except Exception as error:  # noqa: BLE001 (a damaged file can raise any)
-            fault = f'cannot be read: {_reason_of(error)}'
+        data = b''
+        fault = _fault(member, path, files)
+        if not fault:
+            try:
+                data = member.read(MAX_FILE + 1)
+            except Exception as error:  # noqa: BLE001 (a damaged file can raise any)
+                fault = f'cannot be read: {_reason_of(error)}'
         if len(data) > MAX_FILE:
             fault = f'is larger than {MAX_FILE >> 20} MiB'
         if fault:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import zipfile
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -54,6 +53,7 @@ def collect(folder: Path, course: Path | None, why: str, teleop: Path | None) ->
     if 'relay' in handout_of(files_in(folder)).files:
         yield _teleop(teleop)
         yield _video(folder)
+
     names = [name for name in _DESCRIPTIONS if (folder / name).is_file()]
     text = 'write what you did, and why, in description.md'
     files = {name: folder / name for name in names}
@@ -63,7 +63,10 @@ def collect(folder: Path, course: Path | None, why: str, teleop: Path | None) ->
 def write(path: Path, parts: Iterable[Part]) -> None:
     """Write the files of `parts`, and their lines, as a zip; a link raises a UserError."""
     parts = [*parts]
-    files = {name: data for part in parts for name, data in part.files.items()}
+    files: dict[str, bytes | Path] = {}
+    for part in parts:
+        files |= part.files
+
     with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
         for name, data in files.items():
             if isinstance(data, bytes):
@@ -81,7 +84,10 @@ def newest_drive(folders: Sequence[Path]) -> Path | None:
     """Return the newest bag of a drive by hand in one of `folders`."""
     files = {file for folder in folders for file in folder.glob('*/*.mcap')}
     newest_first = sorted(files, key=lambda file: file.stat().st_mtime_ns, reverse=True)
-    return next((f.parent for f in newest_first if _is_by_hand(f.parent)), None)
+    for file in newest_first:
+        if _is_by_hand(file.parent):
+            return file.parent
+    return None
 
 
 def _is_by_hand(bag: Path) -> bool:
@@ -96,16 +102,21 @@ def _code(folder: Path) -> Iterator[Part]:
     """Yield the code that `grade` reads, and a line for each file that is still to be written."""
     with HeldFolder(folder.resolve()) as held:
         files, notes = take(listed(held))
+
     names = [name for name in files if name.endswith('.py')]
     others = len(files) - len(names)
-    text = ', '.join(names) + (f', other files: {others}' if others else '')
+    text = ', '.join(names)
+    if others:
+        text += f', other files: {others}'
     yield Part('code', text or 'no file', dict(files), missing=not files)
     for note in notes:
         yield Part('code', f'{note}: it is left out')
+
     by_part = names_of(files)
     handout = handout_of(by_part)
     expected = {name: by_part.get(part, name) for part, name in handout.files.items()}
-    for name, actual in (expected | {name: name for name in handout.others}).items():
+    expected |= {name: name for name in handout.others}
+    for name, actual in expected.items():
         if actual not in files:
             yield Part('code', name, missing=True)
         elif files[actual] == handout.templates()[name]:
@@ -116,7 +127,9 @@ def _course(bag: Path) -> Part:
     facts = read(bag)
     # `submit` has made the command: nobody has typed it.
     facts = replace(facts, info={key: text for key, text in facts.info.items() if key != 'command'})
-    result, log = facts.shown_lap.summary, facts.log
+    result = facts.shown_lap.summary
+    log = facts.log
+
     text = f'{log.distance[-1]:.1f} m in {log.t[-1]:.1f} s'
     if facts.holds_speed and result.max_error_after_run_up >= 0.0:
         text += (
@@ -136,16 +149,17 @@ def _bag(bag: Path, name: str) -> dict[str, bytes | Path]:
 
 
 def _teleop(bag: Path | None) -> Part:
-    missing = partial(Part, 'teleop', missing=True)
     if bag is None:
-        return missing('drive with barc teleop, or name a bag: --teleop')
+        return Part('teleop', 'drive with barc teleop, or name a bag: --teleop', missing=True)
     try:
         facts = read(bag)
     except UserError as error:
-        return missing(str(error))
+        return Part('teleop', str(error), missing=True)
+
     command = facts.info.get('command', 'command unknown')
     if facts.holds_speed:
-        return missing(f'a controller drove {str(bag)!r} ({command}): name a drive by hand')
+        text = f'a controller drove {str(bag)!r} ({command}): name a drive by hand'
+        return Part('teleop', text, missing=True)
     text = f'{facts.log.t[-1]:.1f} s by hand ({command})'
     return Part('teleop', text, _bag(bag, 'teleop') | {'teleop.html': page(facts).encode()})
 

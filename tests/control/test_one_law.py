@@ -45,7 +45,7 @@ while not simulator.finished.done() and (not rows or abs(rows[-1]) < 3.0):
     executor.spin_once()
 
 log = lap(track='oval', speed=6.0, laps=1)
-judged = judge._drive(lambda plant: lane.LaneLQR(), judge._STRAIGHT, judge._SEEN, judge._OFF)
+judged = judge._drive(lambda plant: lane.LaneLQR(), judge._STRAIGHT, judge._COURSE, judge._OFFSET)
 shared = min(len(rows), len(log))
 print(json.dumps({
     'node': max(map(abs, rows)),

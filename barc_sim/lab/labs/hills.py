@@ -108,6 +108,7 @@ def judge_lab_road(
         )
     if not wrong:
         return _driven(_Driving(code, gains), by, gains)
+
     evidence = None
     with suppress(UserError):
         evidence = _driven(_Driving(code, gains), by, gains)[2]  # the figure shows the user's code
@@ -128,13 +129,14 @@ def _driven_corrected(
     """
     replaced = [name for name, factor in wrong.items() if not factor]
     limits = _limits_of(code, gains) if replaced else (-inf, inf)
-    score, text, _ = _driven(_Corrected(code, gains, wrong, limits), by, gains)
+    controller = _Corrected(code, gains, wrong, limits)
+    score, text, _ = _driven(controller, by, gains)
     if 'I' not in replaced or not any(map(isfinite, limits)):
         return score, text
-    wound_up, wound_up_text, _ = _driven(
-        _Corrected(code, gains, wrong, limits, winds_up=True), by, gains
-    )
-    return min((score, text), (wound_up, wound_up_text))
+
+    controller = _Corrected(code, gains, wrong, limits, winds_up=True)
+    score_wound_up, text_wound_up, _ = _driven(controller, by, gains)
+    return min((score, text), (score_wound_up, text_wound_up))
 
 
 _PROBES = (1e4, 2e4)  #: [m/s] errors so large that any sensible limit of the output is reached
@@ -142,61 +144,76 @@ _PROBES = (1e4, 2e4)  #: [m/s] errors so large that any sensible limit of the ou
 
 def _limits_of(code: JudgedCode, gains: ChosenGains) -> tuple[float, float]:
     """Return the limits [m/s²] of the user's output; infinite where there is none."""
-    limits = [-inf, inf]
+    low = -inf
+    high = inf
     for sign in (-1.0, 1.0):
         outputs = []
         for error in _PROBES:
             speeds = (error, 0.0) if sign > 0.0 else (0.0, error)
             with suppress(UserError):
                 outputs.append(_outputs(code, gains[:3], [(*speeds, TS)] * 3)[-1])
-        if len(outputs) == len(_PROBES) and outputs[0] == outputs[1] != 0.0:
-            limits[outputs[0] > 0.0] = outputs[0]
-    return limits[0], limits[1]
+        is_limited = len(outputs) == len(_PROBES) and outputs[0] == outputs[1]
+        if is_limited and outputs[0] < 0.0:
+            low = outputs[0]
+        elif is_limited and outputs[0] > 0.0:
+            high = outputs[0]
+    return low, high
 
 
 def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float, str, Evidence]:
     """Drive over the lab's road; return score, message and evidence."""
     progress = Progress(Scenario.distance)
     log = closed_loop(Plant(), controller, progress=progress)
-    result, limit = summary(log), _own_limit(log)
-    rms, maximum = result.rms_error_after_run_up, result.max_error_after_run_up
-    score = 0.0 if progress.failure else by.score(round(rms, 6), round(maximum, 6))
-    text = (
-        f'RMS error {rms:.3f} m/s after the first 10 m, maximum {maximum:.3f} m/s '
-        f'(full marks up to {by.full_rms:g} and {by.full_max:g} m/s)'
-    )
+    result = summary(log)
+    limit = _limit_of(log)
+
+    rms = result.rms_error_after_run_up
+    maximum = result.max_error_after_run_up
     if progress.failure:
-        at_most = f'; the maximum output is {limit:g} m/s²' if isfinite(limit) else ''
-        text = f'{progress.failure}{at_most}'
+        score = 0.0
+        text = progress.failure
+        if isfinite(limit):
+            text += f'; the maximum output is {limit:g} m/s²'
+    else:
+        score = by.score(round(rms, 6), round(maximum, 6))
+        text = (
+            f'RMS error {rms:.3f} m/s after the first 10 m, maximum {maximum:.3f} m/s '
+            f'(full marks up to {by.full_rms:g} and {by.full_max:g} m/s)'
+        )
+    text += f', with {gains}'
+
     changes = (np.flatnonzero(np.diff(log.theta_deg)) + 1).tolist()
-    parts = [slice(*each) for each in pairwise([0, *changes, len(log)])]
+    parts = [slice(begin, end) for begin, end in pairwise([0, *changes, len(log)])]
     remarks = [_stretch_remark(log, part, limit) for part in parts]
     stretches = [*zip(result.stretches, remarks, strict=True)]
-    text = f'{text}, with {gains}'
     if score < 1.0:
-        worst, remark = max(stretches[1:] or stretches, key=lambda each: each[0].rms_error)
+        after_first = stretches[1:] or stretches
+        worst, remark = max(after_first, key=lambda pair: pair[0].rms_error)
         text += f'. From {worst.start:.0f} m on, at {worst.theta_deg:g}°: {remark}'
+
     rows = [
         (
-            f'{each.start:.0f} m',
-            f'{each.theta_deg:g}°',
-            f'{each.rms_error:.3f} m/s',
-            f'{each.max_error:.3f} m/s',
+            f'{stretch.start:.0f} m',
+            f'{stretch.theta_deg:g}°',
+            f'{stretch.rms_error:.3f} m/s',
+            f'{stretch.max_error:.3f} m/s',
             remark,
         )
-        for each, remark in stretches
+        for stretch, remark in stretches
     ]
     header = ('from', 'grade', 'RMS', 'maximum', 'remark')
     title = "the lab's road, stretch by stretch"
     return score, text, Evidence(title, header, rows, partial(_figure, log))
 
 
-def _own_limit(log: Log) -> float:
+def _limit_of(log: Log) -> float:
     """Return the limit [m/s²] at which the output stays for long; infinite if there is none."""
     size = np.abs(log.motor)
-    at_limit = np.concatenate([[0], size == size.max(), [0]])
-    times = np.diff(np.flatnonzero(np.diff(at_limit)))[::2]
-    return float(size.max()) if times.max(initial=0) > _OWN_LIMIT and size.max() else inf
+    maximum = float(size.max())
+    at_maximum = np.concatenate([[0], size == maximum, [0]])
+    changes = np.flatnonzero(np.diff(at_maximum))
+    durations = np.diff(changes)[::2]
+    return maximum if maximum and durations.max(initial=0) > _LONG else inf
 
 
 def _figure(log: Log, title: str = '') -> Figure:
@@ -222,7 +239,8 @@ class _Driving(PID):
 
     def __init__(self, code: JudgedCode, gains: ChosenGains) -> None:
         super().__init__()
-        self._steps = partial(code.steps, 'PID', code.make('PID', *self._passed(gains)))
+        self._code = code
+        self._pid = code.make('PID', *self._passed(gains))
         self._gains = gains
         self.calls = 0
 
@@ -237,7 +255,8 @@ class _Driving(PID):
         where = f'call {self.calls + 1}, after {self.calls * TS:.2f} s on the road'
         self.calls += 1
         try:
-            (output,) = self._steps([(speed_reference, speed_current, dt or TS)])
+            row = (speed_reference, speed_current, dt or TS)
+            output = self._code.steps('PID', self._pid, [row])[0]
         except UserError as error:
             if NOT_WRITTEN in str(error):
                 raise
@@ -266,10 +285,11 @@ class _Corrected(_Driving):
     ) -> None:
         self._factors = [wrong.get(name, 1.0) for name in 'PID']
         super().__init__(code, gains)
-        own = [gain if name in wrong else 0.0 for gain, name in zip(gains[:3], 'PID', strict=True)]
-        self._ours = PID(
-            *(0.0 if factor else gain for gain, factor in zip(own, self._factors, strict=True))
-        )
+        ours = [
+            gain if wrong.get(name) == 0.0 else 0.0
+            for gain, name in zip(gains[:3], 'PID', strict=True)
+        ]
+        self._ours = PID(*ours)
         self._limits = limits
         self._winds_up = winds_up
 
@@ -280,36 +300,44 @@ class _Corrected(_Driving):
         self, speed_reference: float, speed_current: float, dt: float | None = None
     ) -> float:
         """Return the acceleration [m/s²]; an error names the call."""
-        own = super().acc_calculate(speed_reference, speed_current, dt)
+        theirs = super().acc_calculate(speed_reference, speed_current, dt)
         low, high = self._limits
         if not self._winds_up:
-            self._ours.output_min = low - own
-            self._ours.output_max = high - own
-        return min(
-            max(own + self._ours.acc_calculate(speed_reference, speed_current, dt or TS), low), high
-        )
+            self._ours.output_min = low - theirs
+            self._ours.output_max = high - theirs
+        ours = self._ours.acc_calculate(speed_reference, speed_current, dt or TS)
+        return min(max(theirs + ours, low), high)
 
 
 _BACKWARDS = 'the car drives backwards: is the error speed_reference - speed_current?'
 _NEGLIGIBLE = 0.05  #: [m/s] Smaller errors are not mentioned.
-_OWN_LIMIT = 25  #: calls; code that returns its maximum output for longer has its own limit
-_SWINGS, _SWING = 4, 0.3  #: fewer are not mentioned; each reaches this share of the maximum error
+_LONG = 25  #: calls; code that returns its maximum output for longer has a limit
+_MIN_SWINGS = 4  #: fewer are not mentioned
+_SWING = 0.3  #: share of the maximum error that each swing reaches
 
 
 def _stretch_remark(log: Log, part: slice, limit: float) -> str:
     """Return what the speed does on a stretch, as measured; advice would be a guess."""
-    error, remarks = log.speed_error[part], []
+    error = log.speed_error[part]
+    maximum = float(np.abs(error).max())
+    remarks = []
     if not part.start and log.speed[part].min() < -_NEGLIGIBLE:
         remarks.append(_BACKWARDS)
-    large = error[np.abs(error) > max(_SWING * float(np.abs(error).max()), _NEGLIGIBLE)]
-    if (swings := np.count_nonzero(np.diff(np.sign(large)))) >= _SWINGS:
+
+    large = error[np.abs(error) > max(_SWING * maximum, _NEGLIGIBLE)]
+    swings = np.count_nonzero(np.diff(np.sign(large)))
+    if swings >= _MIN_SWINGS:
         remarks.append(f'the speed swings {swings} times')
+
     at_limit = np.count_nonzero(np.abs(log.motor[part]) >= limit)
-    if at_limit > 1 and np.abs(error).max() > _NEGLIGIBLE:
+    if at_limit > 1 and maximum > _NEGLIGIBLE:
         remarks.append(f'the output was at its limit of {limit:g} m/s² for {at_limit * TS:.1f} s')
+
     final = round(float(np.mean(error[-max(len(error) // 5, 1) :])), 2)
-    wrong = f'{abs(final):.2f} m/s too {"slow" if final > 0.0 else "fast"}'
-    remarks.append(f'{wrong if final else "no error"} at the end')
+    deviation = 'no error'
+    if final:
+        deviation = f'{abs(final):.2f} m/s too {"slow" if final > 0.0 else "fast"}'
+    remarks.append(f'{deviation} at the end')
     return '; '.join(remarks)
 
 
@@ -345,8 +373,8 @@ def judge_pid(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
         gains = ChosenGains(KP, KI, KD, 'which have no effect')
     score, text, evidence = judge_lab_road(code, gains, settings.thresholds, wrong)
     if gains and findings[0].message == _IGNORED:  # the fixed gains may be better than the chosen
-        chosen = _driven(PID(*gains[:3]), settings.thresholds, gains)
-        score, text = min((score, text), chosen[:2])
+        chosen_score, chosen_text, _ = _driven(PID(*gains[:3]), settings.thresholds, gains)
+        score, text = min((score, text), (chosen_score, chosen_text))
     yield Finding('loop.lab_road', score, text, evidence)
 
 
@@ -359,7 +387,7 @@ class Term(NamedTuple):
     amplitude: float  #: [m/s] maximum error, for a gain of 1
     max_sum: float = inf  #: [m/s] maximum sum of the errors
 
-    def tried(self, code: JudgedCode, seed: int, kp: float = 0.0) -> Trial:
+    def trial(self, code: JudgedCode, seed: int, kp: float = 0.0) -> Trial:
         """Return the trial of the term; its outputs have a row for each gain, a column a call.
 
         With `kp` they are the outputs with this gain of P, minus those of P alone.
@@ -368,23 +396,34 @@ class Term(NamedTuple):
             wandering(seed, f'{self.criterion} {gain}', self.amplitude / gain, self.max_sum)
             for gain in self.gains
         ]
-        gains = [[gain if name == self.name else 0.0 for name in 'PID'] for gain in self.gains]
-        alone = [kp, 0.0, 0.0]
         reference, measured, dt = np.array(sequences).transpose(2, 0, 1)
-        outputs, failure = np.full_like(reference, np.nan), ''
+        gains = np.zeros((len(self.gains), 3))  # a row for each gain, of P, I and D
+        gains[:, 'PID'.index(self.name)] = self.gains
+        p_alone = [kp, 0.0, 0.0]
+
+        outputs = np.full_like(reference, np.nan)
+        failure = ''
         with np.errstate(all='ignore'):
             try:
-                used = [np.add(each, alone).tolist() for each in gains]
-                calls = zip(used, sequences, strict=True)
-                outputs = np.array([_outputs(code, *each) for each in calls])
+                calls = zip((gains + p_alone).tolist(), sequences, strict=True)
+                outputs = np.array([_outputs(code, row, sequence) for row, sequence in calls])
                 if kp:
-                    outputs -= np.array([_outputs(code, alone, each) for each in sequences])
+                    outputs -= np.array([_outputs(code, p_alone, each) for each in sequences])
             except UserError as error:
                 failure = str(error)
+
         inputs = {'reference': reference, 'measured': measured, 'dt': dt}
-        inputs |= dict(zip(('kp', 'ki', 'kd'), np.array(gains).T[..., np.newaxis], strict=True))
-        about = 'PID', self.criterion, self.name
-        return Trial(*about, inputs, PID_LAW.compute(inputs), {self.name: outputs}, failure)
+        for k, name in enumerate(('kp', 'ki', 'kd')):
+            inputs[name] = gains[:, k, np.newaxis]
+        return Trial(
+            function='PID',
+            name=self.criterion,
+            tests=self.name,
+            inputs=inputs,
+            right=PID_LAW.compute(inputs),
+            got={self.name: outputs},
+            failure=failure,
+        )
 
 
 # Outputs stay below 2 m/s², even with a missing dt, so that no limit in user code changes them.
@@ -398,7 +437,7 @@ _LENGTH = 120  #: calls of a sequence
 _TOLERANCE = 1e-9  #: [m/s²]
 _RELATIVE = 1e-7
 _HALF = 0.5
-_KEPT = 0.99  #: share of its last output that a low-pass filter may keep
+_MAX_KEPT = 0.99  #: share of its last output that a low-pass filter may keep
 _CHANGES = 5  #: whose mean D may use
 
 
@@ -422,10 +461,12 @@ def _fitted(got: Floats, *columns: Floats) -> list[float]:
 
     The first seven calls do not count.
     """
-    values, outputs = np.stack(columns, -1)[:, 7:].reshape(-1, len(columns)), got[:, 7:].ravel()
+    values = np.stack(columns, -1)[:, 7:].reshape(-1, len(columns))
+    outputs = got[:, 7:].ravel()
     scale = np.abs(values).max(0)
     if not (np.all(scale) and 0.0 < np.abs(outputs).max() < _MAX_OUTPUT):
         return []
+
     solution = np.linalg.lstsq(values / scale, outputs, rcond=None)[0] / scale
     residual = np.abs(outputs - values @ solution).max()
     coefficients: list[float] = solution.tolist()
@@ -446,20 +487,25 @@ def factor_of(trial: Trial) -> float:
     the change of the error or of the measurement, also through a low-pass filter of first order, or
     over several calls.
     """
-    ((name, outputs),), inputs = trial.got.items(), trial.inputs
-    outputs = outputs / inputs[f'k{name.lower()}']
-    e, v = inputs['reference'] - inputs['measured'], inputs['measured']
+    name = next(iter(trial.got))
+    inputs = trial.inputs
+    outputs = trial.got[name] / inputs[f'k{name.lower()}']
+    v = inputs['measured']
+    e = inputs['reference'] - v
     if name == 'P':
         return max(sum(_fitted(outputs, e)), 0.0)
     if name == 'I':
         factors = _fitted(outputs - _before(outputs), *_last(e * TS, 3))
         is_sum = factors and min(factors) >= -_RELATIVE * max(factors)
         return sum(factors) if is_sum else 0.0
+
     for x in (e, -v):
         change = (x - _before(x)) / TS
-        factor, kept = _fitted(outputs, change, _before(outputs)) or (0.0, 0.0)
-        if factor > 0.0 and -_RELATIVE * factor <= kept < _KEPT:
-            return factor / (1.0 - kept)
+        filtered = _fitted(outputs, change, _before(outputs))
+        if filtered:
+            factor, share_kept = filtered
+            if factor > 0.0 and -_RELATIVE * factor <= share_kept < _MAX_KEPT:
+                return factor / (1.0 - share_kept)
         factors = _fitted(outputs, *_last(change, _CHANGES))
         if factors and factors[0] > 0.0 and sum(factors) > _RELATIVE:
             return sum(factors)
@@ -484,12 +530,11 @@ class _Terms(Functions):
         self, code: JudgedCode, trial: Trial, _: str, index: Index, wrong: list[float]
     ) -> str:
         row, k = index
-        columns = (
-            trial.inputs[key][row, : k + 1].tolist() for key in ('reference', 'measured', 'dt')
-        )
-        *before, call = zip(*columns, strict=True)
-        pid = code.make('PID', *(float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')))
-        code.steps('PID', pid, before)
+        samples = np.stack([trial.inputs[key][row] for key in ('reference', 'measured', 'dt')], -1)
+        gains = [float(trial.inputs[key][row, 0]) for key in ('kp', 'ki', 'kd')]
+        pid = code.make('PID', *gains)
+        code.steps('PID', pid, samples[:k].tolist())
+        call = samples[k].tolist()
         return code.line_of('steps', ('PID', pid, [call]), wrong, call)
 
 
@@ -498,6 +543,9 @@ _KP = (
     'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
 )
 _KP_COSTS = 0.5 * _HALF
+# Gains of two PIDs that get the same samples.
+_SMALL_GAINS = (1.0, 0.5, 0.1)
+_LARGE_GAINS = (3.0, 2.0, 0.7)
 _RANDOM = 'the same speeds give different outputs: does PID use random numbers? As a result: '
 _IGNORED = (
     'the gains that PID gets have no effect: it uses fixed numbers. Store kp, ki and kd in '
@@ -514,39 +562,50 @@ def judge_terms(
     With a wrong term, random outputs are mentioned. A term that never changes is not corrected: the
     car drives with it, or without it if it is 0.
     """
-    rows, random = wandering(seed, 'gains', 0.01), ''
+    rows = wandering(seed, 'gains', 0.01)
+    random = ''
     with suppress(UserError):
-        small, large = (1.0, 0.5, 0.1), (3.0, 2.0, 0.7)
-        one, again, other = (_outputs(code, gains, rows) for gains in (small, small, large))
-        if one == other and any(one):
-            return _with_fixed_gains(one, rows), {}
-        random = '' if np.allclose(one, again, rtol=0.0, atol=_TOLERANCE) else _RANDOM
-    trials = [term.tried(code, seed) for term in TERMS]
+        outputs = _outputs(code, _SMALL_GAINS, rows)
+        again = _outputs(code, _SMALL_GAINS, rows)
+        with_large_gains = _outputs(code, _LARGE_GAINS, rows)
+        if outputs == with_large_gains and any(outputs):
+            return _with_fixed_gains(outputs, rows), {}
+        random = '' if np.allclose(outputs, again, rtol=0.0, atol=_TOLERANCE) else _RANDOM
+
+    trials = [term.trial(code, seed) for term in TERMS]
     scaled = {
         term.name
         for term, trial in zip(TERMS, trials, strict=True)
         if not trial.got[term.name].any() and _is_scaled_by_kp(code, term.name, rows)
     }
     trials = [
-        term.tried(code, seed, kp=1.0) if term.name in scaled else trial
+        term.trial(code, seed, kp=1.0) if term.name in scaled else trial
         for term, trial in zip(TERMS, trials, strict=True)
     ]
+
     points = points or {}
     weights = {term.name: points.get(term.criterion, 1.0) for term in TERMS}
     verdicts = _Terms(PID_LAW, {}, {}, agree=agree, min_loss=_HALF).verdicts(code, trials, weights)
-    findings, wrong = [], {}
-    for trial, (name, (term_score, mistake)) in zip(trials, verdicts.items(), strict=True):
-        score, message = term_score, mistake
+
+    findings = []
+    wrong = {}
+    for trial in trials:
+        name = next(iter(trial.got))
+        score, mistake = verdicts[name]
+        message = mistake
         if name in scaled:
-            score = max(term_score - _KP_COSTS, 0.0)
+            score = max(score - _KP_COSTS, 0.0)
             message = '; '.join(filter(None, (_KP, mistake)))
         is_constant = not np.ptp(trial.got[name], axis=-1).any()
         if score < 1.0 and not (is_constant or trial.failure):
             negated = trial._replace(got={name: -trial.got[name]})
             is_negative = name not in scaled and factor_of(negated) > 0.0
             wrong[name] = -1.0 if is_negative else 0.0
-        right = f'right in all {trial.got[name].size} outputs{_remark(name, factor_of(trial))}'
-        findings.append(Finding(trial.name, score, f'{random}{message}' if message else right))
+        if message:
+            text = f'{random}{message}'
+        else:
+            text = f'right in all {trial.got[name].size} outputs{_remark(name, factor_of(trial))}'
+        findings.append(Finding(trial.name, score, text))
     return findings, wrong
 
 
@@ -556,6 +615,7 @@ def _with_fixed_gains(outputs: Sequence[float], rows: Sequence[Sample]) -> list[
     A term that is missing or has the wrong sign gets no points, if the PID has the lab's form.
     """
     is_a_pid = len({*map(abs, outputs)}) > _LENGTH // 2 and max(outputs) < _MAX_OUTPUT
+
     reference, measured, dt = np.array(rows).T
     e = (reference - measured)[np.newaxis]
     change = e - _before(e)
@@ -569,9 +629,10 @@ def _with_fixed_gains(outputs: Sequence[float], rows: Sequence[Sample]) -> list[
 
 def _is_scaled_by_kp(code: JudgedCode, name: str, rows: Sequence[Sample]) -> bool:
     """Return whether a term has an effect with kp = 1, though it is 0 with kp = 0."""
-    one, other = ((1.0, *(each * (name == of) for of in 'ID')) for each in (1.0, 0.0))
+    p_alone = (1.0, 0.0, 0.0)
+    with_term = (1.0, 1.0 * (name == 'I'), 1.0 * (name == 'D'))
     with suppress(UserError):
-        return _outputs(code, one, rows) != _outputs(code, other, rows)
+        return _outputs(code, with_term, rows) != _outputs(code, p_alone, rows)
     return False
 
 

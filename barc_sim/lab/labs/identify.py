@@ -45,21 +45,33 @@ LABELS = {
 
 TS = 0.02  #: [s]
 NOISE = 0.03  #: [m/s] of the measured speed
-_MAX_COMMAND, _MAX_SPEED = 2.0, 15.0  #: [m/s²] and [m/s]
-_FORCE, _MAX_OUTPUT = 100.0, 1e6  #: [m/s²] More is probably a force; no car can drive with it.
+_MAX_COMMAND = 2.0  #: [m/s²]
+_MAX_SPEED = 15.0  #: [m/s]
+_FORCE = 100.0  #: [m/s²] More is probably a force.
+_MAX_OUTPUT = 1e6  #: [m/s²] No car can drive with more.
 _T = [k * TS for k in range(round(COMMANDS / TS))]  #: [s]
 _CARS = 5  #: hidden cars
 _SIGMAS = 1.96  #: standard deviations in an interval of 95 %
 _WRONG = 0.05  #: share of the true value by which a right estimate may be off
 _FULL_SHARE = 0.8  #: of the intervals contain the true value: full marks
 _WIDE = 3.0  #: times the smallest possible interval: full marks
-#: By the width, in smallest possible intervals: the maximum score, and a hint.
+
+
+class Hint(NamedTuple):
+    """A hint on the width of the intervals."""
+
+    max_width: float  #: in smallest possible intervals
+    max_score: float
+    text: str
+
+
+#: The first one whose width is not exceeded is used.
 _HINTS = (
-    (0.0, 0.0, '; the true value lies within estimate ± interval: return intervals above 0'),
-    (0.35, 1.0, '; too narrow: is it a variance?'),
-    (0.7, 0.6, '; is it one standard deviation? An interval of 95 % has 1.96 of them'),
-    (_WIDE, 1.0, ''),
-    (inf, 1.0, '; too wide'),
+    Hint(0.0, 0.0, '; the true value lies within estimate ± interval: return intervals above 0'),
+    Hint(0.35, 1.0, '; too narrow: is it a variance?'),
+    Hint(0.7, 0.6, '; is it one standard deviation? An interval of 95 % has 1.96 of them'),
+    Hint(_WIDE, 1.0, ''),
+    Hint(inf, 1.0, '; too wide'),
 )
 _BY_CHANCE = (
     'command gives another value when it is called again with the same t: does it use random '
@@ -90,8 +102,8 @@ class Car(NamedTuple):
         It is the Cramér-Rao bound; infinite for a parameter without effect on the speeds.
         """
         speeds = driven(self, commands)
-        changed = [self._replace(**{n: getattr(self, n) + step}) for n, step in _STEP.items()]
-        changes = np.column_stack([driven(car, commands) - speeds for car in changed])
+        cars = [self._replace(**{n: getattr(self, n) + step}) for n, step in _STEP.items()]
+        changes = np.column_stack([driven(car, commands) - speeds for car in cars])
         deviations: Floats = np.sqrt(np.diag(covariance(changes / [*_STEP.values()])))
         return _SIGMAS * NOISE * deviations
 
@@ -139,8 +151,8 @@ LAW = read_law(
 def car_of(name: str) -> Car:
     """Return the car of the student with this name, which can have any characters."""
     seed = name.encode(errors='backslashreplace').decode()
-    drawn = LAW.situations['estimate'][0].inputs(seed, 1)
-    return Car(*(float(values[0]) for values in drawn.values()))
+    inputs = LAW.situations['estimate'][0].inputs(seed, 1)
+    return Car(*(float(values[0]) for values in inputs.values()))
 
 
 _RESULTS = tuple(name + kind for name in Car._fields for kind in ('', '_interval'))
@@ -158,14 +170,25 @@ def evidence_of(car: Car, commands: Sequence[float], estimate: Sequence[float]) 
 
     `estimate` has three parameters, each followed by its interval.
     """
-    rows, possible = [], car.intervals(commands)
+    smallest = car.intervals(commands)
+    rows = []
     for k, (name, unit) in enumerate(_UNITS.items()):
-        true, value, interval = car[k], *estimate[2 * k : 2 * k + 2]
-        is_inside = 'yes' if abs(value - true) <= interval else 'no'
-        own = f'{value:.4g} ± {interval:.2g}'
-        rows.append((name, f'{true:.4g} {unit}', own, f'± {possible[k]:.2g}', is_inside))
+        true_value = getattr(car, name)
+        value = estimate[2 * k]
+        interval = estimate[2 * k + 1]
+        row = (
+            name,
+            f'{true_value:.4g} {unit}',
+            f'{value:.4g} ± {interval:.2g}',
+            f'± {smallest[k]:.2g}',
+            'yes' if abs(value - true_value) <= interval else 'no',
+        )
+        rows.append(row)
     header = ('', 'true value', 'your estimate', 'best possible', 'true value in your interval')
-    figure = partial(_figure, car, commands, estimate)
+
+    def figure(title: str) -> Figure:
+        return _figure(car, commands, estimate, title)
+
     return Evidence('your car, with your commands', header, rows, figure)
 
 
@@ -175,7 +198,8 @@ def _figure(
     """Draw the speed, the speed of the estimated car, and the residuals."""
     from barc_sim.figures.run_figures import identification_figure  # noqa: PLC0415 (slow)
 
-    predicted = driven(Car(*(min(max(each, 0.0), 0.4) for each in estimate[::2])), commands)
+    estimated_car = Car(*(min(max(value, 0.0), 0.4) for value in estimate[::2]))
+    predicted = driven(estimated_car, commands)
     speeds = np.array(_T), np.array(measured(car, tuple(commands))), predicted
     return identification_figure({'v_x': speeds}, title=title)
 
@@ -183,11 +207,18 @@ def _figure(
 def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield a finding for each criterion; the cars follow from the seed and the name."""
     car = car_of(code.call('name'))
-    findings, (trial,) = FUNCTIONS.judge(code, f'{settings.seed} {car}', settings.points)
+    findings, trials = FUNCTIONS.judge(code, f'{settings.seed} {car}', settings.points)
     yield from findings
-    score, text = (0.0, trial.failure) if trial.failure else _judge_intervals(trial)
-    yield Finding('estimate.intervals', score, text)
-    commands, evidence = _commands(code), None  # an error costs the criteria on the commands
+
+    trial = trials[0]
+    if trial.failure:
+        yield Finding('estimate.intervals', 0.0, trial.failure)
+    else:
+        score, text = _judge_intervals(trial)
+        yield Finding('estimate.intervals', score, text)
+
+    commands = _commands(code)  # an error costs the criteria on the commands
+    evidence = None
     with suppress(UserError):
         row = [_T, measured(car, commands), commands]
         evidence = evidence_of(car, commands, code.rows('estimate', [row])[0])
@@ -201,15 +232,20 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
 def _commands(code: JudgedCode) -> tuple[float, ...]:
     """Return the commands [m/s²] of 60 s; a UserError if no car can drive with them."""
     commands: list[float] = code.call('functions', 'command', [[t] for t in _T])
-    if (size := max(map(abs, commands))) > _MAX_OUTPUT:
+    size = max(map(abs, commands))
+    if size > _MAX_OUTPUT:
         raise UserError(f'command returned {size:.3g} m/s²; expected at most {_MAX_OUTPUT:g}')
     return tuple(commands)
 
 
 def _judge_limits(car: Car, commands: Sequence[float]) -> tuple[float, str]:
     """Judge the size of the commands, and the speeds that they give."""
-    speeds, sizes = driven(car, commands), np.abs(commands)
-    slow, fast, size = float(speeds.min()), float(speeds.max()), float(sizes.max())
+    speeds = driven(car, commands)
+    slow = float(speeds.min())
+    fast = float(speeds.max())
+    sizes = np.abs(commands)
+    size = float(sizes.max())
+
     first = _T[int(np.argmax(sizes > _MAX_COMMAND + 1e-9))]
     force = ': is it a force? Return an acceleration' if size > _FORCE else ''
     too_large = f'the command reaches {size:.3g} m/s², but only {_MAX_COMMAND:g} m/s² are allowed; '
@@ -228,8 +264,9 @@ def _judge_limits(car: Car, commands: Sequence[float]) -> tuple[float, str]:
 
 def _judge_information(car: Car, commands: Sequence[float]) -> Iterator[Finding]:
     """Judge the information in the commands: the smallest intervals of an estimate from them."""
-    possible = car.intervals(np.clip(commands, -_MAX_COMMAND, _MAX_COMMAND).tolist())
-    for (name, (full, zero)), best in zip(_INFORMATION.items(), possible.tolist(), strict=True):
+    smallest = car.intervals(np.clip(commands, -_MAX_COMMAND, _MAX_COMMAND).tolist())
+    for (name, limits), best in zip(_INFORMATION.items(), smallest.tolist(), strict=True):
+        full, zero = limits
         interval = f'is ± {best:.2g} {_UNITS[name]}' if best < inf else 'is infinite'
         text = f'the best possible interval of the {name} {interval} (full marks up to ± {full:g})'
         yield Finding(f'commands.{name}', share(best, full, zero), text)
@@ -255,13 +292,14 @@ def _judge_intervals(trial: Trial) -> tuple[float, str]:
 
     best = np.array([car.intervals(_USUAL) for car in starmap(Car, true.tolist())])
     width = float(np.median(intervals / best))
-    max_score, hint = next(row[1:] for row in _HINTS if width <= row[0])
+    hint = next(hint for hint in _HINTS if width <= hint.max_width)
     score = share(-inside, -_FULL_SHARE, 0.0) * _WIDE / max(width, _WIDE)
+
     text = f'{inside:.0%} of the intervals contain the true value'
     if not is_right.all():
         text += f', around an estimate that is within {_WRONG:.0%} of it'
-    text += f'; their size is {width:.2g} times the smallest possible one{hint}'
-    return min(score, max_score), text
+    text += f'; their size is {width:.2g} times the smallest possible one{hint.text}'
+    return min(score, hint.max_score), text
 
 
 def _are_swapped(trial: Trial) -> bool:

@@ -62,22 +62,22 @@ _RESULTS = {
 LAW = read_law(
     'lane.txt', {'wrapped': lambda angle: np.angle(np.exp(1j * angle))}, L_F=L_F, L_R=L_R
 )
-FUNCTIONS = Functions(
-    LAW,
-    _RESULTS,
-    dict(zip((name for own in _RESULTS.values() for name in own), LABELS, strict=True)),
-)
+_JUDGED = [name for results in _RESULTS.values() for name in results]
+FUNCTIONS = Functions(LAW, _RESULTS, dict(zip(_JUDGED, LABELS, strict=True)))
 SPEED = 6.0  #: [m/s]
 _CURVATURE = 0.05  #: [1/m]
 _TURN: dict[str, Any] = dict(zip(('STEER', 'STEADY'), steady_turn(_CURVATURE), strict=True))
-_STRAIGHT, _BEND = Track((1e4,), (0.0,)), Track((50.0, 100.0), (0.0, _CURVATURE))
+_STRAIGHT = Track((1e4,), (0.0,))
+_BEND = Track((50.0, 100.0), (0.0, _CURVATURE))
 _SHIFTS = range(-8, 9)  #: [m] around the start of a turn, where `Lane` is called
 _NEAR = 1e-3  #: [rad]
 CLASS = read_law('lane_class.txt', CURVATURE=_CURVATURE, NEAR=_NEAR, **_TURN)
 _ONE_WRONG = 0.2  #: score with one wrong sign
-_LAPS, _MAX_DURATION = 3, 200.0  #: number, and [s]
-_OFF, _BACK = 1.0, 0.1  #: [m] beside the line: at the start, and where it counts as back
-_SEEN = 80.0  #: [m] that the car drives to come back
+_LAPS = 3
+_MAX_DURATION = 200.0  #: [s]
+_OFFSET = 1.0  #: [m] beside the line, at the start
+_BACK = 0.1  #: [m] beside the line: closer counts as back
+_COURSE = 80.0  #: [m] that the car drives to come back
 # Full marks up to the first, none from the second on:
 _DISTANCE = (30.0, 60.0)  #: [m] until the car is back
 _OVERSHOOT = (0.2, 0.6)  #: share of the distance from the line at the start
@@ -85,8 +85,12 @@ _SATURATED = (0.1, 0.5)  #: share of the steps on the first 30 m
 _LARGE = 5.0  #: times the right angle in a turn: the whole output is too large
 _SIGNS_CORRECTED = 'with corrected signs: '
 _OUR_FEEDBACK = "with LaneLQR's gains of e_y and e_psi: "
-#: The laps of barc_sim's law.
-_usual = cache(partial(lap, speed=SPEED, laps=_LAPS, dynamics='dynamic'))
+
+
+@cache
+def _usual() -> TrackLog:
+    """Return the laps of barc_sim's law."""
+    return lap(speed=SPEED, laps=_LAPS, dynamics='dynamic')
 
 
 def _new(code: JudgedCode, track: Track, sign: float = 1.0) -> int:
@@ -116,10 +120,10 @@ class _Law(LaneLaw):
     def __init__(self, code: JudgedCode, correct: Corrections, plant: Plant) -> None:
         super().__init__()
         assert plant.track  # noqa: S101 (there is one)
-        new = partial(_new, code, plant.track, correct.curvature)
-        self._steps = partial(code.steps, 'Lane')
-        self._whole = new()
-        self._turn = new()  # has no errors, so that its state does not mix with the other's
+        self._code = code
+        self._whole = _new(code, plant.track, correct.curvature)
+        # Has no errors, so that its state does not mix with the other's.
+        self._turn = _new(code, plant.track, correct.curvature)
         self._correct = correct
         self._plant = plant
         self._ours = LaneLQR()
@@ -128,68 +132,83 @@ class _Law(LaneLaw):
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
         """Return the steering angle [rad]."""
-        correct, place = self._correct, self._plant.distance
+        correct = self._correct
+        place = self._plant.distance
         steer, steady = steady_turn(curvature(0.0))
+
         turn = 0.0
         if correct.turn != 1.0 or correct.has_our_feedback:
-            (turn,) = self._steps(self._turn, [(0.0, steady, speed, place)])
+            turn = self._step(self._turn, (0.0, steady, speed, place))
         if correct.has_our_feedback:
-            return (
-                correct.turn * turn
-                + self._ours.steer_calculate(e_y, e_psi, speed, curvature)
-                - steer
-            )
-        row = correct.e_y * e_y, steady + correct.e_psi * (e_psi - steady), speed, place
-        return self._steps(self._whole, [row])[0] + (correct.turn - 1.0) * turn
+            ours = self._ours.steer_calculate(e_y, e_psi, speed, curvature)
+            return correct.turn * turn + ours - steer
+
+        inputs = correct.e_y * e_y, steady + correct.e_psi * (e_psi - steady), speed, place
+        return self._step(self._whole, inputs) + (correct.turn - 1.0) * turn
+
+    def _step(self, lane: int, inputs: tuple[float, ...]) -> float:
+        """Return the angle [rad] of the user's `Lane` with this number."""
+        return self._code.steps('Lane', lane, [inputs])[0]
 
 
 def _values(code: JudgedCode) -> dict[str, Any]:
     """Return the angles of `Lane` by situation, and the distance by which its turns are late."""
-    values: dict[str, Any] = {
-        each.name: code.steps(*_call(code, each.name))[0] for each in CLASS.situations['Lane']
-    }
+    values: dict[str, Any] = {}
+    for situation in CLASS.situations['Lane']:
+        values[situation.name] = code.steps(*_call(code, situation.name))[0]
+
     level = 0.5 * (values['level'] - values['level_mirrored'])
     rows = [(0.0, 0.0, SPEED, 50.0 + shift) for shift in _SHIFTS]
-    steers = zip(_SHIFTS, code.steps('Lane', _new(code, _BEND), rows), strict=True)
-    values['late'] = next((d for d, steer in steers if abs(steer - level) <= _NEAR), 0)
+    steers = code.steps('Lane', _new(code, _BEND), rows)
+    near = [d for d, steer in zip(_SHIFTS, steers, strict=True) if abs(steer - level) <= _NEAR]
+    values['late'] = near[0] if near else 0
     return values
 
 
 def _call(code: JudgedCode, situation: str) -> tuple[str, int, Sequence[Any]]:
     """Return the request that calls a new `Lane` once in a situation."""
-    (found,) = (each for each in CLASS.situations['Lane'] if each.name == situation)
-    *errors, curvature = map(float, found.values.values())  # type: ignore[arg-type]  # no ranges
-    return 'Lane', _new(code, Track((100.0,), (curvature,))), [(*errors, SPEED, 0.0)]
+    inputs: Any = next(
+        each.values for each in CLASS.situations['Lane'] if each.name == situation
+    )  # numbers, no ranges
+    lane = _new(code, Track((100.0,), (float(inputs['curvature']),)))
+    return 'Lane', lane, [(float(inputs['e_y']), float(inputs['e_psi']), SPEED, 0.0)]
 
 
-def _mistakes(code: JudgedCode, values: Mapping[str, Any]) -> Mapping[str, list[_Made]]:
+def _mistakes(code: JudgedCode, values: Mapping[str, Any]) -> Mapping[str, list[LaneMistake]]:
     """Return the mistakes in `Lane`, by topic; each message names its line if known."""
-    made = defaultdict(list)
-    for topic, sentence, formulas, _ in CLASS.mistakes:
-        if CLASS.compute(values, {'made': formulas['made']})['made']:
-            name, wrong = 'curvature', [_CURVATURE, -_CURVATURE]  # the line that reads it
-            if formulas['line'] in values:
-                name, wrong = formulas['line'], [values[formulas['line']]]
-            line = code.line_of('steps', _call(code, name), wrong, [])
-            where = f'{line}: ' if line else ''
-            made[topic].append(_Made(f'{where}{sentence.format(**values)}', formulas['line']))
-    return made
+    by_topic = defaultdict(list)
+    for mistake in CLASS.mistakes:
+        formulas = mistake.formulas
+        if not CLASS.compute(values, {'is_made': formulas['is_made']})['is_made']:
+            continue
+        situation = formulas['line']
+        if situation in values:
+            line = code.line_of('steps', _call(code, situation), [values[situation]], [])
+        else:  # the line that reads the curvature
+            wrong = [_CURVATURE, -_CURVATURE]
+            line = code.line_of('steps', _call(code, 'curvature'), wrong, [])
+        where = f'{line}: ' if line else ''
+        message = f'{where}{mistake.sentence.format(**values)}'
+        by_topic[mistake.topic].append(LaneMistake(message, situation))
+    return by_topic
 
 
-class _Made(NamedTuple):
+class LaneMistake(NamedTuple):
     """A mistake in a user's `Lane`."""
 
     message: str
     situation: str  #: that shows it
 
 
-def _corrected_signs(made: Mapping[str, list[_Made]], values: Mapping[str, Any]) -> Corrections:
+def _corrected_signs(
+    mistakes: Mapping[str, list[LaneMistake]], values: Mapping[str, Any]
+) -> Corrections:
     """Return the corrections of the signs that are wrong.
 
     With a wrong sign of the curvature, either `Lane` reads it with the wrong sign, or its result is
     subtracted: what gives the better angle in a steady turn is corrected.
     """
-    wrong = {each.situation for each in made['Signs']}
+    wrong = {mistake.situation for mistake in mistakes['Signs']}
     correct = Corrections(-1.0 if 'e_y' in wrong else 1.0, -1.0 if 'e_psi' in wrong else 1.0)
     if 'reads' not in wrong:
         return correct
@@ -211,13 +230,16 @@ def _turn(values: Mapping[str, Any]) -> float:
     return 0.5 * float(values['curvature'] - values['curvature_mirrored'])
 
 
-def _signs(made: Mapping[str, list[_Made]]) -> tuple[float, str]:
+def _judge_signs(mistakes: Mapping[str, list[LaneMistake]]) -> tuple[float, str]:
     """Judge the signs and the symmetry; return score and message."""
-    if wrong := made['Signs']:
-        return _ONE_WRONG if len(wrong) == 1 else 0.0, '; '.join(each.message for each in wrong)
-    for topic, score in (('No effect', 0.0), ('Symmetry', 0.5)):
-        if made[topic]:
-            return score, made[topic][0].message
+    wrong = mistakes['Signs']
+    if wrong:
+        score = _ONE_WRONG if len(wrong) == 1 else 0.0
+        return score, '; '.join(mistake.message for mistake in wrong)
+    if mistakes['No effect']:
+        return 0.0, mistakes['No effect'][0].message
+    if mistakes['Symmetry']:
+        return 0.5, mistakes['Symmetry'][0].message
     return 1.0, 'the signs are right, and mirrored inputs give the opposite angle'
 
 
@@ -227,41 +249,43 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     A mistake in signs or feedback costs points only once: the user's own law drives on, with this
     mistake corrected. It never drives better than it would have without the mistake.
     """
-    yield from FUNCTIONS.judge(code, settings.seed, settings.points)[0]
+    findings, _ = FUNCTIONS.judge(code, settings.seed, settings.points)
+    yield from findings
+
     values = _values(code)
-    by = settings.thresholds
-    made = _mistakes(code, values)
-    yield Finding('lane.signs', *_signs(made))
+    mistakes = _mistakes(code, values)
+    score, text = _judge_signs(mistakes)
+    yield Finding('lane.signs', score, text)
 
-    own: NewLaw = partial(_Law, code, Corrections())
-    correct = _corrected_signs(made, values)
-    whose = ''
-    if made['Signs']:
-        whose = _SIGNS_CORRECTED
-    score, text = _returned(partial(_Law, code, correct))
+    correct = _corrected_signs(mistakes, values)
+    remark = ''
+    if mistakes['Signs']:
+        remark = _SIGNS_CORRECTED
+    score, text = _judge_return(partial(_Law, code, correct))
     if score < 1.0:
-        text = '; '.join([*_messages(made['On a straight']), text])
-    yield Finding('lane.return', score, f'{whose}{text}')
+        text = _after_first(mistakes['On a straight'], text)
+    yield Finding('lane.return', score, f'{remark}{text}')
 
-    if made['On a straight'] and not made['No effect'] and score < 1.0:
+    if mistakes['On a straight'] and not mistakes['No effect'] and score < 1.0:
         correct = _with_our_feedback(correct, values)
-        whose = f'{whose}{_OUR_FEEDBACK}'
-    for criterion, track, laps in (
-        ('lane.laps', Track.named('L'), _LAPS),
-        ('lane.hidden', hidden_track(settings.seed), 1),
-    ):
-        score, text, drive = _kept(partial(_Law, code, correct), track, laps, by)
-        shown = None
-        if criterion == 'lane.laps':
-            text = '; '.join([*_messages(made['In turns']), text]) if score < 1.0 else text
-            # The figure shows the user's own law.
-            shown = _kept(own, track, laps, by)[2] if whose else drive
-        yield Finding(criterion, score, f'{whose}{text}', shown)
+        remark = f'{remark}{_OUR_FEEDBACK}'
+    by = settings.thresholds
+    track = Track.named('L')
+    score, text, evidence = _judge_laps(partial(_Law, code, correct), track, _LAPS, by)
+    if score < 1.0:
+        text = _after_first(mistakes['In turns'], text)
+    if remark:  # the figure shows the user's own law
+        _, _, evidence = _judge_laps(partial(_Law, code, Corrections()), track, _LAPS, by)
+    yield Finding('lane.laps', score, f'{remark}{text}', evidence)
+
+    track = hidden_track(settings.seed)
+    score, text, _ = _judge_laps(partial(_Law, code, correct), track, 1, by)
+    yield Finding('lane.hidden', score, f'{remark}{text}')
 
 
-def _messages(made: Sequence[_Made]) -> list[str]:
-    """Return the message on the first mistake, if there is one."""
-    return [each.message for each in made[:1]]
+def _after_first(mistakes: Sequence[LaneMistake], text: str) -> str:
+    """Return a text after the message on the first mistake, if there is one."""
+    return f'{mistakes[0].message}; {text}' if mistakes else text
 
 
 def _drive(law: NewLaw, track: Track, distance: float, e_y: float = 0.0) -> TrackLog:
@@ -280,32 +304,40 @@ def _drive(law: NewLaw, track: Track, distance: float, e_y: float = 0.0) -> Trac
     return log
 
 
-def _returned(law: NewLaw) -> tuple[float, str]:
+def _judge_return(law: NewLaw) -> tuple[float, str]:
     """Judge how the car returns to the line; return score and message."""
-    log = _drive(law, _STRAIGHT, _SEEN, _OFF)
+    log = _drive(law, _STRAIGHT, _COURSE, _OFFSET)
     away = log.s[np.abs(log.e_y) > _BACK]
-    over = max(-float(log.e_y.min()), 0.0) / _OFF
-    limited = float(np.mean(np.abs(log.servo[log.s < _DISTANCE[0]]) >= STEERING_LIMIT))
+    over = max(-float(log.e_y.min()), 0.0) / _OFFSET
+    near = log.servo[log.s < _DISTANCE[0]]
+    limited = float(np.mean(np.abs(near) >= STEERING_LIMIT))
     back = float(away[-1]) if away[-1] < log.s[-1] - 1.0 else inf
     score = share(back, *_DISTANCE) * share(over, *_OVERSHOOT) * share(limited, *_SATURATED)
-    way = f'back after {back:.0f} m' if back < inf else f'not back within {_SEEN:g} m'
+
+    way = f'back after {back:.0f} m' if back < inf else f'not back within {_COURSE:g} m'
     marks = f'(full marks up to {_DISTANCE[0]:g} m and {_OVERSHOOT[0]:.0%})'
     text = f'{way}, overshoot {over:.0%} {marks}'
-    text += f', the steering at its limit in {limited:.0%} of the steps' if limited else ''
+    if limited:
+        text += f', the steering at its limit in {limited:.0%} of the steps'
     return score, text
 
 
-def _kept(law: NewLaw, track: Track, laps: int, by: Thresholds) -> tuple[float, str, Evidence]:
+def _judge_laps(
+    law: NewLaw, track: Track, laps: int, by: Thresholds
+) -> tuple[float, str, Evidence]:
     """Judge how close to the line the car stays in laps; return score, message and evidence."""
     log = _drive(law, track, laps * track.length)
-    driven, _ = track_laps_of(log)
-    rows = [each.cells for each in [*driven.finished, driven.current]]
-    shown = Evidence('lap by lap', LAP_HEADINGS, rows[:laps], partial(_figure, log))
+    all_laps, _ = track_laps_of(log)
+    rows = [each.cells for each in [*all_laps.finished, all_laps.current]]
+    evidence = Evidence('lap by lap', LAP_HEADINGS, rows[:laps], partial(_figure, log))
+
     marks = f'(full marks up to {by.full_rms:g} and {by.full_max:g} m)'
     if abs(log.e_y[-1]) >= 0.5 * track.width:  # a drive ends at its distance, or off the track
-        return 0.0, f'the car leaves the track after {log.s[-1]:.0f} m {marks}', shown
-    rms, maximum = float(np.sqrt(np.mean(log.e_y**2))), float(np.abs(log.e_y).max())
-    return by.score(rms, maximum), f'RMS error {rms:.2f} m, maximum {maximum:.2f} m {marks}', shown
+        return 0.0, f'the car leaves the track after {log.s[-1]:.0f} m {marks}', evidence
+    rms = float(np.sqrt(np.mean(log.e_y**2)))
+    maximum = float(np.abs(log.e_y).max())
+    text = f'RMS error {rms:.2f} m, maximum {maximum:.2f} m {marks}'
+    return by.score(rms, maximum), text, evidence
 
 
 def _figure(log: TrackLog, title: str = '') -> Figure:

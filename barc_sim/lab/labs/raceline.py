@@ -56,9 +56,10 @@ _L = Track.named('L')
 def passed(limits: Floats, gain: Floats, *, closed: bool = True) -> Floats:
     """Return `limits` cut so that no row grows by more than its `gain` from point to point."""
     laps = np.tile(limits, 1 + closed)
-    gained = gain[:, np.newaxis] * np.arange(laps.shape[1])
-    cut: Floats = (np.minimum.accumulate(laps - gained, 1) + gained)[:, -limits.shape[1] :]
-    return cut
+    growth = gain[:, np.newaxis] * np.arange(laps.shape[1])
+    cut = np.minimum.accumulate(laps - growth, 1) + growth
+    last_lap: Floats = cut[:, -limits.shape[1] :]
+    return last_lap
 
 
 def effects_of(models: Floats) -> Floats:
@@ -66,7 +67,8 @@ def effects_of(models: Floats) -> Floats:
 
     Each model is a row a11, …, b2.
     """
-    matrix, by_command = models[:, :4].reshape(-1, 2, 2), models[:, 4:]
+    matrix = models[:, :4].reshape(-1, 2, 2)
+    by_command = models[:, 4:]
     state = np.tile(np.eye(2, 12), (len(models), 1, 1))
     states = []
     for k in range(10):
@@ -93,7 +95,12 @@ FUNCTIONS = Functions(
     min_loss=0.6,
     calls={'program': 'predict'},
 )
-_best = cache(racing_line)  #: the best line of a track
+
+
+@cache
+def _best(track: Track) -> Track:
+    """Return the line of a track that bends least."""
+    return racing_line(track)
 
 
 class _Line:
@@ -102,9 +109,11 @@ class _Line:
     def __init__(self, code: JudgedCode, track: Track) -> None:
         """Call the student's `line` for this track."""
         arguments = line_arguments(track)
-        half, offsets = arguments[-1], np.array(code.rows('line', [arguments])[0])
-        self.beyond = float(np.abs(offsets).max()) - half
-        self.track, self._offsets = track, np.clip(offsets, -half, half)
+        half = arguments[-1]
+        offsets = np.array(code.rows('line', [arguments])[0])
+        self.track = track
+        self.excess = float(np.abs(offsets).max()) - half  #: [m] of the largest offset
+        self._offsets = np.clip(offsets, -half, half)
 
     @cached_property
     def line(self) -> Track:
@@ -113,18 +122,23 @@ class _Line:
 
     def judge_bending(self) -> tuple[float, str]:
         """Judge how much the line bends; return score and message."""
-        best, centre, own = map(bending, (_best(self.track), self.track, self.line))
-        mirrored = inf
-        with suppress(UserError):  # no car can follow some mirror images
-            mirrored = bending(line_along(self.track, (-self._offsets).tolist()))
-        score, of_mirrored = (share(each, _BENT * best, centre) for each in (own, mirrored))
-        text = f'the integral of the squared curvature is {own:.3g} 1/m '
+        best = bending(_best(self.track))
+        centre = bending(self.track)
+        bends = bending(self.line)
+        score = share(bends, _BENT * best, centre)
+
+        text = f'the integral of the squared curvature is {bends:.3g} 1/m '
         text += f'({centre:.3g} on the centre line, {best:.3g} on the best line)'
         if score < 1.0:
             k = int(np.abs(self.line.curvatures).argmax())
-            radius, point = 1.0 / abs(self.line.curvatures[k]), k // 2 + 1
+            radius = 1.0 / abs(self.line.curvatures[k])
+            point = k // 2 + 1
             text += f'; it bends most at point {point} of {POINTS}, with a radius of {radius:.1f} m'
-        if of_mirrored > score + 0.3:
+
+        mirrored = inf
+        with suppress(UserError):  # no car can follow some mirror images
+            mirrored = bending(line_along(self.track, (-self._offsets).tolist()))
+        if share(mirrored, _BENT * best, centre) > score + 0.3:
             text = f'with the opposite sign it bends less: positive is to the left; {text}'
         return score, text
 
@@ -132,25 +146,31 @@ class _Line:
         """Judge laps at the speed that the line allows; return score, message and evidence."""
         speed = speed_profile(self.line, *LIMITS)
         log = lap(LaneLQR(), self.line, speed=speed, laps=2, dynamics='dynamic')
-        shown = self._evidence(log)
+        evidence = self._evidence(log)
         if log.s[-1] < 2.0 * self.line.length:
-            return 0.0, f'the car leaves the track after {log.s[-1]:.0f} m along the line', shown
+            text = f'the car leaves the track after {log.s[-1]:.0f} m along the line'
+            return 0.0, text, evidence
+
         lateral = float(np.abs(log.v_x * log.psi_dot).max())
         planned = lap_time(self.line, LIMITS)
         text = f'lateral acceleration up to {lateral:.2f} m/s² (full marks up to '
         text += f'{_LOAD[0] * LIMITS[1]:.2f}); best lap {log.best:.2f} s, planned {planned:.2f} s '
         text += '(not judged)'
-        return share(lateral / LIMITS[1], *_LOAD), text, shown
+        return share(lateral / LIMITS[1], *_LOAD), text, evidence
 
     def _evidence(self, log: TrackLog) -> Evidence:
         """Return the planned laps of centre line, student's line and best line, and the drive."""
         rows = []
         lines = {'centre': self.track, 'yours': self.line, 'best': _best(self.track)}
         for name, line in lines.items():
-            driven = f'{log.best:.2f} s' if name == 'yours' and log.best < inf else ''
-            planned = f'{lap_time(line, LIMITS):.2f} s'
-            length, bends = f'{line.length:.1f} m', f'{bending(line):.3g} 1/m'
-            rows.append((name, length, bends, planned, driven))
+            row = (
+                name,
+                f'{line.length:.1f} m',
+                f'{bending(line):.3g} 1/m',
+                f'{lap_time(line, LIMITS):.2f} s',
+                f'{log.best:.2f} s' if name == 'yours' and log.best < inf else '',
+            )
+            rows.append(row)
         header = ('line', 'length', 'bending', 'planned lap', 'driven')
         return Evidence(f'{self.track.name}, line by line', header, rows, self._figure)
 
@@ -166,16 +186,25 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
 
     Those of the line come last, because an error in `line` costs all that follow.
     """
-    yield from FUNCTIONS.judge(code, settings.seed, settings.points)[0]
-    own, text = _Line(code, _L), 'no offset is beyond its bounds'
-    if outside := own.beyond > _TOLERANCE:
-        text = f'an offset is {own.beyond:.3g} m beyond its bounds; below, all are cut to them'
-    yield Finding('line.inside', float(not outside), text)
-    yield Finding('line.bending', *own.judge_bending())
-    yield Finding('line.lap', *own.judge_laps())
-    hidden = _Line(code, hidden_track(settings.seed))
-    (bent, text), (driven, lap_text, _) = hidden.judge_bending(), hidden.judge_laps()
-    yield Finding('line.hidden', min(bent, driven), f'{text}; {lap_text}')
+    findings, _ = FUNCTIONS.judge(code, settings.seed, settings.points)
+    yield from findings
+
+    line = _Line(code, _L)
+    if line.excess > _TOLERANCE:
+        text = f'an offset is {line.excess:.3g} m beyond its bounds; below, all are cut to them'
+        yield Finding('line.inside', 0.0, text)
+    else:
+        yield Finding('line.inside', 1.0, 'no offset is beyond its bounds')
+
+    score, text = line.judge_bending()
+    yield Finding('line.bending', score, text)
+    score, text, evidence = line.judge_laps()
+    yield Finding('line.lap', score, text, evidence)
+
+    hidden_line = _Line(code, hidden_track(settings.seed))
+    score, text = hidden_line.judge_bending()
+    lap_score, lap_text, _ = hidden_line.judge_laps()
+    yield Finding('line.hidden', min(score, lap_score), f'{text}; {lap_text}')
 
 
 RACELINE = Lab(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import degrees, inf, radians
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.errors import UserError
@@ -24,13 +24,18 @@ LABELS = {
     'relay.release': 'Relay: a released key',
     'relay.rate': 'Relay: commands a second',
 }
-_PRESSED, _RELEASED, _END = 1.0, 3.0, 5.0  #: [s]
+# A drive [s]: a key is pressed, then released.
+_PRESS = 1.0
+_RELEASE = 3.0
+_END = 5.0
 _PERIOD = 0.05  #: [s] between the Twists of a held key
-_HELD = 2.9  #: [s] 1.9 s after the press, enough to turn the wheels
-_LATER = 4.9  #: [s] 1.9 s after the release
+_AFTER_PRESS = 2.9  #: [s] 1.9 s after the press, enough to turn the wheels
+_AFTER_RELEASE = 4.9  #: [s] 1.9 s after the release
 _NEGLIGIBLE = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad]
 _TOLERANCE = 1e-6
-_SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these gets full marks.
+# A rate between these gets full marks.
+_MIN_RATE = 10.0  #: [Hz]
+_MAX_RATE = 200.0  #: [Hz]
 
 
 #: By key: linear.x and angular.z of its Twist; their sum is the right sign of its command.
@@ -51,12 +56,13 @@ def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwi
 
     After a Twist that is too old, the node passes zeros.
     """
-    calls, nothing = [], TimedTwist(-inf, 0.0, 0.0)
+    nothing = TimedTwist(-inf, 0.0, 0.0)
+    calls = []
     for k in range(round(duration * RATE)):
         t = k * (1.0 / RATE)
         latest = max((each for each in twists if each.t <= t + 1e-9), default=nothing)
-        used = latest if t - latest.t <= STALE_AFTER else nothing
-        calls.append(used._replace(t=t))
+        twist = latest if t - latest.t <= STALE_AFTER else nothing
+        calls.append(twist._replace(t=t))
     return calls
 
 
@@ -69,12 +75,14 @@ def judge_relay(code: JudgedCode) -> list[Finding]:
         drives = {key: relay_commands(code, _twists(*twist), _END) for key, twist in _KEYS.items()}
     except UserError as error:
         text = str(error)
-        skipped, is_open = NOT_WRITTEN in text, BY_EYE in text
-        return [Finding(name, 0.0, text, skipped=skipped, open=is_open) for name in LABELS]
-    held = {key: _at(commands, _HELD) for key, commands in drives.items()}
+        is_unwritten = NOT_WRITTEN in text
+        is_open = BY_EYE in text
+        return [Finding(name, 0.0, text, skipped=is_unwritten, open=is_open) for name in LABELS]
+
+    commands = {key: _at(drive, _AFTER_PRESS) for key, drive in drives.items()}
     verdicts = {
-        'relay.forward': _direction('motor', ('up', 'down'), _FORWARD, held),
-        'relay.steering': _direction('servo', ('left', 'right'), _STEERING, held),
+        'relay.forward': _direction('motor', ('up', 'down'), _FORWARD, commands),
+        'relay.steering': _direction('servo', ('left', 'right'), _STEERING, commands),
         'relay.units': _bounded(drives),
         'relay.release': _release(drives),
         'relay.rate': _rate(drives['up']),
@@ -84,9 +92,9 @@ def judge_relay(code: JudgedCode) -> list[Finding]:
 
 def _twists(linear_x: float, angular_z: float) -> list[TimedTwist]:
     """Return the Twists of a key that is pressed and held, and the zero of its release."""
-    count = round((_RELEASED - _PRESSED) / _PERIOD)
-    twists = [TimedTwist(_PRESSED + k * _PERIOD, linear_x, angular_z) for k in range(count)]
-    return [*twists, TimedTwist(_RELEASED, 0.0, 0.0)]
+    count = round((_RELEASE - _PRESS) / _PERIOD)
+    twists = [TimedTwist(_PRESS + k * _PERIOD, linear_x, angular_z) for k in range(count)]
+    return [*twists, TimedTwist(_RELEASE, 0.0, 0.0)]
 
 
 def _at(commands: Sequence[Command], t: float) -> Command:
@@ -94,43 +102,56 @@ def _at(commands: Sequence[Command], t: float) -> Command:
     return next((each for each in reversed(commands) if each.t <= t), _NOTHING)
 
 
-#: Messages: the sign is wrong, no effect, an effect also on the other value, all is right.
-_FORWARD = (
-    '{name} commands motor {value:+.3g} m/s²: the sign is wrong',
-    '{name} does not change motor: the key arrives as linear.x',
-    '{name} turns the wheels, too, by {other:+.3g} rad',
-    'up commands {:+.3g} m/s², down {:+.3g} m/s²',
+class _Sentences(NamedTuple):
+    """The messages on two keys."""
+
+    wrong_sign: str
+    no_effect: str
+    effect_on_other: str
+    right: str
+
+
+_FORWARD = _Sentences(
+    wrong_sign='{key} commands motor {value:+.3g} m/s²: the sign is wrong',
+    no_effect='{key} does not change motor: the key arrives as linear.x',
+    effect_on_other='{key} turns the wheels, too, by {other:+.3g} rad',
+    right='up commands {:+.3g} m/s², down {:+.3g} m/s²',
 )
-_STEERING = (
-    '{name} commands servo {value:+.3g} rad: left is positive',
-    '{name} does not turn the wheels: the key arrives as angular.z',
-    '{name} changes motor, too, to {other:+.3g} m/s²',
-    'left turns the wheels by {:+.3g} rad, right by {:+.3g} rad',
+_STEERING = _Sentences(
+    wrong_sign='{key} commands servo {value:+.3g} rad: left is positive',
+    no_effect='{key} does not turn the wheels: the key arrives as angular.z',
+    effect_on_other='{key} changes motor, too, to {other:+.3g} m/s²',
+    right='left turns the wheels by {:+.3g} rad, right by {:+.3g} rad',
 )
 
 
 def _direction(
-    field: str, keys: Sequence[str], sentences: Sequence[str], commands: Mapping[str, Command]
+    field: str, keys: Sequence[str], sentences: _Sentences, commands: Mapping[str, Command]
 ) -> tuple[float, str]:
     """Judge whether two keys change a field of `Command`, and only this one."""
-    faults, score, values = [], 0.0, []
+    other_field = 'servo' if field == 'motor' else 'motor'
+    score = 0.0
+    faults = []
+    values = []
     for key in keys:
-        held = commands[key]._asdict()
-        value, (other,) = held[field], _NEGLIGIBLE.keys() - {field}
+        value = getattr(commands[key], field)
+        other = getattr(commands[key], other_field)
+        changes_other = abs(other) > _NEGLIGIBLE[other_field]
         values.append(value)
+
         if value * sum(_KEYS[key]) < -_NEGLIGIBLE[field]:
-            fault = 0
+            faults.append(sentences.wrong_sign.format(key=key, value=value))
         elif abs(value) <= _NEGLIGIBLE[field]:
-            fault = 1
-        elif abs(held[other]) > _NEGLIGIBLE[other]:
-            fault, score = 2, score + 0.25
+            fault = sentences.no_effect.format(key=key)
+            if changes_other:
+                fault += ', and the order is [motor, servo]'
+            faults.append(fault)
+        elif changes_other:
+            score += 0.25
+            faults.append(sentences.effect_on_other.format(key=key, other=other))
         else:
             score += 0.5
-            continue
-        faults.append(sentences[fault].format(name=key, value=value, other=held[other]))
-        if fault == 1 and abs(held[other]) > _NEGLIGIBLE[other]:
-            faults[-1] += ', and the order is [motor, servo]'
-    return score, '; '.join(faults) or sentences[3].format(*values)
+    return score, '; '.join(faults) or sentences.right.format(*values)
 
 
 #: The maximum servo [rad] and motor [m/s²]; a larger value is probably in other units.
@@ -144,40 +165,48 @@ _BEYOND = {
 
 def _bounded(drives: Mapping[str, Sequence[Command]]) -> tuple[float, str]:
     """Judge the maximum sizes of the commands, of either sign."""
-    faults, reached = [], {}
+    maxima = {}
+    faults = []
     for field, bound in _BOUNDS.items():
         values = [abs(getattr(each, field)) for drive in drives.values() for each in drive]
-        value = reached[field] = max(values, default=0.0)
+        value = max(values, default=0.0)
+        maxima[field] = value
         if value > bound + _TOLERANCE:
             faults.append(_BEYOND[field].format(value, bound, degrees(value), radians(value)))
     right = 'motor up to {motor:.3g} m/s², servo up to {servo:.3g} rad'
-    return 1.0 - bool(faults), '; '.join(faults) or right.format(**reached)
+    return 1.0 - bool(faults), '; '.join(faults) or right.format(**maxima)
 
 
 def _release(drives: Mapping[str, Sequence[Command]]) -> tuple[float, str]:
+    """Judge the commands before a key is pressed, and after it is released."""
     faults = []
-    _, motor, servo = _at(drives['up'], _PRESSED - _PERIOD)
-    if abs(motor) > _NEGLIGIBLE['motor'] or abs(servo) > _NEGLIGIBLE['servo']:
-        faults.append(f'without a key it commands {motor:+.3g} m/s² and {servo:+.3g} rad')
+    first = _at(drives['up'], _PRESS - _PERIOD)
+    if abs(first.motor) > _NEGLIGIBLE['motor'] or abs(first.servo) > _NEGLIGIBLE['servo']:
+        faults.append(
+            f'without a key it commands {first.motor:+.3g} m/s² and {first.servo:+.3g} rad'
+        )
     for key in ('up', 'down'):
-        later = _at(drives[key], _LATER).motor
-        if later * sum(_KEYS[key]) > _NEGLIGIBLE['motor']:
-            faults.append(f'after the release of {key} motor is still {later:+.3g} m/s²')
+        motor = _at(drives[key], _AFTER_RELEASE).motor
+        if motor * sum(_KEYS[key]) > _NEGLIGIBLE['motor']:
+            faults.append(f'after the release of {key} motor is still {motor:+.3g} m/s²')
     for key in ('left', 'right'):
-        released, later = (abs(_at(drives[key], t).servo) for t in (_RELEASED, _LATER))
-        if later > released + _NEGLIGIBLE['servo']:
+        at_release = abs(_at(drives[key], _RELEASE).servo)
+        later = abs(_at(drives[key], _AFTER_RELEASE).servo)
+        if later > at_release + _NEGLIGIBLE['servo']:
             faults.append(f'after the release of {key} the wheels turn further')
+
     right = 'after the release of a key the motor stops, and the wheels turn no further'
     checks = 1 + len(drives)
     return 1.0 - len(faults) / checks, '; '.join(faults) or right
 
 
 def _rate(commands: Sequence[Command]) -> tuple[float, str]:
-    count = sum(_PRESSED <= each.t < _RELEASED for each in commands)
-    rate = count / (_RELEASED - _PRESSED)
+    """Judge the number of commands a second while a key is held."""
+    count = sum(_PRESS <= each.t < _RELEASE for each in commands)
+    rate = count / (_RELEASE - _PRESS)
     text = f'{rate:.0f} commands a second while a key is held'
-    if rate > _FAST:
+    if rate > _MAX_RATE:
         return 0.5, f'{text}: is the sleep of its loop missing? 20 are enough'
-    if rate < _SLOW - _TOLERANCE:
-        return rate / _SLOW, f'{text}: the lab asks for one every 0.05 s, 20 a second'
+    if rate < _MIN_RATE - _TOLERANCE:
+        return rate / _MIN_RATE, f'{text}: the lab asks for one every 0.05 s, 20 a second'
     return 1.0, text

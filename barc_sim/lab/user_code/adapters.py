@@ -124,12 +124,14 @@ class UserLane(_OfUserObject, LaneAdapter):
 def line_arguments(track: Track) -> list[Any]:
     """Return the arguments of a user's `line`; `half` leaves a fifth of the width at each edge."""
     points = track.place(track.length / POINTS * np.arange(POINTS))
-    return [*(np.asarray(each).tolist() for each in points), 0.3 * track.width]
+    columns = [np.asarray(values).tolist() for values in points]
+    return [*columns, 0.3 * track.width]
 
 
 def line_along(track: Track, offsets: Sequence[float]) -> Track:
     """Return the track along the offsets [m] that a user's `line` returned."""
-    maximum, edge = max(map(abs, offsets)), 0.5 * track.width
+    maximum = max(map(abs, offsets))
+    edge = 0.5 * track.width
     if maximum >= edge:
         raise UserError(
             f'an offset of line is {maximum:.3g} m, but the edges of {track.name} are {edge:g} m '
@@ -161,10 +163,11 @@ class UserDriver(Driver):
 
     def command(self, t: float, speed: float) -> Command:
         """Return the command from `t` [s] on, at a true speed of `speed` [m/s]."""
-        own = super().command(t, speed)
+        without_relay = super().command(t, speed)
         if self.request.brake:
-            return own
+            return without_relay
+
         motor, servo = self._relay(self.request.forward, self.request.turn, dt=self.dt)
-        limits = self.limits
-        self.servo = limited(servo, limits.steering)
-        return Command(limited(motor, max(limits.acceleration, limits.deceleration)), self.servo)
+        max_acceleration = max(self.limits.acceleration, self.limits.deceleration)
+        self.servo = limited(servo, self.limits.steering)
+        return Command(limited(motor, max_acceleration), self.servo)

@@ -95,9 +95,11 @@ class UserCode:
             path.parent: Folder(path.parent, output, budget=budget) for path in self.paths.values()
         }
         for part, path in self.paths.items():
-            if path.name != (usual := FILES.get(part, path.name)):
-                phrase = f'{path.name} is taken as {usual}: did you mean that name?'
+            name = FILES.get(part, path.name)
+            if path.name != name:
+                phrase = f'{path.name} is taken as {name}: did you mean that name?'
                 self._folders[path.parent].tolerate(phrase)
+
         self._is_judged = budget is None
         self._requests = 0
         self._objects: dict[int, Callable[..., float]] = {}  # their steps, by the number of `make`
@@ -113,8 +115,11 @@ class UserCode:
     def drop_writes(self) -> None:
         """Discard all that this process writes to files."""
         for folder in self._folders.values():
-            builtins.open = io.open = folder.builtins['open'] = folder.open
-            if accessor := getattr(pathlib, '_NormalAccessor', None):  # of Python 3.10
+            folder.builtins['open'] = folder.open
+            builtins.open = folder.open
+            io.open = folder.open
+            accessor = getattr(pathlib, '_NormalAccessor', None)  # of Python 3.10
+            if accessor:
                 accessor.open = staticmethod(folder.open)
 
     #: The user's `bikeFE`; it also gets `l_f`, `l_r` and `g` if it takes them.
@@ -143,7 +148,9 @@ class UserCode:
         ros = ros_of_program(folder.parse(path))
         if not ros:
             return None
-        if module := key_reader(folder.parse(path)):
+
+        module = key_reader(folder.parse(path))
+        if module:
             raise UserCodeError(
                 f'{path.name} reads keys itself, with {module}; expected a relay that gets Twists '
                 f'on cmd_vel: {BY_EYE}'
@@ -170,15 +177,17 @@ class UserCode:
         if path not in folder.failed:
             self._seed()
         module = _load(folder, path)
+
         name = next((each for each in names if hasattr(module, each)), '')
         if not name:
             raise UserCodeError(f'{path.name} defines no {" nor ".join(reversed(names))}')
-        value, called = getattr(module, name), CALLED[name]
-        if not (isinstance(value, type) if called.method else callable(value)):
-            expected = 'class' if called.method else 'function'
-            raise UserCodeError(
-                f'{path.name}: {name} is {short_repr(value)}; expected a {expected}'
-            )
+        value = getattr(module, name)
+        called = CALLED[name]
+        kind = 'class' if called.method else 'function'
+        is_right_kind = isinstance(value, type) if called.method else callable(value)
+        if not is_right_kind:
+            raise UserCodeError(f'{path.name}: {name} is {short_repr(value)}; expected a {kind}')
+
         function = UserFunction(folder, value, called)
         if called.method and not callable(guarded(getattr, value, called.method, default=None)):
             arguments = ', '.join(('self', *(CALLED[called.method].takes or '').split()))
@@ -232,13 +241,15 @@ class UserCode:
         if not isinstance(self.relay, UserFunction):
             commands: Sequence[Command] = self.relay.commands(twists, duration)
             return commands
-        relay, dt = self.new_relay(), calls[1][0] - calls[0][0]
+        relay = self.new_relay()
+        dt = calls[1][0] - calls[0][0]
         return [Command(t, *relay(x, z, dt=dt)) for t, x, z in calls]
 
     @property
     def gains(self) -> ChosenGains | None:
         """The gains that `controller.py` chooses; None if it is not loaded, or chooses none."""
-        if (new := self._loaded.get('controller')) is None:
+        new = self._loaded.get('controller')
+        if new is None:
             return None
         path = str(self.paths['controller'])
         name = new.folder.sources[path].name
@@ -266,8 +277,10 @@ class UserCode:
         """Return an entry of a bag's metadata: files by part, and their hashes."""
         loaded = {source.path: source.name for source in self.sources}
         files = {part: loaded[path] for part, path in self.paths.items() if path in loaded}
-        hashes = {each.name: sha256(each.data).hexdigest() for each in self.sources}
-        return {'student_code': json.dumps({'files': files, 'sha256': hashes})} if hashes else {}
+        hashes = {source.name: sha256(source.data).hexdigest() for source in self.sources}
+        if not hashes:
+            return {}
+        return {'student_code': json.dumps({'files': files, 'sha256': hashes})}
 
     def attachments(self) -> dict[str, bytes]:
         """Return the user's files, by their names as attachments of a bag."""
@@ -304,11 +317,14 @@ class UserCode:
             limits = {'output_min': -inf, 'output_max': inf}
             self._objects[number] = self.new_pid(*arguments, fresh=True, **limits).acc_calculate
             return
-        lane, (ends, curvatures) = self.new('lane', fresh=True), arguments
+
+        ends, curvatures = arguments
+        lane = self.new('lane', fresh=True)
 
         def steer(e_y: float, e_psi: float, speed: float, place: float) -> float:
             def curvature(d: float) -> float:
-                return float(curvatures[bisect_right(ends, (place + d) % ends[-1]) % len(ends)])
+                segment = bisect_right(ends, (place + d) % ends[-1]) % len(ends)
+                return float(curvatures[segment])
 
             curvature.__qualname__ = 'curvature'  # errors show this name
             return float(lane(e_y, e_psi, speed, curvature))
@@ -341,14 +357,14 @@ class UserCode:
             file = names.get(frame.f_code.co_filename)
             if file is None or len(assigned) > MAX_LINES:
                 return None
-            own = getattr(frame.f_locals.get('self'), '__dict__', {})
-            values = {**frame.f_locals, **{f'self.{name}': value for name, value in own.items()}}
+
+            values = dict(frame.f_locals)
+            attributes = getattr(frame.f_locals.get('self'), '__dict__', {})
+            values.update({f'self.{name}': value for name, value in attributes.items()})
             line, old = before.get(frame, (0, values))
-            assigned.extend(
-                (f'{file}, line {line}', float(value))
-                for name, value in values.items()
-                if isinstance(value, (int, float)) and old.get(name) is not value
-            )
+            for name, value in values.items():
+                if isinstance(value, (int, float)) and old.get(name) is not value:
+                    assigned.append((f'{file}, line {line}', float(value)))
             if event == 'return':
                 assigned.append((f'{file}, line {frame.f_lineno}', nan))
             before[frame] = frame.f_lineno, values
@@ -375,7 +391,8 @@ class UserObject:
 
     def __init__(self, instance: Any, step: UserFunction) -> None:  # noqa: ANN401 (a user's)
         """Use `step`, a method of the `instance`."""
-        self._instance, self._step = instance, step
+        self._instance = instance
+        self._step = step
 
     def __call__(self, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (as its class defines)
         """Return the result of a step."""
@@ -408,26 +425,26 @@ def _correct(
 
     It is still called, and its results keep their type. Other arguments have its own results.
     """
-    own: Any = getattr(module, name, None)
+    function: Any = getattr(module, name, None)
     right = {tuple(row): [*result] for row, result in zip(rows, results, strict=True)}
 
     def corrected(*args: Any, **options: Any) -> Any:  # noqa: ANN401 (a user's)
-        returned = own(*args, **options)
+        result = function(*args, **options)
         values = guarded(right.get, (*args, *options.values()), default=None)
-        return returned if values is None else _like(returned, values)
+        return result if values is None else _like(result, values)
 
     for each, value in [*vars(module).items()]:
-        if callable(own) and value is own:
+        if callable(function) and value is function:
             setattr(module, each, corrected)
 
 
-def _like(returned: Any, values: list[float]) -> Any:  # noqa: ANN401 (a user's)
+def _like(result: Any, values: list[float]) -> Any:  # noqa: ANN401 (a user's)
     """Return `values` as the type of a user's result: a list, a tuple or an array."""
-    if isinstance(returned, tuple):
+    if isinstance(result, tuple):
         return tuple(values)
-    if not hasattr(returned, 'astype'):
+    if not hasattr(result, 'astype'):
         return values
-    array = returned.astype(float)
+    array = result.astype(float)
     array.flat = values
     return array
 
@@ -435,8 +452,9 @@ def _like(returned: Any, values: list[float]) -> Any:  # noqa: ANN401 (a user's)
 def gains_of(lane: UserFunction) -> dict[str, float]:
     """Return the gains of a user's class `Lane`: its arguments, whose defaults must be numbers."""
     gains = {}
-    for name, each in lane.signature.parameters.items():
-        if (value := number(each.default)) is None:
+    for name, parameter in lane.signature.parameters.items():
+        value = number(parameter.default)
+        if value is None:
             raise UserCodeError(
                 f'{lane.place()}: Lane takes ({", ".join(lane.signature.parameters)}), and each is '
                 f'a gain: expected a number as its default, as in {name}=0.2'

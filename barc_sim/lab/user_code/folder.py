@@ -61,8 +61,10 @@ MAX_PHRASES = 20  #: on faults that cost nothing, of those that are reported
 MAX_COMMANDS = 8000  #: of a relay's run; 20 a second are usual
 _SHOWN = 120
 _REPR = Repr()
-_REPR.maxlist = _REPR.maxtuple = 6
-_REPR.maxstring = _REPR.maxother = _SHOWN
+_REPR.maxlist = 6
+_REPR.maxtuple = 6
+_REPR.maxstring = _SHOWN
+_REPR.maxother = _SHOWN
 _FLOAT = {float}
 _open = open
 _POLL = 0.05
@@ -109,7 +111,8 @@ class Absent:
 
     def __init__(self, name: str, reason: str) -> None:
         """Stand in for `name`, which is missing for `reason`."""
-        self._name, self._reason = name, reason
+        self._name = name
+        self._reason = reason
 
     def __getattr__(self, name: str) -> object:
         """Return a stand-in for the attribute."""
@@ -165,16 +168,19 @@ class Folder:
         `budget` [s] is the time limit of each call. It is None in the process of a submission,
         where NumPy is the only package.
         """
-        self.path, self._output, self.budget = path, output, budget
+        self.path = path
+        self.budget = budget
+        self._output = output
         self.trees: dict[str, ast.Module] = {}  #: syntax trees of the loaded files, by path
         self.tolerated: list[str] = []  #: faults of the files that cost nothing, a phrase each
         #: Returns the module to use in place of the one with a name, or None.
         self.stand_in: Callable[[str], Any] = lambda _: None
         self.sources: dict[str, Source] = {}  #: the loaded files, by path
         self.failed: dict[Path, UserCodeError] = {}  #: the errors of files that cannot be loaded
-        own = {file.stem for file in path.glob('*.py')}
-        own |= {file.parent.name for file in path.glob('*/*.py')}
-        self._names = own - sys.stdlib_module_names
+
+        names = {file.stem for file in path.glob('*.py')}
+        names |= {file.parent.name for file in path.glob('*/*.py')}
+        self._names = names - sys.stdlib_module_names
         self._modules: dict[str, ModuleType] = {}
         #: The built-in names in all of its files.
         self.builtins = {**vars(builtins), '__import__': self._import, 'input': _no_input}
@@ -195,11 +201,13 @@ class Folder:
         name = name or (file.stem if file.stem in self._names else f'user_code_{file.stem}')
         if name in self._modules:
             return self._modules[name]
+
         is_package = file.name == '__init__.py'
         module = module_from_spec(ModuleSpec(name, None, is_package=is_package))
         # All of the module's functions find `import` and `print` here.
         vars(module).update(__file__=str(file), __builtins__=self.builtins)
         self._modules[name] = module
+
         is_new = name not in sys.modules
         if is_new:
             sys.modules[name] = module
@@ -214,7 +222,8 @@ class Folder:
         return module
 
     def _compiled(self, file: Path) -> CodeType:
-        source = self.sources[str(file)] = read(file, str(file.relative_to(self.path)))
+        source = read(file, str(file.relative_to(self.path)))
+        self.sources[str(file)] = source
         result = compiled(source)
         self.trees[str(file)] = result.tree
         for phrase in result.tolerated:
@@ -233,12 +242,12 @@ class Folder:
 
     def raised_at(self, error: BaseException) -> tuple[str, FrameType] | tuple[None, None]:
         """Return the innermost file and line in an exception's traceback, and their frame."""
-        frames = [
-            (place, frame)
-            for frame, line in traceback.walk_tb(error.__traceback__)
-            if (place := self.place(frame.f_code.co_filename, line))
-        ]
-        return frames[-1] if frames else (None, None)
+        innermost: tuple[str, FrameType] | tuple[None, None] = (None, None)
+        for frame, line in traceback.walk_tb(error.__traceback__):
+            place = self.place(frame.f_code.co_filename, line)
+            if place:
+                innermost = place, frame
+        return innermost
 
     def describe(self, error: BaseException) -> str:
         """Return an exception's type and message in one line, with a hint on a known mistake."""
@@ -255,32 +264,39 @@ class Folder:
         fromlist: Sequence[str] | None = (),
         level: int = 0,
     ) -> ModuleType:
-        importer, fromlist = globals or {}, fromlist or ()
+        importer = globals or {}
+        fromlist = fromlist or ()
         if level:
             package = str(importer.get('__package__')).rsplit('.', level - 1)[0]
             name = f'{package}.{name}'.strip('.')
         top = name.partition('.')[0]
-        if not level and (stand_in := self.stand_in(name if fromlist else top)):
-            return stand_in  # type: ignore[no-any-return]
+
+        if not level:
+            stand_in: ModuleType | None = self.stand_in(name if fromlist else top)
+            if stand_in:
+                return stand_in
         if not name:
             # `from . import x` in a file that is loaded by itself: x is in the same folder.
             modules = {each: self._import(each, globals, locals, (each,)) for each in fromlist}
             return SimpleNamespace(**modules)  # type: ignore[return-value]
-        if top in self._names and (module := self._own(name)):
-            for each in fromlist:
-                if not hasattr(module, each):
-                    self._own(f'{name}.{each}')
-            return module if fromlist else self._modules[top]
-        return self._import_installed(name, fromlist, importer.get('__file__', ''))
+        module = self._of_folder(name) if top in self._names else None
+        if not module:
+            return self._import_installed(name, fromlist, importer.get('__file__', ''))
+        for each in fromlist:
+            if not hasattr(module, each):
+                self._of_folder(f'{name}.{each}')
+        return module if fromlist else self._modules[top]
 
-    def _own(self, name: str) -> ModuleType | None:
+    def _of_folder(self, name: str) -> ModuleType | None:
         """Return the module or package `name` of this folder; None if there is none."""
         outer, _, last = name.rpartition('.')
-        package = self._own(outer) if outer else None
+        package = self._of_folder(outer) if outer else None
+
         path = self.path.joinpath(*name.split('.'))
-        files = path.with_suffix('.py'), path / '__init__.py'
-        if file := next((each for each in files if each.is_file()), None):
-            module = self.load(file, name)
+        if path.with_suffix('.py').is_file():
+            module = self.load(path.with_suffix('.py'), name)
+        elif (path / '__init__.py').is_file():
+            module = self.load(path / '__init__.py', name)
         elif path.is_dir():
             module = self._modules.setdefault(name, ModuleType(name))
         else:
@@ -293,25 +309,31 @@ class Folder:
         """Return a module of Python or of an installed package, or an `Absent`, to a file."""
         top = name.partition('.')[0]
         is_ros = top in _ROS or bool(_MESSAGES.fullmatch(name))
-        python = top in sys.stdlib_module_names or top == 'numpy'
-        if python or (self.budget is not None and not is_ros):
+        is_of_python = top in sys.stdlib_module_names or top == 'numpy'
+        if is_of_python or (self.budget is not None and not is_ros):
             with suppress(ModuleNotFoundError):
                 if name == 'numpy' or (top == 'numpy' and not fromlist):
                     __import__(name)
                     return self._numpy(importer)
                 return __import__(name, fromlist=fromlist)
+
         if importer not in self.trees:  # the import comes from exec or a call of __import__
             raise ModuleNotFoundError(f'there is no module {name!r} here', name=name)
         if not is_ros and (top in guarded_imports(self.trees[importer]) or '*' in fromlist):
             raise ModuleNotFoundError(name, name=name)
-        reason = (
-            'ROS 1 is not installed and not needed: barc_sim provides the nodes, and calls PID '
-            'every 0.02 s'
-            if is_ros
-            else f"there is no module {name!r} here, only NumPy and Python's own modules: install "
-            'it for your own runs, put it into the folder, or do without it'
-        )
-        why = 'ROS is not needed' if is_ros else 'it is not installed here'
+
+        if is_ros:
+            why = 'ROS is not needed'
+            reason = (
+                'ROS 1 is not installed and not needed: barc_sim provides the nodes, and calls PID '
+                'every 0.02 s'
+            )
+        else:
+            why = 'it is not installed here'
+            reason = (
+                f"there is no module {name!r} here, only NumPy and Python's own modules: install "
+                'it for your own runs, put it into the folder, or do without it'
+            )
         self.tolerate(f'{self.sources[importer].name} imports {name}: {why}')
         absent: Any = Absent(name if fromlist else top, reason)
         return absent  # type: ignore[no-any-return]
@@ -328,7 +350,8 @@ class Folder:
         """Open a file for reading; text that is written to it is discarded."""
         if not isinstance(file, int) and {*mode} & {*'wax+'}:
             self.tolerate(f'{short_repr(os.path.basename(file))} is not written here')  # noqa: PTH119
-            file, mode = os.devnull, mode.replace('x', 'w')
+            file = os.devnull
+            mode = mode.replace('x', 'w')
         return _open(file, mode, *args, **options)
 
     def tolerate(self, phrase: str) -> None:
@@ -398,7 +421,9 @@ class Budget:
 
     def __init__(self, seconds: float | None) -> None:
         """Allow `seconds` to each call."""
-        self.caller, self.count, self.is_busy = 0, 0, False
+        self.caller = 0  #: the thread of the latest call
+        self.count = 0  #: of calls
+        self.is_busy = False
         if seconds is not None:
             watched = weakref.ref(self), seconds
             threading.Thread(target=_watch, args=watched, name='time budget', daemon=True).start()
@@ -415,10 +440,12 @@ class Budget:
 
 
 def _watch(reference: weakref.ref[Budget], seconds: float) -> None:
-    seen = polls = 0
+    last_count = 0
+    polls = 0  # of the same call
     while budget := reference():
-        polls = polls + 1 if budget.is_busy and budget.count == seen else 0
-        seen = budget.count
+        is_same_call = budget.is_busy and budget.count == last_count
+        polls = polls + 1 if is_same_call else 0
+        last_count = budget.count
         if polls * _POLL >= seconds:
             polls = 0
             _raise_in_thread(ctypes.c_ulong(budget.caller), ctypes.py_object(OutOfTime))
@@ -458,18 +485,21 @@ class UserFunction:
 
     def __init__(self, folder: Folder, function: Any, called: Called) -> None:  # noqa: ANN401 (a user's)
         """Check that `function` takes the arguments of `called`."""
-        self.folder, self.function, self.called = folder, function, called
+        self.folder = folder
+        self.function = function
+        self.called = called
         self._call = Budget(folder.budget).call
-        found = self.signature = self._signature()
-        #: The names of its arguments.
-        self.parameters = [*found.parameters]
-        kinds = [each.kind for each in found.parameters.values()]
-        self._takes_all = Parameter.VAR_KEYWORD in kinds
-        self._positions = {name: position for position, name in enumerate(self.parameters)}
+
+        self.signature = self._signature()
+        parameters = self.signature.parameters
+        self.parameters = [*parameters]  #: the names of its arguments
+        self._takes_all = Parameter.VAR_KEYWORD in [each.kind for each in parameters.values()]
+        self._positions = {name: position for position, name in enumerate(parameters)}
+
         takes = self.parameters if called.takes is None else called.takes.split()
-        is_timed = called.is_timed and _binds(found, len(takes), dt=0.0)
-        is_named = called.method and _binds(found, 0, **dict.fromkeys(takes, 0.0))
-        if not (is_timed or is_named or _binds(found, len(takes))):
+        is_timed = called.is_timed and _binds(self.signature, len(takes), dt=0.0)
+        is_named = called.method and _binds(self.signature, 0, **dict.fromkeys(takes, 0.0))
+        if not (is_timed or is_named or _binds(self.signature, len(takes))):
             hint = '' if self._has_self() else ': is self missing as its first argument?'
             raise UserCodeError(
                 f'{self.place()}: {self._name()} takes ({", ".join(self.parameters)}); '
@@ -479,12 +509,14 @@ class UserFunction:
     def __call__(self, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (a user's)
         """Call the function; return a float, a list of floats, or an object."""
         if not self._takes_all:
-            positions, first = self._positions, len(args)
+            positions = self._positions
+            first = len(args)
             options = {n: v for n, v in options.items() if positions.get(n, -1) >= first}
         try:
             result = self._call(self.function, *args, **options)
         except (Exception, SystemExit, OutOfTime) as error:
-            raise self._raised(error, args, options) from error
+            raise self._error_of(error, args, options) from error
+
         numbers = self.called.numbers
         if not numbers or _is_plain(result, numbers):
             return result
@@ -507,8 +539,10 @@ class UserFunction:
         return place or FILES.get(self.called.part, self.folder.path.name)
 
     def _code(self) -> CodeType | None:
-        made: Any = vars(self.function).get('__init__') if isinstance(self.function, type) else None
-        return getattr(made or self.function, '__code__', None)
+        function: Any = self.function
+        if isinstance(function, type):
+            function = vars(function).get('__init__') or function
+        return getattr(function, '__code__', None)
 
     def _has_self(self) -> bool:
         """Return whether a method has `self` as its first argument; True for a function."""
@@ -524,7 +558,7 @@ class UserFunction:
                 f'{self.place()}: expected a function, got {short_repr(self.function)}'
             ) from error
 
-    def _raised(
+    def _error_of(
         self, error: BaseException, args: tuple[Any, ...], options: Mapping[str, Any]
     ) -> UserCodeError:
         place, frame = self.folder.raised_at(error)
@@ -556,9 +590,9 @@ class UserFunction:
         return str(guarded(getattr, self.function, '__name__', default='a function'))
 
 
-def _binds(found: Signature, count: int, **options: float) -> bool:
+def _binds(parameters: Signature, count: int, **options: float) -> bool:
     try:
-        found.bind(*range(count), **options)
+        parameters.bind(*range(count), **options)
     except TypeError:
         return False
     return True
@@ -579,8 +613,8 @@ def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: 
         return value if value is not None and math.isfinite(value) else None
     if isinstance(result, (dict, set)):
         return None  # they have no order of results
-    each_value = result.ravel() if hasattr(result, 'ravel') else result
-    values = [number(value) for value in islice(each_value, count + 1)]
+    items = result.ravel() if hasattr(result, 'ravel') else result
+    values = [number(value) for value in islice(items, count + 1)]
     finite = [value for value in values if value is not None and math.isfinite(value)]
     return finite if len(finite) == len(values) == count else None
 
@@ -589,22 +623,27 @@ def _hint_on(folder: Folder, error: BaseException, text: str) -> str:
     """Return a hint on an error with this text; empty if it is not a known mistake."""
     _, frame = folder.raised_at(error)
     names = frame.f_locals if frame else {}
-    own = [*getattr(names.get('self'), '__dict__', {})]
-    if isinstance(error, NameError) and (name := re.search(r"'(\w+)'", text)):
-        return _hint_on_name(name[1], [*names], own)
+    attributes = [*getattr(names.get('self'), '__dict__', {})]
+    if isinstance(error, NameError):
+        name = re.search(r"'(\w+)'", text)
+        if name:
+            return _hint_on_name(name[1], [*names], attributes)
     if isinstance(error, AttributeError) and 'self' in names and error.obj is names['self']:
-        near = get_close_matches(error.name, own, 1)
-        return f'did you mean self.{near[0]}?' if near else f'is self.{error.name} set in __init__?'
+        near = get_close_matches(error.name, attributes, 1)
+        if near:
+            return f'did you mean self.{near[0]}?'
+        return f'is self.{error.name} set in __init__?'
     return next((hint for part, hint in _HINTS.items() if part in text), '')
 
 
-def _hint_on_name(name: str, names: Sequence[str], own: Sequence[str]) -> str:
-    """Return a hint where `name` has no value, from local names and `own` attributes of self."""
-    if name in own:
+def _hint_on_name(name: str, names: Sequence[str], attributes: Sequence[str]) -> str:
+    """Return a hint where `name` has no value, from local names and attributes of self."""
+    if name in attributes:
         return f'did you mean self.{name}?'
     if name in _IMPORTS:
         return f'is {_IMPORTS[name]} missing?'
-    if near := get_close_matches(name, names, 1):
+    near = get_close_matches(name, names, 1)
+    if near:
         return f'did you mean {near[0]}?'
     if 'self' in names:
         return f'set it in a line above, or keep it between calls as self.{name}'

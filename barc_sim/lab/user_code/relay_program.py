@@ -47,7 +47,9 @@ if TYPE_CHECKING:
 _BUDGET = 10.0  #: [s] of a run; it takes some milliseconds
 _PATIENCE = 5.0  #: [s] until a program that drives by hand must spin or sleep again
 _STATE_PERIOD = 0.02  #: [s]
-_CMD_VEL, _STATE, _ECU = 'cmd_vel', 'z_vhcl', 'ecu'
+_CMD_VEL = 'cmd_vel'
+_STATE = 'z_vhcl'
+_ECU = 'ecu'
 _ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 _TWIST = 'geometry_msgs/msg/Twist'
 
@@ -74,9 +76,12 @@ def _lenient(type_name: str) -> type[Any]:
         def __init__(self, *values: Any, **named: Any) -> None:
             super().__init__()
             for name in kind.__slots__:
-                if name != 'header' and isinstance(value := getattr(self, name), Message):
+                value = getattr(self, name)
+                if name != 'header' and isinstance(value, Message):
                     setattr(self, name, _lenient(value.__msgtype__)())
-            for name, value in (*zip(order, values, strict=False), *named.items()):
+            for name, value in zip(order, values, strict=False):
+                setattr(self, name, value)
+            for name, value in named.items():
                 setattr(self, name, value)
 
         def __setattr__(self, name: str, value: Any) -> None:
@@ -85,7 +90,8 @@ def _lenient(type_name: str) -> type[Any]:
                 value = float(value)
             super().__setattr__(name, value)
 
-    Lenient.__name__, Lenient.__module__ = kind.__name__, kind.__module__
+    Lenient.__name__ = kind.__name__
+    Lenient.__module__ = kind.__module__
     return Lenient
 
 
@@ -108,7 +114,8 @@ class _Rate:
     """Sleeps to the next multiple of its period."""
 
     def __init__(self, world: World, hz: float, *_: object, **__: object) -> None:
-        self._period, self._world = int(SECOND / hz), world
+        self._period = int(SECOND / hz)
+        self._world = world
         self._due = world.now() + self._period
 
     def sleep(self) -> None:
@@ -136,8 +143,8 @@ def rospy_modules(world: World) -> dict[str, Any]:
         node_publisher = node.create_publisher(kind, name, 1000)
 
         def publish(*values: Any, **named: Any) -> None:
-            whole = len(values) == 1 and isinstance(values[0], kind) and not named
-            message = values[0] if whole else data_class(*values, **named)
+            is_message = len(values) == 1 and isinstance(values[0], kind) and not named
+            message = values[0] if is_message else data_class(*values, **named)
             node_publisher.publish(message.__copy__())
 
         connections = node_publisher.get_subscription_count
@@ -181,7 +188,9 @@ class RelayProgram:
 
     def __init__(self, folder: Folder, path: Path, ros: str) -> None:
         """Use the file at `path`; `ros` is `rclpy` or `rospy`."""
-        self.folder, self.path, self.ros = folder, path, ros
+        self.folder = folder
+        self.path = path
+        self.ros = ros
         self._live: LiveRelay | None = None
 
     def commands(self, twists: Sequence[Sequence[float]], duration: float) -> list[Command]:
@@ -211,12 +220,17 @@ class RelayRun(World):
         super().__init__(simulated=True)
         self._program = program
         self._publishers: dict[str, Any] = {}  # of the driver, by topic
-        self.end, self.flat_names, self.is_silent = end * SECOND, (_CMD_VEL, _STATE, _ECU), True
+        self.end = end * SECOND
+        self.flat_names = (_CMD_VEL, _STATE, _ECU)
+        self.is_silent = True
         self.commands: list[tuple[float, float, float]] = []  #: t [s], motor and servo
         self._published: set[str] = set()  # the program's topics
         self._subscribed: dict[str, str] = {}  # their types
-        self._speed = self._motor = self._moved = 0.0
-        state, ecu = map(message_type, ('barc_interfaces/msg/ZDynBkMdl', 'barc_interfaces/msg/ECU'))
+        self._speed = 0.0
+        self._motor = 0.0
+        self._moved_at = 0.0  # [s]
+        state = message_type('barc_interfaces/msg/ZDynBkMdl')
+        ecu = message_type('barc_interfaces/msg/ECU')
         with in_world(self):
             init(args=[])
             self.node = Node('car', enable_rosout=False)
@@ -243,7 +257,8 @@ class RelayRun(World):
     def drive(self, linear_x: float, angular_z: float) -> None:
         """Publish a Twist on each topic of Twists that the program subscribes to."""
         message = message_type(_TWIST)()
-        message.linear.x, message.angular.z = float(linear_x), float(angular_z)
+        message.linear.x = float(linear_x)
+        message.angular.z = float(angular_z)
         for topic in self._twist_topics():
             if topic not in self._publishers:
                 publisher = self.node.create_publisher(type(message), f'/{topic}', _ALL)
@@ -261,8 +276,8 @@ class RelayRun(World):
         self.commands.append((self._seconds, command.motor, command.servo))
 
     def _move(self) -> None:
-        self._speed += self._motor * (self._seconds - self._moved)
-        self._moved = self._seconds
+        self._speed += self._motor * (self._seconds - self._moved_at)
+        self._moved_at = self._seconds
 
     def _publish_state(self) -> None:
         self._note_topics()
@@ -273,11 +288,13 @@ class RelayRun(World):
     def _note_topics(self) -> None:
         """Note the topics of the program's nodes."""
         for node in self.nodes:
-            if node is not self.node:
-                self._published |= {each.topic_name.strip('/') for each in node.publishers}
-                self._subscribed |= {
-                    each.topic_name.strip('/'): each.kind.__msgtype__ for each in node.subscriptions
-                }
+            if node is self.node:
+                continue
+            for publisher in node.publishers:
+                self._published.add(publisher.topic_name.strip('/'))
+            for subscription in node.subscriptions:
+                topic = subscription.topic_name.strip('/')
+                self._subscribed[topic] = subscription.kind.__msgtype__
 
     @property
     def _seconds(self) -> float:
@@ -294,7 +311,8 @@ class RelayRun(World):
 
     def run(self) -> None:
         """Run the program until it ends, or until the time is `end`."""
-        folder, path = self._program.folder.again(), self._program.path
+        folder = self._program.folder.again()
+        path = self._program.path
         try:
             with in_world(self):
                 folder.stand_in = self._stand_ins()
@@ -316,6 +334,7 @@ class RelayRun(World):
                 )
             place, _ = folder.raised_at(error)
             raise UserCodeError(f'{place or path.name}: {fault}') from error
+
         self._note_topics()
         self._published -= {'rosout', 'parameter_events', _ECU}
         while self._ecu_sub.queue:
@@ -332,8 +351,8 @@ class RelayRun(World):
         elif not (self.commands or self.now_ns):
             fault = 'it ends at once, and publishes nothing on ecu: is its spin missing?'
         elif not self.commands:
-            others = ', '.join(map(repr, sorted(self._published)))
-            but = f', but on {others}' if others else ''
+            topics = ', '.join(map(repr, sorted(self._published)))
+            but = f', but on {topics}' if topics else ''
             fault = (
                 f'it publishes nothing on ecu{but}; expected commands of the type ECU on the '
                 'topic ecu'
@@ -361,8 +380,10 @@ class LiveRelay(RelayRun):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._failure, self._is_over = '', False
-        self._continues, self._waits = threading.Semaphore(0), threading.Semaphore(0)
+        self._failure = ''
+        self._is_over = False
+        self._continues = threading.Semaphore(0)
+        self._waits = threading.Semaphore(0)
         self._thread = threading.Thread(target=self._live, name='relay', daemon=True)
         self._thread.start()
         self._wait()

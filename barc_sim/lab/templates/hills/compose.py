@@ -1,4 +1,4 @@
-"""The drive by hand, composed: write make_nodes and main. Four nodes share one executor."""
+"""Four nodes in one executor, for a drive by hand: write make_nodes and main."""
 
 import rclpy
 from rclpy.executors import MultiThreadedExecutor
@@ -12,12 +12,12 @@ from barc_sim.nodes.simulator import VehicleSimulator
 
 
 def make_nodes():
-    """Return four nodes in a list. A topic has one publisher.
+    """Return four nodes in a list. Only one of them publishes each topic.
 
     BagRecorder()         subscribes to every topic, writes bags/
     VehicleSimulator()    subscribes to ecu, publishes z_vhcl
     Relay()               subscribes to cmd_vel, publishes ecu; or a class of your own
-    Keyboard(Terminal())  publishes cmd_vel; `finished` is a future, done when q is pressed
+    Keyboard(Terminal())  publishes cmd_vel; `finished` is a future; q makes it done
     """
     # TODO: make each node
 

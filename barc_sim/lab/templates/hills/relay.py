@@ -9,8 +9,8 @@ def relay(linear_x, angular_z):
     linear_x   [-]      the driver's request: 1 forward, -1 backward, 0 for neither
     angular_z  [-]      1 to the left, -1 to the right, 0 for neither
 
-    motor      [m/s^2]  acceleration; the car gives at most 8, forward and backward
-    servo      [rad]    steering angle of the front wheels, positive to the left; at most 0.5
+    motor      [m/s^2]  acceleration; the maximum of the car is 8, forward and backward
+    servo      [rad]    steering angle of the front wheels, positive to the left; maximum 0.5
 
     To store a value between calls, such as the steering angle, write a class in place of the
     function: class Relay, with a method relay(self, linear_x, angular_z).

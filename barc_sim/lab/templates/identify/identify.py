@@ -1,14 +1,15 @@
 """Identification: choose 60 s of commands, and estimate drag, friction and delay of your car."""
 
-# NumPy is there: import numpy as np
+# You can use NumPy: import numpy as np
 
-NAME = 'your name'  # it determines your own car
+NAME = 'your name'  # each name has a car of its own
 
 
 def command(t):
     """Return the acceleration command [m/s²] at the time t [s], from 0 to 60 s.
 
-    The car starts at rest on a flat road. Keep commands from -2 to 2 m/s², speeds from 0 to 15 m/s.
+    The car starts at rest on a flat road. Keep the commands from -2 to 2 m/s², and the speed from 0
+    to 15 m/s.
     """
     # TODO
 

@@ -1,6 +1,6 @@
 """Racing line and MPC: write the speeds of a lap, a line, and the quadratic program of an MPC."""
 
-# NumPy is there: import numpy as np
+# You can use NumPy: import numpy as np
 # Import what you need, for example: from math import sqrt
 
 L = 3.0  # [m] distance between the axles
