@@ -1,7 +1,7 @@
 """How fast the error of a step falls with its length, for each model and integrator.
 
-Test drives with motor and servo held end somewhere: a closed form, or a far finer solution, says
-where. `python docs/convergence.py` prints the errors.
+Each test drive has a constant command. Its last state is compared with a closed form, or with a
+solution in far shorter steps. `python docs/convergence.py` prints the errors.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 #: [s] The lab's step, halved again and again.
 STEPS = tuple(0.02 / 2**k for k in range(5))
-#: [s] That of the solution by rk4 that stands for the true one where there is no closed form.
+#: [s] Step of the rk4 solution to compare with where there is no closed form.
 FINE = 0.02 / 128
-#: [m] Errors below this are rounding's, not the method's.
+#: [m] Smaller errors come from rounding, not from the method.
 ROUNDING = 1e-11
 _COLUMNS = 3  #: of panels
 _COLOURS = {'euler': VERMILLION, 'rk4': BLUE}
@@ -49,7 +49,7 @@ class ReferenceDrive(NamedTuple):
     text: str
     start: BicycleState
     duration: float  #: [s]
-    held: Command = Command()
+    command: Command = Command()
     inclines: Inclines = LEVEL
     vehicle: Vehicle = Vehicle()
     models: tuple[str, ...] = ('kinematic', 'dynamic')
@@ -63,7 +63,7 @@ def _slope(degrees: float) -> Inclines:
 
 def _circle(test_drive: ReferenceDrive) -> tuple[float, float]:
     """Return where a circle at constant speed ends."""
-    beta = slip_angle(test_drive.held.servo)
+    beta = slip_angle(test_drive.command.servo)
     radius = test_drive.vehicle.l_r / sin(beta)
     angle = test_drive.start.v * test_drive.duration / radius
     return radius * (sin(angle + beta) - sin(beta)), radius * (cos(beta) - cos(angle + beta))
@@ -81,15 +81,22 @@ def _descent(test_drive: ReferenceDrive) -> tuple[float, float]:
 
 def _stretches(test_drive: ReferenceDrive) -> tuple[float, float]:
     """Return how far a car without drag comes on stretches of constant grade."""
-    vehicle, left = test_drive.vehicle, test_drive.duration
-    x, _, _, v = test_drive.start
+    vehicle = test_drive.vehicle
     inclines = test_drive.inclines
+    left = test_drive.duration
+    x = test_drive.start.x
+    v = test_drive.start.v
     for end, theta in zip((*inclines.starts[1:], inf), inclines.thetas, strict=True):
-        a = test_drive.held.motor - vehicle.gravity * sin(theta) - vehicle.friction / vehicle.mass
-        time = 2.0 * (end - x) / (v + sqrt(v * v + 2.0 * a * (end - x))) if end < inf else inf
+        resistance = vehicle.friction / vehicle.mass
+        a = test_drive.command.motor - vehicle.gravity * sin(theta) - resistance
+        time = inf
+        if end < inf:
+            time = 2.0 * (end - x) / (v + sqrt(v * v + 2.0 * a * (end - x)))
         if time > left:
             break
-        x, v, left = end, v + a * time, left - time
+        x = end
+        v += a * time
+        left -= time
     return x + left * (v + 0.5 * a * left), 0.0
 
 
@@ -98,7 +105,7 @@ REFERENCE_DRIVES = (
         name='circle',
         text='15 m/s, 0.4 rad',
         start=BicycleState(v=15.0),
-        held=Command(0.0, 0.4),
+        command=Command(0.0, 0.4),
         vehicle=Vehicle(air_drag_coeff=0.0, friction=0.0),
         duration=4.0,
         models=('kinematic',),
@@ -108,7 +115,7 @@ REFERENCE_DRIVES = (
         name='step steer',
         text='20 m/s, 0.05 rad',
         start=BicycleState(v=20.0),
-        held=Command(0.0, 0.05),
+        command=Command(0.0, 0.05),
         duration=4.0,
         models=('dynamic',),
     ),
@@ -125,7 +132,7 @@ REFERENCE_DRIVES = (
         name='bend downhill',
         text='10° down, strong drag, 0.03 rad',
         start=BicycleState(v=25.0),
-        held=Command(0.5, 0.03),
+        command=Command(0.5, 0.03),
         inclines=_slope(-10.0),
         vehicle=Vehicle(air_drag_coeff=100.0),
         duration=4.0,
@@ -134,7 +141,7 @@ REFERENCE_DRIVES = (
         name="lab's road",
         text='its grade jumps',
         start=BicycleState(v=8.0),
-        held=Command(3.0),
+        command=Command(3.0),
         inclines=_LAB.inclines(),
         vehicle=Vehicle(air_drag_coeff=0.0),
         duration=8.0,
@@ -160,9 +167,11 @@ def studies() -> Iterator[Study]:
             if test_drive.exact:
                 x, y = test_drive.exact(test_drive)
             else:
-                x, y, *_ = final_state(test_drive, model, 'rk4', FINE)
+                end = final_state(test_drive, model, 'rk4', FINE)
+                x = end.x
+                y = end.y
             for integrator in INTEGRATORS:
-                ends = (final_state(test_drive, model, integrator, ts) for ts in STEPS)
+                ends = [final_state(test_drive, model, integrator, ts) for ts in STEPS]
                 errors = tuple(hypot(end.x - x, end.y - y) for end in ends)
                 yield Study(test_drive, model, integrator, errors, order(errors))
 
@@ -170,23 +179,24 @@ def studies() -> Iterator[Study]:
 def final_state(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) -> BicycleState:
     """Return the state at the end, in steps of `ts` seconds."""
     bicycle = bicycle_of(model, integrator, test_drive.vehicle)
-    held, inclines = test_drive.held, test_drive.inclines
+    command = test_drive.command
+    inclines = test_drive.inclines
     state = test_drive.start
     slip = Slip()
     stretch = 0
     for _ in range(round(test_drive.duration / ts)):
         stretch = stretch_at(inclines.starts, state.x, stretch)
-        state, slip = bicycle_step(bicycle, state, slip, held, inclines, stretch, ts)
+        state, slip = bicycle_step(bicycle, state, slip, command, inclines, stretch, ts)
     return state
 
 
 def order(errors: tuple[float, ...]) -> float:
     """Return the slope of log error over log step, for errors [m] of `STEPS`."""
-    counted = [(ts, error) for ts, error in zip(STEPS, errors, strict=True) if error > ROUNDING]
-    if len(counted) < 2:  # noqa: PLR2004 (a slope's least)
+    above = [(ts, error) for ts, error in zip(STEPS, errors, strict=True) if error > ROUNDING]
+    if len(above) < 2:  # noqa: PLR2004 (a slope needs two points)
         return float('nan')
-    steps, found = np.log(counted).T
-    return float(np.polyfit(steps, found, 1)[0])
+    log_steps, log_errors = np.log(above).T
+    return float(np.polyfit(log_steps, log_errors, 1)[0])
 
 
 @style.context(STYLE)
@@ -256,8 +266,9 @@ def _draw(axes: Axes, group: list[Study]) -> None:
 
 def _line(integrator: str, model: str) -> dict[str, Any]:
     """Return the look of a line."""
-    colour, (marker, filled, size) = _COLOURS[integrator], _MARKERS[model]
-    face = colour if filled else 'none'
+    colour = _COLOURS[integrator]
+    marker, is_filled, size = _MARKERS[model]
+    face = colour if is_filled else 'none'
     return {'c': colour, 'lw': 1.4, 'marker': marker, 'ms': size, 'mfc': face}
 
 
@@ -275,5 +286,5 @@ if __name__ == '__main__':
     for study in studies():
         errors = ''.join(f'{error:10.1e}' for error in study.errors)
         print(  # noqa: T201
-            f'{study.test_drive.name:12}{study.model:11}{study.integrator:7}{errors}{study.order:8.2f}'
+            f'{study.test_drive.name:15}{study.model:11}{study.integrator:7}{errors}{study.order:8.2f}'
         )
