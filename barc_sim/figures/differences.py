@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from barc_sim.bags.parameters import described
-from barc_sim.cli.text import escaped
 from barc_sim.control.lane import LANE
+from barc_sim.errors import escaped
 from barc_sim.interfaces.nodes import CONTROLLER, SIMULATOR
 from barc_sim.simulation.metrics import changes_of
 from barc_sim.vehicle.parameters import LIVE

@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from barc_sim.cli.text import one_line
 from barc_sim.control.cruise_control import GAINS
+from barc_sim.errors import UserError
 from barc_sim.figures.differences import bag_settings, labels_of, log_settings
 from barc_sim.figures.files import save
 from barc_sim.figures.style import (
