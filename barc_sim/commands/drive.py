@@ -125,8 +125,10 @@ def add_arguments_acc(parser: Parser) -> None:
 def run_acc(options: Namespace) -> int:
     """Drive, and return the exit code."""
     with StopSignals() as stop:
-        from barc_sim.runs.inputs import read_inputs  # noqa: PLC0415 (slow: not for --help)
+        from barc_sim.runs.engine import choose_engine  # noqa: PLC0415 (slow: not for --help)
+        from barc_sim.runs.inputs import read_inputs  # noqa: PLC0415
 
+        options.engine = choose_engine(options)
         inputs = read_inputs(options)
         run = import_module(f'barc_sim.runs.{_MODULES[options.mode]}')  # ROS's, or what stands in
         return int(run.drive(options, inputs, stop))

@@ -5,27 +5,21 @@ It reads from top to bottom: make the nodes, add them to one executor, spin, clo
 
 from __future__ import annotations
 
-from functools import partial
-from math import inf, nan
-from typing import TYPE_CHECKING
+from math import inf
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.cruise_control import PROFILE
 from barc_sim.control.lane import LANE
-from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.lab.user_code.adapters import COMMANDS
+from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT, PID
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.runs.composition import Run, engine
+from barc_sim.runs.car_monitor import CarMonitor
+from barc_sim.runs.composition import Run
+from barc_sim.runs.engine import start_engine
 from barc_sim.runs.inputs import gains
-from barc_sim.runs.terminal import (
-    Display,
-    cruise_line,
-    print_summaries,
-    print_summary,
-    print_track_laps,
-    track_line,
-)
-from barc_sim.simulation.closed_loop import Progress, check_ahead
-from barc_sim.simulation.metrics import Laps, TrackLaps
+from barc_sim.runs.report import late, print_line, print_report
+from barc_sim.runs.terminal import Display, print_summaries, print_summary, print_track_laps
+from barc_sim.runs.views import add_views
+from barc_sim.simulation.closed_loop import check_ahead
 from barc_sim.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -36,7 +30,6 @@ if TYPE_CHECKING:
     from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.runs.inputs import Inputs
     from barc_sim.simulation.metrics import Summary
-    from barc_sim.vehicle.plant import Observation
 
 
 def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
@@ -44,72 +37,99 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
 
     UserError: a parameter or a ROS argument cannot be used; no bag is left then.
     """
-    with engine(options) as new_executor, Run(options, inputs, stop) as run:
+    with start_engine(options) as carrier, Run(options, inputs, carrier) as run:
         cars = [add_car(run, number) for number in range(options.cars)]
         if not options.quiet:
-            cars[0].display = Display(cars[0].simulator.stepper.distance)
-        run.prepare(cars[0].display)
+            run.display = Display(cars[0].simulator.stepper.distance)
+            cars[0].display = run.display
+        print_line(options, f'engine     {carrier.name}')
+        add_views(run)
+        run.prepare()
+        stop.then(run.finish)
 
-        with new_executor() as executor:
+        with carrier.new_executor() as executor:
             for node in run.nodes:
                 executor.add_node(node)
             executor.spin_until_future_complete(run.finished)
             run.await_readers(executor)
 
-        if failures := [failure for car in cars if (failure := car.failure)]:
+        failures = [car.failure for car in cars if car.failure]
+        if failures:
             run.fail(f'{"; ".join(failures)}: the run has ended')
-    return run.end(lambda: print_result(run, cars))
+    return print_report(run, lambda: print_result(run, cars))
 
 
-def add_car(run: Run, number: int) -> Car:
+def add_car(run: Run, number: int) -> CarMonitor:
     """Add the controller and the simulator of a car to the run; a single car has no namespace.
 
     UserError: a parameter is out of range, or the topic is in use.
     """
-    options, (road, track, user_code, *_) = run.options, run.inputs
-    name = f'car{number + 1}' if options.cars > 1 else ''
-    controller: CruiseController | None = None
-    if not options.no_controller:
-        law, lane = run.inputs.laws()
-        is_free = user_code.controller or user_code.identify
-        controller = run.add(
-            CruiseController,
-            {
-                'speed_reference': options.speed,
-                'reference': options.reference,
-                'acceleration_limit': options.acceleration_limit,
-                'controller_type': options.controller_type,
-                'lane_type': None if lane else options.lane,
-                **dict(zip((p.name for p in PROFILE), options.speed_profile or (), strict=False)),
-                **{LANE + name: value for name, value in options.lane_gain},
-                **gains(options),
-            },
-            controller=law,
-            track=track,
-            lane=lane,
-            acceleration_limit=NO_LIMIT if is_free else ACCELERATION_LIMIT,
-            namespace=name,
-        )
-    simulator = run.add_simulator(
-        {
-            'distance': options.distance,
-            'laps': options.laps,
-            'road': road and road.name,
-            # Each car has its own noise.
-            'seed': (options.seed or 0) + number if number else options.seed,
-            'refuse_motor_above': NO_LIMIT if user_code.controller else None,
-            **_identified(user_code),
-        },
+    name = f'car{number + 1}' if run.options.cars > 1 else ''
+    controller = None if run.options.no_controller else _add_controller(run, name)
+    simulator = _add_simulator(run, name, number)
+
+    distance = simulator.stepper.distance
+    if controller and distance < inf and not controller.values['reference']:
+        check_ahead(controller.values['speed_reference'], distance)
+    return CarMonitor(run, name, controller, simulator)
+
+
+def _add_controller(run: Run, namespace: str) -> CruiseController:
+    options = run.options
+    user_code = run.inputs.user_code
+    law, lane = run.inputs.laws()
+
+    parameters: dict[str, Any] = {
+        'speed_reference': options.speed,
+        'reference': options.reference,
+        'acceleration_limit': options.acceleration_limit,
+        'controller_type': options.controller_type,
+        'lane_type': None if lane else options.lane,
+    }
+    if options.speed_profile:
+        lateral, longitudinal = PROFILE
+        parameters[lateral.name] = options.speed_profile[0]
+        parameters[longitudinal.name] = options.speed_profile[1]
+    parameters |= {LANE + gain: value for gain, value in options.lane_gain}
+    parameters |= gains(options)
+
+    has_user_law = user_code.controller or user_code.identify
+    controller: CruiseController = run.add(
+        CruiseController,
+        parameters,
+        controller=law,
+        track=run.inputs.track,
+        lane=lane,
+        acceleration_limit=NO_LIMIT if has_user_law else ACCELERATION_LIMIT,
+        namespace=namespace,
+    )
+    return controller
+
+
+def _add_simulator(run: Run, namespace: str, number: int) -> VehicleSimulator:
+    options = run.options
+    road = run.inputs.road
+    track = run.inputs.track
+    user_code = run.inputs.user_code
+
+    parameters = {
+        'distance': options.distance,
+        'laps': options.laps,
+        'road': road.name if road else None,
+        'refuse_motor_above': NO_LIMIT if user_code.controller else None,
+        **_identified(user_code),
+    }
+    if number > 0:  # each car has its own noise
+        parameters['seed'] = (options.seed or 0) + number
+
+    return run.add_simulator(
+        parameters,
         road=road,
         track=track,
         distance=0.0 if track else Scenario.distance,
         keeps_clock=number == 0,
-        namespace=name,
+        namespace=namespace,
     )
-    distance = simulator.stepper.distance
-    if controller and distance < inf and not controller.values['reference']:
-        check_ahead(controller.values['speed_reference'], distance)
-    return Car(run, name, controller, simulator)
 
 
 def _identified(user_code: UserCode) -> dict[str, float]:
@@ -127,92 +147,42 @@ def _identified(user_code: UserCode) -> dict[str, float]:
     }
 
 
-class Car:
-    """Watches a simulator: adds its states to laps, and ends the run of a car without progress."""
-
-    def __init__(
-        self, run: Run, name: str, controller: CruiseController | None, simulator: VehicleSimulator
-    ) -> None:
-        """Watch from now on; `name` is empty for a single car."""
-        options = run.options
-        self.name, self.controller, self.simulator = name, controller, simulator
-        self.display: Display | None = None
-        self._laps, self.track_laps = Laps(), TrackLaps()
-        self._progress = Progress(inf)
-        self._duration = COMMANDS if run.inputs.user_code.identify else inf
-        self._speed = SPEED_REFERENCE if options.speed is None else options.speed
-        simulator.on_step = self.on_step
-
-    def on_step(self, t: float, seen: Observation) -> None:
-        """Add the state, `t` [s] after the start of its lap, to the lap, and show it.
-
-        If the car makes no progress, the run ends.
-        """
-        if t == 0.0:
-            self._progress = Progress(self.simulator.stepper.distance)
-        speed, reference, place = seen.true.v_x, self._speed, seen.on_track
-        x, measured = (place.s, place.s) if place else (seen.true.x, seen.measured.x)
-        if self.controller:
-            reference = self.controller.reference(t, measured)
-        if place:
-            # The command that made this state, which is not answered yet.
-            servo = self.controller.lane.output if self.controller and self.controller.lane else 0.0
-            self.track_laps.add(t, place.lap, place.lap_time, place.e_y, servo)
-            line = partial(track_line, t, place, speed)
-        else:
-            theta_deg = seen.surroundings.theta
-            lap = self._laps.add(t, x, seen.true.y, speed, reference, theta_deg)
-            error = nan if self._duration < inf else reference - speed  # nan: no speed to hold
-            line = partial(cruise_line, t, x, speed, error, theta_deg, lap)
-        if self._progress.add(t, x, speed, reference, place) or t >= self._duration:
-            self.simulator.stepper.end()
-        if self.display:
-            self.display.show(x, line)
-
-    @property
-    def failure(self) -> str:
-        """Why the car will never arrive, with its name; empty if it can."""
-        failure = self._progress.failure
-        return f'{self.name}: {failure}' if self.name and failure else failure
-
-    def summaries(self) -> dict[str, Summary]:
-        """Return the summary of each lap's speed errors, by the name of the car, or of the lap."""
-        laps, named = [*self._laps], {}
-        for lap in laps:
-            name = f'{lap.number + 1:3d}  {lap.start_distance:5.1f} to {lap.end_distance:5.1f} m'
-            if self.name:
-                name = self.name if len(laps) == 1 else f'{self.name} {name}'
-            named[name] = lap.summary
-        return named
-
-
-def print_result(run: Run, cars: list[Car]) -> None:
+def print_result(run: Run, cars: list[CarMonitor]) -> None:
     """Print the table of speed errors, and the gains and limit of a user's controller."""
-    user_code, controller = run.inputs.user_code, cars[0].controller
+    user_code = run.inputs.user_code
+    controller = cars[0].controller
     if user_code.controller and controller:
         print(f'controller  {_driven_with(run.options, user_code, controller)}')  # noqa: T201
     if user_code.tolerated:
         print(f'tolerated   {"; ".join(user_code.tolerated)}')  # noqa: T201
     if user_code.identify:
         return  # its commands hold no speed
+
     if cars[0].simulator.track:
-        print_track_laps({car.name: car.track_laps for car in cars}, run.late)
+        print_track_laps({car.name: car.track_laps for car in cars}, late(run))
         return
-    summaries = {name: lap for car in cars for name, lap in car.summaries().items()}
+
+    summaries: dict[str, Summary] = {}
+    for car in cars:
+        summaries |= car.summaries()
     if len(summaries) > 1:
-        print_summaries('car' if len(cars) > 1 else 'lap', summaries, run.late)
+        print_summaries('car' if len(cars) > 1 else 'lap', summaries, late(run))
     else:
-        print_summary(next(iter(summaries.values())), run.late)
+        [summary] = summaries.values()
+        print_summary(summary, late(run))
 
 
 def _driven_with(options: Namespace, user_code: UserCode, controller: CruiseController) -> str:
     """Return the gains and the limit of a user's controller."""
     from barc_sim.lab.files import ChosenGains  # noqa: PLC0415 (slow)
 
-    chosen, named = user_code.gains or ChosenGains(KP, KI, KD, 'barc_sim'), gains(options)
+    chosen = user_code.gains or ChosenGains(KP, KI, KD, 'barc_sim')
+    named = gains(options)
     if named:
-        rest = '' if len(named) == len(PID.gains) else f', the others from {chosen.origin}'
-        chosen = chosen._replace(**named, origin=f'the command line{rest}')
+        is_whole = len(named) == len(PID.gains)
+        others = '' if is_whole else f', the others from {chosen.origin}'
+        chosen = chosen._replace(**named, origin=f'the command line{others}')
+
     limit = controller.values['acceleration_limit']
     limited = 'without a limit' if limit >= NO_LIMIT else f'limited to {limit:g} m/s²'
     return f'{chosen}, {limited}'

@@ -20,7 +20,6 @@ from barc_sim.lab.user_code.adapters import (
     line_arguments,
 )
 from barc_sim.lab.user_code.code import UserCode
-from barc_sim.runs.options import choose_engine
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track
 
@@ -59,15 +58,10 @@ class Inputs(NamedTuple):
 
 
 def read_inputs(options: Namespace) -> Inputs:
-    """Read the files, set `options.engine`, and check that a bag can be made.
+    """Read the files, and check that a bag can be made.
 
     UserError: a file cannot be used, or options contradict one another.
     """
-    options.engine = choose_engine(options)
-    if options.engine == 'local':
-        from barc_sim.ros.local import install  # noqa: PLC0415 (not beside rclpy)
-
-        install()  # before nodes are imported
     road = Road.named(options.road) if options.road else None
     track = getattr(options, 'track', None) and Track.named(options.track)
     if not options.no_bag:

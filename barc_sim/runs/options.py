@@ -11,14 +11,7 @@ from pathlib import Path
 
 from barc_sim.bags.recording import Recording
 from barc_sim.cli.parser import MAX_PORT, number, whole
-from barc_sim.cli.process import (
-    has_only_rclpy,
-    has_ros,
-    is_at_desktop,
-    needs_ros,
-    require_ros,
-)
-from barc_sim.errors import UserError
+from barc_sim.cli.process import is_at_desktop
 from barc_sim.lab.files import FILES
 from barc_sim.simulation.stepper import REALTIME_FACTORS, StepperOptions
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
@@ -27,8 +20,6 @@ from barc_sim.vehicle.parameters import ROWS
 #: The options that `--help` shows; `--help-all` shows the others, too.
 USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--no-bag', '--quiet')
 _MAX_SIZE = 2.0**60  #: [B]
-#: The options of a run that need ROS, each with the value that does not.
-_ROS_OPTIONS = {'no_controller': False, 'no_relay': False, 'network': False}
 
 
 def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view: str) -> None:
@@ -120,22 +111,6 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         'path, markers, diagnostics',
     )
     add_recording_options(parser)
-
-
-def choose_engine(options: argparse.Namespace) -> str:
-    """Return the engine of a run, `ros` or `local`.
-
-    UserError: an option needs ROS, and ROS is not installed or not chosen.
-    """
-    if options.engine == 'auto' and has_only_rclpy():
-        raise UserError(f'{needs_ros("a run in ROS 2")}; or drive without ROS (--engine local)')
-    ros = has_ros() if options.engine == 'auto' else options.engine == 'ros'
-    if ros:
-        require_ros('--engine ros')
-    for name, without in _ROS_OPTIONS.items():
-        if not ros and getattr(options, name, without) != without:
-            raise needs_ros(f'--{name.replace("_", "-")}')
-    return 'ros' if ros else 'local'
 
 
 def _factor(text: str) -> float:

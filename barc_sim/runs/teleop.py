@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager, nullcontext, suppress
-from functools import partial
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
@@ -16,8 +15,11 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.relay import Relay
-from barc_sim.runs.composition import Run, engine
+from barc_sim.runs.composition import Run
+from barc_sim.runs.engine import start_engine
+from barc_sim.runs.report import late, print_line, print_report
 from barc_sim.runs.terminal import Display, drive_line
+from barc_sim.runs.views import add_views
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from barc_sim.cli.process import StopSignals
+    from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.runs.inputs import Inputs
     from barc_sim.vehicle.plant import Observation
 
@@ -39,46 +42,63 @@ def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
 
     UserError: an option or a ROS argument cannot be used; no bag is left then.
     """
-    road, line = inputs.road or Road.flat(), None if options.quiet else Display()
     terminal = _terminal()
     with (
         terminal or nullcontext(),
-        engine(options) as new_executor,
+        start_engine(options) as carrier,
         _relay_program(options, inputs) as program,
-        Run(options, inputs, stop) as run,
+        Run(options, inputs, carrier) as run,
     ):
-        relay: Relay | None = None
-        if not (options.no_relay or program):
-            driver = UserDriver(inputs.user_code) if inputs.user_code.relay else None
-            relay = run.add(Relay, driver=driver)
-        simulator = run.add_simulator(
-            {'road': road.name, 'command_timeout': _COMMAND_TIMEOUT},
-            road=road,
-            on_step=partial(_show, line, relay) if line else None,
-        )
-        if simulator.values['realtime_factor'] == 0.0:
-            raise UserError(
-                'nobody can drive at full speed (max): give teleop a --realtime-factor above 0'
-            )
+        relay = None if options.no_relay or program else _add_relay(run)
+        simulator = _add_simulator(run)
         if terminal:
-            keyboard = run.add(partial(Keyboard, terminal))
-            keyboard.finished.add_done_callback(lambda _: run.finish())
-            simulator.finished.add_done_callback(lambda _: terminal.close())
-        run.prepare(line)
-        if terminal and not options.quiet:
-            print(_HELP)  # noqa: T201
+            _add_keyboard(run, terminal, simulator)
+        if not options.quiet:
+            run.display = Display()
+            simulator.on_step = LiveLine(run.display, relay).show
+        print_line(options, f'engine     {carrier.name}')
+        add_views(run)
+        run.prepare()
+        stop.then(run.finish)
+        if terminal:
+            print_line(options, _HELP)
 
         if program:
             Thread(target=_follow, args=(program, run), daemon=True).start()
-        with new_executor() as executor:
+        with carrier.new_executor() as executor:
             for node in run.nodes:
                 executor.add_node(node)
             executor.spin_until_future_complete(run.finished)
             run.await_readers(executor)
+
         if program and program.poll() is not None:
             name = inputs.user_code.relay.path.name
             raise UserError(f'the relay {name} has ended with exit code {program.returncode}')
-    return run.end(lambda: print(run.late))  # noqa: T201
+    return print_report(run, lambda: print(late(run)))  # noqa: T201
+
+
+def _add_relay(run: Run) -> Relay:
+    user_code = run.inputs.user_code
+    relay: Relay = run.add(Relay, driver=UserDriver(user_code) if user_code.relay else None)
+    return relay
+
+
+def _add_simulator(run: Run) -> VehicleSimulator:
+    road = run.inputs.road or Road.flat()
+    parameters = {'road': road.name, 'command_timeout': _COMMAND_TIMEOUT}
+    simulator = run.add_simulator(parameters, road=road)
+    if simulator.values['realtime_factor'] == 0.0:
+        raise UserError(
+            'nobody can drive at full speed (max): give teleop a --realtime-factor above 0'
+        )
+    return simulator
+
+
+def _add_keyboard(run: Run, terminal: Terminal, simulator: VehicleSimulator) -> None:
+    """Add the keyboard, which ends the run; the end of the run gives back the terminal."""
+    keyboard = run.add(Keyboard, terminal=terminal)
+    keyboard.finished.add_done_callback(lambda _: run.finish())
+    simulator.finished.add_done_callback(lambda _: terminal.close())
 
 
 @contextmanager
@@ -91,7 +111,9 @@ def _relay_program(options: Namespace, inputs: Inputs) -> Iterator[subprocess.Po
     if options.engine != 'ros' or getattr(relay, 'ros', '') != 'rclpy':
         yield None
         return
-    file, is_over = relay.path.resolve(), Event()
+
+    file = relay.path.resolve()
+    is_over = Event()
     # In a session of its own: a Ctrl-C ends the run, which then ends this process.
     program = subprocess.Popen(  # noqa: S603 (the user's own file)
         [sys.executable, '-u', str(file), *options.ros_args],
@@ -105,6 +127,7 @@ def _relay_program(options: Namespace, inputs: Inputs) -> Iterator[subprocess.Po
     )
     output = Thread(target=_print_output, args=(program, is_over), daemon=True)
     output.start()
+
     try:
         yield program
     finally:
@@ -142,7 +165,17 @@ def _terminal() -> Terminal | None:
     return None
 
 
-def _show(line: Display, relay: Relay | None, t: float, seen: Observation) -> None:
-    """Show a state, and the driver's input if it is known."""
-    request = relay.driver.request if relay else None
-    line.show(seen.true.x, partial(drive_line, t, seen.true.v_x, seen.acting.servo, request))
+class LiveLine:
+    """Shows the states in the terminal, with the driver's input if there is a relay."""
+
+    def __init__(self, display: Display, relay: Relay | None) -> None:
+        """Show in `display`."""
+        self._display = display
+        self._relay = relay
+
+    def show(self, t: float, seen: Observation) -> None:
+        """Show the state at `t` [s]."""
+        request = self._relay.driver.request if self._relay else None
+        speed = seen.true.v_x
+        steering = seen.acting.servo
+        self._display.show(seen.true.x, lambda: drive_line(t, speed, steering, request))

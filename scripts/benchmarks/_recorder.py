@@ -68,17 +68,16 @@ def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
         run.run.finish()
 
     with ros([]), StopSignals() as stop:
-        bag = ['--no-bag'] if task['recorder'] == 'no recorder' else ['--bag-dir', str(folder)]
-        run = TimedRun('--distance', '0', *bag)
+        option = ['--no-bag'] if task['recorder'] == 'no recorder' else ['--bag-dir', str(folder)]
+        run = TimedRun('--distance', '0', *option)
         threading.Thread(target=publish).start()
         run.spin(stop)
         timing = run.timing()
-    counted = 0
-    if recorder := run.run.recorder:
-        counted = recorder.missing.total
+    bag = run.run.bag
+    counted = bag.recorder.missing.total if bag else 0
     return {
         'sent': sent[0],
-        'lost': sent[0] - (_kept(folder) if recorder else 0),
+        'lost': sent[0] - (_kept(folder) if bag else 0),
         'lost, as counted': counted,
         **used,
         'step jitter p99, ms': timing['jitter p99, ms'],

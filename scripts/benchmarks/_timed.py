@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from _jitter import Clock
 
 from barc_sim.__main__ import parse
-from barc_sim.cli.process import StopSignals
+from barc_sim.ros.carrier import DdsCarrier
 from barc_sim.ros.process import new_executor
 from barc_sim.runs.composition import Run
 from barc_sim.runs.cruise_control import add_car
 from barc_sim.runs.inputs import read_inputs
 from barc_sim.runs.terminal import Display
+
+if TYPE_CHECKING:
+    from barc_sim.cli.process import StopSignals
 
 _PERIOD = 0.02  # s
 
@@ -36,11 +39,11 @@ class TimedRun(Display):
         self.first = 0.0  #: [s] since the epoch
         options = parse('acc', ['--quiet', *arguments])
         options.engine = 'ros'
-        self.run = Run(options, read_inputs(options), StopSignals())
+        self.run = Run(options, read_inputs(options), DdsCarrier())
         self.car = add_car(self.run, 0)
         self.in_lock_step = not self.car.simulator.values['realtime_factor']
         self.car.display = self
-        self.run.prepare(None)
+        self.run.prepare()
 
     def show(self, *_: object) -> None:
         """Note that a state was published now."""

@@ -27,20 +27,20 @@ import gc
 import sys
 import time
 
+from barc_sim.runs.car_monitor import CarMonitor
 from barc_sim.runs.composition import Run
-from barc_sim.runs.cruise_control import Car
 from barc_sim.run import main
 
 last, folder = int(sys.argv[1]), sys.argv[2]
-on_step = Car.on_step
+on_step = CarMonitor.on_step
 begin = Run.__init__
-bags = []
+runs = []
 memory = {}
 
 
-def keep(bag, *args):
-    bags.append(bag)
-    begin(bag, *args)
+def keep(run, *args):
+    runs.append(run)
+    begin(run, *args)
 
 
 def resident():
@@ -56,14 +56,14 @@ def watched(car, t, seen):
     steps = car.simulator.stepper.states + 1
     if steps in (3000, last):
         # What the recorder has not taken yet is a backlog, and no leak.
-        while bags[0].recorder.counts.get('/z_vhcl', 0) < steps - 1:
+        while runs[0].bag.recorder.counts.get('/z_vhcl', 0) < steps - 1:
             time.sleep(0.01)
         memory[steps] = resident()
     if steps == last:
         car.simulator.finish()
 
 
-Car.on_step = watched
+CarMonitor.on_step = watched
 Run.__init__ = keep
 options = ['--road', 'flat', '--distance', '0', '--realtime-factor', 'max', '--bag-dir', folder]
 code = main(['acc', '--quiet', *options])
