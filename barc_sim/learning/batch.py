@@ -1,25 +1,24 @@
 """A batch of cars: one record for each, and the compiled loop that steps them.
 
-The loop calls the laws that `Plant`, `PID` and `CarEnv` call, in the same order: each car has the
-numbers of a single environment, to the last bit.
+The loop calls the laws that `Plant`, `PID`, `Sensor` and `CarEnv` call, in the same order: each car
+has the numbers of a single environment, to the last bit.
 """
 
 from __future__ import annotations
 
-from math import cos, nan, sin
+from math import cos, isnan, nan, sin
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from barc_sim.control.speed import PidGains, PidMemory, pid
-from barc_sim.interfaces.records import Command
+from barc_sim.interfaces.records import Command, VehicleState
+from barc_sim.learning.preview import PreviewTable, row_at, with_preview_arrays
 from barc_sim.learning.tasks import (
-    BLOCK,
     LANE,
+    STARTS,
+    CarSignals,
     Rules,
-    Seen,
-    Table,
-    ahead_at,
     command_of,
     is_over,
     observe,
@@ -38,6 +37,8 @@ from barc_sim.vehicle.plant import (
     advance,
     channel_of,
     error_of,
+    in_steps,
+    motion_between,
     queue_room,
     start,
     true_motion,
@@ -56,9 +57,10 @@ if TYPE_CHECKING:
     Car = Any  #: a record of `CAR`
     Column = Any  #: a list or tuple of numbers in Python, an array in compiled code
 
+NOISE_BLOCK = 64  #: measurements of each car whose noise is drawn at once
 _SIGNALS = len(NoiseLevels._fields)
 
-#: What a batch has of each car: its plant, its controller, and its parameters.
+#: The numbers of each car: its plant, its controller, and its parameters.
 _FLOATS = (
     *('x', 'y', 'psi', 'v', 'beta', 'psi_dot'),
     *('motor', 'servo'),  # of the actuators
@@ -68,7 +70,7 @@ _FLOATS = (
     *('commanded_motor', 'commanded_servo', 'speed'),  # the latest command and measurement
     *Vehicle._fields,
     *LateralParameters._fields,
-    *('motor_early', 'servo_early', 'noise'),
+    *('motor_early', 'servo_early', 'noise', 'force'),
 )
 _INTEGERS = ('lap', 'steps', 'segment', 'stretch', 'row', 'motor_whole', 'servo_whole')
 _TRUTHS = ('is_whole', 'is_new')  # is_new: its episode begins with the next step
@@ -80,27 +82,29 @@ CAR = np.dtype(
     ],
     align=True,
 )
-#: The columns of the starts of episodes: [m], [m], [rad], [m/s].
-STARTS = ('s', 'e_y', 'e_psi', 'v')
 
 
-class World(NamedTuple):
+class BatchModel(NamedTuple):
     """What the cars of a batch have in common."""
 
     plant: PlantModel
     rules: Rules
     gains: PidGains
-    ahead: Table
+    ahead: PreviewTable
     noise: NoiseLevels
     is_noisy: bool
+    sensor_whole: int  #: steps from a state to its measurement
+    sensor_share: float  #: share of a step beyond them
+    is_late: bool  #: the sensor measures late
 
 
-class Columns(NamedTuple):
-    """The arrays of a batch, with a row for each car."""
+class BatchColumns(NamedTuple):
+    """The arrays of a batch, with a row for each car unless the shape differs."""
 
     cars: Any  #: of `CAR`, shape (cars,)
     queues: Queues  #: each of shape (cars, room)
-    normals: Any  #: for the noise of the next measurements, shape (cars, BLOCK, signals)
+    past: Any  #: the latest motions, for a late sensor: shape (cars, room, signals)
+    normals: Any  #: for the noise of the next measurements, shape (NOISE_BLOCK, cars, signals)
     starts: Any  #: of episodes: the values of `STARTS`, shape (cars, 4)
     actions: Any  #: shape (cars, numbers)
     observations: Any  #: shape (cars, numbers)
@@ -108,7 +112,7 @@ class Columns(NamedTuple):
     over: Any  #: whether the car is beyond the limits, shape (cars,)
 
 
-def world_of(task: Task, controller: PID) -> World:
+def batch_model_of(task: Task, controller: PID) -> BatchModel:
     """Return what the cars of a task have in common."""
     model = task.plain.model
     ahead = task.ahead.table
@@ -120,39 +124,50 @@ def world_of(task: Task, controller: PID) -> World:
         )
     if is_compiled():
         model = with_arrays(model)
-        ahead = _table(ahead)
-    return World(
+        ahead = with_preview_arrays(ahead)
+
+    sensor = task.plain.sensor
+    whole, share = in_steps(sensor.delay, task.ts)
+    return BatchModel(
         plant=model,
         rules=task.rules,
         gains=controller.law_gains,
         ahead=ahead,
-        noise=task.noise(0.0),
+        noise=NoiseLevels._make(map(float, sensor.noise)),
         is_noisy=task.is_noisy,
+        sensor_whole=whole,
+        sensor_share=share,
+        is_late=sensor.delay > 0.0,
     )
 
 
-def _table(table: Table) -> Table:
-    return table._replace(edges=np.array(table.edges), rows=np.array(table.rows))
-
-
-def columns_of(task: Task, n: int, max_delay: float) -> Columns:
-    """Return the arrays of `n` cars, whose delays can be up to `max_delay` [s]."""
+def batch_columns_of(task: Task, n: int) -> BatchColumns:
+    """Return the arrays of `n` cars."""
     plant = task.plain
     cars = np.zeros(n, CAR)
     for record in (plant.vehicle, plant.model.bicycle.lateral):
         for name, value in record._asdict().items():
             cars[name] = value
+    cars['force'] = plant.force
+
     rooms = []
+    _, max_delay = task.ranges.get('delay', (0.0, 0.0))
     for name in ('motor', 'servo'):
         channel: Channel = getattr(plant.model, name)
         cars[f'{name}_whole'] = channel.whole
         cars[f'{name}_early'] = channel.early
         longest = channel_of(channel.actuator._replace(delay=max_delay), plant.ts)
         rooms.append(max(queue_room(channel), queue_room(longest)))
-    return Columns(
+
+    past_room = 1
+    if plant.sensor.delay:
+        whole, _ = in_steps(plant.sensor.delay, task.ts)
+        past_room = whole + 2
+    return BatchColumns(
         cars=cars if is_compiled() else cars.view(np.recarray),
         queues=Queues(np.zeros((n, rooms[0])), np.zeros((n, rooms[1]))),
-        normals=np.zeros((n, BLOCK if task.is_noisy else 1, _SIGNALS)),
+        past=np.zeros((n, past_room, _SIGNALS)),
+        normals=np.zeros((NOISE_BLOCK if task.is_noisy else 1, n, _SIGNALS)),
         starts=np.zeros((n, len(STARTS))),
         actions=np.zeros((n, len(task.actions))),
         observations=np.zeros((n, len(task.high))),
@@ -183,9 +198,9 @@ def model_of(model: PlantModel, car: Car) -> PlantModel:
 
 
 @law
-def levels_of(noise: NoiseLevels, of_speed: float) -> NoiseLevels:
+def levels_of(noise: NoiseLevels, speed_level: float) -> NoiseLevels:
     """Return the noise of a car, which has a level of the speed of its own."""
-    return NoiseLevels(noise.s, noise.ey, noise.epsi, of_speed, noise.v_y, noise.psi_dot)
+    return NoiseLevels(noise.s, noise.ey, noise.epsi, speed_level, noise.v_y, noise.psi_dot)
 
 
 @law
@@ -228,19 +243,21 @@ def store(car: Car, now: PlantState) -> None:
 
 
 @law
-def begin_car(world: World, columns: Columns, i: int) -> PlantState:
+def begin_car(batch: BatchModel, columns: BatchColumns, i: int) -> PlantState:
     """Start an episode of a car; return the state of its plant."""
     begin = columns.starts[i]
     s = begin[0]
-    state = BicycleState(s, 0.0 * s, 0.0 * s, begin[3])
-    if world.plant.has_track:
-        line = world.plant.line
-        at = in_lap(line, s)
+    v = begin[3]
+    state = BicycleState(s, 0.0, 0.0, v)
+    if batch.plant.has_track:
+        line = batch.plant.line
         segment = segment_at(line, s)
-        pose = placed(line.segments[segment], at - line.starts[segment], begin[1], begin[2])
-        state = BicycleState(pose.x, pose.y, pose.psi, begin[3])
+        ahead = in_lap(line, s) - line.starts[segment]
+        pose = placed(line.segments[segment], ahead, begin[1], begin[2])
+        state = BicycleState(pose.x, pose.y, pose.psi, v)
+
     car = columns.cars[i]
-    now = start(world.plant, state, s, s == 0.0)
+    now = start(batch.plant, state, s, s == 0.0)
     store(car, now)
     for j in range(columns.queues.motor.shape[1]):
         columns.queues.motor[i, j] = 0.0
@@ -255,63 +272,144 @@ def begin_car(world: World, columns: Columns, i: int) -> PlantState:
 
 
 @law
-def drive_car(world: World, columns: Columns, i: int) -> None:
-    """Take a step with a car of a batch, or begin its new episode; measure it."""
-    rules = world.rules
+def drive_car(
+    batch: BatchModel, columns: BatchColumns, i: int, model: PlantModel, action: Column
+) -> PlantState:
+    """Take a step with a car of a batch; return the state of its plant."""
+    rules = batch.rules
     car = columns.cars[i]
-    model = model_of(world.plant, car)
-    if car.is_new:
-        now = begin_car(world, columns, i)
-        columns.rewards[i] = 0.0
-        columns.over[i] = False
-    else:
-        before = state_of(car)
-        command = answer(world, car, columns.actions[i])
-        queues = Queues(columns.queues.motor[i], columns.queues.servo[i])
-        now = advance(model, before, queues, command, 0.0)
-        store(car, now)
-        s = now.frenet.s if rules.has_track else now.state.x
-        way = s - (before.frenet.s if rules.has_track else before.state.x)
-        columns.rewards[i] = reward(rules, way, now.frenet.e_y, now.state.v)
-        columns.over[i] = is_over(rules, s, now.frenet.e_y, now.state.v)
+    before = state_of(car)
+    command = answer(batch, car, action)
+    queues = Queues(columns.queues.motor[i], columns.queues.servo[i])
+    now = advance(model, before, queues, command, car.force)
+    store(car, now)
 
-    seen = true_motion(model, now)
-    place = now.frenet
-    if world.is_noisy:
-        error = error_of(levels_of(world.noise, car.noise), columns.normals[i, now.steps % BLOCK])
-        seen = with_error(seen, error, cos(seen.psi), sin(seen.psi))
-        if rules.has_track:
-            place, _ = project(model.line, seen.x, seen.y, seen.psi, place.s, now.segment)
-    car.speed = seen.v_x
-    car.row = ahead_at(world.ahead, place.s if rules.has_track else seen.x, car.row)
-    found = Seen(
-        rules.speed - seen.v_x,
-        place.e_y,
-        place.e_psi,
-        seen.v_x,
-        car.commanded_motor,
-        car.commanded_servo,
-    )
-    observe(rules, found, world.ahead.rows[car.row], columns.observations[i])
+    s = now.frenet.s
+    way = s - before.frenet.s
+    if not rules.has_track:
+        s = now.state.x
+        way = s - before.state.x
+    columns.rewards[i] = reward(rules, way, now.frenet.e_y, now.state.v)
+    columns.over[i] = is_over(rules, s, now.frenet.e_y, now.state.v)
+    return now
 
 
 @law
-def answer(world: World, car: Car, action: Column) -> Command:
+def answer(batch: BatchModel, car: Car, action: Column) -> Command:
     """Return the command to a car for an action, and store it."""
-    of_speed = 0.0
-    if world.rules.task == LANE:
+    speed_command = 0.0
+    if batch.rules.task == LANE:
         memory = PidMemory(car.integral, car.previous)
-        memory, terms = pid(memory, world.gains, world.rules.speed, car.speed, world.plant.ts)
+        memory, terms = pid(memory, batch.gains, batch.rules.speed, car.speed, batch.plant.ts)
         car.integral = memory.integral
         car.previous = memory.previous
-        of_speed = terms.output
-    command = command_of(world.rules, of_speed, action)
+        speed_command = terms.output
+    command = command_of(batch.rules, speed_command, action)
     car.commanded_motor = command.motor
     car.commanded_servo = command.servo
     return command
 
 
-def step_cars(world: World, columns: Columns, first: int, last: int) -> None:
-    """Take a step with these cars of a batch, and measure them."""
+@law
+def measure_car(
+    batch: BatchModel, columns: BatchColumns, i: int, motion: VehicleState, steps: int, k: int
+) -> VehicleState:
+    """Return a motion as the sensor of a car measures it, with row `k` of the noise."""
+    if batch.is_late:
+        motion = measured_late(batch, columns.past[i], motion, steps)
+    if batch.is_noisy:
+        levels = levels_of(batch.noise, columns.cars[i].noise)
+        error = error_of(levels, columns.normals[k, i])
+        motion = with_error(motion, error, cos(motion.psi), sin(motion.psi))
+    return motion
+
+
+@law
+def measured_late(
+    batch: BatchModel, past: Column, motion: VehicleState, steps: int
+) -> VehicleState:
+    """Return the motion that a late sensor measures, as `Sensor` does, and keep the present one.
+
+    `past` is a ring of the latest motions: that of step `k` is at `k` modulo its length.
+    """
+    room = len(past)
+    row = past[steps % room]
+    row[0] = motion.x
+    row[1] = motion.y
+    row[2] = motion.psi
+    row[3] = motion.v_x
+    row[4] = motion.v_y
+    row[5] = motion.psi_dot
+    newer = past[max(steps - batch.sensor_whole, 0) % room]
+    older = past[max(steps - batch.sensor_whole - 1, 0) % room]
+    return motion_between(motion_of(newer), motion_of(older), batch.sensor_share)
+
+
+@law
+def motion_of(row: Column) -> VehicleState:
+    """Return the motion in a row of numbers."""
+    return VehicleState(row[0], row[1], row[2], row[3], row[4], row[5])
+
+
+@law
+def observe_car(
+    batch: BatchModel, columns: BatchColumns, i: int, model: PlantModel, now: PlantState, k: int
+) -> None:
+    """Measure a car of a batch, with row `k` of the noise, and store its observation."""
+    rules = batch.rules
+    car = columns.cars[i]
+    motion = true_motion(model, now)
+    place = now.frenet
+    if batch.is_late or batch.is_noisy:
+        motion = measure_car(batch, columns, i, motion, now.steps, k)
+        if rules.has_track:
+            place, _ = project(model.line, motion.x, motion.y, motion.psi, place.s, now.segment)
+    car.speed = motion.v_x
+
+    signals = CarSignals(
+        rules.speed - motion.v_x,
+        place.e_y,
+        place.e_psi,
+        motion.v_x,
+        car.commanded_motor,
+        car.commanded_servo,
+    )
+    observation = columns.observations[i]
+    count = observe(rules, signals, observation)
+    car.row = row_at(batch.ahead, place.s if rules.has_track else motion.x, car.row)
+    ahead = batch.ahead.rows[car.row]
+    for j in range(len(ahead)):
+        observation[count + j] = ahead[j]
+
+
+@law
+def step_car(batch: BatchModel, columns: BatchColumns, k: int, i: int) -> bool:
+    """Take a step with a car of a batch, or begin its new episode; measure it.
+
+    Return whether it has finished a lap in this step.
+    """
+    car = columns.cars[i]
+    model = model_of(batch.plant, car)
+    has_finished = False
+    if car.is_new:
+        now = begin_car(batch, columns, i)
+        columns.rewards[i] = 0.0
+        columns.over[i] = False
+    else:
+        now = drive_car(batch, columns, i, model, columns.actions[i])
+        has_finished = not isnan(now.laps.finished)
+    observe_car(batch, columns, i, model, now, k)
+    return has_finished
+
+
+def step_cars(batch: BatchModel, columns: BatchColumns, k: int, first: int, last: int) -> int:
+    """Step and measure these cars of a batch, with row `k` of the noise.
+
+    Return how many laps they have finished in this step. Only a law makes records of arrays here:
+    compiled laws count no references to them.
+    """
+    laps = 0
     for i in range(first, last):
-        drive_car(world, columns, i)
+        if step_car(batch, columns, k, i):
+            laps += 1
+    return laps

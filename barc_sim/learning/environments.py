@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from math import cos, sin
 from os import cpu_count
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -19,31 +18,57 @@ from gymnasium.vector.utils import batch_space
 from barc_sim.control.speed import speed_controller
 from barc_sim.errors import UserError
 from barc_sim.interfaces.records import Command
-from barc_sim.learning.batch import STARTS, columns_of, step_cars, world_of
-from barc_sim.learning.tasks import BLOCK, TASKS, Seen, Task, command_of, is_over, reward
+from barc_sim.learning.batch import (
+    NOISE_BLOCK,
+    BatchColumns,
+    batch_columns_of,
+    batch_model_of,
+    step_cars,
+)
+from barc_sim.learning.options import with_plain_scenario
+from barc_sim.learning.tasks import (
+    STARTS,
+    TASKS,
+    CarSignals,
+    Task,
+    command_of,
+    is_over,
+    reward,
+)
 from barc_sim.vehicle.law import compiled, is_compiled
-from barc_sim.vehicle.plant import error_of, in_steps, true_motion, with_error
+from barc_sim.vehicle.plant import in_steps, true_motion
 from barc_sim.vehicle.track import project
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from gymnasium.envs.registration import EnvSpec
     from numpy.typing import NDArray
 
-    from barc_sim.interfaces.records import VehicleState
     from barc_sim.learning.rendering import Picture
 
     Floats = NDArray[np.float64]
     Cars = NDArray[np.intp]
     Options = Mapping[str, float] | None
+    Seeds = int | Sequence[int | None] | None
 
 _MIN_PIECE = 400  #: cars that a thread steps at least
-_SIGNALS = 6  #: with noise
+_EPISODES = 8  #: of each car whose random values are drawn at once
+_TOGETHER = 16  #: cars whose noise is drawn before it is stored, in a processor's nearest cache
 
 
 def _not_reset(method: str) -> ResetNeeded:
     """Return the error of a method that is called before an episode has begun."""
     return ResetNeeded(f'no episode has begun: call reset() before {method}()')
+
+
+def _episode_generator(noise: np.random.Generator) -> np.random.Generator:
+    """Return the generator of the episodes of a car, beside that of its noise.
+
+    So the noise of a seed is that of a run's `Sensor` with this seed, whatever the episodes draw.
+    """
+    (generator,) = noise.spawn(1)
+    return generator
 
 
 class CarEnv(gymnasium.Env[Any, Any]):
@@ -52,10 +77,27 @@ class CarEnv(gymnasium.Env[Any, Any]):
     The classes of `learning.tasks`, by the environment's name, describe observation, action and
     reward. `info` has s [m] and, on a track, e_y [m], the number of the lap, the time since it
     began [s], and the times of the finished laps; a lap ends no episode. The options of `reset` are
-    the start of the car: `{'s': 0.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 0.0}`, or some of these. All
-    random numbers, noise too, come from `np_random`.
+    the start of the car: `{'s': 0.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 0.0}`, or some of these.
+
+    A seed gives two generators. `np_random` draws the noise, six normal numbers for each
+    measurement, through all episodes: as `simulate(..., seed=seed)` does. A child that `np_random`
+    spawns draws the start of each episode and the values of `ranges`.
 
     `render` returns the picture of a replay, of shape (360, 640, 3), or shows it in a window.
+
+    Parameters
+    ----------
+    task
+        The name of a class of `learning.tasks`: 'Hills', 'Lane' or 'Race'.
+    render_mode
+        None, 'rgb_array' or 'human'.
+    options
+        The arguments of `learning.tasks.Task`.
+
+    Raises
+    ------
+    UserError
+        if an option is unknown or out of its limits.
     """
 
     metadata: dict[str, Any] = {'render_modes': ['human', 'rgb_array'], 'render_fps': 50}  # noqa: RUF012
@@ -64,53 +106,112 @@ class CarEnv(gymnasium.Env[Any, Any]):
         """Take the name of a task, and its options."""
         self.task = TASKS[task](**options)
         self.observation_space, self.action_space = spaces(self.task)
-        self.render_mode, self._is_shown = render_mode, render_mode == 'human'
         self.metadata = self.metadata | {'render_fps': round(1.0 / self.task.ts)}
+        self.render_mode = render_mode
+        self._is_shown = render_mode == 'human'
         self._picture: Picture | None = None
+        self._spec: EnvSpec | None = None
+
         self._plant = self.task.plain
+        self._sensor = self._plant.sensor
         self._pid = speed_controller(limit=self.task.limits.motor)
         self._command: Command | None = None  # None before the first episode
+        self._noise_generator: np.random.Generator | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make` made it from, as values that JSON can carry."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_plain_scenario(spec)
 
     def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Floats, Any]:
-        """Begin an episode."""
+        """Begin an episode.
+
+        Parameters
+        ----------
+        seed
+            Starts the random numbers anew; None continues them.
+        options
+            A start that is not drawn, by name.
+
+        Returns
+        -------
+        The observation, shape (numbers,), and `info`.
+
+        Raises
+        ------
+        UserError
+            if an option is unknown, or out of its limits.
+        """
         super().reset(seed=seed)
+        if self._noise_generator is not self.np_random:
+            self._noise_generator = self.np_random
+            self._episode_generator = _episode_generator(self.np_random)
+            self._sensor.draw_from(self.np_random)
+
         task = self.task
-        drawn = task.draw(self.np_random.random(len(task.draws)).tolist(), options)
+        shares = self._episode_generator.random(len(task.draws))
+        values = task.draw(shares, options).tolist()
+        drawn = dict(zip(task.draws, values, strict=True))
+
         if task.ranges:
             self._plant = task.plant(drawn)
+            self._plant.sensor = self._sensor
+        self._sensor.noise = task.noise(drawn['noise'])
         self._plant.place(task.state(drawn), near=drawn['s'])
         self._pid.reset()
         self._command = Command()
-        self._noise = task.noise(drawn['noise'])
+        self._s = self._plant.distance
+        observation = self._observe(self._command)
+        info = self._info()
+
         if self._picture:
             self._picture.begin()
-        self._s = self._plant.distance
-        found = self._observe(self._command), self._info()
         if self._is_shown:
             self.render()
-        return found
+        return observation, info
 
     def step(self, action: Any) -> tuple[Floats, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
-        """Take one step of the plant."""
+        """Take one step of the plant.
+
+        Parameters
+        ----------
+        action
+            Numbers from -1 to 1, as the task describes them; others count as the nearest of these.
+
+        Returns
+        -------
+        The observation, the reward, whether the car is beyond its limits, False, and `info`.
+
+        Raises
+        ------
+        UserError
+            if it is not an action.
+        """
         if self._command is None:
             raise _not_reset('step')
-        task, rules, plant = self.task, self.task.rules, self._plant
+        task = self.task
+        rules = task.rules
+        plant = self._plant
         numbers = task.action(action)
-        of_speed = 0.0
+        speed_command = 0.0
         if 'motor' not in task.actions:
-            of_speed = self._pid.acc_calculate(rules.speed, self._speed, task.ts)
-        command = command_of(rules, of_speed, numbers)
+            speed_command = self._pid.acc_calculate(rules.speed, self._speed, task.ts)
+        command = command_of(rules, speed_command, numbers)
         plant.advance(command)
         self._command = command
 
-        before = self._s
         observation = self._observe(command)
         info = self._info()
         s = info['s']
+        way = s - self._s
         self._s = s
         e_y = plant.now.frenet.e_y
         v = plant.now.state.v
-        gained = reward(rules, s - before, e_y, v)
+        gained = reward(rules, way, e_y, v)
         over = is_over(rules, s, e_y, v)
         if self._is_shown:
             self.render()
@@ -118,20 +219,22 @@ class CarEnv(gymnasium.Env[Any, Any]):
 
     def _observe(self, command: Command) -> Floats:
         """Measure the present state; return the observation."""
-        task, track = self.task, self.task.track
-        now = self._plant.now
+        task = self.task
+        plant = self._plant
+        now = plant.now
         place = now.frenet
-        motion = true_motion(self._plant.model, now)
-        if task.is_noisy:
-            motion = self._measured(motion)
-            if track:
-                near, i = place.s, now.segment
-                place, _ = project(track.line, motion.x, motion.y, motion.psi, near, i)
+        motion = true_motion(plant.model, now)
+        if not task.is_exact:
+            motion, _ = self._sensor.measure(motion)
+            if task.track:
+                line = task.track.line
+                place, _ = project(line, motion.x, motion.y, motion.psi, place.s, now.segment)
+
         speed = motion.v_x
         self._speed = speed
         error = task.rules.speed - speed
-        seen = Seen(error, place.e_y, place.e_psi, speed, command.motor, command.servo)
-        return task.observe(seen, task.ahead(place.s if track else motion.x))
+        signals = CarSignals(error, place.e_y, place.e_psi, speed, command.motor, command.servo)
+        return task.observe(signals, task.ahead(place.s if task.track else motion.x))
 
     def _info(self) -> dict[str, Any]:
         """Return what is known of the car besides the observation."""
@@ -139,7 +242,8 @@ class CarEnv(gymnasium.Env[Any, Any]):
         now = plant.now
         if not plant.track:
             return {'s': now.state.x}
-        frenet, laps = now.frenet, now.laps
+        frenet = now.frenet
+        laps = now.laps
         return {
             's': frenet.s,
             'e_y': frenet.e_y,
@@ -147,14 +251,6 @@ class CarEnv(gymnasium.Env[Any, Any]):
             'lap_time': now.steps * self.task.ts - laps.began,
             'lap_times': plant.lap_times,
         }
-
-    def _measured(self, true: VehicleState) -> VehicleState:
-        """Return a motion with noise."""
-        k = self._plant.steps % BLOCK
-        if not k:
-            self._normals = self.np_random.standard_normal((BLOCK, _SIGNALS)).tolist()
-        error = error_of(self._noise, self._normals[k])
-        return with_error(true, error, cos(true.psi), sin(true.psi))
 
     def render(self) -> Any:  # noqa: ANN401 (as Gymnasium's)
         """Return a picture of the present state, or show it in a window."""
@@ -185,6 +281,22 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
     numbers of a `CarEnv` that was reset with `seed + i`. An episode ends beyond the limits, or
     after `max_episode_steps`; the next step resets its car and ignores the action. The numbers of
     `info` are arrays.
+
+    Parameters
+    ----------
+    task
+        The name of a class of `learning.tasks`: 'Hills', 'Lane' or 'Race'.
+    num_envs
+        The number of cars.
+    max_episode_steps
+        Steps after which an episode is truncated; None: none is.
+    options
+        The arguments of `learning.tasks.Task`.
+
+    Raises
+    ------
+    UserError
+        if an option is unknown or out of its limits.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -200,53 +312,148 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         **options: Any,  # noqa: ANN401 (of the task)
     ) -> None:
         """Take the name of a task, its options, and the number of cars."""
-        self.task, self.num_envs = TASKS[task](**options), num_envs
+        self.task = TASKS[task](**options)
+        self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._spec: EnvSpec | None = None
         self._max_steps = max_episode_steps or np.inf
-        self._generators: list[np.random.Generator] = []
-        self._world = world_of(self.task, speed_controller(limit=self.task.limits.motor))
-        self._columns: Any = None  # None before the first episode
+
+        self._noise_generators: list[np.random.Generator] = []
+        self._episode_generators: list[np.random.Generator] = []
+        #: The random values of the next episodes, from 0 to 1.
+        self._shares = np.zeros((num_envs, _EPISODES, len(self.task.draws)))
+        self._used_shares = np.full(num_envs, _EPISODES)  # the number of these episodes that began
+
+        pid = speed_controller(limit=self.task.limits.motor)
+        self._model = batch_model_of(self.task, pid)
+        self._columns: BatchColumns | None = None  # None before the first episode
+        self._noise_row = 0  # of the next measurement
+        pieces = 1
+        if is_compiled():
+            pieces = max(min(num_envs // _MIN_PIECE, cpu_count() or 1), 1)
+        self._edges = [num_envs * piece // pieces for piece in range(pieces + 1)]
         self._threads: ThreadPoolExecutor | None = None
 
-    def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: Options = None
-    ) -> tuple[Floats, Any]:
-        """Begin an episode with each car; `options` do not apply to later episodes.
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make_vec` made it from, as values that JSON can carry."""
+        return self._spec
 
-        `seed` is that of the first car, or a list of all; a car with None keeps its generator.
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_plain_scenario(spec)
+
+    def reset(self, *, seed: Seeds = None, options: Options = None) -> tuple[Floats, Any]:
+        """Begin an episode with each car.
+
+        Parameters
+        ----------
+        seed
+            That of the first car, or a list of all; a car with None continues its random numbers.
+        options
+            Starts that are not drawn, by name; not for later episodes.
+
+        Returns
+        -------
+        The observations, shape (cars, numbers), and `info`.
+
+        Raises
+        ------
+        UserError
+            if an option is unknown or out of its limits, or there is not a seed for each car.
         """
-        n, task = self.num_envs, self.task
-        self._seed(seed)
-        self._columns = columns_of(task, n, max(task.ranges.get('delay', (0.0,))))
+        n = self.num_envs
+        before = self._columns
+        self._columns = batch_columns_of(self.task, n)
+        continued = self._seed(self._seeds(seed))
+        if self.task.is_noisy:
+            self._continue_noise(before, continued)
+
         self._lap_times = np.full(n, None)
         self._begin(np.arange(n), options)
         self._step_all()
         self._over = np.zeros(n, np.bool_)
         return self._columns.observations.copy(), self._info()
 
-    def _seed(self, seed: int | Sequence[int | None] | None) -> None:
-        """Give each car a generator of its own, as Gymnasium's vector environments do."""
+    def _seeds(self, seed: Seeds) -> Sequence[int | None]:
+        """Return a seed for each car, or None."""
         n = self.num_envs
         if seed is None:
-            seeds: Sequence[int | None] = [None] * n
-        elif isinstance(seed, (int, np.integer)):
-            seeds = [int(seed) + i for i in range(n)]
-        else:
-            seeds = seed
-        if len(seeds) != n:
-            raise UserError(f'seed: {seeds!r} must be one number, or one for each of {n} cars')
-        if not self._generators:
-            # Cars without a seed take consecutive ones, from a seed that is drawn.
+            return [None] * n
+        if isinstance(seed, (int, np.integer)):
+            return [int(seed) + i for i in range(n)]
+        if len(seed) != n:
+            raise UserError(f'seed: {seed!r} must be one number, or one for each of {n} cars')
+        return seed
+
+    def _seed(self, seeds: Sequence[int | None]) -> list[bool]:
+        """Give each car generators of its own; return whether it continues with those it had.
+
+        Cars without a seed take consecutive ones at first, from a seed that is drawn, as in
+        Gymnasium's vector environments.
+        """
+        n = self.num_envs
+        continued = [seed is None for seed in seeds]
+        if not self._noise_generators:
             _, first = np_random()
-            self._generators = [np_random(first + i)[0] for i in range(n)]
-        for i, each in enumerate(seeds):
-            if each is not None:
-                self._generators[i], _ = np_random(each)
+            seeds = [first + i if seed is None else seed for i, seed in enumerate(seeds)]
+            continued = [False] * n
+            self._noise_generators = [np.random.default_rng(0)] * n
+            self._episode_generators = [np.random.default_rng(0)] * n
+        for i, seed in enumerate(seeds):
+            if seed is not None:
+                generator, _ = np_random(seed)
+                self._noise_generators[i] = generator
+                self._episode_generators[i] = _episode_generator(generator)
+                self._used_shares[i] = _EPISODES
+        return continued
+
+    def _continue_noise(self, before: BatchColumns | None, continued: list[bool]) -> None:
+        """Draw the noise of the first measurements; a car that continues has some left."""
+        assert self._columns is not None  # noqa: S101 (`reset` has set it)
+        normals = self._columns.normals
+        left = 0
+        if before is not None:
+            left = NOISE_BLOCK - self._noise_row
+            normals[:left] = before.normals[self._noise_row :]
+        for car, is_continued in enumerate(continued):
+            first = left if is_continued else 0
+            count = NOISE_BLOCK - first
+            generator = self._noise_generators[car]
+            normals[first:, car] = generator.standard_normal((count, normals.shape[2]))
+        self._noise_row = 0
+
+    def _draw_noise(self, normals: Floats) -> None:
+        """Draw the noise of the next measurements of all cars."""
+        block = np.empty((_TOGETHER, NOISE_BLOCK, normals.shape[2]))
+        for first in range(0, self.num_envs, _TOGETHER):
+            generators = self._noise_generators[first : first + _TOGETHER]
+            for generator, of_car in zip(generators, block, strict=False):
+                generator.standard_normal(out=of_car)
+            of_cars = block[: len(generators)]
+            normals[:, first : first + _TOGETHER] = of_cars.transpose(1, 0, 2)
+        self._noise_row = 0
 
     def step(self, actions: Any) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:  # noqa: ANN401
-        """Take a step with each car; a car whose episode has ended begins a new one instead."""
+        """Take a step with each car; a car whose episode has ended begins a new one instead.
+
+        Parameters
+        ----------
+        actions
+            Numbers from -1 to 1, shape (cars, numbers); others count as the nearest of these.
+
+        Returns
+        -------
+        The observations, the rewards, whether each car is beyond its limits, whether its episode is
+        truncated, and `info`.
+
+        Raises
+        ------
+        UserError
+            if they are not an action of each car.
+        """
         columns = self._columns
         if columns is None:
             raise _not_reset('step')
@@ -255,49 +462,64 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         if len(restarted):
             self._begin(restarted)
         self._step_all()
+
         terminated = columns.over.copy()
         truncated = columns.cars['steps'] >= self._max_steps
-        if len(restarted):
-            truncated[restarted] = False
         self._over = terminated | truncated
-        return (
-            columns.observations.copy(),
-            columns.rewards.copy(),
-            terminated,
-            truncated,
-            self._info(),
-        )
+        observations = columns.observations.copy()
+        return observations, columns.rewards.copy(), terminated, truncated, self._info()
 
     def _step_all(self) -> None:
         """Take a step with each car, or begin its new episode; measure all."""
-        columns, n = self._columns, self.num_envs
+        columns = self._columns
+        assert columns is not None  # noqa: S101 (`step` has checked it)
+        if self.task.is_noisy and self._noise_row == NOISE_BLOCK:
+            self._draw_noise(columns.normals)
+        if self.task.plain.disturbance and 'disturbance' not in self.task.ranges:
+            self._set_forces(columns.cars)
+
+        laps = self._run_loop(columns)
         if self.task.is_noisy:
-            cars = columns.cars
-            begins_block = cars['is_new'] | ((cars['steps'] + 1) % BLOCK == 0)
-            for car in np.flatnonzero(begins_block).tolist():
-                self._generators[car].standard_normal(out=columns.normals[car])
+            self._noise_row += 1
+        if laps:
+            self._note_laps(columns.cars['finished'])
+
+    def _run_loop(self, columns: BatchColumns) -> int:
+        """Step the cars on all cores; return how many laps they have finished."""
         step = compiled(step_cars)
-        pieces = min(n // _MIN_PIECE, cpu_count() or 1) if is_compiled() else 1
-        if pieces <= 1:
-            step(self._world, columns, 0, n)
-        else:
-            self._threads = self._threads or ThreadPoolExecutor(pieces - 1)
-            edges = [n * k // pieces for k in range(pieces + 1)]
-            others = [
-                self._threads.submit(step, self._world, columns, first, last)
-                for first, last in pairwise(edges[1:])
-            ]
-            step(self._world, columns, 0, edges[1])
-            for other in others:
-                other.result()
-        if self.task.track:
-            finished = columns.cars['finished']
-            for car in np.flatnonzero(~np.isnan(finished)).tolist():
-                self._lap_times[car] += (float(finished[car]),)
-                finished[car] = np.nan
+        model = self._model
+        row = self._noise_row
+        edges = self._edges
+        if len(edges) == 2:  # noqa: PLR2004 (first and last)
+            return int(step(model, columns, row, 0, self.num_envs))
+
+        if self._threads is None:
+            self._threads = ThreadPoolExecutor(len(edges) - 2)
+        others = [
+            self._threads.submit(step, model, columns, row, first, last)
+            for first, last in pairwise(edges[1:])
+        ]
+        laps = step(model, columns, row, 0, edges[1])
+        return int(laps + sum(other.result() for other in others))
+
+    def _set_forces(self, cars: Any) -> None:  # noqa: ANN401 (an array of records)
+        """Set the force on each car, from a disturbance that changes over time or place."""
+        disturbance = self.task.plain.disturbance
+        assert disturbance is not None  # noqa: S101 (`_step_all` has checked it)
+        along = cars['s'] if self.task.track else cars['x']
+        times = cars['steps'] * self.task.ts
+        pairs = zip(times.tolist(), along.tolist(), strict=True)
+        cars['force'] = [disturbance(t, s) for t, s in pairs]
+
+    def _note_laps(self, finished: Floats) -> None:
+        """Add the laps that were finished in this step, by their times [s], to those before."""
+        for car in np.flatnonzero(~np.isnan(finished)).tolist():
+            self._lap_times[car] += (float(finished[car]),)
+            finished[car] = np.nan
 
     def _info(self) -> dict[str, Any]:
         """Return what is known of the cars besides the observations."""
+        assert self._columns is not None  # noqa: S101 (`reset` has set it)
         cars = self._columns.cars
         if not self.task.track:
             return {'s': cars['x'].copy()}
@@ -309,27 +531,52 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
             'lap_times': self._lap_times.copy(),
         }
 
-    def _begin(self, which: Cars, options: Options = None) -> None:
+    def _begin(self, cars: Cars, options: Options = None) -> None:
         """Begin an episode with each of these cars, in the next step."""
-        task, cars = self.task, self._columns.cars
-        count = len(task.draws)
-        shares = np.array([self._generators[car].random(count) for car in which.tolist()])
-        drawn = task.draw(shares.T, options)
-        for name in task.ranges:
-            if name != 'delay':
-                cars[name][which] = drawn[name]
-        if 'delay' in task.ranges:
-            steps = np.array([in_steps(delay, task.ts) for delay in drawn['delay'].tolist()])
-            for name in ('motor', 'servo') if task.delays_servo else ('motor',):
-                cars[f'{name}_whole'][which] = steps[:, 0]
-                cars[f'{name}_early'][which] = steps[:, 1]
-        cars['noise'][which] = drawn['noise']
-        for column, name in enumerate(STARTS):
-            if name in drawn:
-                self._columns.starts[which, column] = drawn[name]
-        cars['is_new'][which] = True
-        for car in which.tolist():
+        assert self._columns is not None  # noqa: S101 (`reset` has set it)
+        values = self.task.draw(self._next_shares(cars), options)
+        self._columns.starts[cars] = values[:, : len(STARTS)]
+        records = self._columns.cars
+        records['noise'][cars] = values[:, len(STARTS)]
+        records['is_new'][cars] = True
+        if self.task.ranges:
+            self._vary(cars, dict(zip(self.task.draws, values.T, strict=True)))
+        for car in cars.tolist():
             self._lap_times[car] = ()
+
+    def _next_shares(self, cars: Cars) -> Floats:
+        """Return the random values of a new episode of these cars, from 0 to 1."""
+        used = self._used_shares[cars]
+        empty = used == _EPISODES
+        if empty.any():
+            for car in cars[empty].tolist():
+                self._episode_generators[car].random(out=self._shares[car])
+            used[empty] = 0
+        self._used_shares[cars] = used + 1
+        shares: Floats = self._shares[cars, used]
+        return shares
+
+    def _vary(self, cars: Cars, drawn: Mapping[str, Floats]) -> None:
+        """Give these cars the values of `ranges` that were drawn."""
+        assert self._columns is not None  # noqa: S101 (`reset` has set it)
+        records = self._columns.cars
+        for name in self.task.ranges:
+            if name == 'delay':
+                self._set_delays(cars, drawn['delay'])
+            elif name == 'disturbance':
+                records['force'][cars] = drawn['disturbance']
+            else:
+                records[name][cars] = drawn[name]
+
+    def _set_delays(self, cars: Cars, delays: Floats) -> None:
+        """Delay the commands to these cars, by [s]; also to the servo unless it was given."""
+        assert self._columns is not None  # noqa: S101 (`reset` has set it)
+        records = self._columns.cars
+        steps = np.array([in_steps(delay, self.task.ts) for delay in delays.tolist()])
+        names = ['motor', 'servo'] if self.task.scenario.servo is None else ['motor']
+        for name in names:
+            records[f'{name}_whole'][cars] = steps[:, 0]
+            records[f'{name}_early'][cars] = steps[:, 1]
 
     def close_extras(self, **_: Any) -> None:  # noqa: ANN401 (as Gymnasium's)
         """End the threads."""
@@ -343,4 +590,5 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
 
 def spaces(task: Task) -> tuple[Box, Box]:
     """Return the spaces of the observations and of the actions."""
-    return Box(-task.high, task.high, dtype=np.float64), Box(-1.0, 1.0, (len(task.actions),))
+    observations = Box(-task.high, task.high, dtype=np.float64)
+    return observations, Box(-1.0, 1.0, (len(task.actions),))

@@ -15,6 +15,8 @@ from barc_sim.figures.views import SIZE, frames, view_of
 from barc_sim.simulation.closed_loop import log_of_rows
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from barc_sim.figures.views import RunView
     from barc_sim.interfaces.records import Command
     from barc_sim.learning.tasks import Task
@@ -31,7 +33,9 @@ class Picture:
 
     def __init__(self, task: Task, *, in_window: bool) -> None:
         """Draw `in_window`, or into an array; warn if there is no display."""
-        self._task, self._in_window, self._title = task, in_window, type(task).__name__
+        self._task = task
+        self._in_window = in_window
+        self._title = type(task).__name__
         self._window = style.window(self._title) if in_window else None
         if self._window:
             self._window.canvas.mpl_connect('close_event', lambda _: self.close())
@@ -47,45 +51,58 @@ class Picture:
 
     def close(self) -> None:
         """Close the window for good."""
-        window, self._window = self._window, None
-        if window:
-            style.close(window)
+        if self._window:
+            style.close(self._window)
+        self._window = None
 
     def draw(self, plant: Plant, command: Command) -> Any:  # noqa: ANN401 (an array)
         """Return the picture; None with a window."""
         if self._in_window and not self._window:
             return None
-        self._rows.append((plant.observe(), command, (0.0,)))
-        self._times.append(plant.steps * plant.ts)
-        log = log_of_rows(self._rows, plant.period_ns, self._task.speed, track=plant.track)
-        log = replace(log, t=np.array(self._times))
+        log = self._log(plant, command)
         length = max(self._task.length, _SHORTEST)
-        if (stretch := plant.distance // length) == self._stretch:
+        stretch = plant.distance // length
+        if stretch == self._stretch:
             self._view.read(log)
         else:
             self._stretch = stretch
-            self._begin(log, stretch * length, (stretch + 1.0) * length)
+            self._begin_stretch(log, stretch * length, (stretch + 1.0) * length)
+
         frame = next(self._frames)
         if not self._window:
             return frame[..., :3].copy()
-        self._window.clear()
-        self._window.figimage(frame, resize=True)
-        style.show(block=False)
-        self._window.canvas.draw()
-        self._window.canvas.flush_events()
+        self._show(self._window, frame)
         return None
 
-    def _begin(self, log: Log, first: float, last: float) -> None:
+    def _log(self, plant: Plant, command: Command) -> Log:
+        """Return the log of the pictures so far, with the present state."""
+        self._rows.append((plant.observe_exactly(), command, (0.0,)))
+        self._times.append(plant.steps * plant.ts)
+        log = log_of_rows(self._rows, plant.period_ns, self._task.speed, track=plant.track)
+        return replace(log, t=np.array(self._times))
+
+    def _show(self, window: Figure, frame: Any) -> None:  # noqa: ANN401 (an array)
+        window.clear()
+        window.figimage(frame, resize=True)
+        style.show(block=False)
+        window.canvas.draw()
+        window.canvas.flush_events()
+
+    def _begin_stretch(self, log: Log, first: float, last: float) -> None:
         """Draw the fixed parts: the track, or the road between two positions [m]."""
-        task, figure = self._task, Figure(SIZE, _DPI)
-        stretch, limits = (task.road, first, last), (0.0, 2.0 * task.speed)
-        if task.track:
-            limits = -task.half_width, task.half_width
-        self._view: RunView = view_of(log, figure, self._title, stretch)
+        task = self._task
+        figure = Figure(SIZE, _DPI)
+        self._view: RunView = view_of(log, figure, self._title, (task.road, first, last))
         _, course, chart = figure.axes[:3]
-        chart.set(xlim=(first, last), ylim=limits)
-        if not task.track:
+        if task.track:
+            chart.set(xlim=(first, last), ylim=(-task.half_width, task.half_width))
+        else:
             course.set_xlim(first, last)
+            chart.set(xlim=(first, last), ylim=(0.0, 2.0 * task.speed))
             chart.axhline(task.speed, color=style.INK, lw=1.0, ls=style.DASHES)
-        # A view's picture at a time: the latest, whenever one is asked for.
-        self._frames = frames(self._view, iter(lambda: self._times[-1], None))
+        self._frames = frames(self._view, self._latest_times())
+
+    def _latest_times(self) -> Iterator[float]:
+        """Yield the time of the latest state, whenever a picture is drawn."""
+        while True:
+            yield self._times[-1]

@@ -305,6 +305,11 @@ class Sensor:
             self._normals = self._draw_normals(_BLOCK)[::-1].tolist()
         return MeasurementError(*map(mul, self.noise, self._normals.pop()))
 
+    def draw_from(self, generator: np.random.Generator) -> None:
+        """Take the noise of the next measurements from this generator."""
+        self._generator = generator
+        self._normals = []
+
     def again(self) -> Sensor:
         """Return a new sensor with the same levels, seed and delay."""
         return Sensor(self.noise, self._seed, delay=self._delay, ts=self._ts)
@@ -731,9 +736,20 @@ class Plant:
 
     def observe(self) -> Observation:
         """Measure the present state, late if the sensor is; each call draws new noise."""
-        now = self.now
-        true = true_motion(self.model, now)
+        true = self.motion()
         measured, error = self.sensor.measure(true)
+        return self._observation(true, measured, error)
+
+    def observe_exactly(self) -> Observation:
+        """Return the present state as a perfect sensor measures it; this draws no noise."""
+        true = self.motion()
+        return self._observation(true, true, _NO_ERROR)
+
+    def _observation(
+        self, true: VehicleState, measured: VehicleState, error: MeasurementError
+    ) -> Observation:
+        """Return the present state with its surroundings."""
+        now = self.now
         place = on_road(self.model, now.state.x, now.frenet.s)
         around = surroundings(now.state.v, self.road.at(place), self.vehicle)
         return Observation(true, measured, error, around, now.acting, self.on_track)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from barc_sim.control.lane import LaneLQR
 from barc_sim.errors import UserError
 from barc_sim.figures import style
-from barc_sim.learning.tasks import AHEAD, TASKS, ahead_at
+from barc_sim.learning.tasks import AHEAD, TASKS
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.scenario import Scenario
 from barc_sim.vehicle.bicycles import LateralParameters
@@ -284,7 +284,7 @@ def test_what_is_ahead_is_that_of_road_and_track() -> None:
         np.testing.assert_array_equal(np.transpose(found), values)
         near = 0
         for place, row in zip(s.tolist(), found, strict=True):
-            near = ahead_at(ahead.table, place, near)
+            near = row_at(ahead.table, place, near)
             assert ahead.table.rows[near] == row
 
 
