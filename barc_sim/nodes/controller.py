@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, ControllerState, LaneState, PidState, ZDynBkMdl
@@ -69,40 +68,50 @@ class CruiseController(Node):
         UserError: a parameter is out of range.
         """
         super().__init__('controller', **options)
+
         track = declare_track(self, track)
         self.refused = RefusedInput(self)
         self.control = CruiseControl(
             controller,
-            partial(declare, self),
-            acceleration_limit,
-            self.refused.add,
-            self.refused.warn,
-            track,
-            lane,
+            declare=lambda parameters: declare(self, parameters),
+            acceleration_limit=acceleration_limit,
+            refuse=self.refused.add,
+            warn=self.refused.warn,
+            track=track,
+            lane=lane,
         )
         self.values = self.control.values
         self.reference = self.control.reference
         self.lane = self.control.lane
         self.add_post_set_parameters_callback(self._on_parameters)
 
-        self._on_map, on_car = (Header(frame_id=frame) for frame in frames(self))
-        self._ecu = ECU(header=on_car)
+        map_frame, self._car_frame = frames(self)
+        self._on_map = Header(frame_id=map_frame)
+        self._ecu = ECU(header=Header(frame_id=self._car_frame))
+
         self._outputs = Outputs(self)
+        self._add_outputs()
+        self._ecu_pub = self.create_publisher(ECU, topics.ECU, qos.DEFAULT)
+
+        self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.DEFAULT)
+        self.create_subscription(Float64, topics.SPEED_REFERENCE, self._on_speed, qos.NEWEST)
+
+        self.create_service(Trigger, services.RESET_CONTROLLER, self._on_reset)
+
+    def _add_outputs(self) -> None:
+        """Add the messages that show how a command was computed."""
+        on_car = Header(frame_id=self._car_frame)
         if self.control.is_pid:
             self._outputs.add(topics.PID_STATE, PidState(header=on_car), self.control.computed)
         else:
-            of_speed = ControllerState(header=on_car)
-            self._outputs.add(topics.CONTROLLER_STATE, of_speed, self.control.computed)
+            self._outputs.add(
+                topics.CONTROLLER_STATE, ControllerState(header=on_car), self.control.computed
+            )
         if self.lane:
             self._outputs.add(topics.LANE_STATE, LaneState(header=on_car), self.lane.computed)
         if self.control.makes_plans:
             plan = Path(header=self._on_map)
             self._outputs.add(topics.PREDICTION, plan, self._predicted, every=5)
-        self._ecu_pub = self.create_publisher(ECU, topics.ECU, qos.DEFAULT)
-
-        self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.DEFAULT)
-        self.create_subscription(Float64, topics.SPEED_REFERENCE, self._on_speed, qos.NEWEST)
-        self.create_service(Trigger, services.RESET_CONTROLLER, self._on_reset)
 
     def _predicted(self) -> dict[str, Any]:
         return to_poses(self._on_map, self.control.predicted())
@@ -115,15 +124,19 @@ class CruiseController(Node):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.control.reset()
-        response.success, response.message = True, 'the controller is reset'
+        response.success = True
+        response.message = 'the controller is reset'
         return response
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         stamp = to_nanoseconds(state.header.stamp)
         measured = VehicleState(state.x, state.y, state.psi, state.v_x, state.v_y, state.psi_dot)
-        if command := self.control.take_state(stamp, measured):
-            self._ecu.header.stamp = state.header.stamp
-            self._ecu.motor = float(command.motor)
-            self._ecu.servo = float(command.servo)
-            self._ecu_pub.publish(self._ecu)
-            self._outputs.publish(state.header.stamp)
+        command = self.control.take_state(stamp, measured)
+        if command is None:
+            return
+
+        self._ecu.header.stamp = state.header.stamp
+        self._ecu.motor = float(command.motor)
+        self._ecu.servo = float(command.servo)
+        self._ecu_pub.publish(self._ecu)
+        self._outputs.publish(state.header.stamp)

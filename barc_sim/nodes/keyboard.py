@@ -28,19 +28,21 @@ class Keyboard(Node):
     def __init__(self, terminal: Terminal | None = None, **options: Any) -> None:  # noqa: ANN401
         """Read keys from `terminal`, by default the standard input; it is closed at the end."""
         super().__init__('keyboard', **options)
+
+        self._terminal = terminal or Terminal()
         self._keys = HeldKeys()
         self._pressed: deque[tuple[str, float]] = deque()
-        self._terminal = terminal = terminal or Terminal()
         self.finished = Future()
         # Restores the terminal before anything else ends, in whichever thread `finished` is set.
-        self.finished.add_done_callback(lambda _: terminal.close())
+        self.finished.add_done_callback(lambda _: self._terminal.close())
 
         self._twist_pub = self.create_publisher(Twist, topics.CMD_VEL, qos.DEFAULT)
         self._reset = self.create_client(Trigger, services.RESET_SIMULATOR)
+
         self._typed = self.create_guard_condition(self._on_typed)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(1.0 / RATE, self._publish, clock=steady)
-        terminal.listen(self._on_key)
+        self._terminal.listen(self._on_key)
 
     def destroy_node(self) -> None:
         """Restore the terminal, brake, and destroy the node."""
@@ -62,7 +64,8 @@ class Keyboard(Node):
     def _on_typed(self) -> None:
         while self._pressed:
             key, t = self._pressed.popleft()
-            if self._keys.handle(key, t) and key == 'reset':
+            is_new = self._keys.handle(key, t)
+            if is_new and key == 'reset':
                 self._request_reset()
         self._publish()
         self._timer.reset()

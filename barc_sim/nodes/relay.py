@@ -50,17 +50,22 @@ class Relay(Node):
         UserError: a parameter is out of range.
         """
         super().__init__('relay', **options)
+
         self.driver = driver or Driver()
         self.driver.configure(declare(self, PARAMETERS))
-        self._speed = 0.0
         self.add_post_set_parameters_callback(self._on_parameters)
+        self._speed = 0.0
         self.refused = RefusedInput(self)
 
-        self._ecu = ECU(header=Header(frame_id=frames(self)[1]))
+        _, car_frame = frames(self)
+        self._ecu = ECU(header=Header(frame_id=car_frame))
         self._ecu_pub = self.create_publisher(ECU, topics.ECU, qos.DEFAULT)
+
         self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.NEWEST)
         self.create_subscription(Twist, topics.CMD_VEL, self._on_twist, qos.DEFAULT)
+
         self.create_service(Trigger, services.RESET_RELAY, self._on_reset)
+
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.driver.dt, self._on_timer, clock=steady)
 
@@ -77,7 +82,8 @@ class Relay(Node):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.driver.reset()
         self._speed = 0.0
-        response.success, response.message = True, 'the relay is reset'
+        response.success = True
+        response.message = 'the relay is reset'
         return response
 
     def _on_timer(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, AppliedCommand, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
@@ -38,6 +37,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.parameter import Parameter
+    from rclpy.publisher import Publisher
+    from rclpy.timer import Timer
 
     from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.plant import Observation
@@ -99,28 +100,67 @@ class VehicleSimulator(Node):
         UserError: a parameter is out of range, or another simulator publishes the state.
         """
         super().__init__('vehicle_simulator', **options)
+
         self.track = declare_track(self, track)
-        self.values = values = declare(self, parameters(distance, on_track=bool(self.track)))
-        self.road = road or Road.named(values['road'])
+        self.values = declare(self, parameters(distance, on_track=bool(self.track)))
+        self.road = road or Road.named(self.values['road'])
+
         self._model = model
-        pace = StepperOptions(*(values[name] for name in StepperOptions._fields))
+        pace = StepperOptions(**{name: self.values[name] for name in StepperOptions._fields})
         self.stepper = Stepper(self._scenario(), pace, self)
         self.add_post_set_parameters_callback(self._on_parameters)
+        self.on_step = on_step
+        self.finished = Future()
+        self.refused = RefusedInput(self)
         self._claim = claim(self, topics.STATE)
-        self.finished, self.refused, self.on_step = Future(), RefusedInput(self), on_step
-        self.warn = partial(self.refused.warn, period=10.0)
 
-        # All messages of a state share one stamp. They are made once: new ones would cost time.
-        self._subscribed, self._stamp = Subscribed(self), Time()
-        on_map, on_car = (Header(stamp=self._stamp, frame_id=name) for name in frames(self))
+        self._make_messages()
+        has_clock = keeps_clock and (pace.clock or pace.realtime_factor != 1.0)
+        self._create_publishers(has_clock=has_clock)
+
+        self.create_subscription(ECU, topics.ECU, self._on_command, qos.DEFAULT)
+        self.create_subscription(
+            PoseWithCovarianceStamped, topics.INITIAL_POSE, self._on_initial_pose, qos.NEWEST
+        )
+
+        self.create_service(Trigger, services.RESET_SIMULATOR, self._on_reset)
+        self.create_service(SetBool, services.PAUSE_SIMULATOR, self._on_pause)
+        self.create_service(Trigger, services.STEP_SIMULATOR, self._on_single_step)
+
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self._deadlines: Timer | None = None
+        if self.stepper.deadline_period:
+            self._deadlines = self.create_timer(
+                self.stepper.deadline_period, self.stepper.pass_deadline, clock=wall
+            )
+        self.run_deadlines(on=False)
+        self._deferred = self.create_guard_condition(self.stepper.decide)
+
+        self.peers = PeerWatch(self, self.stepper, self._publish_state, self._publish_clock)
+        self.create_timer(check_period, self.peers.check, clock=wall)
+        self._gate = StartGate(self, wall, self.stepper.start, wait=pace.wait_for_controller)
+
+    def _make_messages(self) -> None:
+        """Make each message once: new ones for each state would cost time. All share one stamp."""
+        map_frame, car_frame = frames(self)
+        self._stamp = Time()
+        on_map = Header(stamp=self._stamp, frame_id=map_frame)
+        on_car = Header(stamp=self._stamp, frame_id=car_frame)
+
+        self._time = ClockMessage(clock=self._stamp)
+        self._state = ZDynBkMdl(header=on_map)
+        self._error = EZDynBkMdl(header=on_car)
+        self._place = TrackState(header=on_map)
         self._applied = AppliedCommand(header=on_car)
-        self._time, self._environment = ClockMessage(clock=self._stamp), Environment(header=on_map)
-        self._state, self._error = ZDynBkMdl(header=on_map), EZDynBkMdl(header=on_car)
-        self.clock_pub, self._track_pub = None, None
-        if keeps_clock and (pace.clock or pace.realtime_factor != 1.0):
+        self._environment = Environment(header=on_map)
+
+    def _create_publishers(self, *, has_clock: bool) -> None:
+        """Create the publishers; `/clock` and the place on a track have one only if asked for."""
+        self.clock_pub: Publisher | None = None
+        if has_clock:
             self.clock_pub = self.create_publisher(ClockMessage, topics.CLOCK, qos.DEFAULT)
+        self._track_pub: Publisher | None = None
         if self.track:
-            self._place = TrackState(header=on_map)
             self._track_pub = self.create_publisher(TrackState, topics.TRACK_STATE, qos.DEFAULT)
         self._error_pub = self.create_publisher(EZDynBkMdl, topics.STATE_ERROR, qos.DEFAULT)
         self._applied_pub = self.create_publisher(
@@ -128,21 +168,7 @@ class VehicleSimulator(Node):
         )
         self._environment_pub = self.create_publisher(Environment, topics.ENVIRONMENT, qos.DEFAULT)
         self._state_pub = self.create_publisher(ZDynBkMdl, topics.STATE, qos.DEFAULT)
-        self.create_subscription(ECU, topics.ECU, self._on_command, qos.DEFAULT)
-        self.create_subscription(
-            PoseWithCovarianceStamped, topics.INITIAL_POSE, self._on_initial_pose, qos.NEWEST
-        )
-        self.create_service(Trigger, services.RESET_SIMULATOR, self._on_reset)
-        self.create_service(SetBool, services.PAUSE_SIMULATOR, self._on_pause)
-        self.create_service(Trigger, services.STEP_SIMULATOR, self._on_single_step)
-        wall = Clock(clock_type=ClockType.STEADY_TIME)
-        period, deadline = self.stepper.deadline_period, self.stepper.pass_deadline
-        self._deadlines = self.create_timer(period, deadline, clock=wall) if period else None
-        self.run_deadlines(on=False)
-        self._deferred = self.create_guard_condition(self.stepper.decide)
-        self.peers = PeerWatch(self, self.stepper, self._publish_state, self._publish_clock)
-        self.create_timer(check_period, self.peers.check, clock=wall)
-        self._gate = StartGate(self, wall, self.stepper.start, wait=pace.wait_for_controller)
+        self._subscribed = Subscribed(self)
 
     def destroy_node(self) -> None:
         """Release the topic, and destroy the node."""
@@ -151,8 +177,10 @@ class VehicleSimulator(Node):
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish the observation at `t` [s], stamped `stamp_ns` [ns]; `z_vhcl` comes last."""
-        self._seen, subscribed = seen, self._subscribed.at(stamp_ns)
+        self._seen = seen
         self._stamp.sec, self._stamp.nanosec = split_time(stamp_ns)
+
+        subscribed = self._subscribed.at(stamp_ns)
         if self.clock_pub in subscribed:
             self._publish_clock()
         if self._environment_pub in subscribed:
@@ -172,7 +200,10 @@ class VehicleSimulator(Node):
     def run_deadlines(self, *, on: bool) -> None:
         """Call `Stepper.pass_deadline` every period from now on, or no longer."""
         if self._deadlines:
-            (self._deadlines.reset if on else self._deadlines.cancel)()
+            if on:
+                self._deadlines.reset()
+            else:
+                self._deadlines.cancel()
 
     def defer_decision(self) -> None:
         """Call `Stepper.decide` after the commands that have arrived are delivered."""
@@ -187,6 +218,10 @@ class VehicleSimulator(Node):
         """End the run; may be called from any thread."""
         self.finished.set_result(None)
 
+    def warn(self, sentence: Callable[[], str], about: str) -> None:
+        """Log what `sentence` returns, at most once in 10 s for what it is `about`."""
+        self.refused.warn(sentence, about, period=10.0)
+
     def _publish_clock(self) -> None:
         if self.clock_pub:
             self.clock_pub.publish(self._time)
@@ -200,7 +235,8 @@ class VehicleSimulator(Node):
 
     def _on_command(self, command: ECU) -> None:
         stamp = to_nanoseconds(command.header.stamp)
-        if why := self.stepper.take_command(Command(command.motor, command.servo), stamp):
+        why = self.stepper.take_command(Command(command.motor, command.servo), stamp)
+        if why:
             self.refused.add(lambda: why)
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
@@ -228,14 +264,17 @@ class VehicleSimulator(Node):
         )
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = True, 'the car is back at the start'
-        if not self.stepper.reset():
+        response.success = True
+        if self.stepper.reset():
+            response.message = 'the car is back at the start'
+        else:
             state = self.stepper.states - 1
             response.message = f'the car goes back when state {state} is answered, or after 1 s'
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        response.success, response.message = True, 'paused' if request.data else 'running'
+        response.success = True
+        response.message = 'paused' if request.data else 'running'
         if self.stepper.pause(on=request.data):
             self.get_logger().info(response.message)
         return response
