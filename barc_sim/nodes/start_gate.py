@@ -44,18 +44,24 @@ class StartGate:
 
         If `wait` is false, no controller is needed.
         """
-        self._node, self._begin, self._wait = node, begin, wait
+        self._node = node
+        self._begin = begin
+        self._wait = wait
+
         self._clients: dict[str, Client] = {}
         self._uncalled: list[Client] = []  # to be called once they have discovered their servers
         self._answers: list[Future] = []
         self._give_up_at = 0.0
         self._is_reset = False
-        self._polls_passed, self._polls_required = 0, _POLLS
+
+        self._polls_passed = 0
+        self._polls_required = _POLLS
         self._timer = node.create_timer(_POLL_PERIOD, self._poll, clock=clock)
 
     def restart(self) -> None:
         """Reset the nodes that command, and call `begin` again after that."""
-        self._uncalled, self._answers = self._resets(), []
+        self._uncalled = self._resets()
+        self._answers = []
         self._give_up_at = time.monotonic() + _RESET_TIMEOUT
         # One more poll is enough for a controller that was discovered before.
         self._polls_passed = min(self._polls_passed, self._polls_required - 1)
@@ -74,28 +80,50 @@ class StartGate:
         return [self._clients[name] for name in served]
 
     def _poll(self) -> None:
-        for client in [client for client in self._uncalled if client.service_is_ready()]:
-            self._uncalled.remove(client)
-            self._answers.append(client.call_async(Trigger.Request()))
-        if self._uncalled or not all(answer.done() for answer in self._answers):
-            if time.monotonic() < self._give_up_at:
-                return
-            self._node.get_logger().warning(
-                f'a controller or relay has not answered its reset within {_RESET_TIMEOUT} s'
-            )
-            self._uncalled, self._answers = [], []
-        commanders = publishers(self._node, topics.ECU)
-        self._polls_required = _POLLS if all_own(self._node, commanders) else _POLLS_OTHER_PROCESS
-        self._polls_passed = self._polls_passed + 1 if commanders or not self._wait else 0
-        self._resets()  # the clients can discover their servers during the next polls
+        self._call_resets()
+        if self._waits_for_answers():
+            return
+        self._count_poll()
         if self._polls_passed < self._polls_required:
             return
+
         if not self._is_reset:
             self.restart()
             return
         self._timer.cancel()
         check_unique(self._node, topics.STATE)
         self._begin()
+
+    def _call_resets(self) -> None:
+        """Call the reset services that have been discovered since the last poll."""
+        for client in [*self._uncalled]:
+            if client.service_is_ready():
+                self._uncalled.remove(client)
+                self._answers.append(client.call_async(Trigger.Request()))
+
+    def _waits_for_answers(self) -> bool:
+        """Return whether a reset is not answered; after a while, warn and wait no longer."""
+        if not self._uncalled and all(answer.done() for answer in self._answers):
+            return False
+        if time.monotonic() < self._give_up_at:
+            return True
+
+        self._node.get_logger().warning(
+            f'a controller or relay has not answered its reset within {_RESET_TIMEOUT} s'
+        )
+        self._uncalled = []
+        self._answers = []
+        return False
+
+    def _count_poll(self) -> None:
+        """Count a poll that has found a controller; start again if there is none."""
+        commanders = publishers(self._node, topics.ECU)
+        self._polls_required = _POLLS if all_own(self._node, commanders) else _POLLS_OTHER_PROCESS
+        if commanders or not self._wait:
+            self._polls_passed += 1
+        else:
+            self._polls_passed = 0
+        self._resets()  # the clients can discover their servers during the next polls
 
 
 class PeerWatch:
@@ -113,8 +141,11 @@ class PeerWatch:
         publish_clock: Callable[[], None],
     ) -> None:
         """Watch the peers of `node`; both functions publish its latest state or time again."""
-        self._node, self._stepper = node, stepper
-        self._republish, self._publish_clock = republish, publish_clock
+        self._node = node
+        self._stepper = stepper
+        self._republish = republish
+        self._publish_clock = publish_clock
+
         self._states = 0
         self._warned: set[str] = set()
         # GIDs of the publishers of commands: all at the latest check, and those that were there
@@ -126,10 +157,23 @@ class PeerWatch:
         """Check the peers, and whether a reset waits for an answer; call it about once a second."""
         self._stepper.check()
         states = self._stepper.states
-        waits = self._stepper.deadline_period is None and not self._stepper.paused
-        endpoints = publishers(self._node, topics.ECU)
-        commanders = {bytes(each.endpoint_gid) for each in endpoints}
         stands_still = states == self._states
+
+        endpoints = publishers(self._node, topics.ECU)
+        self._check_commanders(endpoints, stands_still=stands_still)
+        self._warn_of_several(topics.ECU, endpoints, 'drive together: end one')
+
+        clocks = publishers(self._node, topics.CLOCK)
+        self._warn_of_several(topics.CLOCK, clocks, 'time jumps: give each run a ROS_DOMAIN_ID')
+        if states and stands_still:
+            self._publish_clock()  # for nodes that have started since
+        self._states = states
+
+    def _check_commanders(self, endpoints: list[TopicEndpointInfo], *, stands_still: bool) -> None:
+        """Warn if no command comes; publish the state again for a new publisher of commands."""
+        commanders = {bytes(each.endpoint_gid) for each in endpoints}
+        states = self._stepper.states
+        waits = self._stepper.deadline_period is None and not self._stepper.paused
         if not states:
             if not endpoints:
                 topic = self._node.resolve_topic_name(topics.ECU)
@@ -141,16 +185,11 @@ class PeerWatch:
         else:
             self._reached = self._commanders
         self._commanders = commanders
-        clocks = publishers(self._node, topics.CLOCK)
-        self._warn_of_several(topics.ECU, endpoints, 'drive together: end one')
-        self._warn_of_several(topics.CLOCK, clocks, 'time jumps: give each run a ROS_DOMAIN_ID')
-        if states and stands_still:
-            self._publish_clock()  # for nodes that have started since
-        self._states = states
 
     def _warn_of_several(self, topic: str, endpoints: list[TopicEndpointInfo], effect: str) -> None:
         if len(endpoints) > 1:
-            name, rivals = self._node.resolve_topic_name(topic), ' and '.join(full_names(endpoints))
+            name = self._node.resolve_topic_name(topic)
+            rivals = ' and '.join(full_names(endpoints))
             hint = '(a killed node still counts for 20 s)'
             self._warn(f'{rivals} publish {name} and {effect} {hint}')
 

@@ -81,6 +81,7 @@ class ViewNode(Node):
         UserError: a parameter is invalid, or the port cannot be used.
         """
         super().__init__('view', **options)
+
         parameters = [
             Parameter('mode', mode, "what the page shows: 'acc' or 'teleop'"),
             Parameter('host', host, 'the address to serve the page at'),
@@ -89,15 +90,29 @@ class ViewNode(Node):
         values = declare(self, [each._replace(read_only=True) for each in parameters])
         if values['mode'] not in MODES:
             raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
-        self.latest = 0  #: the stamp [ns] of the newest state
-        self._cmd_vel_pub = self.create_publisher(Twist, topics.CMD_VEL, qos.DEFAULT)
+
         self._feed = Feed()
+        self.latest = 0  #: the stamp [ns] of the newest state
+
+        self._cmd_vel_pub = self.create_publisher(Twist, topics.CMD_VEL, qos.DEFAULT)
+
         for topic, kind in _TYPES.items():
             self.create_subscription(kind, topic, partial(self._on_message, topic), DEPTH)
         self.create_subscription(Path, topics.PREDICTION, self._on_plan, qos.NEWEST)
-        self._calls = {name: self.create_client(kind, name) for name, kind in _SERVICES.items()}
-        address = values['host'], values['port']
-        self.page = RunPage(values['mode'], *address, run, self._feed, self._drive, self._request)
+
+        self._service_clients = {
+            name: self.create_client(kind, name) for name, kind in _SERVICES.items()
+        }
+
+        self.page = RunPage(
+            values['mode'],
+            values['host'],
+            values['port'],
+            run=run,
+            feed=self._feed,
+            drive=self._drive,
+            request=self._request,
+        )
         self.url = self.page.url
 
     def _on_message(self, topic: str, message: Any) -> None:  # noqa: ANN401 (of the topic's type)
@@ -106,8 +121,8 @@ class ViewNode(Node):
             self.latest = to_nanoseconds(message.header.stamp)
 
     def _on_plan(self, plan: Path) -> None:
-        places = [each.pose.position for each in plan.poses]
-        self._feed.plan = [(round(place.x, 3), round(place.y, 3)) for place in places]
+        points = [each.pose.position for each in plan.poses]
+        self._feed.plan = [(round(point.x, 3), round(point.y, 3)) for point in points]
 
     def destroy_node(self) -> None:
         """Close the port, and destroy the node."""
@@ -120,21 +135,25 @@ class ViewNode(Node):
     def _request(self, request: Request, on_done: OnDone) -> None:
         """Pass a request of a page to its service; `on_done` is called in the server's thread."""
         service, message = _call_of(request)
-        client = self._calls[service]
+        client = self._service_clients[service]
         if not client.service_is_ready():
             name = self.resolve_service_name(service)
-            self.page.call(partial(on_done, False, f'no node offers {name}'))
+            self.page.call(lambda: on_done(False, f'no node offers {name}'))
             return
 
         def on_response(future: Any) -> None:  # noqa: ANN401 (a future of rclpy or ros/local)
-            response = future.result()
-            if isinstance(response, SetParameters.Response):
-                (result,) = response.results
-                self.page.call(partial(on_done, result.successful, result.reason))
-            else:
-                self.page.call(partial(on_done, response.success, response.message))
+            has_worked, reason = _result_of(future.result())
+            self.page.call(lambda: on_done(has_worked, reason))
 
         client.call_async(message).add_done_callback(on_response)
+
+
+def _result_of(response: Any) -> tuple[bool, str]:  # noqa: ANN401 (of any of the services)
+    """Return whether a service has done what was requested, and what it answers."""
+    if isinstance(response, SetParameters.Response):
+        [result] = response.results
+        return result.successful, result.reason
+    return response.success, response.message
 
 
 def _call_of(request: Request) -> tuple[str, Any]:
