@@ -167,7 +167,7 @@ def test_an_offset_begins_with_what_latched_topics_hold_once(
 
 
 def test_large_latched_messages_are_held_once_for_each_publisher() -> None:
-    from barc_sim.nodes.player import LatchedMessages  # noqa: PLC0415
+    from barc_sim.nodes.latched_messages import LatchedMessages  # noqa: PLC0415
 
     maps = header_topic('/map', *[LATCHED_QOS] * 2)
     latched = LatchedMessages(SECOND)
