@@ -96,6 +96,7 @@ def test_the_labs_road_is_held_to_8_5_mm_s_and_no_better_than_can_be() -> None:
         {'dynamics': 'dynamic', 'disturbance': -300.0, 'noise': 0.05},
         {'disturbance': lambda _, x: -300.0 if x > 20.0 else 0.0},
         {'track': 'oval', 'lane': LaneLQR()},
+        {'track': 'oval', 'lane': LaneLQR(), 'sensor_delay': 0.05},
     ],
 )
 def test_a_sweep_scores_the_runs_of_simulate(options: dict[str, Any]) -> None:
