@@ -110,18 +110,18 @@ def bicycle_step(
     bicycle: Bicycle,
     state: BicycleState,
     slip: Slip,
-    held: Command,
+    command: Command,
     inclines: Inclines,
     stretch: int,
     ts: float,
 ) -> tuple[BicycleState, Slip]:
-    """Return state and slip `ts` seconds later, with acceleration and steering `held`.
+    """Return state and slip `ts` seconds later, with a constant `command`.
 
     The step begins on the stretch of the road of this number.
     """
     if bicycle.is_dynamic:
-        return dynamic_step(bicycle, state, slip, held, inclines, stretch, ts)
-    return kinematic_step(bicycle, state, held, inclines, stretch, ts), slip
+        return dynamic_step(bicycle, state, slip, command, inclines, stretch, ts)
+    return kinematic_step(bicycle, state, command, inclines, stretch, ts), slip
 
 
 @law
@@ -133,7 +133,7 @@ def bicycle_motion(bicycle: Bicycle, state: BicycleState, slip: Slip, servo: flo
 
 
 def model_step(
-    model: Model, state: BicycleState, held: Command, theta: float, vehicle: Vehicle, ts: float
+    model: Model, state: BicycleState, command: Command, theta: float, vehicle: Vehicle, ts: float
 ) -> BicycleState:
     """Return the state after a step of a user's own model, which has the arguments of `bikeFE`."""
     x, y, psi, v = model(
@@ -141,8 +141,8 @@ def model_step(
         state.y,
         state.psi,
         state.v,
-        held.motor,
-        held.servo,
+        command.motor,
+        command.servo,
         vehicle.air_drag_coeff,
         vehicle.mass,
         vehicle.friction,
@@ -187,19 +187,20 @@ def passes_zero(before: float, after: float) -> bool:
 def kinematic_step(
     bicycle: Bicycle,
     state: BicycleState,
-    held: Command,
+    command: Command,
     inclines: Inclines,
     stretch: int,
     ts: float,
 ) -> BicycleState:
     """Return the state of the kinematic bicycle `ts` seconds later."""
     if not bicycle.is_rk4:
-        return step(state, held, inclines.thetas[stretch], bicycle.vehicle, ts)
+        return step(state, command, inclines.thetas[stretch], bicycle.vehicle, ts)
+
     vehicle = bicycle.vehicle
-    after = _kinematic_rk4(vehicle, state, held, inclines, stretch, ts, direction_of(state.v))
+    after = _kinematic_rk4(vehicle, state, command, inclines, stretch, ts, direction_of(state.v))
     if not passes_zero(state.v, after.v):
         return after
-    free = _kinematic_rk4(vehicle, state, held, inclines, stretch, ts, 0.0)
+    free = _kinematic_rk4(vehicle, state, command, inclines, stretch, ts, 0.0)
     return BicycleState(after.x, after.y, after.psi, clamped_at_zero(state.v, after.v, free.v))
 
 
@@ -225,25 +226,29 @@ def kinematic_rates(
 def _kinematic_rk4(
     vehicle: Vehicle,
     state: BicycleState,
-    held: Command,
+    command: Command,
     inclines: Inclines,
     stretch: int,
     ts: float,
     direction: float,
 ) -> BicycleState:
     """Return the state after a step by Runge-Kutta."""
-    motor = held.motor
-    beta = slip_angle(held.servo, vehicle.l_f, vehicle.l_r)
+    motor = command.motor
+    beta = slip_angle(command.servo, vehicle.l_f, vehicle.l_r)
     k1 = kinematic_rates(vehicle, state, motor, beta, inclines.thetas[stretch], direction)
+
     at = _shifted_state(state, k1, 0.5 * ts)
     theta = theta_at(inclines, stretch, at.x)
     k2 = kinematic_rates(vehicle, at, motor, beta, theta, direction)
+
     at = _shifted_state(state, k2, 0.5 * ts)
     theta = theta_at(inclines, stretch, at.x)
     k3 = kinematic_rates(vehicle, at, motor, beta, theta, direction)
+
     at = _shifted_state(state, k3, ts)
     theta = theta_at(inclines, stretch, at.x)
     k4 = kinematic_rates(vehicle, at, motor, beta, theta, direction)
+
     return BicycleState(
         state.x + rk4_change(k1.x, k2.x, k3.x, k4.x, ts),
         state.y + rk4_change(k1.y, k2.y, k3.y, k4.y, ts),
@@ -303,7 +308,7 @@ def dynamic_step(
     bicycle: Bicycle,
     state: BicycleState,
     slip: Slip,
-    held: Command,
+    command: Command,
     inclines: Inclines,
     stretch: int,
     ts: float,
@@ -311,26 +316,28 @@ def dynamic_step(
     """Return state and slip of the dynamic bicycle `ts` seconds later."""
     vehicle = bicycle.vehicle
     if not is_slipping(bicycle, state, slip):
-        after = kinematic_step(bicycle, state, held, inclines, stretch, ts)
-        return after, kinematic_slip(after.v, held.servo, vehicle)
+        after = kinematic_step(bicycle, state, command, inclines, stretch, ts)
+        return after, kinematic_slip(after.v, command.servo, vehicle)
 
     before = slipping_motion(state, slip)
     direction = direction_of(before.v_x)
-    end = _dynamic_end(bicycle, before, held, inclines, stretch, ts, direction)
+    end = _dynamic_end(bicycle, before, command, inclines, stretch, ts, direction)
+
     v_x = end.v_x
     if passes_zero(before.v_x, v_x):
-        free = _dynamic_end(bicycle, before, held, inclines, stretch, ts, 0.0)
+        free = _dynamic_end(bicycle, before, command, inclines, stretch, ts, 0.0)
         v_x = clamped_at_zero(before.v_x, v_x, free.v_x)
+
     if v_x <= bicycle.lateral.dynamic_above:
-        v = v_x / cos(slip_angle(held.servo, vehicle.l_f, vehicle.l_r))
-        return BicycleState(end.x, end.y, end.psi, v), kinematic_slip(v, held.servo, vehicle)
+        v = v_x / cos(slip_angle(command.servo, vehicle.l_f, vehicle.l_r))
+        return BicycleState(end.x, end.y, end.psi, v), kinematic_slip(v, command.servo, vehicle)
     v = sqrt(v_x * v_x + end.v_y * end.v_y)
     return BicycleState(end.x, end.y, end.psi, v), Slip(atan2(end.v_y, v_x), end.psi_dot)
 
 
 @law
 def dynamic_rates(
-    bicycle: Bicycle, at: VehicleState, held: Command, theta: float, direction: float
+    bicycle: Bicycle, at: VehicleState, command: Command, theta: float, direction: float
 ) -> VehicleState:
     """Return the derivatives by time of a motion of the dynamic bicycle.
 
@@ -338,18 +345,20 @@ def dynamic_rates(
     """
     vehicle = bicycle.vehicle
     lateral = bicycle.lateral
-    cos_servo = cos(held.servo)
-    sin_servo = sin(held.servo)
+    cos_servo = cos(command.servo)
+    sin_servo = sin(command.servo)
+
+    # The lateral forces of the tyres [N].
     front_y = at.v_y + vehicle.l_f * at.psi_dot
     rear_y = at.v_y - vehicle.l_r * at.psi_dot
-    front = lateral.front_stiffness * (held.servo - atan2(front_y, at.v_x))
+    front = lateral.front_stiffness * (command.servo - atan2(front_y, at.v_x))
     rear = -lateral.rear_stiffness * atan2(rear_y, at.v_x)
+    turning = vehicle.l_f * front * cos_servo - vehicle.l_r * rear
 
     v = sqrt(at.v_x * at.v_x + at.v_y * at.v_y)
-    free = acceleration(v, held.motor, sin(theta), vehicle, direction)
+    free = acceleration(v, command.motor, sin(theta), vehicle, direction)
     cos_psi = cos(at.psi)
     sin_psi = sin(at.psi)
-    turning = vehicle.l_f * front * cos_servo - vehicle.l_r * rear
     return VehicleState(
         at.v_x * cos_psi - at.v_y * sin_psi,
         at.v_x * sin_psi + at.v_y * cos_psi,
@@ -364,22 +373,29 @@ def dynamic_rates(
 def _dynamic_end(
     bicycle: Bicycle,
     begin: VehicleState,
-    held: Command,
+    command: Command,
     inclines: Inclines,
     stretch: int,
     ts: float,
     direction: float,
 ) -> VehicleState:
     """Return the motion after a step, by the bicycle's integrator."""
-    k1 = dynamic_rates(bicycle, begin, held, inclines.thetas[stretch], direction)
+    k1 = dynamic_rates(bicycle, begin, command, inclines.thetas[stretch], direction)
     if not bicycle.is_rk4:
         return _shifted_motion(begin, k1, ts)
+
     at = _shifted_motion(begin, k1, 0.5 * ts)
-    k2 = dynamic_rates(bicycle, at, held, theta_at(inclines, stretch, at.x), direction)
+    theta = theta_at(inclines, stretch, at.x)
+    k2 = dynamic_rates(bicycle, at, command, theta, direction)
+
     at = _shifted_motion(begin, k2, 0.5 * ts)
-    k3 = dynamic_rates(bicycle, at, held, theta_at(inclines, stretch, at.x), direction)
+    theta = theta_at(inclines, stretch, at.x)
+    k3 = dynamic_rates(bicycle, at, command, theta, direction)
+
     at = _shifted_motion(begin, k3, ts)
-    k4 = dynamic_rates(bicycle, at, held, theta_at(inclines, stretch, at.x), direction)
+    theta = theta_at(inclines, stretch, at.x)
+    k4 = dynamic_rates(bicycle, at, command, theta, direction)
+
     return VehicleState(
         begin.x + rk4_change(k1.x, k2.x, k3.x, k4.x, ts),
         begin.y + rk4_change(k1.y, k2.y, k3.y, k4.y, ts),

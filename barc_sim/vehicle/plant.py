@@ -135,9 +135,9 @@ def actuate(
 def in_steps(delay: float, ts: float) -> tuple[int, float]:
     """Return a delay in whole steps of `ts` seconds, and the share of a step beyond them."""
     whole, share = divmod(delay / ts, 1.0)
-    return (
-        (int(whole), share) if _WHOLE < share < 1.0 - _WHOLE else (int(whole + round(share)), 0.0)
-    )
+    if _WHOLE < share < 1.0 - _WHOLE:
+        return int(whole), share
+    return int(whole + round(share)), 0.0
 
 
 class Channel(NamedTuple):
@@ -189,12 +189,14 @@ def requeued(queue: Column, k: int, before: Channel, after: Channel) -> list[flo
     now acts until the next one is due.
     """
     room = queue_room(after)
-    acting, *waiting = latest_commands(queue, k, before.whole + 1)
-    history = [*[acting] * (room - len(waiting)), *waiting][-room:]
-    again = [0.0] * room
+    commands = latest_commands(queue, k, before.whole + 1)
+    acting = commands[0]
+    history = ([acting] * room + commands)[-room:]
+
+    ring = [0.0] * room
     for age, command in enumerate(reversed(history), 1):
-        again[(k - age) % room] = command
-    return again
+        ring[(k - age) % room] = command
+    return ring
 
 
 @limited
@@ -492,6 +494,7 @@ def start(model: PlantModel, state: BicycleState, near: float, is_whole: bool) -
         line = model.line
         frenet, segment = project(line, state.x, state.y, state.psi, near, segment_at(line, near))
         laps = Laps(max(floor(frenet.s / line.length), 0), 0.0, is_whole, nan)
+
     stretch = stretch_at(model.inclines.starts, on_road(model, state.x, frenet.s), 0)
     return PlantState(state, Slip(0.0, 0.0), Command(0.0, 0.0), frenet, laps, 0, segment, stretch)
 
@@ -506,10 +509,10 @@ def with_force(motor: float, force: float, vehicle: Vehicle) -> float:
 def take_command(
     model: PlantModel, now: PlantState, queues: Queues, command: Command, force: float
 ) -> tuple[Command, Command]:
-    """Return the actuators after a step, and what is held in it: their means, with a force [N]."""
+    """Return the actuators after a step, and their means in it, with that of a force [N]."""
     if model.is_ideal:
         acting = command
-        held = command
+        mean = command
     else:
         k = now.steps
         motor, mean_motor = act(
@@ -519,10 +522,11 @@ def take_command(
             model.servo, now.acting.servo, queues.servo, k, command.servo, model.ts
         )
         acting = Command(motor, servo)
-        held = Command(mean_motor, mean_servo)
+        mean = Command(mean_motor, mean_servo)
+
     if force:
-        held = Command(with_force(held.motor, force, model.bicycle.vehicle), held.servo)
-    return acting, held
+        mean = Command(with_force(mean.motor, force, model.bicycle.vehicle), mean.servo)
+    return acting, mean
 
 
 @law
@@ -542,9 +546,11 @@ def arrive(
     laps = now.laps
     segment = now.segment
     steps = now.steps + 1
+
     if model.has_track:
         before = now.frenet.s
         frenet, segment = project(model.line, state.x, state.y, state.psi, before, segment)
+
         s = frenet.s
         length = model.line.length
         lap = floor(s / length)
@@ -553,6 +559,7 @@ def arrive(
             began = t - (s - lap * length) / (s - before) * model.ts
             finished = began - laps.began if laps.is_whole else nan
             laps = Laps(lap, began, True, finished)
+
     stretch = now.stretch
     if len(model.inclines.starts) > 1:
         stretch = stretch_at(model.inclines.starts, on_road(model, state.x, frenet.s), stretch)
@@ -564,9 +571,9 @@ def advance(
     model: PlantModel, now: PlantState, queues: Queues, command: Command, force: float
 ) -> PlantState:
     """Return the plant after a step with a command, and with a force [N] on the car."""
-    acting, held = take_command(model, now, queues, command, force)
+    acting, mean = take_command(model, now, queues, command, force)
     state, slip = bicycle_step(
-        model.bicycle, now.state, now.slip, held, model.inclines, now.stretch, model.ts
+        model.bicycle, now.state, now.slip, mean, model.inclines, now.stretch, model.ts
     )
     return arrive(model, now, acting, state, slip)
 
@@ -611,29 +618,35 @@ class Plant:
         So is the force on the car, positive forwards: `force` [N] plus `disturbance`. UserError: a
         name is unknown, arguments contradict one another, or the step is too long.
         """
-        self.road = road or (Road.flat() if track else Road.lab())
+        motor = motor or Actuator()
+        servo = servo or Actuator()
+        if road is None:
+            road = Road.flat() if track else Road.lab()
+        self.road = road
         self.track = track
         self.sensor = Sensor(noise, seed, delay=sensor_delay, ts=ts)
         self.force = force
         self.disturbance = disturbance
         self.lap_times: tuple[float, ...] = ()  #: [s] of the laps that were driven whole
         self._own_model = None if model is bikeFE else model
+
         car = bicycle_of(dynamics, integrator, vehicle, lateral)
         if self._own_model:
             check_own_model(car)
         if car.is_dynamic:
             check_step(car.lateral, car.vehicle, ts, integrator)
+
         self.model = PlantModel(
             bicycle=car,
-            motor=channel_of(motor or Actuator(), ts),
-            servo=channel_of(servo or Actuator(), ts),
-            is_ideal=(motor or Actuator()) == (servo or Actuator()) == Actuator(),
+            motor=channel_of(motor, ts),
+            servo=channel_of(servo, ts),
+            is_ideal=motor == servo == Actuator(),
             inclines=self.road.inclines(is_held=track is not None),
             line=track.line if track else _NO_LINE,
             has_track=track is not None,
             ts=ts,
         )
-        self.now: PlantState
+        self.now: PlantState  # which `place` sets
         self.place(BicycleState(*track.place(0.0)) if track else BicycleState(), near=0.0)
 
     @property
@@ -730,10 +743,10 @@ class Plant:
     @property
     def waiting(self) -> Queues:
         """The commands that have not acted yet; the oldest acts in the early part of a step."""
-        model, queues, k = self.model, self._queues, self.now.steps
+        k = self.now.steps
         return Queues(
-            latest_commands(queues.motor, k, model.motor.whole + 1),
-            latest_commands(queues.servo, k, model.servo.whole + 1),
+            latest_commands(self._queues.motor, k, self.model.motor.whole + 1),
+            latest_commands(self._queues.servo, k, self.model.servo.whole + 1),
         )
 
     def observe(self) -> Observation:
@@ -766,17 +779,19 @@ class Plant:
         now = self.now
         if self.sensor.delay:
             self.sensor.remember(true_motion(model, now))
+
         force = self.force
         if self.disturbance:
             force += self.disturbance(now.steps * model.ts, self.distance)
         if self._own_model:
-            acting, held = take_command(model, now, self._queues, command, force)
+            acting, mean = take_command(model, now, self._queues, command, force)
             theta = model.inclines.thetas[now.stretch]
             vehicle = model.bicycle.vehicle
-            state = model_step(self._own_model, now.state, held, theta, vehicle, model.ts)
+            state = model_step(self._own_model, now.state, mean, theta, vehicle, model.ts)
             self.now = arrive(model, now, acting, state, now.slip)
         else:
             self.now = advance(model, now, self._queues, command, force)
+
         laps = self.now.laps
         if laps.lap > now.laps.lap and not isnan(laps.finished):
             self.lap_times += (laps.finished,)
@@ -785,33 +800,36 @@ class Plant:
         """Start a run in this state, on a track near s = `near` [m], without waiting commands."""
         model = self.model
         self._queues = Queues(
-            [0.0] * queue_room(model.motor),
-            [0.0] * queue_room(model.servo),
+            motor=[0.0] * queue_room(model.motor),
+            servo=[0.0] * queue_room(model.servo),
         )
+        self.sensor.forget()
+        self.lap_times = ()
+
         is_whole = near == 0.0
         if near is None:
             near = nearest(model.line, state.x, state.y) if self.track else 0.0
         self.now = start(model, state, near, is_whole)
-        self.sensor.forget()
-        self.lap_times = ()
 
     def replace_actuators(self, motor: Actuator, servo: Actuator) -> None:
         """Use the parameters of these actuators from now on; waiting commands stay."""
-        before, k = self.model, self.now.steps
+        k = self.now.steps
+        before = self.model
+        after = before._replace(
+            motor=channel_of(motor, self.ts),
+            servo=channel_of(servo, self.ts),
+            is_ideal=motor == servo == Actuator(),
+        )
+
         queues = self._queues
         if before.is_ideal:  # the queues have had no part so far
             acting = self.acting
-            queues = Queues([acting.motor] * 2, [acting.servo] * 2)
-        channels = channel_of(motor, self.ts), channel_of(servo, self.ts)
+            queues = Queues(motor=[acting.motor] * 2, servo=[acting.servo] * 2)
         self._queues = Queues(
-            requeued(queues.motor, k, before.motor, channels[0]),
-            requeued(queues.servo, k, before.servo, channels[1]),
+            motor=requeued(queues.motor, k, before.motor, after.motor),
+            servo=requeued(queues.servo, k, before.servo, after.servo),
         )
-        self.model = before._replace(
-            motor=channels[0],
-            servo=channels[1],
-            is_ideal=motor == servo == Actuator(),
-        )
+        self.model = after
 
     def _in_stretch(self, now: PlantState) -> PlantState:
         """Return the state with the number of its stretch of the road."""
