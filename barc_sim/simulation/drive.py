@@ -38,7 +38,7 @@ from barc_sim.control.speed import (
     speed_gains,
     with_speed_gains,
 )
-from barc_sim.interfaces.records import Command, MeasurementError
+from barc_sim.interfaces.records import Command, VehicleState
 from barc_sim.simulation.many_runs import scores_of_many
 from barc_sim.simulation.scores import (
     Driven,
@@ -57,6 +57,8 @@ from barc_sim.vehicle.plant import (
     Queues,
     advance,
     error_of,
+    in_steps,
+    motion_between,
     queue_room,
     true_motion,
     with_arrays,
@@ -96,6 +98,9 @@ class Conditions(NamedTuple):
     force: float  #: [N] on the car
     width: float  #: [m] of the track
     noise: NoiseLevels
+    is_late: bool  #: the sensor measures late, by
+    late_steps: int  #: whole steps and
+    late_share: float  #: a share of a step
     reference: float  #: [m/s] speed to hold, unless there is a profile
     has_profile: bool
     profile: ProfileColumns
@@ -114,6 +119,7 @@ class Rooms(NamedTuple):
     """What a run overwrites: the queues of the actuators, and its states."""
 
     queues: Queues
+    motions: Column  #: the latest true ones of a late sensor, a row for each
     curvatures: Column  #: [1/m] `POINTS` of them
     driven: Driven
     on_track: DrivenOnTrack
@@ -139,11 +145,8 @@ def drive(conditions: Conditions, laws: Laws, normals: Column, rooms: Rooms) -> 
     line = model.line
     driven = rooms.driven
     on_track = rooms.on_track
-    is_noisy = len(normals) > 0
-    for k in range(len(rooms.queues.motor)):
-        rooms.queues.motor[k] = 0.0
-    for k in range(len(rooms.queues.servo)):
-        rooms.queues.servo[k] = 0.0
+    clear(rooms.queues.motor)
+    clear(rooms.queues.servo)
 
     now = conditions.start
     memory = SpeedMemory(PidMemory(0.0, nan), LqrMemory(0.0, 0.0, nan))
@@ -153,11 +156,7 @@ def drive(conditions: Conditions, laws: Laws, normals: Column, rooms: Rooms) -> 
     count = 0
     while True:
         true = true_motion(model, now)
-        seen = true
-        error = MeasurementError(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        if is_noisy:
-            error = error_of(conditions.noise, normals[count])
-            seen = with_error(true, error, cos(true.psi), sin(true.psi))
+        seen, error = measure(conditions, normals, rooms.motions, count, true)
 
         along = now.state.x
         reference = conditions.reference
@@ -173,7 +172,7 @@ def drive(conditions: Conditions, laws: Laws, normals: Column, rooms: Rooms) -> 
         dt = conditions.period_ns / 1e9
 
         driven.along[count] = along
-        driven.speed[count] = seen.v_x - error.v_x
+        driven.speed[count] = seen.v_x - error
         driven.reference[count] = reference
         driven.motor[count] = motor
         if model.has_track:
@@ -190,6 +189,53 @@ def drive(conditions: Conditions, laws: Laws, normals: Column, rooms: Rooms) -> 
 
 
 @law
+def clear(queue: Column) -> None:
+    """Let no command wait in the queue of an actuator."""
+    for k in range(len(queue)):
+        queue[k] = 0.0
+
+
+@law
+def measure(
+    conditions: Conditions, normals: Column, motions: Column, k: int, true: VehicleState
+) -> tuple[VehicleState, float]:
+    """Return the measured motion of state `k`, and the error of its speed [m/s]."""
+    seen = true
+    error = 0.0
+    if conditions.is_late:
+        keep(motions, k, true)
+        newer = kept(motions, k, conditions.late_steps)
+        older = kept(motions, k, conditions.late_steps + 1)
+        seen = motion_between(newer, older, conditions.late_share)
+    if len(normals) > 0:
+        noise = error_of(conditions.noise, normals[k])
+        seen = with_error(seen, noise, cos(seen.psi), sin(seen.psi))
+        error = noise.v_x
+    if conditions.is_late:
+        error = seen.v_x - true.v_x
+    return seen, error
+
+
+@law
+def keep(motions: Column, k: int, motion: VehicleState) -> None:
+    """Store the true motion of state `k`, in place of the oldest one."""
+    row = motions[k % len(motions)]
+    row[0] = motion.x
+    row[1] = motion.y
+    row[2] = motion.psi
+    row[3] = motion.v_x
+    row[4] = motion.v_y
+    row[5] = motion.psi_dot
+
+
+@law
+def kept(motions: Column, k: int, steps: int) -> VehicleState:
+    """Return the true motion this many steps before state `k`, or at the start of the run."""
+    row = motions[max(k - steps, 0) % len(motions)]
+    return VehicleState(row[0], row[1], row[2], row[3], row[4], row[5])
+
+
+@law
 def reference_at(line: CentreLine, profile: ProfileColumns, s: float, segment: int) -> float:
     """Return the speed [m/s] of a profile at `s` [m], on this segment or not far from it."""
     s = in_lap(line, s)
@@ -197,7 +243,7 @@ def reference_at(line: CentreLine, profile: ProfileColumns, s: float, segment: i
     return profile_speed(profile, segment, s - line.starts[segment])
 
 
-def score_all(
+def score_drives(
     conditions: Conditions,
     laws: Laws,
     gains: Floats,
@@ -281,12 +327,16 @@ class Drive:
                 np.array(profile.squares, np.float64),
                 float(profile.along),
             )
+        late_steps, late_share = in_steps(plant.sensor.delay, plant.ts)
         self._conditions = Conditions(
             plant=model,
             start=plant.now,
             force=float(plant.force),
             width=float(plant.track.width) if plant.track else inf,
             noise=NoiseLevels._make(map(float, plant.sensor.noise)),
+            is_late=plant.sensor.delay > 0.0,
+            late_steps=late_steps,
+            late_share=float(late_share),
             reference=nan if isinstance(reference, SpeedProfile) else float(reference),
             has_profile=has_profile,
             profile=profile,
@@ -328,7 +378,7 @@ class Drive:
     def _score_runs(self, gains: Floats, normals: Floats, states: int) -> Floats:
         scores = np.empty((len(gains), len(Scores._fields) + len(LaneScores._fields)))
         rows: Column = normals if is_compiled() else normals.tolist()
-        score_runs = compiled(score_all)
+        score_runs = compiled(score_drives)
         score_runs(self._conditions, self._laws, gains, rows, self._rooms(states), scores)
         return scores[:, : self._width]
 
@@ -339,8 +389,10 @@ class Drive:
             return np.zeros(room) if is_compiled() else [0.0] * room
 
         model = self._conditions.plant
+        motions = np.zeros((self._conditions.late_steps + 2, len(VehicleState._fields)))
         return Rooms(
             queues=Queues(column(queue_room(model.motor)), column(queue_room(model.servo))),
+            motions=motions if is_compiled() else motions.tolist(),
             curvatures=column(POINTS),
             driven=Driven._make(column(states) for _ in Driven._fields),
             on_track=DrivenOnTrack._make(

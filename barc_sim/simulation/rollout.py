@@ -75,17 +75,13 @@ class Trace(NamedTuple):
     saturated: Column  #: 1 where a limit cut the command
 
 
-def course_of(
-    plant: Plant, reference: float, distance: float, errors: Floats, *, is_array: bool = False
-) -> Course:
-    """Return the run of a plant that `has_fast_path`, from its present state.
+def course_of(plant: Plant, reference: float, distance: float, *, is_array: bool = False) -> Course:
+    """Return the run of a plant that `has_fast_path`, from its present state, without noise.
 
-    `errors` are those of its measurements, shape `(n, 6)`. `is_array` makes arrays of the columns,
-    for a compiled loop; Python is faster with lists.
+    `is_array` makes arrays of the columns, for a compiled loop; Python is faster with lists.
     """
     model = with_arrays(plant.model) if is_array else plant.model
     waiting = plant.waiting.motor
-    of_speed = errors[:, _SPEED]
     return Course(
         inclines=model.inclines,
         bicycle=model.bicycle,
@@ -101,8 +97,14 @@ def course_of(
         distance=float(distance),
         ts=model.ts,
         dt=plant.period_ns / 1e9,
-        errors=of_speed.copy() if is_array else of_speed.tolist(),
+        errors=np.empty(0) if is_array else [],
     )
+
+
+def with_errors(course: Course, errors: Floats) -> Course:
+    """Return a run with these errors [m/s] of the measured speed."""
+    is_array = isinstance(course.errors, np.ndarray)
+    return course._replace(errors=errors if is_array else errors.tolist())
 
 
 def trace_of(course: Course, states: int, *, is_array: bool = False) -> Trace:
@@ -138,10 +140,13 @@ def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> i
     value = course.value
     dt = FIRST_DT
     stretch = 0
+    commands = trace.commands
     wait = len(course.waiting)
     for k in range(wait):
-        trace.commands[k] = course.waiting[k]
+        commands[k] = course.waiting[k]
     is_noisy = len(course.errors) > 0
+    reference = course.reference
+    room = len(trace.v)
 
     count = 0
     while True:
@@ -150,27 +155,27 @@ def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> i
             error = course.errors[count]
             measured += error
             trace.speed[count] = measured - error
-        memory, terms = pid(memory, gains, course.reference, measured, dt)
+        memory, terms = pid(memory, gains, reference, measured, dt)
         dt = course.dt
 
         trace.x[count] = state.x
         trace.y[count] = state.y
         trace.psi[count] = state.psi
         trace.v[count] = state.v
-        trace.reference[count] = course.reference
-        trace.commands[wait + count] = terms.output
+        trace.reference[count] = reference
+        commands[wait + count] = terms.output
         trace.proportional[count] = terms.proportional
         trace.integral[count] = memory.integral
         trace.derivative[count] = terms.derivative
         trace.saturated[count] = terms.saturated
         count += 1
-        if state.x >= course.distance or count == len(trace.v):
+        if state.x >= course.distance or count == room:
             return count
 
         motor = terms.output
         if not course.is_ideal:
-            older = trace.commands[count - 1]
-            newer = trace.commands[count]
+            older = commands[count - 1]
+            newer = commands[count]
             value, motor = actuate(course.motor, value, older, newer, course.early, course.ts)
         if course.force:
             motor = with_force(motor, course.force, vehicle)
@@ -234,13 +239,14 @@ def scores_of_gains(
     """
     is_array = is_compiled()
     width = len(Scores._fields)
+    course = course_of(plant, reference, distance, is_array=is_array)
+    score_group = compiled(score_all)
 
     def score_runs(gains: Floats, normals: Floats, states: int) -> Floats:
-        errors = normals * plant.sensor.noise
-        course = course_of(plant, reference, distance, errors, is_array=is_array)
-        trace = trace_of(course, states, is_array=is_array)
+        with_noise = with_errors(course, normals[:, _SPEED] * plant.sensor.noise.v_x)
+        trace = trace_of(with_noise, states, is_array=is_array)
         scores = np.empty((len(gains), width))
-        compiled(score_all)(course, gains, float(limit), trace, scores)
+        score_group(with_noise, gains, float(limit), trace, scores)
         return scores
 
     return scores_of_many(score_runs, plant.sensor, gains, width, steps + 1, seeds)
@@ -250,9 +256,10 @@ def pid_log(plant: Plant, controller: PID, reference: float, distance: float, st
     """Return the log of `closed_loop` for a plant that `has_fast_path`, without changing either."""
     gains = controller.law_gains
     memory = controller.memory
+    without_noise = course_of(plant, reference, distance)
     for states in rooms_for(steps + 1):
         errors = _errors(plant, states)
-        course = course_of(plant, reference, distance, errors)
+        course = with_errors(without_noise, errors[:, _SPEED])
         trace = trace_of(course, states)
         count = drive(course, gains, memory, trace)
         if count < states:

@@ -82,25 +82,28 @@ def score(driven: Driven, count: int, first: int) -> Scores:
 
     The `first` ones are those of the step response.
     """
+    along = driven.along
+    speed = driven.speed
+    reference = driven.reference
+    motor = driven.motor
     squares = 0.0
     largest = 0.0
     counted = 0
     effort = 0.0
     for k in range(count):
-        if driven.along[k] >= RUN_UP:
-            error = abs(driven.reference[k] - driven.speed[k])
+        if along[k] >= RUN_UP:
+            error = abs(reference[k] - speed[k])
             squares += error * error
             largest = max(largest, error)
             counted += 1
-        command = driven.motor[k]
+        command = motor[k]
         effort += command * command
 
-    held = driven.reference[0]
     overshoot = nan
-    if held:
+    if reference[0]:
         fastest = -inf
         for k in range(first):
-            fastest = max(fastest, driven.speed[k] / held)
+            fastest = max(fastest, speed[k] / reference[0])
         overshoot = max(fastest - 1.0, 0.0)
     return Scores(sqrt(squares / counted), largest, overshoot, sqrt(effort / count))
 

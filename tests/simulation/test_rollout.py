@@ -19,6 +19,7 @@ from barc_sim.simulation.rollout import (
     pid_log,
     scores_of_gains,
     trace_of,
+    with_errors,
 )
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.law import compiled, is_compiled
@@ -93,7 +94,8 @@ def test_the_log_of_a_rollout_is_that_of_the_general_loop(
 def states(plant: Plant, values: dict[str, float], *, is_array: bool) -> Trace:
     """Return the states of a run, of a compiled loop if they are arrays."""
     errors = plant.sensor.draw(STEPS) if plant.sensor.is_noisy else np.empty((0, 6))
-    course = course_of(plant, 8.0, 40.0, errors, is_array=is_array)
+    course = course_of(plant, 8.0, 40.0, is_array=is_array)
+    course = with_errors(course, errors[:, 3].copy())
     trace = trace_of(course, STEPS, is_array=is_array)
     run = compiled(drive) if is_array else drive
     run(course, PidGains(**values, output_min=-8.0, output_max=8.0), PidMemory(), trace)
