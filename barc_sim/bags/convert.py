@@ -15,8 +15,9 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.msg import normalize_msgtype
 
-from barc_sim.bags.contents import Contents, types_of
+from barc_sim.bags.contents import Contents
 from barc_sim.bags.recording import make_directory, selected
+from barc_sim.bags.schemas import types_of
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import COLUMNS, Log, log_of_columns

@@ -10,13 +10,16 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import TypesysError, get_types_from_msg
+from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
 
-from barc_sim.bags.messages import IDL, ROS2IDL, ROS2MSG
-from barc_sim.interfaces.definitions import definition, installed
+from barc_sim.bags import bounds
+from barc_sim.bags.messages import CDR, IDL, ROS2IDL, ROS2MSG
+from barc_sim.interfaces.definitions import DELIMITER, definition, installed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+
+    from barc_sim.bags.messages import Topic
 
     Fields = Sequence[tuple[str, Any]]
 
@@ -29,6 +32,8 @@ _IDL_NAMES = {
     'float32': 'float',
     'float64': 'double',
 }
+#: A message without fields has a byte in CDR.
+_NO_FIELDS = [('structure_needs_at_least_one_member', (Nodetype.BASE, ('uint8', 0)))]
 
 
 def schema(name: str) -> tuple[str, str]:
@@ -155,3 +160,72 @@ def _type(element: tuple[Nodetype, Any], renamed: dict[str, str]) -> str:
         return str(renamed.get(described, described)).replace('/', '::')
     kind, bound = described
     return f'{_IDL_NAMES.get(kind, kind)}<{bound}>' if bound else _IDL_NAMES.get(kind, kind)
+
+
+def types_of(topic: Topic) -> dict[str, Any]:
+    """Return the types in a topic's definition.
+
+    Returns
+    -------
+    dict
+        Constants and fields of each type as rosbags has them, by name.
+
+    Raises
+    ------
+    ValueError
+        The messages or the definition have another encoding than ROS's, or the definition exceeds
+        a bound.
+    LookupError
+        There is no definition, and the type is not installed.
+    """
+    text, encoding = _definition(topic)
+    if len(text) > bounds.MAX_SCHEMA:
+        raise ValueError(f'its definition has {len(text)} characters')
+
+    types: dict[str, Any] = {}
+    if encoding == ROS2IDL or text.startswith(IDL):
+        for part in text.split(f'{DELIMITER}\n')[1:]:
+            _, _, idl = part.partition('\n')
+            types |= get_types_from_idl(idl)
+    else:
+        types |= get_types_from_msg(text, topic.type)
+
+    elements = sum(_unrolled_elements(fields) for _, fields in types.values())
+    if elements > bounds.MAX_ARRAY:
+        raise ValueError(f'its arrays have {elements} elements')
+    return {name: (constants, fields or _NO_FIELDS) for name, (constants, fields) in types.items()}
+
+
+def _unrolled_elements(fields: Fields) -> int:
+    """Return for how many elements of arrays rosbags writes code: those of texts and messages."""
+    elements = 0
+    for _, (node, described) in fields:
+        if node == Nodetype.ARRAY:
+            (element_node, element), size = described
+            if element_node == Nodetype.NAME or element[0] == 'string':
+                elements += size
+    return elements
+
+
+def _definition(topic: Topic) -> tuple[str, str]:
+    """Return a topic's definition, by default the installed one, and its encoding."""
+    if topic.message_encoding != CDR:
+        raise ValueError(f'its messages are {topic.message_encoding!r}, and not {CDR!r}')
+    if not topic.type:
+        raise ValueError('it has no schema')
+
+    if topic.definition:
+        if topic.schema_encoding not in (ROS2MSG, ROS2IDL):
+            raise ValueError(
+                f'its schema is {topic.schema_encoding!r}, and not {ROS2MSG!r} or {ROS2IDL!r}'
+            )
+        # Bytes that are not UTF-8 cannot be printed.
+        data = topic.definition.encode(errors='surrogateescape')
+        return data.decode(errors='replace'), topic.schema_encoding
+
+    try:
+        return schema(topic.type)
+    except LookupError:
+        if topic.schema_encoding == ROS2MSG:  # so rosbag2 writes a type without fields
+            return '', ROS2MSG
+        raise

@@ -19,8 +19,9 @@ from command_line import printed, refused
 from mcap.writer import CompressionType, Writer
 from rosbags.convert.converter import convert
 
-from barc_sim.bags.contents import Contents, types_of
+from barc_sim.bags.contents import Contents
 from barc_sim.bags.messages import Message, Topic, topic
+from barc_sim.bags.schemas import types_of
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 

@@ -8,9 +8,8 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from barc_sim.bags import messages
-from barc_sim.bags.contents import types_of
 from barc_sim.bags.messages import Topic
-from barc_sim.bags.schemas import schema
+from barc_sim.bags.schemas import schema, types_of
 from barc_sim.cli.process import has_ros
 from barc_sim.interfaces.definitions import installed
 

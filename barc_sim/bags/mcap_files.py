@@ -1,0 +1,307 @@
+"""Reads one MCAP file of a bag, whole or damaged.
+
+A file is read up to its last whole record. mcap parses the records. The sizes that a file claims
+decide neither how much is read nor how much is unpacked.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import zlib
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO
+from struct import Struct
+from typing import TYPE_CHECKING, Any
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema, Statistics
+
+from barc_sim.bags import bounds
+from barc_sim.bags.bounds import MAX_RECORD, Budget
+from barc_sim.bags.messages import Message, Topic
+from barc_sim.bags.recording import METADATA_NAME, Span
+from barc_sim.bags.writer import MAGIC
+from barc_sim.cli.files import open_regular
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+    from typing import BinaryIO
+
+    from barc_sim.bags.contents import Contents
+
+
+_HEADER = Struct('<BQ')  # of a record: opcode, length
+_MESSAGE = Struct('<HIQQ')  # channel, sequence number, times of reception and publication
+_OF_MESSAGES = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
+_DESCRIBING: dict[int, Any] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.METADATA: Metadata,
+    Opcode.STATISTICS: Statistics,
+}
+_IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL}
+_CONVERTIBLE = {'.db3', '.zstd'}  #: suffixes of rosbag2's files that `rosbags-convert` reads
+
+
+@dataclass
+class Damage:
+    """The damage found in a file."""
+
+    unreadable_chunks: int = 0
+    unfinished: bool = False  #: its end is missing
+    unread: int = 0  #: [B] after the last whole record
+
+    def __bool__(self) -> bool:
+        """Return whether anything is missing."""
+        return self.unfinished or self.unreadable_chunks > 0
+
+
+def files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag, in order.
+
+    Parameters
+    ----------
+    path
+        The bag's directory, or one of its files, which is then the only one.
+
+    Raises
+    ------
+    UserError
+        There is no bag at `path`.
+    """
+    if not path.exists():
+        raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')
+    is_directory = path.is_dir()
+    present = list(path.iterdir()) if is_directory else [path]
+    mcap_files = [
+        file for file in present if file.suffix == '.mcap' and not file.name.startswith('.')
+    ]
+
+    if not mcap_files and any(file.suffix in _CONVERTIBLE for file in present):
+        from barc_sim.bags.sqlite import conversion  # noqa: PLC0415 (slow: for few bags)
+
+        raise UserError(conversion(path, present))
+    if not is_directory:
+        return [path.resolve() if path.is_symlink() else path]
+    if not mcap_files:
+        raise UserError(f'{str(path)!r} has no .mcap file in it: name the directory of a bag')
+    return sorted(mcap_files, key=_number_and_name)
+
+
+def _number_and_name(file: Path) -> tuple[int, str]:
+    """Return what sorts run_10.mcap after run_9.mcap."""
+    number = re.search(r'_(\d+)\.mcap$', file.name)
+    return int(number[1]) if number else -1, file.name
+
+
+class McapFile:
+    """A file of a bag: adds its topics and metadata to the bag, and yields its messages.
+
+    All but the messages is read at once.
+
+    Parameters
+    ----------
+    path
+        The file.
+    bag
+        The contents of the bag, to which the file adds.
+    budget
+        Limits the reading of all files of the bag.
+
+    Raises
+    ------
+    UserError
+        It is not an MCAP file, or exceeds a bound.
+    """
+
+    def __init__(self, path: Path, bag: Contents, budget: Budget) -> None:
+        self.path = path
+        self.has_summary = False
+        self.damage = Damage()  #: `messages` adds the damage of chunks
+        self._bag = bag
+        self._budget = budget
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Topic] = {}
+        self._whole = 0  # the end of the last whole record
+        with self._records(messages=False) as records:
+            for opcode, body in records:
+                self._add(opcode, body)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the messages in the order of the file."""
+        with self._records(messages=True) as records:
+            for opcode, body in records:
+                if opcode == Opcode.CHUNK:
+                    yield from self._in_chunk(Chunk.read(ReadDataStream(BytesIO(body))))
+                elif opcode == Opcode.MESSAGE:
+                    message = self._message(body)
+                    if message is not None:
+                        yield message
+
+    @contextmanager
+    def _records(self, *, messages: bool) -> Iterator[Iterator[tuple[int, bytes]]]:
+        """Open the file and provide its records; an exception while reading them is damage."""
+        damage = Damage()
+        self.damage = damage
+        try:
+            stream = open_regular(self.path, follow=False)
+        except OSError as error:
+            raise UserError(
+                f'{str(self.path)!r} cannot be read ({error.strerror}): name another bag'
+            ) from error
+        with stream:
+            size = os.fstat(stream.fileno()).st_size
+            magic = stream.read(len(MAGIC))
+            if magic != MAGIC:
+                what = 'not an MCAP file' if magic else 'empty'
+                raise UserError(f'{str(self.path)!r} is {what}: name another bag')
+
+            self._whole = len(MAGIC)
+            try:
+                yield self._raw(stream, size, messages=messages)
+            except UserError:
+                raise
+            except Exception:  # noqa: BLE001 (damage may raise anything)
+                damage.unfinished = True
+                damage.unread = size - self._whole
+
+    def _raw(self, stream: BinaryIO, size: int, *, messages: bool) -> Iterator[tuple[int, bytes]]:
+        """Yield opcode and body of each record up to the footer, with or without `messages`."""
+        end = self._whole
+        checksum = zlib.crc32(MAGIC)  # of all data before the summary
+        opcode = 0
+        while opcode != Opcode.FOOTER:
+            header = stream.read(_HEADER.size)
+            opcode, length = _HEADER.unpack(header)
+            end += _HEADER.size + length
+            max_length = self._budget.max_chunk if opcode in _OF_MESSAGES else MAX_RECORD
+            if not opcode or end > size or length > max_length:
+                raise ValueError('record')
+            self._budget.charge(length)
+
+            if not messages and opcode in _OF_MESSAGES:
+                stream.seek(length, os.SEEK_CUR)
+            else:
+                body = stream.read(length)
+                # Zero in place of a checksum: the writer has computed none.
+                expected = int.from_bytes(body[:4], 'little')
+                if messages and opcode == Opcode.DATA_END and expected not in {0, checksum}:
+                    raise ValueError('checksum')
+                checksum = zlib.crc32(header, checksum)
+                checksum = zlib.crc32(body, checksum)
+                yield opcode, body
+            self._whole = end
+
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise ValueError('end')
+
+    def _add(self, opcode: int, body: bytes) -> None:
+        """Add a topic, metadata, an attached file or a time span to the bag; skip other records."""
+        if opcode not in _DESCRIBING:
+            return
+        if opcode == Opcode.METADATA and len(body) > bounds.MAX_METADATA:
+            return  # in memory, metadata takes several times its size
+
+        record: Any = _DESCRIBING[opcode].read(ReadDataStream(BytesIO(body)))
+        if isinstance(record, Schema):
+            self._budget.keep(body)
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self._budget.keep(body)
+            schema = self._schemas.get(record.schema_id)
+            self._channels[record.id] = self._bag.topic(record, schema)
+        elif isinstance(record, Metadata) and record.name == METADATA_NAME:
+            self._budget.keep(body)
+            _check_texts(self.path, record.metadata)
+            self._bag.metadata.update(record.metadata)
+        elif isinstance(record, Attachment):
+            self._budget.keep(body)
+            self._bag.attachments[record.name] = record.data
+        elif isinstance(record, Statistics):
+            self.has_summary = True
+            if record.message_count:
+                self._bag.span += Span(
+                    record.message_start_time, record.message_end_time, record.message_count
+                )
+
+    def _in_chunk(self, chunk: Chunk) -> Iterator[Message]:
+        """Yield the messages of a chunk, up to its damage."""
+        try:
+            for opcode, body in _split(self._unpacked(chunk)):
+                if opcode == Opcode.MESSAGE:
+                    self._budget.charge()  # its bytes are charged with the chunk's
+                    message = self._message(body)
+                    if message is not None:
+                        yield message
+                else:
+                    self._budget.charge(len(body))
+                    if opcode in _IN_CHUNKS:
+                        self._add(opcode, body)
+        except UserError:
+            raise
+        except Exception:  # noqa: BLE001 (damage may raise anything)
+            self.damage.unreadable_chunks += 1
+
+    def _message(self, body: bytes) -> Message | None:
+        """Return the message of a record; None if its channel is unknown."""
+        channel, number, received, published = _MESSAGE.unpack_from(body)
+        topic = self._channels.get(channel)
+        if topic is None:
+            return None
+        return Message(topic, body[_MESSAGE.size :], received, published, number)
+
+    def _unpacked(self, chunk: Chunk) -> bytes:
+        """Return a chunk's unpacked records: at most its claimed size, which is charged before."""
+        size = chunk.uncompressed_size if chunk.compression else len(chunk.data)
+        self._budget.charge(min(size, self._budget.max_chunk))
+        if size > self._budget.max_chunk:
+            raise ValueError('size')
+
+        if chunk.compression == 'zstd':
+            data = unpacked(chunk.data, size)
+        elif chunk.compression == 'lz4':
+            data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size)
+        elif chunk.compression:
+            raise ValueError(f'unknown compression {chunk.compression!r}')
+        else:
+            data = chunk.data
+
+        if len(data) != size or chunk.uncompressed_crc not in {0, zlib.crc32(data)}:
+            raise ValueError('size or checksum')
+        return data
+
+
+def _check_texts(path: Path, metadata: dict[str, str]) -> None:
+    """Refuse metadata with longer texts than a run has."""
+    for name, text in metadata.items():
+        if len(text) > bounds.MAX_TEXT:
+            excess = f'{len(text)} characters of metadata {name[:40]!r}'
+            bounds.refuse(path, excess, f'{bounds.MAX_TEXT}')
+
+
+def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield opcode and body of each record in a chunk."""
+    end = 0
+    while end < len(data):
+        opcode, length = _HEADER.unpack_from(data, end)
+        start = end + _HEADER.size
+        end = start + length
+        if end > len(data):
+            raise ValueError('record')
+        yield opcode, data[start:end]
+
+
+def unpacked(data: bytes, max_size: int) -> bytes:
+    """Decompress data of zstd; an exception: it is damaged, or larger than `max_size` [B]."""
+    # The size in the frame's own header decides how much is allocated.
+    if zstandard.frame_content_size(data) > max_size:
+        raise ValueError('size')
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=max_size)
