@@ -35,12 +35,12 @@ from barc_sim.learning.tasks import (
     is_over,
     reward,
 )
-from barc_sim.vehicle.law import compiled, is_compiled
+from barc_sim.vehicle.law import compiled_for, is_compiled
 from barc_sim.vehicle.plant import in_steps, true_motion
 from barc_sim.vehicle.track import project
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from gymnasium.envs.registration import EnvSpec
     from numpy.typing import NDArray
@@ -334,6 +334,7 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         if is_compiled():
             pieces = max(min(num_envs // _MIN_PIECE, cpu_count() or 1), 1)
         self._edges = [num_envs * piece // pieces for piece in range(pieces + 1)]
+        self._loop: Callable[..., int] | None = None  # None before the first step
         self._threads: ThreadPoolExecutor | None = None
 
     @property
@@ -486,12 +487,15 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
 
     def _run_loop(self, columns: BatchColumns) -> int:
         """Step the cars on all cores; return how many laps they have finished."""
-        step = compiled(step_cars)
         model = self._model
         row = self._noise_row
         edges = self._edges
+        step = self._loop
+        if step is None:
+            step = compiled_for(step_cars, model, columns, row, 0, 0)
+            self._loop = step
         if len(edges) == 2:  # noqa: PLR2004 (first and last)
-            return int(step(model, columns, row, 0, self.num_envs))
+            return step(model, columns, row, 0, self.num_envs)
 
         if self._threads is None:
             self._threads = ThreadPoolExecutor(len(edges) - 2)
@@ -500,7 +504,7 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
             for first, last in pairwise(edges[1:])
         ]
         laps = step(model, columns, row, 0, edges[1])
-        return int(laps + sum(other.result() for other in others))
+        return laps + sum(other.result() for other in others)
 
     def _set_forces(self, cars: Any) -> None:  # noqa: ANN401 (an array of records)
         """Set the force on each car, from a disturbance that changes over time or place."""
@@ -584,8 +588,8 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
             self._threads.shutdown()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the threads out of a copy, which starts its own."""
-        return {**self.__dict__, '_threads': None}
+        """Leave threads and compiled code out of a copy, which has its own."""
+        return {**self.__dict__, '_threads': None, '_loop': None}
 
 
 def spaces(task: Task) -> tuple[Box, Box]:

@@ -173,7 +173,9 @@ def act(
     if channel.is_ideal:
         return command, command
     newer = queue[(k - channel.whole) % room]
-    older = queue[(k - channel.whole - 1) % room]
+    older = newer
+    if channel.early:
+        older = queue[(k - channel.whole - 1) % room]
     return actuate(channel.actuator, value, older, newer, channel.early, ts)
 
 
@@ -258,6 +260,7 @@ class Sensor:
     @delay.setter
     def delay(self, delay: float) -> None:
         self._delay = delay
+        self.is_late = delay > 0.0
         self._whole, self._share = in_steps(delay, self._ts)
         if not delay:
             self.forget()
@@ -777,7 +780,7 @@ class Plant:
         """Take one step with `command`."""
         model = self.model
         now = self.now
-        if self.sensor.delay:
+        if self.sensor.is_late:
             self.sensor.remember(true_motion(model, now))
 
         force = self.force

@@ -346,7 +346,9 @@ def wrapped(angle: float) -> float:
     """
     if -pi <= angle <= pi:
         return angle
-    rest = abs(angle) % _TURN
+    rest = abs(angle)
+    if rest >= _TURN:
+        rest = rest - _TURN if rest < 2.0 * _TURN else rest % _TURN
     if rest > pi:
         rest -= _TURN
     return rest if angle > 0.0 else -rest
@@ -380,13 +382,11 @@ def project(
         segment = line.segments[i]
         s, e_y = beside_segment(segment, x, y)
         searched += 1
-        following = i
-        if s >= segment.end:
-            following += 1
-        if s < segment.start:
-            following -= 1
-        is_beyond = not line.is_closed and not 0 <= following < count
-        if following == i or is_beyond or searched == count:
+        is_after = s >= segment.end
+        if not (is_after or s < segment.start) or searched == count:
+            break
+        following = i + 1 if is_after else i - 1
+        if not (line.is_closed or 0 <= following < count):
             break
         i = following % count
 

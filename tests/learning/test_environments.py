@@ -185,7 +185,7 @@ def test_a_batch_in_pieces_is_its_cars(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_batch_without_numba_is_its_cars(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (batch, environments):
         monkeypatch.setattr(module, 'is_compiled', lambda: False)
-    monkeypatch.setattr(environments, 'compiled', lambda loop: loop)
+    monkeypatch.setattr(environments, 'compiled_for', lambda loop, *_: loop)
     for name, options in CASES[3::4]:
         assert_same(name, options, 2, 60)
 
