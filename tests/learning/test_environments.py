@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from barc_sim.control.lane import LaneLQR
 from barc_sim.errors import UserError
 from barc_sim.figures import style
+from barc_sim.learning.preview import row_at
 from barc_sim.learning.tasks import AHEAD, TASKS
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.scenario import Scenario
