@@ -13,7 +13,7 @@ import yaml
 
 from barc_sim.cli.files import replacing
 from barc_sim.errors import UserError
-from barc_sim.interfaces.parameters import Parameter
+from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.interfaces.topics import CLOCK
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _MEBIBYTE = 2**20
 #: Name of the MCAP metadata records with the run's own metadata.
 METADATA_NAME = 'barc_sim'
 _TRIES = 1000
-BAG_DIR = Parameter(
+BAG_DIR = ParameterDeclaration(
     'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
 )
 TRACK_NAME = 'track.json'  #: name of the attached file with the track of a run

@@ -29,7 +29,7 @@ from barc_sim.control.speed import (
     SPEED_REFERENCE,
 )
 from barc_sim.errors import UserError
-from barc_sim.interfaces.parameters import Parameter
+from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.interfaces.records import Command
 from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.vehicle.road import signal
@@ -76,15 +76,15 @@ TERMS: Mapping[str, str] = {
 }
 _FASTEST = 1e6  #: [m/s] A faster state is refused.
 _FARTHEST = 1e9  #: [m], [rad] So is a state farther away on a track: squares can be infinite.
-_TYPE = Parameter(
+_TYPE = ParameterDeclaration(
     'controller_type', DEFAULT_TYPE, f'which controller: {", ".join(TYPES)}', read_only=True
 )
-_LANE_TYPE = Parameter(
+_LANE_TYPE = ParameterDeclaration(
     'lane_type', DEFAULT_LANE, f'steering law on a track: {", ".join(LANE_TYPES)}', read_only=True
 )
 #: Of the speed on a track.
 PROFILE = [
-    Parameter(
+    ParameterDeclaration(
         f'{name}_limit',
         0.0,
         f'maximum {name} acceleration [m/s²] of the speed profile on a track, whose maximum is '
@@ -93,8 +93,10 @@ PROFILE = [
     )
     for name in ('lateral', 'longitudinal')
 ]
-SPEED = Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', (-100.0, 100.0))
-LIMIT = Parameter(
+SPEED = ParameterDeclaration(
+    'speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', (-100.0, 100.0)
+)
+LIMIT = ParameterDeclaration(
     'acceleration_limit',
     ACCELERATION_LIMIT,
     'maximum commanded acceleration and deceleration [m/s²]',
@@ -102,7 +104,7 @@ LIMIT = Parameter(
 )
 _PARAMETERS = [
     SPEED,
-    Parameter(
+    ParameterDeclaration(
         'reference',
         '',
         'a CSV file with the columns time_s,speed_mps or distance_m,speed_mps: the speed to hold, '
@@ -135,7 +137,7 @@ class CruiseControl:
     def __init__(
         self,
         controller: object,
-        declare: Callable[[list[Parameter]], dict[str, Any]],
+        declare: Callable[[list[ParameterDeclaration]], dict[str, Any]],
         acceleration_limit: float,
         refuse: Warn,
         warn: Warn,
@@ -181,7 +183,9 @@ class CruiseControl:
         law = steering.law if isinstance(steering, LanePilot) else None
         return next((name for name, kind in LANE_TYPES.items() if type(law) is kind), '')
 
-    def parameters(self, acceleration_limit: float = ACCELERATION_LIMIT) -> list[Parameter]:
+    def parameters(
+        self, acceleration_limit: float = ACCELERATION_LIMIT
+    ) -> list[ParameterDeclaration]:
         """Return the declarations of the parameters: gains first.
 
         `acceleration_limit` [m/s²] is the default of that parameter.
@@ -294,17 +298,17 @@ def _is_near(measured: VehicleState) -> bool:
     return abs(measured.x) + abs(measured.y) + abs(measured.psi) <= _FARTHEST
 
 
-def gain_parameters(pilot: Pilot) -> list[Parameter]:
+def gain_parameters(pilot: Pilot) -> list[ParameterDeclaration]:
     """Return a parameter for each gain of a pilot, with its present value as the default."""
     return [
-        Parameter(name, value, f'{gain.meaning} [{gain.unit}]', gain.between)
+        ParameterDeclaration(name, value, f'{gain.meaning} [{gain.unit}]', gain.between)
         for (name, gain), value in zip(pilot.gains.items(), pilot.gain_values.values(), strict=True)
     ]
 
 
 def _chosen(
-    declare: Callable[[list[Parameter]], dict[str, Any]],
-    parameter: Parameter,
+    declare: Callable[[list[ParameterDeclaration]], dict[str, Any]],
+    parameter: ParameterDeclaration,
     types: Mapping[str, Callable[[], Any]],
 ) -> Any:  # noqa: ANN401 (of one of the types)
     """Return a new controller of the type that the parameter names."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 from math import copysign, inf, isfinite
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from barc_sim.interfaces.parameters import Parameter, parameters_of
+from barc_sim.interfaces.parameters import ParameterDeclaration, parameters_of
 from barc_sim.interfaces.records import Command
 
 if TYPE_CHECKING:
@@ -142,7 +142,9 @@ class Driver:
 #: The parameters of the node `relay`.
 PARAMETERS = [
     *parameters_of(Limits),
-    Parameter('stale_after', STALE_AFTER, 'age above which a Twist is ignored [s]', (0.05, 60.0)),
+    ParameterDeclaration(
+        'stale_after', STALE_AFTER, 'age above which a Twist is ignored [s]', (0.05, 60.0)
+    ),
 ]
 
 

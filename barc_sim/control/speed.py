@@ -9,7 +9,7 @@ from math import inf, isfinite, isnan, nan, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from barc_sim.errors import UserError
-from barc_sim.interfaces.parameters import Parameter
+from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.vehicle.law import law
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def check_values(gains: Mapping[str, Gain], values: Mapping[str, float]) -> None
         raise UserError(f'{unknown}: this controller has no such gain, but {names}')
     for name, value in values.items():
         gain = gains[name]
-        Parameter(name, gain.default, '', gain.between).check(value)
+        ParameterDeclaration(name, gain.default, '', gain.between).check(value)
 
 
 def set_gains(controller: Tunable, values: Mapping[str, float]) -> None:

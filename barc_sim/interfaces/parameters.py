@@ -1,8 +1,8 @@
 """What describes a parameter: its name, default, meaning, unit and limits.
 
 There is one table of limits: a record declares its fields as `Annotated[float, description, low,
-high]`, and `parameters_of` returns a `Parameter` for each. Constructors, `simulate`, nodes and
-options of commands check values against them, with the sentence of `not_between`.
+high]`, and `parameters_of` returns a `ParameterDeclaration` for each. Constructors, `simulate`,
+nodes and options of commands check values against them, with the sentence of `not_between`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ANY = (-inf, inf)
 _Record = TypeVar('_Record', bound=tuple[Any, ...])
 
 
-class Parameter(NamedTuple):
+class ParameterDeclaration(NamedTuple):
     """A parameter of a node; `between` bounds a number, ends included, and so keeps NaN out."""
 
     name: str
@@ -41,7 +41,7 @@ class Parameter(NamedTuple):
             raise UserError(f'{name or self.name}: {why}')
 
 
-def parameters_of(record: type[Any]) -> list[Parameter]:
+def parameters_of(record: type[Any]) -> list[ParameterDeclaration]:
     """Return a parameter for each field of a NamedTuple or dataclass that declares its meaning.
 
     A field is `Annotated[kind, description]`, `Annotated[kind, description, low, high]`, or
@@ -61,13 +61,13 @@ def parameters_of(record: type[Any]) -> list[Parameter]:
 def _parameter(
     name: str,
     default: Any,  # noqa: ANN401 (of any kind)
-    meaning: str | Parameter,
+    meaning: str | ParameterDeclaration,
     low: float = -inf,
     high: float = inf,
-) -> Parameter:
-    if isinstance(meaning, Parameter):
+) -> ParameterDeclaration:
+    if isinstance(meaning, ParameterDeclaration):
         return meaning._replace(name=name, default=default)
-    return Parameter(name, default, meaning, (low, high))
+    return ParameterDeclaration(name, default, meaning, (low, high))
 
 
 def limited(record: type[_Record]) -> type[_Record]:

@@ -25,7 +25,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.interfaces import qos, topics
-from barc_sim.interfaces.parameters import Parameter
+from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.interfaces.stamps import NANOSECONDS, to_nanoseconds
 from barc_sim.ros.node_helpers import (
     declare,
@@ -50,7 +50,7 @@ except ImportError:  # PyPI has no wheel of it
     TFMessage = None
 
 _OK, _WARN, _ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-PARAMETERS = [Parameter('road', 'lab', "the simulator's road", read_only=True)]
+PARAMETERS = [ParameterDeclaration('road', 'lab', "the simulator's road", read_only=True)]
 #: Minimum [s] of wall-clock time between two markers of the car: 25 a second for states at 50 Hz.
 _MARKERS_PERIOD = 0.035
 _MAX_POSES, _SPACING = 400, 0.5  #: poses of the path, and [m] between two of them

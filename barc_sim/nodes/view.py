@@ -10,14 +10,14 @@ from geometry_msgs.msg import Twist
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.cli.parser import MAX_PORT
 from barc_sim.errors import UserError
 from barc_sim.interfaces import qos, services, topics
 from barc_sim.interfaces.nodes import CONTROLLER, SIMULATOR
-from barc_sim.interfaces.parameters import Parameter
+from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.page.feed import DEPTH, SUBSCRIBED, Feed
 from barc_sim.page.protocol import (
@@ -83,9 +83,9 @@ class ViewNode(Node):
         super().__init__('view', **options)
 
         parameters = [
-            Parameter('mode', mode, "what the page shows: 'acc' or 'teleop'"),
-            Parameter('host', host, 'the address to serve the page at'),
-            Parameter('port', port, 'its port; 0: any free port', (0, MAX_PORT)),
+            ParameterDeclaration('mode', mode, "what the page shows: 'acc' or 'teleop'"),
+            ParameterDeclaration('host', host, 'the address to serve the page at'),
+            ParameterDeclaration('port', port, 'its port; 0: any free port', (0, MAX_PORT)),
         ]
         values = declare(self, [each._replace(read_only=True) for each in parameters])
         if values['mode'] not in MODES:
@@ -160,7 +160,7 @@ def _call_of(request: Request) -> tuple[str, Any]:
     """Return the name of the service for a page's request, and the message to send."""
     match request:
         case Tune(name, value):
-            parameter = RosParameter(name, value=value).to_parameter_msg()
+            parameter = Parameter(name, value=value).to_parameter_msg()
             message = SetParameters.Request(parameters=[parameter])
             return f'{node_of(name)}/set_parameters', message
         case Pause(on):

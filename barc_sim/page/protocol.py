@@ -26,7 +26,7 @@ from barc_sim.control.pilots import SpeedPilot
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, Gain, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.interfaces.nodes import CONTROLLER, SIMULATOR
-from barc_sim.interfaces.parameters import Parameter
+from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.interfaces.topics import ECU, ENVIRONMENT, LANE_STATE, PID_STATE, TRACK_STATE
 from barc_sim.simulation.closed_loop import check_ahead
 from barc_sim.simulation.log import columns_of
@@ -62,7 +62,7 @@ COLUMNS = (
 )
 
 
-def _slider(parameter: Parameter, meaning: str, maximum: float) -> Gain:
+def _slider(parameter: ParameterDeclaration, meaning: str, maximum: float) -> Gain:
     """Return the slider of a parameter, from 0 to `maximum`; the limits are the parameter's."""
     return Gain(float(parameter.default), parameter.unit, meaning, maximum, parameter.between)
 
@@ -225,7 +225,7 @@ class RunFacts(NamedTuple):
         slider = self.sliders.get(name)
         if not slider:
             raise UserError(f'{name}: this page has no such slider')
-        Parameter(name, slider.default, slider.meaning, slider.between).check(value)
+        ParameterDeclaration(name, slider.default, slider.meaning, slider.between).check(value)
         if name == SPEED.name:
             check_ahead(value, self.distance)
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.publisher import Publisher
 
-    from barc_sim.interfaces.parameters import Parameter
+    from barc_sim.interfaces.parameters import ParameterDeclaration
     from barc_sim.vehicle.road import Road
 
 Message = TypeVar('Message')
@@ -38,7 +38,7 @@ _RECOUNT_NS = 500_000_000
 _NORM_TOLERANCE = 1e-3  #: of the squared norm of a quaternion that is a rotation
 
 
-def descriptor(parameter: Parameter) -> ParameterDescriptor:
+def descriptor(parameter: ParameterDeclaration) -> ParameterDescriptor:
     """Return the ROS descriptor of a parameter."""
     message = ParameterDescriptor(description=parameter.description, read_only=parameter.read_only)
     if parameter.between == ANY:
@@ -51,12 +51,12 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     return message
 
 
-def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
+def declare(node: Node, parameters: Iterable[ParameterDeclaration]) -> dict[str, Any]:
     """Declare `parameters` on `node` and return their values by name."""
     return {parameter.name: _declare(node, parameter) for parameter in parameters}
 
 
-def _declare(node: Node, parameter: Parameter) -> Any:  # noqa: ANN401 (as rclpy has it)
+def _declare(node: Node, parameter: ParameterDeclaration) -> Any:  # noqa: ANN401 (as rclpy has it)
     owner = f'parameter {parameter.name} of {node.get_name()}'
     between = parameter.between
     try:

@@ -12,7 +12,7 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Protocol
 
 from barc_sim.errors import UserError
-from barc_sim.interfaces.parameters import Parameter, limited, parameters_of
+from barc_sim.interfaces.parameters import ParameterDeclaration, limited, parameters_of
 from barc_sim.interfaces.records import Command
 from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.simulation.scenario import LIMITS
@@ -160,7 +160,7 @@ class StepperOptions(NamedTuple):
     refuse_servo_above: Annotated[float, 'maximum accepted command [rad]', 0.0, 1.5] = 1.5
 
 
-def parameters(distance: float = 0.0, *, on_track: bool = False) -> list[Parameter]:
+def parameters(distance: float = 0.0, *, on_track: bool = False) -> list[ParameterDeclaration]:
     """Return a simulator's parameters; `distance` [m] is the default of the parameter."""
     defaults: dict[str, Any] = {'distance': distance, 'laps': 1} | (ON_TRACK if on_track else {})
     table = (*PARAMETERS, *parameters_of(StepperOptions), LIMITS['distance'], LIMITS['laps'])

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from barc_sim.interfaces.parameters import Parameter
+    from barc_sim.interfaces.parameters import ParameterDeclaration
 
     Floats = NDArray[np.float64]
     Column = tuple[float, ...]
@@ -382,7 +382,7 @@ class Profile:
         return (1.0 - share) * self.values[i - 1] + share * self.values[i]
 
 
-def signal(given: object, row: Parameter, column: str) -> Signal:
+def signal(given: object, row: ParameterDeclaration, column: str) -> Signal:
     """Return a function of time and position from a user's number, function or CSV file.
 
     A file has two columns: `time_s` or `distance_m`, and `column`. Values are in the limits of
@@ -421,7 +421,7 @@ def signal(given: object, row: Parameter, column: str) -> Signal:
         raise UserError(f'file {name!r}: {error}') from None
 
 
-def _profile(row: Parameter, table: Table) -> Profile:
+def _profile(row: ParameterDeclaration, table: Table) -> Profile:
     """Return the profile of a table; RowError: a value is out of the limits, or a point too low."""
     points, values = table.columns
     for i, value in enumerate(values):

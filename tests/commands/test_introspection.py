@@ -19,7 +19,7 @@ from barc_sim.bags import reader as bag
 from barc_sim.bags.graph import NodeGraph
 from barc_sim.bags.recording import to_yaml
 from barc_sim.figures.graph_figure import lines
-from barc_sim.interfaces.parameters import Parameter
+from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.ros.introspection import plain
 from barc_sim.ros.node_helpers import declare
 
@@ -135,11 +135,11 @@ def test_messages_are_written_in_the_order_of_the_definition_and_long_values_cut
 
 BUILT_IN = ['start_type_description_service', 'use_sim_time']
 TABLE = [
-    Parameter('gain', 30.0, 'how much [1/s]', (0.0, 100.0)),
-    Parameter('mass', 2000.0, 'the mass [kg]', (1.0, 1e6), read_only=True),
-    Parameter('road', 'lab', 'the road'),
-    Parameter('seed', 0, 'the seed', (0, 2**53)),
-    Parameter('wait', default=True, description='whether to wait'),
+    ParameterDeclaration('gain', 30.0, 'how much [1/s]', (0.0, 100.0)),
+    ParameterDeclaration('mass', 2000.0, 'the mass [kg]', (1.0, 1e6), read_only=True),
+    ParameterDeclaration('road', 'lab', 'the road'),
+    ParameterDeclaration('seed', 0, 'the seed', (0, 2**53)),
+    ParameterDeclaration('wait', default=True, description='whether to wait'),
 ]
 
 

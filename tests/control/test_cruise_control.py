@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from barc_sim.interfaces.parameters import Parameter
+    from barc_sim.interfaces.parameters import ParameterDeclaration
 
 
-def defaults(table: list[Parameter]) -> dict[str, Any]:
+def defaults(table: list[ParameterDeclaration]) -> dict[str, Any]:
     return {each.name: each.default for each in table}
 
 
@@ -110,7 +110,7 @@ def test_a_reference_over_time_begins_with_the_first_state_and_ends_with_a_speed
     file = tmp_path / 'speed.csv'
     file.write_text('time_s,speed_mps\n0,4\n10,8\n', encoding='utf-8')
 
-    def values(table: list[Parameter]) -> dict[str, Any]:
+    def values(table: list[ParameterDeclaration]) -> dict[str, Any]:
         return {row.name: row.default for row in table} | {'reference': str(file)}
 
     cruise = CruiseControl(PID(), values, ACCELERATION_LIMIT, lambda _: None, lambda _: None)

@@ -31,7 +31,7 @@ from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from barc_sim.control.lane import Curvature
-    from barc_sim.interfaces.parameters import Parameter
+    from barc_sim.interfaces.parameters import ParameterDeclaration
 
 TRACK = Track.named('oval')
 AT_REST = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -82,7 +82,7 @@ class Planned:
 def answered(controller: object, lane: object = None, track: Track | None = None) -> CruiseControl:
     """Return the node's control of these pilots."""
 
-    def declare(parameters: list[Parameter]) -> dict[str, Any]:
+    def declare(parameters: list[ParameterDeclaration]) -> dict[str, Any]:
         return {each.name: each.default for each in parameters}
 
     def never(why: Any) -> None:  # noqa: ANN401

@@ -37,7 +37,7 @@ from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from barc_sim.control.situation import Situation
-    from barc_sim.interfaces.parameters import Parameter
+    from barc_sim.interfaces.parameters import ParameterDeclaration
 
 MALFORMED = [
     '',
@@ -126,7 +126,7 @@ def test_whatever_arrives_is_a_request_within_limits_or_refused(message: str | b
 def driven(law: object, lane: object = None, track: Track | None = None) -> RunFacts:
     """Return the facts of a run with these laws, and 0.1 s of delay."""
 
-    def declare(parameters: list[Parameter]) -> dict[str, Any]:
+    def declare(parameters: list[ParameterDeclaration]) -> dict[str, Any]:
         return {each.name: each.default for each in parameters}
 
     def never(_: object) -> None:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import pytest
 from command_line import wait_for
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int64
 
 from barc_sim.errors import UserError
-from barc_sim.interfaces.parameters import Parameter
+from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.ros import node_helpers
 from barc_sim.ros.node_helpers import RefusedInput, declare
 from barc_sim.ros.peers import claim, others_here
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 TABLE = [
-    Parameter('mass', 2000.0, 'the mass [kg]', (1.0, 1e6), read_only=True),
-    Parameter('seed', 0, 'seed', (0, 2**53)),
-    Parameter('road', 'lab', 'the road'),
-    Parameter('wait', default=True, description='whether to wait'),
+    ParameterDeclaration('mass', 2000.0, 'the mass [kg]', (1.0, 1e6), read_only=True),
+    ParameterDeclaration('seed', 0, 'seed', (0, 2**53)),
+    ParameterDeclaration('road', 'lab', 'the road'),
+    ParameterDeclaration('wait', default=True, description='whether to wait'),
 ]
 
 
 def car(context: Context, **overrides: object) -> Node:
-    given = [RosParameter(name, value=value) for name, value in overrides.items()]
+    given = [Parameter(name, value=value) for name, value in overrides.items()]
     return Node('car', context=context, parameter_overrides=given)
 
 

@@ -20,7 +20,7 @@ from barc_sim.vehicle.plant import Actuator, NoiseLevels
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from barc_sim.interfaces.parameters import Parameter
+    from barc_sim.interfaces.parameters import ParameterDeclaration
     from barc_sim.interfaces.records import Command, VehicleState
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.plant import Observation
@@ -86,7 +86,7 @@ scenarios = st.fixed_dictionaries(
 )
 
 
-def values_of(fields: dict[str, Any], table: list[Parameter]) -> dict[str, Any]:
+def values_of(fields: dict[str, Any], table: list[ParameterDeclaration]) -> dict[str, Any]:
     """Return the parameters of a node that are the fields of a scenario; 0 stands for infinity."""
     values: dict[str, Any] = {'rate': round(1.0 / fields['ts'])}
     for name, value in fields.items():
