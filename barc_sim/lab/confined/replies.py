@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from barc_sim.lab.confined.child import MAX_TEXT
 from barc_sim.lab.files import CALLED
 from barc_sim.lab.user_code.code import MAX_LINES, MAX_NAME, MAX_PLACE
-from barc_sim.lab.user_code.folder import MAX_COMMANDS, MAX_PHRASES, Command
+from barc_sim.lab.user_code.folder import MAX_COMMANDS, MAX_PHRASES, TimedCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -170,7 +170,7 @@ def _outputs(_: str, __: int, rows: Sequence[Any]) -> Shape:
 
 
 _GAINS = Row((Number(), Number(), Number(), Text(MAX_PLACE)))
-_COMMANDS = ListOf(Row([Number()] * len(Command._fields)), MAX_COMMANDS, or_fewer=True)
+_COMMANDS = ListOf(Row([Number()] * len(TimedCommand._fields)), MAX_COMMANDS, or_fewer=True)
 _LINES = ListOf(Row((Text(MAX_PLACE), Number(any=True))), MAX_LINES, or_fewer=True)
 _PHRASES = ListOf(Text(MAX_TEXT), MAX_PHRASES, or_fewer=True)
 #: The shape of the result of each request, from its arguments; '' is the first reply.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.errors import UserError
 from barc_sim.lab.judge import Finding
-from barc_sim.lab.user_code.folder import BY_EYE, NOT_WRITTEN, Command, TimedTwist
+from barc_sim.lab.user_code.folder import BY_EYE, NOT_WRITTEN, TimedCommand, TimedTwist
 from barc_sim.simulation.stepper import StepperOptions
 
 if TYPE_CHECKING:
@@ -40,15 +40,15 @@ _MAX_RATE = 200.0  #: [Hz]
 
 #: By key: linear.x and angular.z of its Twist; their sum is the right sign of its command.
 _KEYS = {'up': (1.0, 0.0), 'down': (-1.0, 0.0), 'left': (0.0, 1.0), 'right': (0.0, -1.0)}
-_NOTHING = Command(0.0, 0.0, 0.0)
+_NOTHING = TimedCommand(0.0, 0.0, 0.0)
 
 
 def relay_commands(
     code: JudgedCode, twists: Sequence[TimedTwist], duration: float
-) -> list[Command]:
+) -> list[TimedCommand]:
     """Return the commands of a new relay from 0 to `duration` [s], while it gets `twists`."""
     reply = code.call('relay_commands', twists, duration, _relay_calls(twists, duration))
-    return [Command(*row) for row in reply]
+    return [TimedCommand(*row) for row in reply]
 
 
 def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwist]:
@@ -97,7 +97,7 @@ def _twists(linear_x: float, angular_z: float) -> list[TimedTwist]:
     return [*twists, TimedTwist(_RELEASE, 0.0, 0.0)]
 
 
-def _at(commands: Sequence[Command], t: float) -> Command:
+def _at(commands: Sequence[TimedCommand], t: float) -> TimedCommand:
     """Return the command that holds at `t` [s]."""
     return next((each for each in reversed(commands) if each.t <= t), _NOTHING)
 
@@ -126,9 +126,9 @@ _STEERING = _Sentences(
 
 
 def _direction(
-    field: str, keys: Sequence[str], sentences: _Sentences, commands: Mapping[str, Command]
+    field: str, keys: Sequence[str], sentences: _Sentences, commands: Mapping[str, TimedCommand]
 ) -> tuple[float, str]:
-    """Judge whether two keys change a field of `Command`, and only this one."""
+    """Judge whether two keys change a field of `TimedCommand`, and only this one."""
     other_field = 'servo' if field == 'motor' else 'motor'
     score = 0.0
     faults = []
@@ -163,7 +163,7 @@ _BEYOND = {
 }
 
 
-def _bounded(drives: Mapping[str, Sequence[Command]]) -> tuple[float, str]:
+def _bounded(drives: Mapping[str, Sequence[TimedCommand]]) -> tuple[float, str]:
     """Judge the maximum sizes of the commands, of either sign."""
     maxima = {}
     faults = []
@@ -177,7 +177,7 @@ def _bounded(drives: Mapping[str, Sequence[Command]]) -> tuple[float, str]:
     return 1.0 - bool(faults), '; '.join(faults) or right.format(**maxima)
 
 
-def _release(drives: Mapping[str, Sequence[Command]]) -> tuple[float, str]:
+def _release(drives: Mapping[str, Sequence[TimedCommand]]) -> tuple[float, str]:
     """Judge the commands before a key is pressed, and after it is released."""
     faults = []
     first = _at(drives['up'], _PRESS - _PERIOD)
@@ -200,7 +200,7 @@ def _release(drives: Mapping[str, Sequence[Command]]) -> tuple[float, str]:
     return 1.0 - len(faults) / checks, '; '.join(faults) or right
 
 
-def _rate(commands: Sequence[Command]) -> tuple[float, str]:
+def _rate(commands: Sequence[TimedCommand]) -> tuple[float, str]:
     """Judge the number of commands a second while a key is held."""
     count = sum(_PRESS <= each.t < _RELEASE for each in commands)
     rate = count / (_RELEASE - _PRESS)

@@ -38,10 +38,10 @@ from barc_sim.lab.user_code.folder import (
     BY_EYE,
     MAX_PHRASES,
     SECOND,
-    Budget,
-    Command,
     Folder,
     OutOfTime,
+    TimeBudget,
+    TimedCommand,
     UserFunction,
     clock,
     guarded,
@@ -236,14 +236,14 @@ class UserCode:
         twists: Sequence[Sequence[float]],
         duration: float,
         calls: Sequence[Sequence[float]],
-    ) -> Sequence[Command]:
+    ) -> Sequence[TimedCommand]:
         """Return the commands of a relay: a program gets `twists`, a function these `calls`."""
         if not isinstance(self.relay, UserFunction):
-            commands: Sequence[Command] = self.relay.commands(twists, duration)
+            commands: Sequence[TimedCommand] = self.relay.commands(twists, duration)
             return commands
         relay = self.new_relay()
         dt = calls[1][0] - calls[0][0]
-        return [Command(t, *relay(x, z, dt=dt)) for t, x, z in calls]
+        return [TimedCommand(t, *relay(x, z, dt=dt)) for t, x, z in calls]
 
     @property
     def gains(self) -> ChosenGains | None:
@@ -468,7 +468,7 @@ def _load(folder: Folder, path: Path) -> ModuleType:
     if path in folder.failed:
         raise folder.failed[path]
     try:
-        return Budget(folder.budget and _LOADING).call(folder.load, path)
+        return TimeBudget(folder.budget and _LOADING).call(folder.load, path)
     except UserError:
         raise
     except (Exception, SystemExit, OutOfTime) as error:

@@ -396,7 +396,7 @@ class TimedTwist(NamedTuple):
     angular_z: float
 
 
-class Command(NamedTuple):
+class TimedCommand(NamedTuple):
     """A command on `ecu`."""
 
     t: float  #: [s]
@@ -410,7 +410,7 @@ class OutOfTime(BaseException):
     seconds: ClassVar[float] = 0.0  #: the budget, in a process where an alarm ends the call
 
 
-class Budget:
+class TimeBudget:
     """Ends calls that take longer than `seconds`, in any thread; None ends none.
 
     A thread checks twenty times a second whether the same call still runs. So a call costs a
@@ -439,7 +439,7 @@ class Budget:
             self.is_busy = False
 
 
-def _watch(reference: weakref.ref[Budget], seconds: float) -> None:
+def _watch(reference: weakref.ref[TimeBudget], seconds: float) -> None:
     last_count = 0
     polls = 0  # of the same call
     while budget := reference():
@@ -488,7 +488,7 @@ class UserFunction:
         self.folder = folder
         self.function = function
         self.called = called
-        self._call = Budget(folder.budget).call
+        self._call = TimeBudget(folder.budget).call
 
         self.signature = self._signature()
         parameters = self.signature.parameters

@@ -21,9 +21,9 @@ from barc_sim.lab.user_code.folder import (
     MAX_COMMANDS,
     Absent,
     AbsentModuleError,
-    Budget,
-    Command,
     OutOfTime,
+    TimeBudget,
+    TimedCommand,
     clock,
 )
 from barc_sim.ros.local import find_module
@@ -193,10 +193,10 @@ class RelayProgram:
         self.ros = ros
         self._live: LiveRelay | None = None
 
-    def commands(self, twists: Sequence[Sequence[float]], duration: float) -> list[Command]:
+    def commands(self, twists: Sequence[Sequence[float]], duration: float) -> list[TimedCommand]:
         """Return its commands on `ecu` from 0 to `duration` [s], while it gets `twists`."""
         run = RelayRun(self, twists, duration)
-        Budget(self.folder.budget and _BUDGET).call(run.run)
+        TimeBudget(self.folder.budget and _BUDGET).call(run.run)
         run.check()
         return [run.checked(*command) for command in run.commands]
 
@@ -365,14 +365,14 @@ class RelayRun(World):
         if fault:
             raise UserCodeError(f'{self._program.path.name}: {fault}')
 
-    def checked(self, t: float, motor: float, servo: float) -> Command:
+    def checked(self, t: float, motor: float, servo: float) -> TimedCommand:
         """Return a command; a UserCodeError if it is not finite."""
         if not (isfinite(motor) and isfinite(servo)):
             raise UserCodeError(
                 f'{self._program.path.name}: after {t:.2f} s it published motor {motor!r} and '
                 f'servo {servo!r}; expected two finite numbers'
             )
-        return Command(t, motor, servo)
+        return TimedCommand(t, motor, servo)
 
 
 class LiveRelay(RelayRun):

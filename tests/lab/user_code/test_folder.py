@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.lab.user_code.folder import AbsentModuleError, Budget, Folder, OutOfTime
+from barc_sim.lab.user_code.folder import AbsentModuleError, Folder, OutOfTime, TimeBudget
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -179,7 +179,7 @@ def test_a_call_is_ended_in_whichever_thread_it_is_made() -> None:
 
     def make() -> None:
         try:
-            Budget(0.1).call(forever)
+            TimeBudget(0.1).call(forever)
         except OutOfTime:
             ended.append(threading.current_thread())
 
@@ -190,14 +190,14 @@ def test_a_call_is_ended_in_whichever_thread_it_is_made() -> None:
 
 
 def test_many_short_calls_are_not_one_long() -> None:
-    budget = Budget(0.1)
+    budget = TimeBudget(0.1)
     end = time.monotonic() + 0.4
     while time.monotonic() < end:
         budget.call(divmod, 1, 1)
 
 
 def test_a_budget_serves_again_after_a_call_was_ended() -> None:
-    budget = Budget(0.1)
+    budget = TimeBudget(0.1)
     for _ in range(3):
         with pytest.raises(OutOfTime):
             budget.call(forever)
@@ -205,7 +205,7 @@ def test_a_budget_serves_again_after_a_call_was_ended() -> None:
 
 
 def test_the_thread_ends_with_its_budget() -> None:
-    budget = Budget(1.0)
+    budget = TimeBudget(1.0)
     thread = next(t for t in reversed(threading.enumerate()) if t.name == 'time budget')
     del budget
     gc.collect()

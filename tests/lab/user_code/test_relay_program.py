@@ -20,7 +20,7 @@ from user_files import LocalCode, load_folder
 from barc_sim.lab.files import UserCodeError
 from barc_sim.lab.labs.relay import relay_commands
 from barc_sim.lab.user_code.code import UserCode
-from barc_sim.lab.user_code.folder import Command, TimedTwist, UserFunction
+from barc_sim.lab.user_code.folder import TimedCommand, TimedTwist, UserFunction
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ ENDLESS = '4 s of the relay took longer than'
 Load = Callable[[str], UserCode]
 
 
-def judged(code: UserCode, twists: list[TimedTwist], duration: float) -> list[Command]:
+def judged(code: UserCode, twists: list[TimedTwist], duration: float) -> list[TimedCommand]:
     return relay_commands(LocalCode(code), twists, duration)
 
 
@@ -51,7 +51,7 @@ def code(folder: Path, text: str) -> UserCode:
     return load_folder(folder, ['relay'])
 
 
-def at(commands: list[Command], t: float) -> Command:
+def at(commands: list[TimedCommand], t: float) -> TimedCommand:
     """Return the command that holds at `t` [s]."""
     return [command for command in commands if command.t <= t][-1]
 
