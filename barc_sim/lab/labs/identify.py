@@ -83,12 +83,16 @@ _STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the finite differ
 _INFORMATION = {'drag': (8e-6, 3e-5), 'friction': (1e-3, 5e-3), 'delay': (1e-3, 4e-3)}
 
 
-class Car(NamedTuple):
+class UnknownCar(NamedTuple):
     """A car to identify: a_0/m [1/m] and F_f/m [m/s²], and the motor's delay [s]."""
 
     drag: float
     friction: float
     delay: float
+
+    def __str__(self) -> str:
+        """Return the text that seeds noise and test cases: the points of a course depend on it."""
+        return f'Car(drag={self.drag!r}, friction={self.friction!r}, delay={self.delay!r})'
 
     @property
     def vehicle(self) -> Vehicle:
@@ -108,7 +112,7 @@ class Car(NamedTuple):
         return _SIGMAS * NOISE * deviations
 
 
-def driven(car: Car, commands: Sequence[float]) -> Floats:
+def driven(car: UnknownCar, commands: Sequence[float]) -> Floats:
     """Return the true speed [m/s] at each command, of a car that starts from a standstill."""
     plant = Plant(road=Road.flat(), vehicle=car.vehicle, motor=Actuator(delay=car.delay))
     speeds = []
@@ -131,7 +135,7 @@ _USUAL = _usual()
 
 
 @lru_cache(64)
-def measured(car: Car, commands: tuple[float, ...] = _USUAL) -> list[float]:
+def measured(car: UnknownCar, commands: tuple[float, ...] = _USUAL) -> list[float]:
     """Return the measured speeds [m/s] of a drive, with the same noise each time."""
     noise = Random(str(car)).gauss  # noqa: S311 (as above)
     return [float(v) + noise(0.0, NOISE) for v in driven(car, commands)]
@@ -139,7 +143,9 @@ def measured(car: Car, commands: tuple[float, ...] = _USUAL) -> list[float]:
 
 def speeds_of(*parameters: Floats) -> Floats:
     """Return the measured speeds [m/s] of cars with these parameters, a row for each car."""
-    return np.array([measured(car) for car in starmap(Car, np.transpose(parameters).tolist())])
+    return np.array(
+        [measured(car) for car in starmap(UnknownCar, np.transpose(parameters).tolist())]
+    )
 
 
 LAW = read_law(
@@ -148,24 +154,24 @@ LAW = read_law(
 )
 
 
-def car_of(name: str) -> Car:
+def car_of(name: str) -> UnknownCar:
     """Return the car of the student with this name, which can have any characters."""
     seed = name.encode(errors='backslashreplace').decode()
     inputs = LAW.situations['estimate'][0].inputs(seed, 1)
-    return Car(*(float(values[0]) for values in inputs.values()))
+    return UnknownCar(*(float(values[0]) for values in inputs.values()))
 
 
-_RESULTS = tuple(name + kind for name in Car._fields for kind in ('', '_interval'))
+_RESULTS = tuple(name + kind for name in UnknownCar._fields for kind in ('', '_interval'))
 FUNCTIONS = Functions(
     LAW,
     {'estimate': _RESULTS},
-    {name: f'estimate.{name}' for name in Car._fields},
+    {name: f'estimate.{name}' for name in UnknownCar._fields},
     _CARS,
     agree=partial(np.allclose, rtol=_WRONG, atol=0.0),
 )
 
 
-def evidence_of(car: Car, commands: Sequence[float], estimate: Sequence[float]) -> Evidence:
+def evidence_of(car: UnknownCar, commands: Sequence[float], estimate: Sequence[float]) -> Evidence:
     """Return the evidence of a drive of the student's car: true and estimated parameters.
 
     `estimate` has three parameters, each followed by its interval.
@@ -193,12 +199,12 @@ def evidence_of(car: Car, commands: Sequence[float], estimate: Sequence[float]) 
 
 
 def _figure(
-    car: Car, commands: Sequence[float], estimate: Sequence[float], title: str = ''
+    car: UnknownCar, commands: Sequence[float], estimate: Sequence[float], title: str = ''
 ) -> Figure:
     """Draw the speed, the speed of the estimated car, and the residuals."""
     from barc_sim.figures.run_figures import identification_figure  # noqa: PLC0415 (slow)
 
-    estimated_car = Car(*(min(max(value, 0.0), 0.4) for value in estimate[::2]))
+    estimated_car = UnknownCar(*(min(max(value, 0.0), 0.4) for value in estimate[::2]))
     predicted = driven(estimated_car, commands)
     speeds = np.array(_T), np.array(measured(car, tuple(commands))), predicted
     return identification_figure({'v_x': speeds}, title=title)
@@ -238,7 +244,7 @@ def _commands(code: JudgedCode) -> tuple[float, ...]:
     return tuple(commands)
 
 
-def _judge_limits(car: Car, commands: Sequence[float]) -> tuple[float, str]:
+def _judge_limits(car: UnknownCar, commands: Sequence[float]) -> tuple[float, str]:
     """Judge the size of the commands, and the speeds that they give."""
     speeds = driven(car, commands)
     slow = float(speeds.min())
@@ -262,7 +268,7 @@ def _judge_limits(car: Car, commands: Sequence[float]) -> tuple[float, str]:
     return max(1.0 - 0.5 * len(faults), 0.0), text
 
 
-def _judge_information(car: Car, commands: Sequence[float]) -> Iterator[Finding]:
+def _judge_information(car: UnknownCar, commands: Sequence[float]) -> Iterator[Finding]:
     """Judge the information in the commands: the smallest intervals of an estimate from them."""
     smallest = car.intervals(np.clip(commands, -_MAX_COMMAND, _MAX_COMMAND).tolist())
     for (name, limits), best in zip(_INFORMATION.items(), smallest.tolist(), strict=True):
@@ -290,7 +296,7 @@ def _judge_intervals(trial: Trial) -> tuple[float, str]:
     is_inside = np.abs(values - true) <= intervals
     inside = float(np.mean(is_right & is_inside))
 
-    best = np.array([car.intervals(_USUAL) for car in starmap(Car, true.tolist())])
+    best = np.array([car.intervals(_USUAL) for car in starmap(UnknownCar, true.tolist())])
     width = float(np.median(intervals / best))
     hint = next(hint for hint in _HINTS if width <= hint.max_width)
     score = share(-inside, -_FULL_SHARE, 0.0) * _WIDE / max(width, _WIDE)
