@@ -152,7 +152,7 @@ def _words(text: str) -> list[str]:
     return re.findall(r'[^\W_]+', bare)
 
 
-class Entry(NamedTuple):
+class ClassEntry(NamedTuple):
     """A line of the class: a submission, or a student who handed in nothing."""
 
     folder: str = ''
@@ -191,11 +191,11 @@ class Entry(NamedTuple):
 
 def entries(
     grades: Mapping[str, Grade], failures: Mapping[str, str], students: Sequence[Student]
-) -> list[Entry]:
+) -> list[ClassEntry]:
     """Return the class, by section and name; `grades` and `failures` are by folder."""
     owners = {name: owner(name, students) for name in {**grades, **failures}}
     counts = Counter(owners.values())
-    rows = [Entry(student=student) for student in students if not counts[student]]
+    rows = [ClassEntry(student=student) for student in students if not counts[student]]
     for name, student in owners.items():
         grade = grades.get(name)
         looks = []
@@ -210,11 +210,11 @@ def entries(
             looks.append('not in the roster')
         if student and counts[student] > 1:
             looks.append('handed in more than once')
-        rows.append(Entry(name, grade, student, tuple(looks)))
+        rows.append(ClassEntry(name, grade, student, tuple(looks)))
     return sorted(rows, key=lambda each: (each.section, each.name.casefold(), each.folder))
 
 
-def as_csv(all_entries: Sequence[Entry], rubric: Rubric) -> str:
+def as_csv(all_entries: Sequence[ClassEntry], rubric: Rubric) -> str:
     """Return a CSV line for each entry; points that are open or not graded are empty."""
     columns = ['name']
     if any(entry.student for entry in all_entries):
@@ -281,7 +281,7 @@ def _tasks(rubric: Rubric, title: str) -> list[_Task]:
     return [task for task in tasks if task.worth]
 
 
-def canvas(all_entries: Sequence[Entry], rubric: Rubric) -> str:
+def canvas(all_entries: Sequence[ClassEntry], rubric: Rubric) -> str:
     """Return the CSV file for Canvas's gradebook.
 
     A score is empty if it has open points, or if the student has several submissions: a person
@@ -291,7 +291,7 @@ def canvas(all_entries: Sequence[Entry], rubric: Rubric) -> str:
     worth = {task.title: task.worth for task in tasks}
     rows: list[dict[str, object]] = [{'Student': 'Points Possible', **worth}]
 
-    by_student: dict[Student, list[Entry]] = {}
+    by_student: dict[Student, list[ClassEntry]] = {}
     for entry in all_entries:
         if entry.student:
             by_student.setdefault(entry.student, []).append(entry)
@@ -342,7 +342,7 @@ def summary(grades: Sequence[Grade], rubric: Rubric) -> list[str]:
     return lines
 
 
-def page(all_entries: Sequence[Entry], rubric: Rubric) -> str:
+def page(all_entries: Sequence[ClassEntry], rubric: Rubric) -> str:
     """Return the class as one HTML page, with links to the reports beside it."""
     grades = [entry.grade for entry in all_entries if entry.grade]
     tasks = _rows(_tasks(rubric, 'Score'), grades)

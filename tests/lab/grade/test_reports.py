@@ -87,7 +87,7 @@ def grade_of(name: str, points: float, message: str = 'wrong', third: float | No
     return Grade(name, RUBRIC, tuple(items))
 
 
-def listed(*grades: Grade, **failures: str) -> list[classroom.Entry]:
+def listed(*grades: Grade, **failures: str) -> list[classroom.ClassEntry]:
     return classroom.entries({each.name: each for each in grades}, failures, [])
 
 
