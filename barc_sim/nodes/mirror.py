@@ -66,8 +66,8 @@ _MARGIN = 200.0  #: [m] of road before the first stretch's end and after the las
 _MAX_STAMP_LAG = 0.1
 
 
-class Facts(NamedTuple):
-    """Facts of a run that no topic carries; None where unknown."""
+class RunDiagnostics(NamedTuple):
+    """What no topic carries of a run; None where unknown."""
 
     missed: int | None = None  #: commands that missed their deadline
     slipped: int | None = None  #: periods by which simulated time fell behind the wall clock
@@ -108,7 +108,7 @@ class MirrorNode(Node):
         *,
         road: Road | None = None,
         track: Track | None = None,
-        facts: Callable[[], Facts] = Facts,
+        facts: Callable[[], RunDiagnostics] = RunDiagnostics,
         period: float = 1.0,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
@@ -130,7 +130,7 @@ class MirrorNode(Node):
         self.latest = 0  #: [ns] the stamp of the newest state
         self._times: tuple[int, int] | None = None  # stamp and reception [ns] of the newest state
         self._last_times: tuple[int, int] | None = None  # the same at the last diagnosis
-        self._facts, self._last_facts = facts, Facts()
+        self._facts, self._last_facts = facts, RunDiagnostics()
         self._period = period
         self._next_markers = self._next_path = 0.0
 
@@ -294,7 +294,9 @@ def _numbered(namespace: str, markers: list[Marker]) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def diagnose(facts: Facts, before: Facts, factor: float | None = None) -> list[DiagnosticStatus]:
+def diagnose(
+    facts: RunDiagnostics, before: RunDiagnostics, factor: float | None = None
+) -> list[DiagnosticStatus]:
     """Return the diagnostics since the last call, which had the facts `before`.
 
     `factor` is the real-time factor since then.

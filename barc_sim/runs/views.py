@@ -10,7 +10,7 @@ from barc_sim.runs.report import print_line
 
 if TYPE_CHECKING:
     from barc_sim.control.cruise_control import CruiseControl
-    from barc_sim.nodes.mirror import Facts
+    from barc_sim.nodes.mirror import RunDiagnostics
     from barc_sim.nodes.recorder import BagRecorder
     from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.runs.composition import Run
@@ -44,12 +44,12 @@ def _add_mirror(run: Run, simulator: VehicleSimulator) -> None:
     )
 
 
-def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:
+def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> RunDiagnostics:
     """Return the facts about a simulator and the bag that no topic carries."""
-    from barc_sim.nodes.mirror import Facts  # noqa: PLC0415 (only if wanted)
+    from barc_sim.nodes.mirror import RunDiagnostics  # noqa: PLC0415 (only if wanted)
 
     stepper = simulator.stepper
-    facts = Facts(missed=stepper.missed, slipped=stepper.slipped)
+    facts = RunDiagnostics(missed=stepper.missed, slipped=stepper.slipped)
     if simulator.values['realtime_factor'] == 1.0:
         facts = facts._replace(stamp_lag=stepper.stamp_lag)
     if recorder:

@@ -20,7 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.interfaces import qos
 from barc_sim.interfaces.stamps import to_nanoseconds
-from barc_sim.nodes.mirror import Facts, MirrorNode, diagnose
+from barc_sim.nodes.mirror import MirrorNode, RunDiagnostics, diagnose
 from barc_sim.ros.node_helpers import to_header, to_state_at_rest
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track
@@ -51,7 +51,7 @@ class Bench(NodeBench):
         spin_until: Callable[..., None],
         *,
         namespace: str = '',
-        facts: Callable[[], Facts] = Facts,
+        facts: Callable[[], RunDiagnostics] = RunDiagnostics,
         period: float = 1.0,
         **parameters: float | str | bool,
     ) -> None:
@@ -181,7 +181,7 @@ def test_path_begins_anew_after_a_reset_and_has_the_newest_poses(
 
 
 def test_diagnostics_combine_facts_and_topics(bench: Make) -> None:
-    known = Facts(missed=3, slipped=1, recorded=100, lost=0)
+    known = RunDiagnostics(missed=3, slipped=1, recorded=100, lost=0)
     world = bench(namespace='/car2', facts=lambda: known, period=0.02)
     statuses: dict[str, Any] = {}
 
@@ -208,23 +208,23 @@ BEHIND = 'stamps are 6.1 s behind the wall clock: reset, or use --clock'
 @pytest.mark.parametrize(
     ('facts', 'name', 'level', 'message'),
     [
-        (Facts(), 'timing', DiagnosticStatus.OK, 'in time'),
-        (Facts(2, 1), 'timing', DiagnosticStatus.OK, 'in time'),
-        (Facts(4, 2), 'timing', DiagnosticStatus.WARN, '2 commands missed their deadline'),
+        (RunDiagnostics(), 'timing', DiagnosticStatus.OK, 'in time'),
+        (RunDiagnostics(2, 1), 'timing', DiagnosticStatus.OK, 'in time'),
+        (RunDiagnostics(4, 2), 'timing', DiagnosticStatus.WARN, '2 commands missed their deadline'),
         (
-            Facts(2, 4),
+            RunDiagnostics(2, 4),
             'timing',
             DiagnosticStatus.WARN,
             'simulated time has fallen behind by 3 periods',
         ),
-        (Facts(stamp_lag=6.1), 'timing', DiagnosticStatus.WARN, BEHIND),
-        (Facts(2, 1, 100, 0), 'bag', DiagnosticStatus.OK, 'no lost message is counted'),
-        (Facts(2, 1, 100, 7), 'bag', DiagnosticStatus.WARN, '7 messages are lost'),
-        (Facts(2, 1, 100, 7, 'disk full'), 'bag', DiagnosticStatus.ERROR, 'disk full'),
+        (RunDiagnostics(stamp_lag=6.1), 'timing', DiagnosticStatus.WARN, BEHIND),
+        (RunDiagnostics(2, 1, 100, 0), 'bag', DiagnosticStatus.OK, 'no lost message is counted'),
+        (RunDiagnostics(2, 1, 100, 7), 'bag', DiagnosticStatus.WARN, '7 messages are lost'),
+        (RunDiagnostics(2, 1, 100, 7, 'disk full'), 'bag', DiagnosticStatus.ERROR, 'disk full'),
     ],
 )
 def test_diagnosis_says_what_is_wrong_since_the_last(
-    facts: Facts, name: str, level: bytes, message: str
+    facts: RunDiagnostics, name: str, level: bytes, message: str
 ) -> None:
-    found = {each.name: each for each in diagnose(facts, Facts(2, 1), 1.0)}
+    found = {each.name: each for each in diagnose(facts, RunDiagnostics(2, 1), 1.0)}
     assert (found[name].level, found[name].message) == (level, message)
