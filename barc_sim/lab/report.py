@@ -67,7 +67,7 @@ _MAX_VALUE = 1e9  #: Larger values come from a damaged bag.
 
 
 @dataclass(frozen=True)
-class Facts:
+class ReportFacts:
     """The facts of a run for a report."""
 
     name: str
@@ -126,7 +126,7 @@ class Facts:
         return sorted(rows)
 
 
-def read(path: Path, namespace: str | None = None) -> Facts:
+def read(path: Path, namespace: str | None = None) -> ReportFacts:
     """Read the bag at `path`; a UserError if there is no bag, or it has no car, or several."""
     bag = reader.load(path)
     log = _drawable(bag.log(namespace))
@@ -138,7 +138,7 @@ def read(path: Path, namespace: str | None = None) -> Facts:
 
     directory = path if path.is_dir() else path.parent
     sources = attached(bag.attachments)
-    return Facts(
+    return ReportFacts(
         name=directory.resolve().name,
         log=log,
         info=bag.info,
@@ -168,7 +168,7 @@ class _Figure(NamedTuple):
     alt: str
 
 
-def page(facts: Facts) -> str:
+def page(facts: ReportFacts) -> str:
     """Return the report as HTML."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')  # characters that the font lacks
@@ -215,7 +215,7 @@ def _highlighted(text: str) -> str:
     return ''.join(f'<span class="line">{line}\n</span>' for line in lines)
 
 
-def _figures(facts: Facts) -> Iterator[_Figure]:
+def _figures(facts: ReportFacts) -> Iterator[_Figure]:
     log = facts.log
     if isinstance(log, TrackLog):
         yield _drawn(
@@ -261,7 +261,7 @@ def _number(value: float, form: str) -> str:
     return _DASH if isnan(value) else format(value, form)
 
 
-def _graph(facts: Facts) -> _Figure | None:
+def _graph(facts: ReportFacts) -> _Figure | None:
     if facts.graph is None:
         return None
     parts = [f'{node} publishes {topic}' for node, topic in facts.graph.publications]
