@@ -29,7 +29,7 @@ from barc_sim.vehicle.bike_model import BicycleState, Vehicle
 from barc_sim.vehicle.law import is_compiled, law
 from barc_sim.vehicle.plant import (
     Channel,
-    Laps,
+    LapState,
     NoiseLevels,
     PlantModel,
     PlantState,
@@ -211,7 +211,7 @@ def state_of(car: Car) -> PlantState:
         Slip(car.beta, car.psi_dot),
         Command(car.motor, car.servo),
         Frenet(car.s, car.e_y, car.e_psi, car.curvature),
-        Laps(car.lap, car.began, car.is_whole, car.finished),
+        LapState(car.lap, car.began, car.is_whole, car.finished),
         car.steps,
         car.segment,
         car.stretch,

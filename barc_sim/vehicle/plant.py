@@ -410,7 +410,7 @@ class Observation(NamedTuple):
     on_track: TrackState | None = None  #: true; None without a track
 
 
-class Laps(NamedTuple):
+class LapState(NamedTuple):
     """The laps of a car on its track."""
 
     lap: int = 0  #: laps before this one
@@ -471,7 +471,7 @@ class PlantState(NamedTuple):
     slip: Slip = Slip()
     acting: Command = Command()  #: the present values of the actuators
     frenet: Frenet = Frenet(0.0, 0.0, 0.0, 0.0)  #: the pose on the track
-    laps: Laps = Laps()
+    laps: LapState = LapState()
     steps: int = 0  #: since it was placed
     segment: int = 0  #: of the track, where the car is
     stretch: int = 0  #: of the road, where the car is
@@ -491,12 +491,12 @@ def start(model: PlantModel, state: BicycleState, near: float, is_whole: bool) -
     On a track the car is near s = `near` [m], and its first lap may count as a whole one.
     """
     frenet = Frenet(0.0, 0.0, 0.0, 0.0)
-    laps = Laps(0, 0.0, is_whole, nan)
+    laps = LapState(0, 0.0, is_whole, nan)
     segment = 0
     if model.has_track:
         line = model.line
         frenet, segment = project(line, state.x, state.y, state.psi, near, segment_at(line, near))
-        laps = Laps(max(floor(frenet.s / line.length), 0), 0.0, is_whole, nan)
+        laps = LapState(max(floor(frenet.s / line.length), 0), 0.0, is_whole, nan)
 
     stretch = stretch_at(model.inclines.starts, on_road(model, state.x, frenet.s), 0)
     return PlantState(state, Slip(0.0, 0.0), Command(0.0, 0.0), frenet, laps, 0, segment, stretch)
@@ -561,7 +561,7 @@ def arrive(
             t = steps * model.ts
             began = t - (s - lap * length) / (s - before) * model.ts
             finished = began - laps.began if laps.is_whole else nan
-            laps = Laps(lap, began, True, finished)
+            laps = LapState(lap, began, True, finished)
 
     stretch = now.stretch
     if len(model.inclines.starts) > 1:
