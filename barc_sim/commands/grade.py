@@ -93,7 +93,7 @@ def add_arguments(parser: Parser) -> None:
 def run(options: Namespace) -> int:
     """Write the reports and print the score; return the exit code."""
     from barc_sim.lab import submission  # noqa: PLC0415
-    from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
+    from barc_sim.lab.confined.process import ProcessLimits, check  # noqa: PLC0415
     from barc_sim.lab.grade import classroom, grade  # noqa: PLC0415
 
     out = options.out.absolute()
@@ -109,7 +109,7 @@ def run(options: Namespace) -> int:
     folders = {path: out if alone else _folder(out, path) for path in paths}
     hands = {path: grade.entered(folder, points) for path, folder in folders.items()}
     empty = grade.nothing_entered(points).encode()
-    limits = Limits(total=options.time_limit, confined=not options.unconfined)
+    limits = ProcessLimits(total=options.time_limit, confined=not options.unconfined)
     check(limits)
     stopped: Future[Any] = Future()
     with StopSignals() as stop, processes(options.jobs) as executor:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.lab.confined.process import JudgedCode, Limits
+from barc_sim.lab.confined.process import JudgedCode, ProcessLimits
 from barc_sim.lab.files import CALLED, NEEDS_PYTHON
 from barc_sim.lab.law import Mistake
 from barc_sim.lab.user_code.folder import BY_EYE
@@ -135,7 +135,7 @@ def _opened(finding: Finding) -> Finding:
 
 
 #: For `check`: short, because its user waits; not confined, because its user wrote the code.
-_CHECKED = Limits(call=2.0, wait=10.0, total=45.0, confined=False)
+_CHECKED = ProcessLimits(call=2.0, wait=10.0, total=45.0, confined=False)
 
 
 @dataclass(frozen=True)
@@ -256,7 +256,9 @@ class Lab:
             for criterion in requested
         ]
 
-    def judge_folder(self, folder: Path, settings: Settings, limits: Limits = _CHECKED) -> Report:
+    def judge_folder(
+        self, folder: Path, settings: Settings, limits: ProcessLimits = _CHECKED
+    ) -> Report:
         """Return the findings on the files in `folder`; a process with limits calls their code.
 
         The folder may have none of the files.

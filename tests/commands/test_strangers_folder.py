@@ -16,7 +16,7 @@ from user_files import CONTROLLER, MODEL
 from barc_sim.cli.process import has_ros
 from barc_sim.cli.python import python_command
 from barc_sim.errors import UserError
-from barc_sim.lab.confined.process import Limits, check
+from barc_sim.lab.confined.process import ProcessLimits, check
 from barc_sim.lab.files import HILLS
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def test_a_submission_is_graded_beside_modules_of_pythons_names(
     ada: Path, *, as_folders: bool
 ) -> None:
     try:
-        check(Limits())
+        check(ProcessLimits())
     except UserError as error:
         pytest.skip(str(error))
     set_traps(ada, as_folders=as_folders)
@@ -181,7 +181,7 @@ STRANGE: dict[bytes, dict[str, str]] = {
 @pytest.mark.timeout(1800)  # 60 gradings
 def test_twenty_of_a_class_of_forty_get_what_they_get_alone(tmp_path: Path) -> None:
     try:
-        check(Limits())
+        check(ProcessLimits())
     except UserError as error:
         pytest.skip(str(error))
     folder = tmp_path / 'class'

@@ -8,7 +8,7 @@ import pytest
 from student_code import WORKS, Work
 from user_files import judged_file
 
-from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.confined.process import ProcessLimits
 from barc_sim.lab.grade.grade import ByHand, load, report
 from barc_sim.lab.judge import Settings
 from barc_sim.lab.labs.hills import HILLS
@@ -44,7 +44,7 @@ def test_check_and_grade_agree_to_the_point(tmp_path: Path) -> None:
     work = WORKS['everything with dt']
     folder = write(tmp_path, work)
     checked = HILLS.judge_folder(folder, LAB.settings)
-    one = report(read(folder), ByHand(), LAB, Limits())
+    one = report(read(folder), ByHand(), LAB, ProcessLimits())
     assert [(item.criterion, item.points) for item in one.items] == [
         (finding.criterion, LAB.points_for(finding))
         for finding in checked.findings

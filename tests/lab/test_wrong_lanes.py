@@ -13,7 +13,7 @@ from user_files import LANE as RIGHT
 from user_files import points_of, read_programs, replaced
 
 from barc_sim import lap
-from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.confined.process import ProcessLimits
 from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs.lane import LABELS, LANE, hidden_track
 
@@ -132,7 +132,7 @@ def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
 def test_an_endless_loop_in_a_step_costs_the_drives_alone(tmp_path: Path) -> None:
     text = replaced(RIGHT, ('k = curvature(0.0)', 'while True: k = curvature(0.0)'))
     (tmp_path / 'lane.py').write_text(text, encoding='utf-8')
-    report = LANE.judge_folder(tmp_path, RUBRIC.settings, Limits(call=0.2, confined=False))
+    report = LANE.judge_folder(tmp_path, RUBRIC.settings, ProcessLimits(call=0.2, confined=False))
     assert sum(map(RUBRIC.points_for, report.findings)) == 35.0
     wrong = [each for each in report.findings if not (each.passed or each.open)]
     assert all('endless loop' in each.message for each in wrong)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, Program, judged_file, read_programs, replaced
 
-from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.confined.process import ProcessLimits
 from barc_sim.lab.files import FILES
 from barc_sim.lab.grade.grade import load
 from barc_sim.lab.labs.hills import HILLS
@@ -221,7 +221,7 @@ def test_what_keeps_a_controller_from_running_is_the_remark(
 ) -> None:
     (tmp_path / 'bike_model.py').write_text(PLAIN_MODEL, encoding='utf-8')
     (tmp_path / 'controller.py').write_text(text, encoding='utf-8')
-    report = HILLS.judge_folder(tmp_path, LAB.settings, Limits(call=0.2, confined=False))
+    report = HILLS.judge_folder(tmp_path, LAB.settings, ProcessLimits(call=0.2, confined=False))
     findings = {each.criterion: each for each in report.findings if not each.skipped}
     assert points(findings) == 50.0  # of the model
     for criterion in ('pid.proportional', 'pid.integral', 'pid.derivative', 'loop.lab_road'):

@@ -45,7 +45,7 @@ _POLL = 0.05  # [s] between two checks of the deadline
 _LAST_WORDS = 5.0  # [s] for a process that has closed its pipes to end by itself
 
 
-class Limits(NamedTuple):
+class ProcessLimits(NamedTuple):
     """Limits of a submission's process, far above the needs of slow code."""
 
     memory: int = 1 << 30  #: bytes of address space; NumPy takes a fifth of it
@@ -75,7 +75,7 @@ class Process:
     If it is `confined`, it may read only that folder, Python and NumPy.
     """
 
-    def __init__(self, folder: Path, limits: Limits) -> None:
+    def __init__(self, folder: Path, limits: ProcessLimits) -> None:
         """Start it, and wait until it is confined; raise `Unconfined` if that fails."""
         self._limits = limits
         self._serial = 0
@@ -191,7 +191,7 @@ class Process:
         return f'crashed with {signal.Signals(-code).name}: is a recursion too deep?'
 
 
-def _start(folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
+def _start(folder: Path, limits: ProcessLimits) -> subprocess.Popen[bytes]:
     """Start `child.py` in `folder`."""
     environment = dict(_ENVIRONMENT)
     if 'SYSTEMROOT' in os.environ:  # Windows starts no process without it
@@ -222,7 +222,7 @@ def _start(folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
     )
 
 
-_USUAL = Limits()
+_USUAL = ProcessLimits()
 _REQUESTS = 10  # for all rows of a function; each has its own time limit
 _MAX_ENDS = 3  # A function that ended its process, or looped, so often is not called again.
 _numbers = count()  # of the objects that are made
@@ -232,10 +232,10 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
     """Calls a user's files in `folder`, in a process that is confined to it.
 
     Each failure is a UserCodeError. If a call ends the process, the next call uses a new one. All
-    calls together may take `Limits.total` seconds; after that each call fails.
+    calls together may take `ProcessLimits.total` seconds; after that each call fails.
     """
 
-    def __init__(self, folder: Path, limits: Limits = _USUAL) -> None:
+    def __init__(self, folder: Path, limits: ProcessLimits = _USUAL) -> None:
         """Use the files in `folder`; the process starts at the first call."""
         self._folder = folder
         self._limits = limits
@@ -379,7 +379,7 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
             self._process = None
 
 
-def check(limits: Limits) -> None:
+def check(limits: ProcessLimits) -> None:
     """Check that a process can be confined on this machine, else raise a UserError."""
     if sys.platform != 'linux':  # only the kernel of Linux can confine a process
         if limits.confined:

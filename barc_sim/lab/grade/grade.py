@@ -32,7 +32,7 @@ from barc_sim.lab.pages import data_url, render
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from barc_sim.lab.confined.process import Limits
+    from barc_sim.lab.confined.process import ProcessLimits
     from barc_sim.lab.judge import Evidence, Finding, Lab
     from barc_sim.lab.submission import Submission
 
@@ -283,7 +283,7 @@ class Grade(NamedTuple):
         return ''.join(f'{LABELS[item.criterion]}: {item.message}' for item in self.mistakes[:1])
 
 
-def grade(submission: Submission, rubric: Rubric, limits: Limits) -> Grade:
+def grade(submission: Submission, rubric: Rubric, limits: ProcessLimits) -> Grade:
     """Judge a submission; its code runs in a separate process and folder.
 
     A criterion's points are its maximum points times the finding's score, rounded to hundredths.
@@ -325,7 +325,7 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits) -> Grade:
     )
 
 
-def report(submission: Submission, hand: ByHand, rubric: Rubric, limits: Limits) -> Grade:
+def report(submission: Submission, hand: ByHand, rubric: Rubric, limits: ProcessLimits) -> Grade:
     """Grade a submission, with points entered by hand, and make the files of its report."""
     merged = _merged(grade(submission, rubric, limits), hand)
     files = {'results.json': gradescope(merged).encode(), 'report.html': page(merged).encode()}

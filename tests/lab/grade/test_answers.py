@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from relays import ROS_2
 
-from barc_sim.lab.confined.process import JudgedCode, Limits
+from barc_sim.lab.confined.process import JudgedCode, ProcessLimits
 from barc_sim.lab.grade.grade import grade, load
 from barc_sim.lab.labs.relay import relay_commands
 from barc_sim.lab.submission import read
@@ -69,7 +69,7 @@ def test_a_model_that_is_grabbed_gets_no_points(folder: Callable[..., Path]) -> 
         for code in GRABS
     )
 
-    graded = grade(read(folder(bike_model=tries)), load(), Limits())
+    graded = grade(read(folder(bike_model=tries)), load(), ProcessLimits())
 
     assert graded.score == 0.0
     assert graded.printed.count('Error') == len(GRABS)

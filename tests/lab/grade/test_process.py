@@ -20,7 +20,7 @@ from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.confined import process
 from barc_sim.lab.confined.child import MACHINES, call_filter, call_numbers
-from barc_sim.lab.confined.process import JudgedCode, Limits, check
+from barc_sim.lab.confined.process import JudgedCode, ProcessLimits, check
 from barc_sim.lab.grade.grade import grade, gradescope, load
 from barc_sim.lab.labs.relay import relay_commands
 from barc_sim.lab.submission import read
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.usefixtures('confinement')
 
 ROW = [0.0] * 11
-QUICK = Limits(call=0.3)
+QUICK = ProcessLimits(call=0.3)
 #: For what never ends by itself, nor by its processor time.
-BRIEF = Limits(call=0.3, wait=2.0)
+BRIEF = ProcessLimits(call=0.3, wait=2.0)
 BIKE_FE = """
 def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
     return [1.0, 2.0, 3.0, 4.0]
@@ -132,7 +132,7 @@ ALLOWED = {
 
 
 def asked(
-    folder: Callable[..., Path], code: str, *, limits: Limits = QUICK
+    folder: Callable[..., Path], code: str, *, limits: ProcessLimits = QUICK
 ) -> list[tuple[float, ...]]:
     path = folder(bike_model=f'import os\n{code}\n{BIKE_FE}', helper='ANSWER = 42')
     folder('neighbour', bike_model=BIKE_FE)
@@ -148,7 +148,7 @@ def test_it_cannot(folder: Callable[..., Path]) -> None:
         for code, _ in REFUSED.values()
     )
     with JudgedCode(
-        folder(bike_model=f'import os\n{attempts}\n{BIKE_FE}'), Limits(memory=1 << 28)
+        folder(bike_model=f'import os\n{attempts}\n{BIKE_FE}'), ProcessLimits(memory=1 << 28)
     ) as code:
         code.rows('bikeFE', [ROW])
     for name, (_, reason), line in zip(
@@ -173,14 +173,14 @@ def test_it_is_ended_where_it_resists(folder: Callable[..., Path], code: str, re
 
 def test_a_sleep_ends_the_process(folder: Callable[..., Path]) -> None:
     with pytest.raises(UserError, match='within 1 s: does the code sleep'):
-        asked(folder, 'import time; time.sleep(1000)', limits=Limits(wait=1.0))
+        asked(folder, 'import time; time.sleep(1000)', limits=ProcessLimits(wait=1.0))
 
 
 def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) -> None:
     sleepy = BIKE_FE.replace(':', ':\n    import time; time.sleep(0.3)')
     path = folder(bike_model=sleepy)
     calls = 0
-    with JudgedCode(path, Limits(total=1.0)) as code, suppress(UserError):
+    with JudgedCode(path, ProcessLimits(total=1.0)) as code, suppress(UserError):
         while calls < 100:
             code.rows('bikeFE', [ROW])
             calls += 1
@@ -200,7 +200,7 @@ def test_each_of_a_few_slow_calls_has_its_own_time(folder: Callable[..., Path]) 
 def test_it_may(folder: Callable[..., Path]) -> None:
     code = '\n'.join(ALLOWED.values())
     # A busy machine, which has none of the modules compiled, takes long.
-    patient = Limits(call=60.0, wait=100.0)
+    patient = ProcessLimits(call=60.0, wait=100.0)
     assert asked(folder, code, limits=patient) == [(1.0, 2.0, 3.0, 4.0)]
 
 
@@ -224,7 +224,7 @@ def test_it_cannot_on_older_kernels_either(
         for attempt in attempts
     )
 
-    assert asked(folder, code, limits=Limits()) == [(1.0, 2.0, 3.0, 4.0)]
+    assert asked(folder, code, limits=ProcessLimits()) == [(1.0, 2.0, 3.0, 4.0)]
     assert (tmp_path / 'student' / 'helper.py').read_text() == 'ANSWER = 42'
 
 
@@ -251,7 +251,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
 
 def test_unconfined_only_the_limits_hold(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=f'open("/etc/passwd")\n{BIKE_FE}')
-    with JudgedCode(path, Limits(confined=False)) as confined:
+    with JudgedCode(path, ProcessLimits(confined=False)) as confined:
         assert confined.rows('bikeFE', [ROW]) == [(1.0, 2.0, 3.0, 4.0)]
 
 
@@ -260,8 +260,8 @@ def test_a_kernel_without_landlock_is_told_of(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr('barc_sim.lab.confined.child._CREATE_RULESET', 100_000)
 
     with pytest.raises(UserError, match=r'no Landlock here.*--unconfined'):
-        check(Limits())
-    check(Limits(confined=False))
+        check(ProcessLimits())
+    check(ProcessLimits(confined=False))
 
 
 # The filter of system calls, run here in an interpreter of its few instructions.
@@ -387,7 +387,7 @@ def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..
 
 def test_an_endless_loop_in_a_file_takes_its_time_once(folder: Callable[..., Path]) -> None:
     path = folder(lane='while True:\n    pass\n')
-    with JudgedCode(path, Limits(call=0.5)) as code:
+    with JudgedCode(path, ProcessLimits(call=0.5)) as code:
         before = os.times().children_user
         for name in ('straight_errors', 'arc_errors', 'steady') * 3:
             with pytest.raises(UserError, match=r'loading the file took longer than 0.5 s'):
@@ -451,7 +451,7 @@ code.lines = lambda *_: [['a', 1.0]] * 1_000_000
 
 def test_a_name_that_no_file_can_hold_is_graded(folder: Callable[..., Path]) -> None:
     text = "NAME = '\\ud800' * 1000\ndef command(t):\n    return 1.0\n"
-    graded = grade(read(folder(identify=text)), load('identify'), Limits())
+    graded = grade(read(folder(identify=text)), load('identify'), ProcessLimits())
     points = graded.points
     assert points['commands.limits'] > 0.0
     gradescope(graded).encode()

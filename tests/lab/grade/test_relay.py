@@ -17,7 +17,7 @@ from relays import (
 from user_files import CONTROLLER, MODEL, judged_file
 
 import barc_sim.lab
-from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.confined.process import ProcessLimits
 from barc_sim.lab.files import FILES
 from barc_sim.lab.grade.grade import load
 from barc_sim.lab.judge import Finding, Settings
@@ -132,7 +132,7 @@ CONFINED = (
 def test_a_confined_relay_gets_the_same(tmp_path: Path, kind: str) -> None:
     (tmp_path / 'relay.py').write_text(WORKS[kind].text, encoding='utf-8')
     settings = Settings(criteria=tuple(RELAY))
-    findings = HILLS.judge_folder(tmp_path, settings, Limits()).findings
+    findings = HILLS.judge_folder(tmp_path, settings, ProcessLimits()).findings
     assert findings == findings_on('relay', WORKS[kind].text)
 
 

@@ -13,7 +13,7 @@ from bombs import BOMBS
 
 from barc_sim.cli.files import HeldFolder
 from barc_sim.errors import UserError
-from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.confined.process import ProcessLimits
 from barc_sim.lab.grade.grade import grade, load
 from barc_sim.lab.submission import MAX_ENTRIES, MAX_FILE, MAX_FILES, find, listed, read
 
@@ -229,7 +229,7 @@ def test_an_empty_submission_has_a_remark(tmp_path: Path, files: dict[str, bytes
 
 def test_the_files_of_another_lab_have_a_remark(tmp_path: Path) -> None:
     other = read(zipped(tmp_path / 'eve.zip', **{'lane.py': b''}))
-    assert grade(other, load('lab'), Limits(confined=False)).notes[0] == (
+    assert grade(other, load('lab'), ProcessLimits(confined=False)).notes[0] == (
         'it has no bike_model.py, controller.py, relay.py'
     )
 

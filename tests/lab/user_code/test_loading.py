@@ -10,7 +10,7 @@ import pytest
 from user_files import load, load_folder
 
 from barc_sim.errors import UserError
-from barc_sim.lab.confined.process import JudgedCode, Limits
+from barc_sim.lab.confined.process import JudgedCode, ProcessLimits
 from barc_sim.lab.files import FILES, UserCodeError
 from barc_sim.lab.user_code.code import UserCode
 
@@ -176,7 +176,7 @@ def test_a_named_pipe_is_refused_in_one_sentence(tmp_path: Path, part: str) -> N
     with pytest.raises(UserError, match=r"^'[^:]*' is a named pipe, where"):
         load_folder(tmp_path, [part])
     with (
-        JudgedCode(tmp_path, Limits(confined=False)) as code,
+        JudgedCode(tmp_path, ProcessLimits(confined=False)) as code,
         pytest.raises(UserError, match='named pipe'),
     ):
         code.call(*CALLS[part])
