@@ -40,7 +40,7 @@ COAST = DriverInput()
 FULL_BRAKE = DriverInput(brake=1.0)
 
 
-class Limits(NamedTuple):
+class DriverLimits(NamedTuple):
     """Limits of the car when it is driven by hand."""
 
     acceleration: Annotated[float, 'maximum acceleration [m/s²]', 0.0, 100.0] = 4.0
@@ -59,7 +59,7 @@ class Driver:
 
     def __init__(
         self,
-        limits: Limits | None = None,
+        limits: DriverLimits | None = None,
         *,
         dt: float = 1.0 / RATE,
         stale_after: float = STALE_AFTER,
@@ -68,14 +68,14 @@ class Driver:
 
         Commands are `dt` [s] apart; an input older than `stale_after` [s] is ignored.
         """
-        self.limits = limits or Limits()  #: may be replaced at any time
+        self.limits = limits or DriverLimits()  #: may be replaced at any time
         self.dt = dt
         self.stale_after = stale_after
         self.reset()
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Set some of the parameters in `PARAMETERS`."""
-        limits = {name: value for name, value in values.items() if name in Limits._fields}
+        limits = {name: value for name, value in values.items() if name in DriverLimits._fields}
         self.limits = self.limits._replace(**limits)
         self.stale_after = values.get('stale_after', self.stale_after)
 
@@ -141,7 +141,7 @@ class Driver:
 
 #: The parameters of the node `relay`.
 PARAMETERS = [
-    *parameters_of(Limits),
+    *parameters_of(DriverLimits),
     ParameterDeclaration(
         'stale_after', STALE_AFTER, 'age above which a Twist is ignored [s]', (0.05, 60.0)
     ),

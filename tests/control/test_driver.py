@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barc_sim.control.driver import COAST, FULL_BRAKE, Driver, DriverInput, Limits
+from barc_sim.control.driver import COAST, FULL_BRAKE, Driver, DriverInput, DriverLimits
 
-LIMITS = Limits()
+LIMITS = DriverLimits()
 SHARE = st.floats(-1e300, 1e300)
 
 
@@ -101,7 +101,7 @@ def test_the_wheel_let_go_returns_to_straight_and_not_past_it() -> None:
 
 
 def test_a_wheel_that_stays_is_only_put_straight_by_the_brake() -> None:
-    driver = Driver(Limits(self_centring=False))
+    driver = Driver(DriverLimits(self_centring=False))
     driver.receive(DriverInput(turn=1.0), 0.0)
     turned = driver.command(0.0, 0.0).servo
     driver.receive(COAST, 0.0)

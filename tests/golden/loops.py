@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from hand_drive import drive_by_hand
 
-from barc_sim.control.driver import Driver, DriverInput, Limits
+from barc_sim.control.driver import Driver, DriverInput, DriverLimits
 from barc_sim.control.speed import PID, speed_controller
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bicycles import LateralParameters
@@ -50,7 +50,7 @@ _VEHICLE = Vehicle(mass=1500.0, air_drag_coeff=0.4, friction=150.0, l_f=1.1, l_r
 _LATERAL = LateralParameters(yaw_inertia=3200.0, front_stiffness=90e3)
 
 
-def _by_hand(plant: Plant | None = None, limits: Limits | None = None) -> Log:
+def _by_hand(plant: Plant | None = None, limits: DriverLimits | None = None) -> Log:
     inputs = [(t, DriverInput(*shares)) for t, *shares in _INPUTS]
     return drive_by_hand(inputs, 11.0, plant=plant, driver=Driver(limits))
 
@@ -101,7 +101,9 @@ LOOPS: dict[str, Callable[[], Log]] = {
     ),
     'drive_hills': lambda: _by_hand(Plant(road=_HILLS)),
     'drive_limits': lambda: _by_hand(
-        limits=Limits(2.0, 5.0, speed=4.0, steering=0.2, steering_rate=0.3, self_centring=False)
+        limits=DriverLimits(
+            2.0, 5.0, speed=4.0, steering=0.2, steering_rate=0.3, self_centring=False
+        )
     ),
 }
 

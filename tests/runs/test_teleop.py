@@ -18,7 +18,7 @@ from rosbags.highlevel import AnyReader
 from terminal_session import DEADLINE, READY, Session
 
 from barc_sim.bags import reader as bag
-from barc_sim.control.driver import DriverInput, Limits
+from barc_sim.control.driver import DriverInput, DriverLimits
 from barc_sim.control.keyboard import PRESS_HOLD
 
 if TYPE_CHECKING:
@@ -85,8 +85,8 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
         after - t for (t, request), (after, _) in pairwise(received) if request.forward == 1.0
     )
     assert driven > PRESS_HOLD
-    slack = lost(session.bag()) * Limits().acceleration
-    expected = driven * Limits().acceleration
+    slack = lost(session.bag()) * DriverLimits().acceleration
+    expected = driven * DriverLimits().acceleration
     assert log.speed[-1] == pytest.approx(expected, rel=0.05, abs=0.05 * expected + slack)
     # The servo that returns changes the slip angle, and with it the speed.
     assert log.speed[-1] == pytest.approx(log.speed[-10], abs=0.1)
@@ -118,7 +118,7 @@ def test_left_space_and_reset(session: Session) -> None:
     # Where the machine is late, the last command holds for longer than the relay's period.
     assert log.speed.min() >= -0.4
     assert (log.x[again], log.y[again], log.psi[again]) == (0.0, 0.0, 0.0)
-    assert np.abs(log.servo).max() <= Limits().steering
+    assert np.abs(log.servo).max() <= DriverLimits().steering
 
 
 @pytest.mark.slow
