@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.messages import Message, Topic, topic
+from barc_sim.bags.messages import BagMessage, Topic, topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import LANE
 from barc_sim.control.speed import PID
@@ -103,7 +103,7 @@ def fill(writer: BagWriter, log: Log, namespace: str = '') -> None:
         now = 10**18 + k * PERIOD
         for name, each in topics.items():
             data = encoded(log, k, name)
-            writer.write([Message(each, data, now + 5, now, k)])
+            writer.write([BagMessage(each, data, now + 5, now, k)])
         if k % 8 == 0:
             writer.flush()
 

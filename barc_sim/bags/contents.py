@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
     from barc_sim.bags.mcap_files import Damage
-    from barc_sim.bags.messages import Message
+    from barc_sim.bags.messages import BagMessage
 
 _ZSTD = b'\x28\xb5\x2f\xfd'  # begins a message that rosbag2 has compressed; CDR begins with a zero
 #: [ns] by which a message may stand behind later messages in a file.
@@ -121,7 +121,7 @@ class Contents:
         """Read all messages, so that they are counted and their damage is found."""
         deque(self.messages(), maxlen=0)
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self) -> Iterator[BagMessage]:
         """Yield the messages in the order of the bag, up to its damage."""
         self._counts = Counter()
         self.span = Span()
@@ -135,10 +135,10 @@ class Contents:
                 else:
                     yield message
 
-    def in_order(self) -> Iterator[Message]:
+    def in_order(self) -> Iterator[BagMessage]:
         """Yield the messages in order of reception, if none is more than 2 s behind a later one."""
         # Of messages received at the same time, the first in the bag comes first.
-        waiting: list[tuple[int, int, Message]] = []
+        waiting: list[tuple[int, int, BagMessage]] = []
         for number, message in enumerate(self.messages()):
             heappush(waiting, (message.received, number, message))
             while waiting[0][0] < message.received - _DISORDER:

@@ -23,7 +23,7 @@ from mcap.records import Attachment, Channel, Chunk, Metadata, Schema, Statistic
 
 from barc_sim.bags import bounds
 from barc_sim.bags.bounds import MAX_RECORD, Budget
-from barc_sim.bags.messages import Message, Topic
+from barc_sim.bags.messages import BagMessage, Topic
 from barc_sim.bags.recording import METADATA_NAME, Span
 from barc_sim.bags.writer import MAGIC
 from barc_sim.cli.files import open_regular
@@ -135,7 +135,7 @@ class McapFile:
             for opcode, body in records:
                 self._add(opcode, body)
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self) -> Iterator[BagMessage]:
         """Yield the messages in the order of the file."""
         with self._records(messages=True) as records:
             for opcode, body in records:
@@ -232,7 +232,7 @@ class McapFile:
                     record.message_start_time, record.message_end_time, record.message_count
                 )
 
-    def _in_chunk(self, chunk: Chunk) -> Iterator[Message]:
+    def _in_chunk(self, chunk: Chunk) -> Iterator[BagMessage]:
         """Yield the messages of a chunk, up to its damage."""
         try:
             for opcode, body in _split(self._unpacked(chunk)):
@@ -250,13 +250,13 @@ class McapFile:
         except Exception:  # noqa: BLE001 (damage may raise anything)
             self.damage.unreadable_chunks += 1
 
-    def _message(self, body: bytes) -> Message | None:
+    def _message(self, body: bytes) -> BagMessage | None:
         """Return the message of a record; None if its channel is unknown."""
         channel, number, received, published = _MESSAGE.unpack_from(body)
         topic = self._channels.get(channel)
         if topic is None:
             return None
-        return Message(topic, body[_MESSAGE.size :], received, published, number)
+        return BagMessage(topic, body[_MESSAGE.size :], received, published, number)
 
     def _unpacked(self, chunk: Chunk) -> bytes:
         """Return a chunk's unpacked records: at most its claimed size, which is charged before."""

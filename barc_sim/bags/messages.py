@@ -51,7 +51,7 @@ _OFFERED_QOS = {
 }
 
 
-class Message(NamedTuple):
+class BagMessage(NamedTuple):
     """A message to write."""
 
     topic: Topic
@@ -61,7 +61,7 @@ class Message(NamedTuple):
     number: int  #: the publisher's count
 
 
-#: The fields of a `Message`, without the 0.3 us that a `Message` takes to make.
+#: The fields of a `BagMessage`, without the 0.3 us that a `BagMessage` takes to make.
 MessageFields = tuple[Topic, bytes, int, int, int]
 
 

@@ -29,7 +29,7 @@ from barc_sim.vehicle.track import Pose, Track
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from barc_sim.bags.messages import Message, Topic
+    from barc_sim.bags.messages import BagMessage, Topic
     from barc_sim.simulation.log import Floats, Log
 
 _logger = logging.getLogger(__name__)
@@ -233,7 +233,7 @@ def load(path: Path | str, *, messages: bool = True) -> Bag:
 class _Sink(Protocol):
     """Adds the messages of a topic to a bag."""
 
-    def add(self, message: Message) -> None:
+    def add(self, message: BagMessage) -> None:
         """Add a message; an exception: it cannot be decoded."""
 
 
@@ -288,7 +288,7 @@ class _StateSink:
         self._samples = samples
         self._decoder = decoder
 
-    def add(self, message: Message) -> None:
+    def add(self, message: BagMessage) -> None:
         sample = self._decoder.decode(message.data)
         self._samples.add(sample.stamp, message.published, sample.values, sample.terms)
 
@@ -300,12 +300,12 @@ class _ParameterSink:
         self._parameters = parameters
         self._decoder = decoder
 
-    def add(self, message: Message) -> None:
+    def add(self, message: BagMessage) -> None:
         self._parameters.add(self._decoder.decode(message.data), message.published)
 
 
 class _UndecodableSink:
     """Refuses all messages, so that they are counted."""
 
-    def add(self, message: Message) -> None:
+    def add(self, message: BagMessage) -> None:
         raise ValueError(message.topic.definition)

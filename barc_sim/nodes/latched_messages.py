@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from barc_sim.ros.topics import latch
 
 if TYPE_CHECKING:
-    from barc_sim.bags.messages import Message, Topic
+    from barc_sim.bags.messages import BagMessage, Topic
 
 #: [B] of a latched topic's earlier messages: DDS does not announce how many a publisher holds.
 _MAX_SIZE = 1 << 20
@@ -23,7 +23,7 @@ class LatchedMessages:
         self._start = start
         self._queues: dict[int, _Queue | None] = {}  # by the identity of the topic
 
-    def add(self, message: Message) -> None:
+    def add(self, message: BagMessage) -> None:
         """Add a message received before the start; the messages come in order."""
         identity = id(message.topic)
         if identity not in self._queues:
@@ -32,9 +32,9 @@ class LatchedMessages:
         if queue:
             queue.add(message)
 
-    def held(self) -> list[Message]:
+    def held(self) -> list[BagMessage]:
         """Return the messages, in order of reception."""
-        messages: list[Message] = []
+        messages: list[BagMessage] = []
         for queue in self._queues.values():
             if queue:
                 earliest = self._start - queue.lifespan
@@ -48,11 +48,11 @@ class _Queue:
     def __init__(self, depth: int, lifespan: float, publishers: int) -> None:
         """Hold at most `depth` messages for `lifespan` [ns]."""
         self.lifespan = lifespan
-        self.messages: deque[Message] = deque(maxlen=depth)
+        self.messages: deque[BagMessage] = deque(maxlen=depth)
         self._publishers = publishers
         self._size = 0  # [B]
 
-    def add(self, message: Message) -> None:
+    def add(self, message: BagMessage) -> None:
         """Add a message; large messages are held only once for each publisher."""
         if len(self.messages) == self.messages.maxlen:
             self._remove_oldest()

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from rclpy.publisher import Publisher
 
-    from barc_sim.bags.messages import Message, Topic
+    from barc_sim.bags.messages import BagMessage, Topic
 
 _SHOW_PERIOD = 0.1  #: [s]
 _MATCHING = 1.0  #: [s] without a new subscription after which matching counts as complete
@@ -62,7 +62,7 @@ class Playback(NamedTuple):
     clock: float | None = None  #: [Hz] of `/clock`; None: only the bag's own, if it has one
 
 
-def _ahead(messages: Iterator[Message]) -> Iterator[Message]:
+def _ahead(messages: Iterator[BagMessage]) -> Iterator[BagMessage]:
     """Yield the messages; a thread reads ahead, so that a large one does not delay the others."""
     with ThreadPoolExecutor(1) as pool:
         batches = (pool.submit(list, islice(messages, _BATCH)) for _ in count())
@@ -241,7 +241,7 @@ class BagPlayer(Node):
             left = max(0.0, end - time.monotonic())
             publisher.wait_for_all_acked(Duration(seconds=left))
 
-    def _messages(self) -> Iterator[Message]:
+    def _messages(self) -> Iterator[BagMessage]:
         """Yield the messages to play; before the first time, those that latched topics hold."""
         latched = None if self._has_begun else LatchedMessages(self._first)
         self._has_begun = True

@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.convert.converter import convert
 
 from barc_sim.bags.contents import Contents
-from barc_sim.bags.messages import Message, Topic, topic
+from barc_sim.bags.messages import BagMessage, Topic, topic
 from barc_sim.bags.schemas import types_of
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
@@ -44,7 +44,7 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
             later = k ^ 1  # each second message before the first
             for each in topics[: 1 + (k % 10 == 0)]:
                 data = bytes([0, 1, 0, 0, *later.to_bytes(4, 'little'), *bytes(4), 1, 0, 0, 0, 0])
-                writer.write([Message(each, data, 10**9 + 10**7 * later, 0, k)])
+                writer.write([BagMessage(each, data, 10**9 + 10**7 * later, 0, k)])
         writer.close()
     return made
 
@@ -149,7 +149,7 @@ def test_what_is_kept_is_bounded_for_all_files_of_a_bag(
 def test_a_message_that_unpacks_to_too_much_is_left_as_it_is(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path)
     bomb = zstandard.compress(bytes(40 << 20))
-    writer.write([Message(topic('/a', 'std_msgs/msg/Header'), bomb, 1, 1, 1)])
+    writer.write([BagMessage(topic('/a', 'std_msgs/msg/Header'), bomb, 1, 1, 1)])
     writer.close()
     assert [message.data for message in Contents(tmp_path).messages()] == [bomb]
 
@@ -161,7 +161,7 @@ def test_a_message_is_as_large_as_its_bag_allows(
     data = os.urandom(3 << 20) if read else bytes(3 << 20)
     monkeypatch.setattr('barc_sim.bags.bounds.MAX_RECORD', 1 << 20)
     writer = BagWriter(tmp_path)
-    writer.write([Message(topic('/map', 'std_msgs/msg/Header'), data, 1, 1, 1)])
+    writer.write([BagMessage(topic('/map', 'std_msgs/msg/Header'), data, 1, 1, 1)])
     writer.close()
     line = 'chunks left out, as they are damaged or too large: 1'
     assert (line in printed('info', str(tmp_path))) != read

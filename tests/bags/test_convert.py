@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from barc_sim.bags import reader as bag
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.convert import recover
-from barc_sim.bags.messages import Message, Topic
+from barc_sim.bags.messages import BagMessage, Topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 
@@ -42,7 +42,7 @@ def robot(tmp_path: Path) -> Path:
         topic = Topic(name=name, type=kind, definition=text, type_hash='', offered_qos=[])
         data = bytes(STORE.serialize_cdr(message, kind))
         time = 7 * SECOND + k * SECOND // 2
-        writer.write([Message(topic, data, time, time, k)])
+        writer.write([BagMessage(topic, data, time, time, k)])
 
     for k in range(3):
         stamp = types['builtin_interfaces/msg/Time'](sec=k, nanosec=5)
@@ -57,7 +57,7 @@ def robot(tmp_path: Path) -> Path:
         put('/scan', 'sensor_msgs/msg/LaserScan', scan, k)
         put('/words', 'std_msgs/msg/String', types['std_msgs/msg/String'](f'word {k}'), k)
     broken = Topic(name='/x', type='a/msg/X', definition='no type', type_hash='', offered_qos=[])
-    writer.write([Message(broken, bytes(8), 7 * SECOND, 0, 1)])
+    writer.write([BagMessage(broken, bytes(8), 7 * SECOND, 0, 1)])
     writer.close()
     return tmp_path / 'robot'
 
@@ -87,7 +87,7 @@ def test_topics_of_like_names_get_tables_of_their_own(tmp_path: Path) -> None:
         topic = Topic(
             name=name, type='a/msg/B', definition='string a', type_hash='', offered_qos=[]
         )
-        writer.write([Message(topic, bytes([0, 1, 0, 0, 8, 0, 0, 0]) + text[4:], k, k, k)])
+        writer.write([BagMessage(topic, bytes([0, 1, 0, 0, 8, 0, 0, 0]) + text[4:], k, k, k)])
     writer.close()
     printed('convert', str(tmp_path), '-o', str(tmp_path / 'out'))
     tables = {path.stem: path.read_text().split(',')[-1] for path in (tmp_path / 'out').iterdir()}
@@ -100,7 +100,7 @@ def test_events_of_a_service_become_a_table(tmp_path: Path) -> None:
     text = f'uint8 SENT=1\n{part}[<=1] request\n{"=" * 80}\nMSG: {part}\nbool on\n'
     topic = Topic(name='/b', type='a/srv/B_Event', definition=text, type_hash='', offered_qos=[])
     writer = BagWriter(tmp_path)
-    writer.write([Message(topic, bytes([0, 1, 0, 0, 1, 0, 0, 0, 1]), SECOND, SECOND, 1)])
+    writer.write([BagMessage(topic, bytes([0, 1, 0, 0, 1, 0, 0, 0, 1]), SECOND, SECOND, 1)])
     writer.close()
     printed('convert', str(tmp_path), '-o', str(tmp_path / 'out'))
     assert (tmp_path / 'out' / 'b.csv').read_text().splitlines() == [
@@ -228,14 +228,14 @@ def killed(tmp_path: Path) -> Path:
     writer = BagWriter(directory, metadata={'command': 'acc'})
     writer.attach(ATTACHED)
     for k in range(1000):
-        writer.write([Message(VALUE, k.to_bytes(12, 'little'), 1000 + k, 900 + k, k)])
+        writer.write([BagMessage(VALUE, k.to_bytes(12, 'little'), 1000 + k, 900 + k, k)])
         if k % 100 == 99:
             writer.flush()
     writer._appender.close()  # noqa: SLF001 (as a kill would)
     return directory
 
 
-def messages(directory: Path) -> list[Message]:
+def messages(directory: Path) -> list[BagMessage]:
     return [*Contents(directory).messages()]
 
 

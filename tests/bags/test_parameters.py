@@ -12,7 +12,7 @@ from made_bags import PERIOD, QOS, make
 
 from barc_sim.bags import bounds
 from barc_sim.bags import reader as bag
-from barc_sim.bags.messages import Message, Topic
+from barc_sim.bags.messages import BagMessage, Topic
 from barc_sim.bags.parameters import EVENT_TYPE, ParameterHistory
 from barc_sim.bags.writer import BagWriter
 from barc_sim.interfaces.definitions import definition, store
@@ -26,7 +26,7 @@ START = 10**18  #: [ns] of the first state of a made bag
 INTEGER, DOUBLE, TEXT = 2, 3, 4
 
 
-def event(node: str, values: dict[str, float | int | str], published: int = 0) -> Message:
+def event(node: str, values: dict[str, float | int | str], published: int = 0) -> BagMessage:
     """Return the message of a node whose parameters were changed to these values."""
     types = store().types
     fields = {float: (DOUBLE, 'double_value'), int: (INTEGER, 'integer_value')}
@@ -55,7 +55,7 @@ def event(node: str, values: dict[str, float | int | str], published: int = 0) -
         type_hash='',
         offered_qos=[QOS],
     )
-    return Message(
+    return BagMessage(
         topic, bytes(store().serialize_cdr(message, EVENT_TYPE)), published, published, 1
     )
 
@@ -64,7 +64,7 @@ def described(**nodes: dict[str, object]) -> str:
     return yaml.safe_dump({f'/{node}': {'ros__parameters': of} for node, of in nodes.items()})
 
 
-def decoded(message: Message) -> Any:  # noqa: ANN401 (a ParameterEvent)
+def decoded(message: BagMessage) -> Any:  # noqa: ANN401 (a ParameterEvent)
     return store().deserialize_cdr(message.data, EVENT_TYPE)
 
 
@@ -110,7 +110,7 @@ def test_more_parameters_than_nodes_have_are_refused() -> None:
         history.add(SimpleNamespace(node='/a', new_parameters=many, changed_parameters=[]), 0)
 
 
-def with_events(directory: Path, *events: Message) -> Path:
+def with_events(directory: Path, *events: BagMessage) -> Path:
     """Return the bag of a short run with events."""
     log = closed_loop(distance=5.0)
     make(directory, log)

@@ -14,7 +14,7 @@ from made_bags import fill, make
 
 from barc_sim.bags import bounds
 from barc_sim.bags import reader as bag
-from barc_sim.bags.messages import Message, Topic
+from barc_sim.bags.messages import BagMessage, Topic
 from barc_sim.bags.recording import TRACK_NAME, track_file
 from barc_sim.bags.samples import TOPICS, Samples
 from barc_sim.bags.samples import join as join_samples
@@ -247,7 +247,7 @@ def test_a_topic_of_that_name_and_another_type_is_no_car(tmp_path: Path) -> None
         type_hash='',
         offered_qos=[],
     )
-    writer.write([Message(topic, bytes(12), 1, 1, 1)])
+    writer.write([BagMessage(topic, bytes(12), 1, 1, 1)])
     writer.close()
     with pytest.raises(UserError, match='no states of a car'):
         bag.read(tmp_path / 'run')

@@ -10,7 +10,7 @@ import pytest
 from command_line import printed
 from made_bags import VALUE, fill, make
 
-from barc_sim.bags.messages import Message
+from barc_sim.bags.messages import BagMessage
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lane import Stanley
 from barc_sim.simulation.closed_loop import closed_loop, lap
@@ -71,7 +71,7 @@ def test_a_topic_of_that_name_keeps_its_table(tmp_path: Path, log: Log) -> None:
     writer = BagWriter(tmp_path / 'bag')
     fill(writer, log)
     topic = VALUE.__class__(**{**vars(VALUE), 'name': '/run'})
-    writer.write([Message(topic, bytes([0, 1, 0, 0, *bytes(8)]), 10**18, 10**18, 1)])
+    writer.write([BagMessage(topic, bytes([0, 1, 0, 0, *bytes(8)]), 10**18, 10**18, 1)])
     writer.close()
     folder = converted(tmp_path / 'bag')
     assert [*columns(folder / 'run.csv')] == ['t', 'received', 'data']
@@ -81,6 +81,6 @@ def test_a_topic_of_that_name_keeps_its_table(tmp_path: Path, log: Log) -> None:
 def test_what_is_no_run_has_no_table(tmp_path: Path) -> None:
     (tmp_path / 'bag').mkdir()
     writer = BagWriter(tmp_path / 'bag')
-    writer.write([Message(VALUE, bytes([0, 1, 0, 0, *bytes(8)]), 1, 1, 1)])
+    writer.write([BagMessage(VALUE, bytes([0, 1, 0, 0, *bytes(8)]), 1, 1, 1)])
     writer.close()
     assert [path.name for path in converted(tmp_path / 'bag').iterdir()] == ['value.csv']

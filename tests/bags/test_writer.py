@@ -23,7 +23,7 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.messages import Message, Topic
+from barc_sim.bags.messages import BagMessage, Topic
 from barc_sim.bags.recording import METADATA_NAME, to_yaml
 from barc_sim.bags.writer import CHUNK_SIZE, AtomicAppender, BagWriter
 from barc_sim.errors import UserError
@@ -63,7 +63,7 @@ def writer(directory: Path) -> Iterator[BagWriter]:
 
 
 def write(writer: BagWriter, topic: Topic, k: int) -> None:
-    writer.write([Message(topic, encoded(float(k)), 1000 + k, 900 + k, k)])
+    writer.write([BagMessage(topic, encoded(float(k)), 1000 + k, 900 + k, k)])
 
 
 def metadata(writer: BagWriter) -> dict[str, Any]:
@@ -150,7 +150,7 @@ def test_a_bag_without_messages_is_whole(writer: BagWriter) -> None:
 
 
 def test_numbers_wrap_at_32_bits_and_times_before_1970_become_zero(writer: BagWriter) -> None:
-    writer.write([Message(VALUE, encoded(0.0), -5, -(10**18), 2**32 + 5)])
+    writer.write([BagMessage(VALUE, encoded(0.0), -5, -(10**18), 2**32 + 5)])
     writer.close()
     with writer.file.open('rb') as stream:
         ((_, _, read),) = SeekingReader(stream).iter_messages()
@@ -216,7 +216,7 @@ def random_messages(seed: int) -> Iterator[tuple[int, bytes, int, int, int]]:
 def make(directory: Path) -> Path:
     writer = BagWriter(directory)
     for seed in (1, 2):
-        writer.write([Message(TOPICS[index], *rest) for index, *rest in random_messages(seed)])
+        writer.write([BagMessage(TOPICS[index], *rest) for index, *rest in random_messages(seed)])
         writer.add_metadata({'seed': str(seed)})
         writer.attach({'notes': b'wet'})
     writer.close()

@@ -13,7 +13,7 @@ import pytest
 from command_line import wait_for
 
 from barc_sim.bags.contents import Contents
-from barc_sim.bags.messages import Message, Topic
+from barc_sim.bags.messages import BagMessage, Topic
 from barc_sim.bags.writer import AtomicAppender, BagWriter
 from barc_sim.bags.writer_thread import WriterThread
 
@@ -28,16 +28,16 @@ TOPIC = Topic(
 SECOND = 1_000_000_000
 
 
-class Source(list[Message]):
+class Source(list[BagMessage]):
     """Waiting messages."""
 
     error: Exception | None = None
 
     def put(self, *numbers: int) -> None:
         """Add messages."""
-        self.extend(Message(TOPIC, bytes(12), 1000 + n, 900 + n, n) for n in numbers)
+        self.extend(BagMessage(TOPIC, bytes(12), 1000 + n, 900 + n, n) for n in numbers)
 
-    def take(self) -> list[Message]:
+    def take(self) -> list[BagMessage]:
         """Return and remove the waiting messages, or raise the error."""
         if self.error:
             raise self.error
@@ -209,14 +209,14 @@ def test_failing_source_is_reported_once_and_the_bag_is_finished(
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
 
 
-def message(received: int) -> Message:
-    return Message(TOPIC, b'', received, received, 1)
+def message(received: int) -> BagMessage:
+    return BagMessage(TOPIC, b'', received, received, 1)
 
 
-def clock(received: int, sec: int, nanosec: int = 0) -> Message:
+def clock(received: int, sec: int, nanosec: int = 0) -> BagMessage:
     topic = Topic(name='/clock', type='a/msg/B', definition='', type_hash='', offered_qos=())
     data = bytes([0, 1, 0, 0]) + struct.pack('<iI', sec, nanosec)
-    return Message(topic, data, received, received, 1)
+    return BagMessage(topic, data, received, received, 1)
 
 
 def times_of(tmp_path: Path) -> list[int]:

@@ -9,7 +9,7 @@ import pytest
 from command_line import barc
 from made_bags import VALUE, make
 
-from barc_sim.bags.messages import Message
+from barc_sim.bags.messages import BagMessage
 from barc_sim.bags.writer import BagWriter
 from barc_sim.cli.parser import Parser, report, show, warn
 from barc_sim.simulation.closed_loop import simulate
@@ -39,7 +39,7 @@ def topics(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder.mkdir()
     writer = BagWriter(folder)
     topic = replace(VALUE, name=f'/{HOSTILE}', type=f'std_msgs/msg/{HOSTILE}')
-    writer.write([Message(topic, b'\0' * 12, 1, 1, 0)])
+    writer.write([BagMessage(topic, b'\0' * 12, 1, 1, 0)])
     writer.close()
     return folder
 

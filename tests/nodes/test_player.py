@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
-from barc_sim.bags.messages import Message, Topic, topic
+from barc_sim.bags.messages import BagMessage, Topic, topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 from barc_sim.nodes.player import BagPlayer, Playback
@@ -44,9 +44,9 @@ def bag(tmp_path: Path) -> Path:
         data = bytes([0, 1, 0, 0, k, *bytes(7), 1, 0, 0, 0, 0])
         for each in topics:
             received = 5 * SECOND + SECOND // 10 * k
-            writer.write([Message(each, data, received, received, k)])
+            writer.write([BagMessage(each, data, received, received, k)])
     foreign = Topic(name='/c', type='nobody/msg/X', definition='', type_hash='', offered_qos=[])
-    writer.write([Message(foreign, bytes(8), 5 * SECOND, 0, 1)])
+    writer.write([BagMessage(foreign, bytes(8), 5 * SECOND, 0, 1)])
     writer.close()
     return tmp_path / 'bag'
 
@@ -138,7 +138,7 @@ def written(directory: Path, messages: Sequence[tuple[Topic, int, int]]) -> Path
     writer = BagWriter(directory)
     for each, number, received in messages:
         data = bytes([0, 1, 0, 0, number, *bytes(7), 1, 0, 0, 0, 0])
-        writer.write([Message(each, data, received, received, number)])
+        writer.write([BagMessage(each, data, received, received, number)])
     writer.close()
     return directory
 
@@ -171,7 +171,7 @@ def test_large_latched_messages_are_held_once_for_each_publisher() -> None:
 
     maps = header_topic('/map', *[LATCHED_QOS] * 2)
     latched = LatchedMessages(SECOND)
-    sent = [Message(maps, bytes(1 << 20), k, k, k) for k in range(5)]
+    sent = [BagMessage(maps, bytes(1 << 20), k, k, k) for k in range(5)]
     for each in sent:
         latched.add(each)
     assert latched.held() == sent[3:]
@@ -311,7 +311,7 @@ def test_a_topic_that_rcl_refuses_is_left_out(
     bag.mkdir()
     writer = BagWriter(bag)
     refused = replace(topic('/a', 'std_msgs/msg/Header'), **odd)
-    writer.write([Message(refused, bytes(16), 5 * SECOND, 0, 1)])
+    writer.write([BagMessage(refused, bytes(16), 5 * SECOND, 0, 1)])
     writer.close()
     with pytest.raises(UserError, match='has no topic that can be played'):
         BagPlayer(bag, context=ros)
