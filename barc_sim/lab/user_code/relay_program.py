@@ -35,7 +35,7 @@ from barc_sim.ros.local.executor import (
     ExternalShutdownException,
     World,
 )
-from barc_sim.ros.local.messages import Message, message_type
+from barc_sim.ros.local.messages import LocalMessage, message_type
 from barc_sim.ros.local.node import HistoryPolicy, Node, QoSProfile, init, ok, shutdown
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def _lenient(type_name: str) -> type[Any]:
             super().__init__()
             for name in kind.__slots__:
                 value = getattr(self, name)
-                if name != 'header' and isinstance(value, Message):
+                if name != 'header' and isinstance(value, LocalMessage):
                     setattr(self, name, _lenient(value.__msgtype__)())
             for name, value in zip(order, values, strict=False):
                 setattr(self, name, value)

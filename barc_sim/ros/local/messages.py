@@ -93,7 +93,7 @@ class _Array(array.array):  # type: ignore[type-arg]
         return self.tobytes()
 
 
-class Message:
+class LocalMessage:
     """A message; the classes of types derive from it."""
 
     __slots__: tuple[str, ...] = ()
@@ -186,7 +186,7 @@ class _Field:
 
 
 _CLASS = """
-class {short}(Message):
+class {short}(LocalMessage):
     __slots__ = ({slots})
 
     def __init__(self{arguments}):
@@ -204,7 +204,7 @@ def _message(name: str) -> type[Any]:
     package, _, short = name.split('/')
     constants, described = types().fielddefs[name]
     fields = {each: _Field(name, each, *of) for each, of in described if each != _EMPTY}
-    scope: dict[str, Any] = {'Message': Message, 'new': object.__new__}
+    scope: dict[str, Any] = {'LocalMessage': LocalMessage, 'new': object.__new__}
     for each, field in fields.items():
         scope |= {
             f'type_{each}': field.type,
