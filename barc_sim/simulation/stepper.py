@@ -1,7 +1,7 @@
 """The state machine of a simulator: when it starts, steps, pauses, resets and ends.
 
 `Pace` has the deadlines, `Commands` the command that holds. Nothing here imports ROS or starts a
-thread or timer: the node `vehicle_simulator` passes events to `Stepper`, and implements `Outputs`.
+thread or timer: the node `vehicle_simulator` passes events to `Stepper`, and is its `StepperHost`.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ def parameters(distance: float = 0.0, *, on_track: bool = False) -> list[Paramet
     ]
 
 
-class Outputs(Protocol):
+class StepperHost(Protocol):
     """The methods that a `Stepper` calls; the node `vehicle_simulator` has them."""
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
@@ -266,7 +266,7 @@ class Stepper:
         self,
         scenario: Scenario,
         options: StepperOptions,
-        outputs: Outputs,
+        outputs: StepperHost,
         *,
         clock: Callable[[], float] = time.monotonic,
         wall_clock: Callable[[], int] = time.time_ns,
