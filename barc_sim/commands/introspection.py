@@ -84,13 +84,13 @@ def add_arguments_param(parser: Parser) -> None:
 def run_param(options: Namespace) -> None:
     """Run the verb."""
     require_ros('barc param')
-    from barc_sim.ros.introspection import Parameters, observe, print_names  # noqa: PLC0415
+    from barc_sim.ros.introspection import RemoteParameters, observe, print_names  # noqa: PLC0415
 
     with observe('param') as observer:
         if options.verb == 'list':
             print_names(observer, options.node)
             return
-        parameters = Parameters(observer, options.node)
+        parameters = RemoteParameters(observer, options.node)
         if options.verb == 'set':
             parameters.set(options.name, options.value)
         show(parameters.get(options.name))

@@ -208,7 +208,7 @@ def _plural(count: int, noun: str) -> str:
     return f'{count} {noun}{"s" * (count != 1)}'
 
 
-class Parameters:
+class RemoteParameters:
     """The parameters of a node."""
 
     def __init__(self, observer: GraphObserver, name: str) -> None:
@@ -267,7 +267,7 @@ def print_names(observer: GraphObserver, node: str | None) -> None:
     """Print the names of the parameters of `node`, by default of all nodes."""
     for full_name in [node] if node else observer.wait_until_stable(observer.nodes):
         try:
-            names = Parameters(observer, full_name).names()
+            names = RemoteParameters(observer, full_name).names()
         except UserError as error:
             if node:
                 raise
