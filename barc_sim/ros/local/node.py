@@ -29,7 +29,7 @@ from barc_sim.ros.local.executor import (
     not_async,
 )
 from barc_sim.ros.local.messages import LACKS, message_type
-from barc_sim.ros.local.parameters import Arguments, Parameter, Parameters
+from barc_sim.ros.local.parameters import Arguments, NodeParameters, Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -184,7 +184,7 @@ class GuardCondition(_Entity):
         self.offer(None)
 
 
-class Node(Parameters):
+class Node(NodeParameters):
     executor: Executor | None = None
 
     def __init__(

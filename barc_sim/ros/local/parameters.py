@@ -196,7 +196,7 @@ def _result(reason: str = '') -> Any:
     return _interface('SetParametersResult')(successful=not reason, reason=reason)
 
 
-class Parameters:
+class NodeParameters:
     """The parameters of a node: a base class of `Node`."""
 
     get_fully_qualified_name: Any
