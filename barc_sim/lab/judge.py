@@ -177,7 +177,7 @@ class Evidence(NamedTuple):
     figure: Callable[[str], Figure]  #: draws it with a title
 
 
-class Part(NamedTuple):
+class JudgedPart(NamedTuple):
     """How a lab judges one part of user code."""
 
     labels: Mapping[str, str]  #: its criteria, with their names for readers
@@ -205,7 +205,7 @@ class Lab:
     """A lab: the files that it hands out, and how submissions are judged."""
 
     handout: Handout
-    parts: Mapping[str, Part]
+    parts: Mapping[str, JudgedPart]
     #: The criteria that a person judges, with what to look at. Their points have a separate sum.
     by_eye: Mapping[str, str] = field(default_factory=dict)
     ready: Callable[[], object] = bool  #: raises a UserError where a needed package is missing
@@ -235,7 +235,7 @@ class Lab:
         return findings
 
     def _judge_part(
-        self, part: Part, code: JudgedCode, settings: Settings, requested: Sequence[str]
+        self, part: JudgedPart, code: JudgedCode, settings: Settings, requested: Sequence[str]
     ) -> list[Finding]:
         """Return a finding for each requested criterion of a part."""
         findings = {

@@ -26,7 +26,7 @@ from barc_sim.control.speed import KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab import files
 from barc_sim.lab.files import ChosenGains
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, Trial
+from barc_sim.lab.judge import Evidence, Finding, Functions, JudgedPart, Lab, Trial
 from barc_sim.lab.labs import relay
 from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.folder import NOT_WRITTEN
@@ -656,8 +656,8 @@ def judge_model(code: JudgedCode, settings: Settings) -> list[Finding]:
 HILLS = Lab(
     files.HILLS,
     {
-        'model': Part(MODEL_LABELS, judge_model),
-        'controller': Part(PID_LABELS, judge_pid),
-        'relay': Part(relay.LABELS, lambda code, _: relay.judge_relay(code)),
+        'model': JudgedPart(MODEL_LABELS, judge_model),
+        'controller': JudgedPart(PID_LABELS, judge_pid),
+        'relay': JudgedPart(relay.LABELS, lambda code, _: relay.judge_relay(code)),
     },
 )

@@ -14,7 +14,7 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.interfaces.records import Command
 from barc_sim.lab import files
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, share
+from barc_sim.lab.judge import Evidence, Finding, Functions, JudgedPart, Lab, share
 from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.tuning.identification import covariance
@@ -316,6 +316,6 @@ def _are_swapped(trial: Trial) -> bool:
 
 IDENTIFY = Lab(
     files.IDENTIFY,
-    {'identify': Part(LABELS, _judge)},
+    {'identify': JudgedPart(LABELS, _judge)},
     by_eye={'estimate.residuals': 'the plot of the residuals, and two sentences'},
 )

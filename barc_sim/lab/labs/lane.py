@@ -17,7 +17,7 @@ import numpy as np
 
 from barc_sim.control.lane import STEERING_LIMIT, LaneLaw, LaneLQR, steady_turn
 from barc_sim.lab import files
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, share
+from barc_sim.lab.judge import Evidence, Finding, Functions, JudgedPart, Lab, share
 from barc_sim.lab.law import read_law
 from barc_sim.simulation.closed_loop import closed_loop, lap
 from barc_sim.simulation.log import TrackLog
@@ -357,6 +357,6 @@ def hidden_track(seed: int) -> Track:
 
 LANE = Lab(
     files.LANE,
-    {'lane': Part({**LABELS, **DRIVE_LABELS}, _judge)},
+    {'lane': JudgedPart({**LABELS, **DRIVE_LABELS}, _judge)},
     by_eye={'lane.delay': 'the plot of e_y, and two sentences'},
 )

@@ -18,7 +18,7 @@ from barc_sim.control.planning import bending, lap_time, racing_line, solver
 from barc_sim.errors import UserError
 from barc_sim.lab import files
 from barc_sim.lab.files import POINTS
-from barc_sim.lab.judge import Evidence, Finding, Functions, Lab, Part, share
+from barc_sim.lab.judge import Evidence, Finding, Functions, JudgedPart, Lab, share
 from barc_sim.lab.labs.lane import hidden_track
 from barc_sim.lab.law import read_law
 from barc_sim.lab.user_code.adapters import line_along, line_arguments
@@ -209,7 +209,7 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
 
 RACELINE = Lab(
     files.RACELINE,
-    {'raceline': Part(LABELS, _judge)},
+    {'raceline': JudgedPart(LABELS, _judge)},
     by_eye={'line.gain': 'the figure, and two sentences'},
     ready=solver,
 )
