@@ -27,7 +27,7 @@ _VIDEOS = ('.mp4', '.gif', '.webm', '.mkv', '.mov')
 _DESCRIPTIONS = ('description.md', 'description.txt', 'description.pdf', 'report.pdf')
 
 
-class Part(NamedTuple):
+class ZipPart(NamedTuple):
     """A part of the zip, with the line that is printed for it."""
 
     name: str
@@ -40,14 +40,14 @@ class Part(NamedTuple):
         return f'{self.name:12}  {"missing: " if self.missing else ""}{self.text}'
 
 
-def collect(folder: Path, course: Path | None, why: str, teleop: Path | None) -> Iterator[Part]:
+def collect(folder: Path, course: Path | None, why: str, teleop: Path | None) -> Iterator[ZipPart]:
     """Yield the parts of a student's `folder`, with the bags of the drives.
 
     `why` is the reason if the drive over the course has no bag, or failed.
     """
     yield from _code(folder)
     if why:
-        yield Part('course', why, missing=True)
+        yield ZipPart('course', why, missing=True)
     if course:
         yield _course(course)
     if 'relay' in handout_of(files_in(folder)).files:
@@ -57,10 +57,10 @@ def collect(folder: Path, course: Path | None, why: str, teleop: Path | None) ->
     names = [name for name in _DESCRIPTIONS if (folder / name).is_file()]
     text = 'write what you did, and why, in description.md'
     files = {name: folder / name for name in names}
-    yield Part('description', ', '.join(names) or text, files, missing=not names)
+    yield ZipPart('description', ', '.join(names) or text, files, missing=not names)
 
 
-def write(path: Path, parts: Iterable[Part]) -> None:
+def write(path: Path, parts: Iterable[ZipPart]) -> None:
     """Write the files of `parts`, and their lines, as a zip; a link raises a UserError."""
     parts = [*parts]
     files: dict[str, bytes | Path] = {}
@@ -98,7 +98,7 @@ def _is_by_hand(bag: Path) -> bool:
         return False
 
 
-def _code(folder: Path) -> Iterator[Part]:
+def _code(folder: Path) -> Iterator[ZipPart]:
     """Yield the code that `grade` reads, and a line for each file that is still to be written."""
     with HeldFolder(folder.resolve()) as held:
         files, notes = take(listed(held))
@@ -108,9 +108,9 @@ def _code(folder: Path) -> Iterator[Part]:
     text = ', '.join(names)
     if others:
         text += f', other files: {others}'
-    yield Part('code', text or 'no file', dict(files), missing=not files)
+    yield ZipPart('code', text or 'no file', dict(files), missing=not files)
     for note in notes:
-        yield Part('code', f'{note}: it is left out')
+        yield ZipPart('code', f'{note}: it is left out')
 
     by_part = names_of(files)
     handout = handout_of(by_part)
@@ -118,12 +118,12 @@ def _code(folder: Path) -> Iterator[Part]:
     expected |= {name: name for name in handout.others}
     for name, actual in expected.items():
         if actual not in files:
-            yield Part('code', name, missing=True)
+            yield ZipPart('code', name, missing=True)
         elif files[actual] == handout.templates()[name]:
-            yield Part('code', f'{actual} is still the template', missing=True)
+            yield ZipPart('code', f'{actual} is still the template', missing=True)
 
 
-def _course(bag: Path) -> Part:
+def _course(bag: Path) -> ZipPart:
     facts = read(bag)
     # `submit` has made the command: nobody has typed it.
     facts = replace(facts, info={key: text for key, text in facts.info.items() if key != 'command'})
@@ -138,7 +138,7 @@ def _course(bag: Path) -> Part:
         )
     if isinstance(log, TrackLog):
         text = f'{len(log.lap_times)} laps; maximum e_y {np.abs(log.e_y).max():.2f} m'
-    return Part('course', text, _bag(bag, 'course') | {'report.html': page(facts).encode()})
+    return ZipPart('course', text, _bag(bag, 'course') | {'report.html': page(facts).encode()})
 
 
 def _bag(bag: Path, name: str) -> dict[str, bytes | Path]:
@@ -148,23 +148,23 @@ def _bag(bag: Path, name: str) -> dict[str, bytes | Path]:
     return {f'{name}/{file.name}': file for file in files if file.is_file()}
 
 
-def _teleop(bag: Path | None) -> Part:
+def _teleop(bag: Path | None) -> ZipPart:
     if bag is None:
-        return Part('teleop', 'drive with barc teleop, or name a bag: --teleop', missing=True)
+        return ZipPart('teleop', 'drive with barc teleop, or name a bag: --teleop', missing=True)
     try:
         facts = read(bag)
     except UserError as error:
-        return Part('teleop', str(error), missing=True)
+        return ZipPart('teleop', str(error), missing=True)
 
     command = facts.info.get('command', 'command unknown')
     if facts.holds_speed:
         text = f'a controller drove {str(bag)!r} ({command}): name a drive by hand'
-        return Part('teleop', text, missing=True)
+        return ZipPart('teleop', text, missing=True)
     text = f'{facts.log.t[-1]:.1f} s by hand ({command})'
-    return Part('teleop', text, _bag(bag, 'teleop') | {'teleop.html': page(facts).encode()})
+    return ZipPart('teleop', text, _bag(bag, 'teleop') | {'teleop.html': page(facts).encode()})
 
 
-def _video(folder: Path) -> Part:
+def _video(folder: Path) -> ZipPart:
     videos = {file.name: file for file in folder.glob('*') if file.suffix.lower() in _VIDEOS}
     text = 'save one in your folder: barc replay BAG --save …/drive.mp4'
-    return Part('video', ', '.join(videos) or text, videos, missing=not videos)
+    return ZipPart('video', ', '.join(videos) or text, videos, missing=not videos)
