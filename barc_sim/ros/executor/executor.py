@@ -38,7 +38,7 @@ _CHECK_PERIOD, _CHECK_PERIOD_INSIDE = 0.5, 0.01
 _LINGER = 0.05
 
 
-class Phase(Enum):
+class SpinPhase(Enum):
     """The states of a `Spin` that is not over."""
 
     MANY = 'it executes callbacks until it is over'
@@ -65,14 +65,14 @@ class Spin:
 
     future: Future
     deadline: float  #: [s]
-    phase: Phase
+    phase: SpinPhase
     over: Event = field(default_factory=Event)
 
     def is_done(self, expired: float) -> bool:
         """Return whether it may end; a deadline of `expired` [s] or earlier has passed."""
-        if self.phase is Phase.ONE_RAN or self.future.done() or self.future.cancelled():
+        if self.phase is SpinPhase.ONE_RAN or self.future.done() or self.future.cancelled():
             return True
-        if self.phase is Phase.ONE_RUNS:
+        if self.phase is SpinPhase.ONE_RUNS:
             # As with rclpy's, a `spin_once` with a timeout need not outlast its callback.
             return self.deadline < inf
         return self.deadline <= expired
@@ -254,7 +254,7 @@ class QuickExecutor(MultiThreadedExecutor):
         """
         deadline = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
         future = future or self._never_done
-        spin = Spin(future, deadline, Phase.ONE_TO_COME if once else Phase.MANY)
+        spin = Spin(future, deadline, SpinPhase.ONE_TO_COME if once else SpinPhase.MANY)
         inside = current_thread() in self._threads
         period = _CHECK_PERIOD_INSIDE if inside else _CHECK_PERIOD
         if self._uses_wait_set:
@@ -371,7 +371,7 @@ class QuickExecutor(MultiThreadedExecutor):
         spins = list(self._spins)
         if not spins or (within and within.over.is_set()):
             return None
-        self._spins_for_one = [spin for spin in spins if spin.phase is Phase.ONE_TO_COME]
+        self._spins_for_one = [spin for spin in spins if spin.phase is SpinPhase.ONE_TO_COME]
         if events.entities_changed:
             self._refresh()
 
@@ -439,7 +439,7 @@ class QuickExecutor(MultiThreadedExecutor):
         claimed = entry
         spins_for_one, self._spins_for_one = self._spins_for_one, []
         for spin in spins_for_one:
-            spin.phase = Phase.ONE_RUNS
+            spin.phase = SpinPhase.ONE_RUNS
         lent = self._leadership.lend(entry is not None and entry.is_slow)
         try:
             result = callback(*args)
@@ -453,7 +453,7 @@ class QuickExecutor(MultiThreadedExecutor):
             if claimed:  # after `fail`: the spin ends before the next callback of the group
                 claimed.end()
         for spin in spins_for_one:
-            spin.phase = Phase.ONE_RAN
+            spin.phase = SpinPhase.ONE_RAN
             self._events.recheck_due = True
         leads = self._leadership.take_back(lent)
         if entry:
