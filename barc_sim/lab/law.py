@@ -50,7 +50,7 @@ class Mistake(NamedTuple):
     kind: str  #: the message before names are put in: the same for one mistake in several results
 
 
-class Situation(NamedTuple):
+class LawSituation(NamedTuple):
     """A test case of a law: its inputs, and the results that they test."""
 
     name: str
@@ -77,7 +77,7 @@ class Law:
 
     formulas: Formulas
     mistakes: tuple[Mistake, ...]  #: the likelier ones first
-    situations: Mapping[str, tuple[Situation, ...]] = field(default_factory=dict)  #: by function
+    situations: Mapping[str, tuple[LawSituation, ...]] = field(default_factory=dict)  #: by function
     functions: Mapping[str, Any] = field(default_factory=dict)  #: and arrays that formulas use
 
     def compute(self, inputs: Inputs, changes: Formulas | None = None) -> dict[str, Floats]:
@@ -158,7 +158,7 @@ def read_law(name: str, functions: Mapping[str, Any] | None = None, **values: ob
 
     mistakes: list[Mistake] = []
     inputs: dict[str, float | Range] = {}
-    situations: dict[str, tuple[Situation, ...]] = {}
+    situations: dict[str, tuple[LawSituation, ...]] = {}
     for section in parts[1:]:
         title, _, text = section.partition('\n')
         topic, _, rest = title.partition('; ')
@@ -173,11 +173,11 @@ def read_law(name: str, functions: Mapping[str, Any] | None = None, **values: ob
 
 def _situations(
     text: str, values: Mapping[str, object], inputs: Mapping[str, float | Range]
-) -> Iterator[Situation]:
+) -> Iterator[LawSituation]:
     """Yield the situations of a section."""
     for entry in _entries(text, values):
         name, _, tests = entry.sentence.partition('; ')
-        yield Situation(name, tests.split(), {**inputs, **_ranges(entry.formulas)})
+        yield LawSituation(name, tests.split(), {**inputs, **_ranges(entry.formulas)})
 
 
 def _mistakes(
