@@ -103,7 +103,7 @@ def _best(track: Track) -> Track:
     return racing_line(track)
 
 
-class _Line:
+class _StudentLine:
     """A student's line of a track, its offsets cut to their bounds."""
 
     def __init__(self, code: JudgedCode, track: Track) -> None:
@@ -189,7 +189,7 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     findings, _ = FUNCTIONS.judge(code, settings.seed, settings.points)
     yield from findings
 
-    line = _Line(code, _L)
+    line = _StudentLine(code, _L)
     if line.excess > _TOLERANCE:
         text = f'an offset is {line.excess:.3g} m beyond its bounds; below, all are cut to them'
         yield Finding('line.inside', 0.0, text)
@@ -201,7 +201,7 @@ def _judge(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     score, text, evidence = line.judge_laps()
     yield Finding('line.lap', score, text, evidence)
 
-    hidden_line = _Line(code, hidden_track(settings.seed))
+    hidden_line = _StudentLine(code, hidden_track(settings.seed))
     score, text = hidden_line.judge_bending()
     lap_score, lap_text, _ = hidden_line.judge_laps()
     yield Finding('line.hidden', min(score, lap_score), f'{text}; {lap_text}')
