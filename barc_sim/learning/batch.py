@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.control.speed import PID
-    from barc_sim.learning.tasks import Task
+    from barc_sim.learning.tasks import DrivingTask
 
     Floats = NDArray[np.float64]
     Car = Any  #: a record of `CAR`
@@ -112,7 +112,7 @@ class BatchColumns(NamedTuple):
     over: Any  #: whether the car is beyond the limits, shape (cars,)
 
 
-def batch_model_of(task: Task, controller: PID) -> BatchModel:
+def batch_model_of(task: DrivingTask, controller: PID) -> BatchModel:
     """Return what the cars of a task have in common."""
     model = task.plain.model
     ahead = task.ahead.table
@@ -141,7 +141,7 @@ def batch_model_of(task: Task, controller: PID) -> BatchModel:
     )
 
 
-def batch_columns_of(task: Task, n: int) -> BatchColumns:
+def batch_columns_of(task: DrivingTask, n: int) -> BatchColumns:
     """Return the arrays of `n` cars."""
     plant = task.plain
     cars = np.zeros(n, CAR)

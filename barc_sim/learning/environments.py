@@ -30,7 +30,7 @@ from barc_sim.learning.tasks import (
     STARTS,
     TASKS,
     CarSignals,
-    Task,
+    DrivingTask,
     command_of,
     is_over,
     reward,
@@ -92,7 +92,7 @@ class CarEnv(gymnasium.Env[Any, Any]):
     render_mode
         None, 'rgb_array' or 'human'.
     options
-        The arguments of `learning.tasks.Task`.
+        The arguments of `learning.tasks.DrivingTask`.
 
     Raises
     ------
@@ -291,7 +291,7 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
     max_episode_steps
         Steps after which an episode is truncated; None: none is.
     options
-        The arguments of `learning.tasks.Task`.
+        The arguments of `learning.tasks.DrivingTask`.
 
     Raises
     ------
@@ -592,7 +592,7 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         return {**self.__dict__, '_threads': None, '_loop': None}
 
 
-def spaces(task: Task) -> tuple[Box, Box]:
+def spaces(task: DrivingTask) -> tuple[Box, Box]:
     """Return the spaces of the observations and of the actions."""
     observations = Box(-task.high, task.high, dtype=np.float64)
     return observations, Box(-1.0, 1.0, (len(task.actions),))

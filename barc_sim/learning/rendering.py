@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from barc_sim.figures.views import RunView
     from barc_sim.interfaces.records import Command
-    from barc_sim.learning.tasks import Task
+    from barc_sim.learning.tasks import DrivingTask
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.plant import Plant
 
@@ -31,7 +31,7 @@ _NO_WINDOW = "there is no display, so no window opens: render_mode 'rgb_array' n
 class Picture:
     """Draws the car of one environment, with its path since the episode's first picture."""
 
-    def __init__(self, task: Task, *, in_window: bool) -> None:
+    def __init__(self, task: DrivingTask, *, in_window: bool) -> None:
         """Draw `in_window`, or into an array; warn if there is no display."""
         self._task = task
         self._in_window = in_window

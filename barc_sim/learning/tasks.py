@@ -143,7 +143,7 @@ def is_over(rules: Rules, s: float, e_y: float, v: float) -> bool:
     return abs(e_y) > rules.half_width or (not rules.is_closed and s >= rules.length)
 
 
-class Task:
+class DrivingTask:
     """A task: its options, plant, observations, actions, rewards and ends.
 
     Attributes
@@ -426,7 +426,7 @@ def _varied(record: Any, drawn: Mapping[str, float]) -> Any:  # noqa: ANN401 (a 
     return record._replace(**{name: drawn[name] for name in record._fields if name in drawn})
 
 
-class Hills(Task):
+class Hills(DrivingTask):
     r"""Hold a speed over hills, as `acc` does.
 
     Action, shape (1,)
@@ -451,7 +451,7 @@ class Hills(Task):
     default_speed = Scenario.speed_reference
 
 
-class Lane(Task):
+class Lane(DrivingTask):
     r"""Keep the lane at a given speed, which the PID of `acc` holds.
 
     Action, shape (1,)
@@ -475,7 +475,7 @@ class Lane(Task):
     start_speeds = (1.0, 1.0)
 
 
-class Race(Task):
+class Race(DrivingTask):
     """Get as far along the track as possible.
 
     Action, shape (2,)
@@ -494,7 +494,7 @@ class Race(Task):
     actions = ('motor', 'servo')
 
 
-TASKS: Mapping[str, type[Task]] = {each.__name__: each for each in (Hills, Lane, Race)}
+TASKS: Mapping[str, type[DrivingTask]] = {each.__name__: each for each in (Hills, Lane, Race)}
 
 
 class Policy(Pilot):
