@@ -69,7 +69,7 @@ class _Allocator(ctypes.Structure):  # rcutils_allocator_t: four functions and t
     _fields_ = (('pointers', c_void_p * 5),)
 
 
-class _Array(ctypes.Structure):  # rcutils_uint8_array_t
+class _Uint8Array(ctypes.Structure):  # rcutils_uint8_array_t
     _fields_ = (
         ('buffer', c_void_p),
         ('length', c_size_t),
@@ -84,7 +84,7 @@ class Taker:
     def __init__(self) -> None:
         rcutils = ctypes.PyDLL('librcutils.so')
         rcutils.rcutils_get_default_allocator.restype = _Allocator
-        self._array = _Array(allocator=rcutils.rcutils_get_default_allocator())
+        self._array = _Uint8Array(allocator=rcutils.rcutils_get_default_allocator())
         self._info = ctypes.create_string_buffer(_MAX_INFO)
         # PyDLL keeps the interpreter's lock: to release it for 2 us would cost more than that.
         self._take = ctypes.PyDLL('librcl.so').rcl_take_serialized_message
