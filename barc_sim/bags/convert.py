@@ -104,7 +104,8 @@ def _rows(contents: Contents, topics: Sequence[Topic]) -> Iterator[tuple[Topic, 
     stores: dict[int, Typestore] = {}
     broken: set[int] = set()
     start = contents.span.start or 0
-    for topic, data, received, *_ in contents.in_order():
+    for message in contents.in_order():
+        topic = message.topic
         identity = id(topic)
         if identity not in wanted or (identity in broken and identity not in stores):
             continue
@@ -116,7 +117,7 @@ def _rows(contents: Contents, topics: Sequence[Topic]) -> Iterator[tuple[Topic, 
             store, kind = stores[identity], topic.type
             if kind not in store.fielddefs:  # rosbags has its own name for a part of a service
                 kind = normalize_msgtype(kind)
-            read = dict(_cells('', store.deserialize_cdr(data, kind)))
+            read = dict(_cells('', store.deserialize_cdr(message.data, kind)))
         except Exception as error:  # noqa: BLE001 (damage may raise anything)
             if identity not in broken:
                 _logger.warning(
@@ -127,7 +128,8 @@ def _rows(contents: Contents, topics: Sequence[Topic]) -> Iterator[tuple[Topic, 
                 )
             broken.add(identity)
         else:
-            yield topic, {'t': (received - start) / 1e9, 'received': received, **read}
+            t = (message.received - start) / 1e9
+            yield topic, {'t': t, 'received': message.received, **read}
 
 
 def _cells(prefix: str, message: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (any type)

@@ -95,9 +95,10 @@ def _composition(folder: Path) -> bool:
         return True
     from barc_sim.runs.compose_check import judge_composition  # noqa: PLC0415 (slow)
 
-    right, sentence = judge_composition(file)
-    print(sentence if sentence.startswith(COMPOSE) else f'{COMPOSE}: {sentence}')  # noqa: T201
-    return right
+    verdict = judge_composition(file)
+    names_file = verdict.sentence.startswith(COMPOSE)
+    print(verdict.sentence if names_file else f'{COMPOSE}: {verdict.sentence}')  # noqa: T201
+    return verdict.right
 
 
 def print_report(report: Report, rubric: Rubric, console: Console | None = None) -> None:
@@ -112,9 +113,9 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     findings = [each for each in report.findings if each.criterion in worth]
     _print_table(console, ('criterion', 'points', 'finding'), _rows(findings, rubric))
     if report.drive:
-        title, header, rows, _ = report.drive
-        _plain(console, title)
-        _print_table(console, header, (map(Text, cells) for cells in rows))
+        _plain(console, report.drive.title)
+        rows = (map(Text, cells) for cells in report.drive.rows)
+        _print_table(console, report.drive.header, rows)
     if report.gains:
         _plain(console, f'gains: {report.gains}')
     if report.tolerated:

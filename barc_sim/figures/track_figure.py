@@ -212,7 +212,7 @@ def _draw_map(axes: Axes, track: Track | None, curves: list[_Curve]) -> None:
         marks = np.arange(first, track.length - 0.4 * (second - first), second - first)
         size = float(np.hypot(*axes.dataLim.size))
         beside = track.place(marks, -(0.5 * track.width + 1.0 + 0.04 * size))
-        places = np.column_stack(beside[:2])
+        places = np.column_stack([beside.x, beside.y])
         for (u, v), s in zip(places, marks, strict=True):
             axes.text(u, v, f'{s:g} m', color=MUTED, fontsize=8, ha='center', va='center')
         axes.update_datalim(places)  # so that the axes contain the text, too
@@ -282,12 +282,12 @@ def line_figure(track: Track, line: Track, limits: Limits, title: str = '') -> F
         places, profile = each.samples(), speed_profile(each, *limits)
         speeds, pose = [profile(0.0, s) for s in places.tolist()], each.place(places)
         # The horizontal axis is the position on the centre line beside each point.
-        beside = np.asarray(track.frenet(*pose).s) % track.length
+        beside = np.asarray(track.frenet(pose.x, pose.y, pose.psi).s) % track.length
         order = np.argsort(beside)
         label = f'{name}, {lap_time(each, limits):.2f} s'
         above.plot(beside[order], np.take(speeds, order), color=color, lw=1.6, label=label)
         below.plot(beside[order], each.curvature(places[order]), color=color, lw=1.6)
-    points = np.column_stack(pose[:2])
+    points = np.column_stack([pose.x, pose.y])
     coloured = LineCollection([*np.stack([points[:-1], points[1:]], axis=1)], lw=3.5)
     coloured.set_array(speeds[:-1])
     seen.add_collection(coloured)

@@ -425,6 +425,11 @@ class ChosenGains(NamedTuple):
     kd: float
     origin: str  #: such as 'controller.py, line 65'
 
+    @property
+    def values(self) -> tuple[float, float, float]:
+        """The gains, in the order of `GAINS`."""
+        return self.kp, self.ki, self.kd
+
     def __str__(self) -> str:
         """Return the gains and their origin as text."""
         return f'kp {self.kp:g}, ki {self.ki:g}, kd {self.kd:g} ({self.origin})'
@@ -451,7 +456,7 @@ def find_gains(tree: ast.Module, file: str, new: Signature, place: str) -> Chose
 
     with suppress(TypeError, ValueError):  # there are no defaults
         gains = _gains((new.parameters[name].default for name in names), f'defaults, {place}')
-        return None if gains[:3] == _TEMPLATE else gains
+        return None if gains.values == _TEMPLATE else gains
     return None
 
 

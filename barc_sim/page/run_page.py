@@ -237,17 +237,17 @@ class RunPage(ViewServer):
         return lap_facts(self._laps, self._settings_of, first)
 
     def _send_status(self) -> None:
-        missed, paused = self.run.status()
+        status = self.run.status()
         laps = self._lap_facts(self._next_lap)
         self._next_lap = self._laps.number
         self.send(
             encode(
                 'status',
                 factor=self.feed.realtime_factor(),
-                missed=missed,
+                missed=status.missed,
                 laps=laps,
                 plan=self.feed.plan,
-                paused=self._paused if paused is None else paused,
+                paused=self._paused if status.paused is None else status.paused,
             )
         )
 
@@ -261,9 +261,10 @@ class RunPage(ViewServer):
             case Pause(on) if done:
                 self._paused = on
                 self._send_status()
-            case _ if not done:
-                what = 'pause' if isinstance(request, Pause) else str(request[0])
-                what = what.replace('reset_', 'reset the ')
+            case Pause() if not done:
+                broadcast([page], encode('refused', what='pause', why=why))
+            case Press(button) if not done:
+                what = button.replace('reset_', 'reset the ')
                 broadcast([page], encode('refused', what=what, why=why))
 
 

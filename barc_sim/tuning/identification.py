@@ -199,14 +199,15 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
         value, interval = fit.values[name], by_slope[name]
         if name.endswith('_delay') and interval < inf:
             interval = search.interval(fit, name, interval, quantile**2 * variance)
-        estimates[name] = Estimate(value, interval, *_UNKNOWN[name][2:4])
+        unknown = _UNKNOWN[name]
+        estimates[name] = Estimate(value, interval, unknown.unit, unknown.meaning)
     t = np.concatenate([each.t[each.counted] for each in parts])
     measured = np.concatenate([each.measured[:, each.counted] for each in parts], 1)
     fitted = [*zip(_SIGNALS, measured, fit.errors, strict=False)]
     signals = {signal: (t, values, values + errors) for signal, values, errors in fitted}
     whiteness = {signal: _whiteness(errors, special) for signal, _, errors in fitted}
     remarks += _remarks(estimates, whiteness)
-    is_odd = any(value + interval < 0.0 for value, interval, *_ in estimates.values())
+    is_odd = any(each.value + each.interval < 0.0 for each in estimates.values())
     if is_odd or whiteness['v_x'] < _SIGNIFICANT:
         remarks += _remark_on_units(parts, vehicle)
     return Identified(estimates, signals, whiteness, tuple(remarks))
@@ -237,7 +238,7 @@ def _check_sizes(log: Log) -> None:
         values = np.nan_to_num(getattr(log, name), posinf=0.0, neginf=0.0)
         largest = float(values[np.argmax(np.abs(values))]) if len(values) else 0.0
         if abs(largest) > _LARGEST:
-            unit, *_ = COLUMNS[name]
+            unit = COLUMNS[name].unit
             raise UserError(
                 f'a value of {name} is {largest:.3g} {unit}, as that of no car: expected at most '
                 f'{_LARGEST:g}; leave out its row'
@@ -540,7 +541,9 @@ def _whiteness(errors: Floats, special: Any) -> float:  # noqa: ANN401 (a module
 
 def _remarks(estimates: Mapping[str, Estimate], whiteness: Mapping[str, float]) -> Iterator[str]:
     """Yield a sentence for each parameter, and each signal, that the logs do not show well."""
-    for name, (value, interval, unit, _) in estimates.items():
+    for name, estimate in estimates.items():
+        value = estimate.value
+        interval = estimate.interval
         if interval == inf:
             yield f'{name} cannot be identified: no measured signal depends on it alone'
         elif value + interval < 0.0:
@@ -549,7 +552,8 @@ def _remarks(estimates: Mapping[str, Estimate], whiteness: Mapping[str, float]) 
                 'theta_deg positive uphill'
             )
         elif not name.endswith('_delay') and interval >= 0.5 * abs(value):
-            yield f'{name} cannot be identified: it is known to ±{interval:.2g} {unit} only'
+            known = f'±{interval:.2g} {estimate.unit}'
+            yield f'{name} cannot be identified: it is known to {known} only'
     for signal, p in whiteness.items():
         if p < _SIGNIFICANT:
             yield (

@@ -156,7 +156,8 @@ class PlantOptions:
             track=Track.of(self.track) if self.track else None,
         )
         if plant.track and self.e_y:
-            plant.place(BicycleState(*plant.track.place(0.0, self.e_y)))
+            pose = plant.track.place(0.0, self.e_y)
+            plant.place(BicycleState(pose.x, pose.y, pose.psi))
         return plant
 
     def retune(self, plant: Plant) -> None:

@@ -33,7 +33,7 @@ from barc_sim.vehicle.bicycles import (
 from barc_sim.vehicle.bike_model import BicycleState, Model, Vehicle, bikeFE, surroundings
 from barc_sim.vehicle.law import law
 from barc_sim.vehicle.road import Inclines, Road, stretch_at
-from barc_sim.vehicle.track import CentreLine, Frenet, Segment, nearest, project, segment_at
+from barc_sim.vehicle.track import CentreLine, Frenet, Pose, Segment, nearest, project, segment_at
 
 if TYPE_CHECKING:
     import numpy as np
@@ -650,7 +650,8 @@ class Plant:
             ts=ts,
         )
         self.now: PlantState  # which `place` sets
-        self.place(BicycleState(*track.place(0.0)) if track else BicycleState(), near=0.0)
+        pose = track.place(0.0) if track else Pose(0.0, 0.0, 0.0)
+        self.place(BicycleState(pose.x, pose.y, pose.psi), near=0.0)
 
     @property
     def ts(self) -> float:

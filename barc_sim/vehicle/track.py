@@ -138,7 +138,8 @@ class Track:
             )
         if not 0.0 < self.width < 1e3:  # noqa: PLR2004
             raise UserError(f'width {self.width!r} must be a number of metres from 0 to 1000')
-        pose = Pose(*self.start)
+        first = Pose(*self.start)
+        pose = first
         segments = list[Segment]()
         for i, (length, curvature) in enumerate(zip(self.lengths, self.curvatures, strict=True)):
             if not (isfinite(length) and length > 0.0 and isfinite(curvature)):
@@ -163,8 +164,8 @@ class Track:
             frame = *pose, cos(pose.psi), sin(pose.psi), curvature, 0.5 * curvature * length
             segments.append(Segment(start, start + length, *frame))
             pose = placed(segments[-1], length, 0.0, 0.0)
-        end, gap = segments[-1].end, hypot(pose.x - self.start[0], pose.y - self.start[1])
-        turned = abs(wrapped(pose.psi - self.start[2]))
+        end, gap = segments[-1].end, hypot(pose.x - first.x, pose.y - first.y)
+        turned = abs(wrapped(pose.psi - first.psi))
         object.__setattr__(self, 'starts', (0.0, *(each.end for each in segments)))
         object.__setattr__(self, 'is_closed', gap + turned * end < 1e-6 * end)
         line = CentreLine(self.starts[:-1], tuple(segments), end, self.is_closed)

@@ -151,7 +151,7 @@ def _limits_of(code: JudgedCode, gains: ChosenGains) -> tuple[float, float]:
         for error in _PROBES:
             speeds = (error, 0.0) if sign > 0.0 else (0.0, error)
             with suppress(UserError):
-                outputs.append(_outputs(code, gains[:3], [(*speeds, TS)] * 3)[-1])
+                outputs.append(_outputs(code, gains.values, [(*speeds, TS)] * 3)[-1])
         is_limited = len(outputs) == len(_PROBES) and outputs[0] == outputs[1]
         if is_limited and outputs[0] < 0.0:
             low = outputs[0]
@@ -246,7 +246,7 @@ class _Driving(PID):
 
     def _passed(self, gains: ChosenGains) -> Sequence[float]:
         """Return the gains that the user's PID gets."""
-        return gains[:3]
+        return gains.values
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
@@ -287,14 +287,14 @@ class _Corrected(_Driving):
         super().__init__(code, gains)
         ours = [
             gain if wrong.get(name) == 0.0 else 0.0
-            for gain, name in zip(gains[:3], 'PID', strict=True)
+            for gain, name in zip(gains.values, 'PID', strict=True)
         ]
         self._ours = PID(*ours)
         self._limits = limits
         self._winds_up = winds_up
 
     def _passed(self, gains: ChosenGains) -> Sequence[float]:
-        return [gain * factor for gain, factor in zip(gains[:3], self._factors, strict=True)]
+        return [gain * factor for gain, factor in zip(gains.values, self._factors, strict=True)]
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
@@ -373,7 +373,7 @@ def judge_pid(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
         gains = ChosenGains(KP, KI, KD, 'which have no effect')
     score, text, evidence = judge_lab_road(code, gains, settings.thresholds, wrong)
     if gains and findings[0].message == _IGNORED:  # the fixed gains may be better than the chosen
-        chosen_score, chosen_text, _ = _driven(PID(*gains[:3]), settings.thresholds, gains)
+        chosen_score, chosen_text, _ = _driven(PID(*gains.values), settings.thresholds, gains)
         score, text = min((score, text), (chosen_score, chosen_text))
     yield Finding('loop.lab_road', score, text, evidence)
 

@@ -292,7 +292,8 @@ def _drive(law: NewLaw, track: Track, distance: float, e_y: float = 0.0) -> Trac
     """Drive with a law: from a standstill, or from `e_y` [m] beside the line at full speed."""
     plant = PlantOptions(track=track, dynamics='dynamic').plant()
     if e_y:
-        plant.place(BicycleState(*track.place(0.0, e_y), SPEED))
+        pose = track.place(0.0, e_y)
+        plant.place(BicycleState(pose.x, pose.y, pose.psi, SPEED))
     log = closed_loop(
         plant,
         speed_reference=SPEED,

@@ -55,7 +55,8 @@ class UserController(_OfUserObject, SpeedAdapter):
     def __init__(self, code: UserCode) -> None:
         """Make a controller with the gains that its file chooses, else with the run's gains."""
         self._code = code
-        gains = dict(zip(PID.gains, (code.gains or (KP, KI, KD))[:3], strict=True))
+        values = code.gains.values if code.gains else (KP, KI, KD)
+        gains = dict(zip(PID.gains, values, strict=True))
         super().__init__(self._new_pid, PID.gains, gains, PID.terms)
 
     def _new_pid(self, **gains: float) -> UserObject:
