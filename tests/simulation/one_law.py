@@ -64,10 +64,14 @@ def of_simulate(vehicle: Vehicle, actuator: Actuator) -> list[float]:
     return ends
 
 
-def of_sweep(vehicle: Vehicle, _: Actuator) -> list[float]:
-    """Return scores of two gains."""
+def of_sweep(vehicle: Vehicle, actuator: Actuator) -> list[float]:
+    """Return scores of two gains on a road, and of two in a lap of a track."""
     found = sweep(kp=[10.0, 30.0], vehicle=vehicle, distance=60.0)
-    return [*found.rms_error.tolist(), *found.effort.tolist()]
+    laps = sweep(
+        track='oval', laps=1, lane=LaneLQR(), q_e_y=[0.02, 0.05], vehicle=vehicle, servo=actuator
+    )
+    scores = (found.rms_error, found.effort, laps.effort, laps.rms_e_y)
+    return [value for each in scores for value in each.tolist()]
 
 
 def of_environment(vehicle: Vehicle, actuator: Actuator, cars: int = 0) -> list[float]:

@@ -54,14 +54,14 @@ CHANGES = {
         'vehicle/plant.py',
         'lag = actuator.lag',
         'lag = 2.0 * actuator.lag',
-        ['node', 'simulate', 'environment', 'batch', 'identification', 'judge'],
+        [*WITH_PARAMETERS, 'judge'],
         lag=2.0 * LAG,
     ),
     'steering': Change(
         'control/lane.py',
         'return LaneTerms(feedforward, -k1 * e_y,',
         'return LaneTerms(feedforward, +k1 * e_y,',
-        ['node', 'simulate', 'judge'],
+        ['node', 'simulate', 'sweep', 'judge'],
     ),
 }
 
