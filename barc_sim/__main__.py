@@ -88,10 +88,11 @@ def parse(name: str, words: Sequence[str]) -> argparse.Namespace:
 
 def _print_about(argv: Sequence[str]) -> None:
     """Print help, version or the shell's completion script; refuse an unknown command."""
-    groups = [
-        f'{group}:\n' + ''.join(f'  {name:10}{text}\n' for name, text in commands.items())
-        for group, commands in GROUPS.items()
-    ]
+    width = max(map(len, COMMANDS)) + 2
+    groups = []
+    for group, commands in GROUPS.items():
+        lines = [f'  {name:{width}}{text}\n' for name, text in commands.items()]
+        groups.append(f'{group}:\n{"".join(lines)}')
     parser = Parser(
         prog='barc',
         usage='barc COMMAND [OPTION...]',

@@ -34,7 +34,7 @@ set_up() {
   input_interfaces=$(cd "$root/barc_interfaces" && cksum package.xml pyproject.toml CMakeLists.txt \
     cmake/*.cmake msg/*.msg ../requirements/{run,ros}.txt)
   input_package=$(cksum "$root"/{setup.cfg,setup.py,package.xml,pyproject.toml} \
-    "$root"/barc_sim/commands/__init__.py "$root"/requirements/*.txt)
+    "$root"/barc_sim/{commands/__init__,interfaces/nodes}.py "$root"/requirements/*.txt)
   input_test=$input_package
   parts="venv interfaces package $extra"
   up_to_date || bring_up_to_date

@@ -304,9 +304,11 @@ def columns_of(topic: str) -> dict[str, str]:
 
 
 def columns_from(topic: str, record: Any) -> dict[str, Any]:  # noqa: ANN401 (a NamedTuple)
-    """Return the columns that a topic's messages hold, from a record of the messages' fields."""
-    columns = columns_of(topic)
-    return {columns[name]: values for name, values in record._asdict().items()}
+    """Return the columns that a topic's messages hold, from a record of the messages' fields.
+
+    A field without a column is left out.
+    """
+    return {name: getattr(record, field) for field, name in columns_of(topic).items()}
 
 
 def log_of(

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from barc_sim.interfaces.records import Command, Surroundings
+from barc_sim.interfaces.records import Command
 from barc_sim.vehicle.bike_model import BicycleState, Vehicle, bikeFE, motion, step, surroundings
 from barc_sim.vehicle.road import Road, RoadPoint
 
@@ -125,17 +125,26 @@ def test_motion_is_the_rate_of_change_seen_from_the_vehicle(
 def test_forces_sum_to_what_accelerates_the_vehicle(v: float, theta: float) -> None:
     assume(abs(v) > 1.0)
     after = step(BicycleState(v=v), Command(), theta, ODD_VEHICLE, TS)
-    _, _, *forces = surroundings(v, RoadPoint(0.0, sin(theta), 0.0), ODD_VEHICLE)
-    total = sum(forces)
+    forces = surroundings(v, RoadPoint(0.0, sin(theta), 0.0), ODD_VEHICLE)
+    total = forces.friction + forces.drag + forces.gravity
     assert total / ODD_VEHICLE.mass == pytest.approx((after.v - v) / TS, abs=1e-9)
 
 
-def test_forces_tell_friction_drag_and_gravity_apart() -> None:
+@pytest.mark.parametrize(
+    ('v', 'grade_deg', 'friction', 'drag', 'gravity'),
+    [
+        (3.0, 30.0, -7.0, -18.0, -500.0),
+        (-3.0, -30.0, 7.0, 18.0, 500.0),
+        (0.0, 30.0, 0.0, 0.0, -500.0),
+    ],
+)
+def test_surroundings_have_the_grade_and_each_force(
+    v: float, grade_deg: float, friction: float, drag: float, gravity: float
+) -> None:
     vehicle = Vehicle(mass=100.0, air_drag_coeff=2.0, friction=7.0, gravity=10.0)
-    uphill, downhill = (Road((0.0,), (grade,)).at(0.0) for grade in (30.0, -30.0))
-    for v, point, expected in (
-        (3.0, uphill, (30.0, 0.0, -7.0, -18.0, -500.0)),
-        (-3.0, downhill, (-30.0, 0.0, 7.0, 18.0, 500.0)),
-        (0.0, uphill, (30.0, 0.0, 0.0, 0.0, -500.0)),
-    ):
-        assert surroundings(v, point, vehicle) == pytest.approx(Surroundings(*expected))
+    forces = surroundings(v, Road((0.0,), (grade_deg,)).at(0.0), vehicle)
+    assert forces.theta == pytest.approx(grade_deg)
+    assert forces.elevation == 0.0
+    assert forces.friction == pytest.approx(friction)
+    assert forces.drag == pytest.approx(drag)
+    assert forces.gravity == pytest.approx(gravity)
