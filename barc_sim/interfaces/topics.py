@@ -61,6 +61,7 @@ MESSAGE_TYPES = {
     CMD_VEL: 'geometry_msgs/msg/Twist',
     PREDICTION: 'nav_msgs/msg/Path',
     SPEED_REFERENCE: 'std_msgs/msg/Float64',
+    INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
     ODOM: 'nav_msgs/msg/Odometry',
     PATH: 'nav_msgs/msg/Path',
     MARKERS: 'visualization_msgs/msg/MarkerArray',
