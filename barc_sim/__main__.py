@@ -24,7 +24,6 @@ if __name__ == '__main__':
     sys.exit(start())
 
 import argparse
-from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -46,10 +45,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` and return its exit code."""
     if '_ARGCOMPLETE' in os.environ:
         _complete()
-    name, *words = argv = [*(sys.argv[1:] if argv is None else argv)] or ['--help']
+    words = list(sys.argv[1:] if argv is None else argv)
+    if not words:
+        words = ['--help']
+
+    name = words[0]
     if name in COMMANDS:
-        return call(f'barc {name}', partial(run, name, words))
-    return call('barc', lambda: _print_about(argv))
+        return call(f'barc {name}', lambda: run(name, words[1:]))
+    return call('barc', lambda: _print_about(words))
 
 
 def run(name: str, words: Sequence[str]) -> int | None:
@@ -79,6 +82,7 @@ def parse(name: str, words: Sequence[str]) -> argparse.Namespace:
     parser = Parser(prog=f'barc {name}')
     add_arguments, _ = functions(name)
     add_arguments(parser)
+
     end = len(words)
     if parser.get_default('ros_args') is not None and ROS_ARGS in words:
         end = words.index(ROS_ARGS)
@@ -101,10 +105,12 @@ def _print_about(argv: Sequence[str]) -> None:
     )
     parser.add_argument('--version', action='version', version=f'barc {__version__}')
     parser.add_argument('--completion', choices=_SHELLS, metavar='SHELL', help=_COMPLETION)
+
     if not argv[0].startswith('-'):
         names = [*COMMANDS, *(f'node {name}' for name in ALONE)]
         parser.error(f'there is no command {argv[0]!r}{did_you_mean(argv[0], names)}')
-    if shell := parser.parse_args(argv).completion:
+    shell = parser.parse_args(argv).completion
+    if shell:
         import argcomplete  # noqa: PLC0415
 
         print(argcomplete.shellcode(['barc'], shell=shell))  # type: ignore[attr-defined]  # noqa: T201

@@ -65,16 +65,19 @@ class Parser(argparse.ArgumentParser):
         rare = {
             each: each.help for each in self._actions if not self._usual & {*each.option_strings}
         }
-        usage, self.usage = self.usage, '%(prog)s [OPTION...]'
-        epilog, self.epilog = self.epilog, None
+        usage = self.usage
+        epilog = self.epilog
         try:
+            self.usage = '%(prog)s [OPTION...]'
+            self.epilog = None
             for action in rare:
                 action.help = argparse.SUPPRESS
             return super().format_help()
         finally:
+            self.usage = usage
+            self.epilog = epilog
             for action, text in rare.items():
                 action.help = text
-            self.usage, self.epilog = usage, epilog
 
     def parse_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
@@ -82,12 +85,15 @@ class Parser(argparse.ArgumentParser):
         """Parse as ArgumentParser does; suggest similar options for an unknown one."""
         options, unknown = self.parse_known_args(args, namespace)
         if unknown:
-            word = unknown[0].partition('=')[0]
-            names = (each.removeprefix('--') for each in self._option_string_actions)
-            close = did_you_mean(word.removeprefix('--'), names, '--')
-            what = 'there is no option' if word.startswith('-') else 'unexpected argument'
-            self.error(f'{what} {word!r}{close}')
+            self._refuse(unknown[0].partition('=')[0])
         return options
+
+    def _refuse(self, word: str) -> NoReturn:
+        """Exit because of an unknown option or argument."""
+        names = (each.removeprefix('--') for each in self._option_string_actions)
+        close = did_you_mean(word.removeprefix('--'), names, '--')
+        what = 'there is no option' if word.startswith('-') else 'unexpected argument'
+        self.error(f'{what} {word!r}{close}')
 
     def error(self, message: str) -> NoReturn:
         """Print `message` on stderr in one line and exit with code 2."""

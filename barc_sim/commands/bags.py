@@ -53,11 +53,13 @@ def run_record(options: Namespace) -> int:
     from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
-    settings, command = recording(options), shlex.join(['barc', *options.argv])
+    settings = recording(options)
+    metadata = {'command': shlex.join(['barc', *options.argv])}
     recorder = spin(
-        lambda: BagRecorder(recording=settings, path=options.output, metadata={'command': command}),
+        lambda: BagRecorder(recording=settings, path=options.output, metadata=metadata),
         options.ros_args,
     )
+
     lines = [f'{count:9} {topic}' for topic, count in sorted(recorder.counts.items())]
     lines.append(recorder.summary)
     lines.append(f'bag {recorder.path}')
@@ -122,7 +124,12 @@ def run_play(options: Namespace) -> int:
     use_profiles(profiles=PLAYER_PROFILES)
     bag = _bag(options)
     playback = Playback(**{name: getattr(options, name) for name in Playback._fields})
-    rules = [word for rule in options.remap for word in ('--remap', rule)]
+    ros_args = [*options.ros_args]
+    if options.remap:
+        ros_args.append(ROS_ARGS)
+    for rule in options.remap:
+        ros_args += ['--remap', rule]
+
     with ExitStack() as end:
 
         def create() -> BagPlayer:
@@ -131,7 +138,8 @@ def run_play(options: Namespace) -> int:
                 end.enter_context(Terminal()).listen(player.on_key)
             return player
 
-        player = spin(create, [*options.ros_args, *([ROS_ARGS, *rules] if rules else [])])
+        player = spin(create, ros_args)
+
     _show('')
     print(f'played {player.progress.strip()}')  # noqa: T201
     return 1 if player.failure else 0
@@ -163,7 +171,10 @@ def run_info(options: Namespace) -> None:
     from barc_sim.bags.contents import describe  # noqa: PLC0415 (slow: not for --help)
 
     contents = describe(_bag(options))
-    for line in [json.dumps(contents, indent=2)] if options.json else _described(contents):
+    if options.json:
+        show(json.dumps(contents, indent=2))
+        return
+    for line in _described(contents):
         show(line)
 
 

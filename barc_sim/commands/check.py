@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 
 NOT_PASSED = 1
 _PIPE = 10_000  #: columns: a line is never broken
-_LINES, _WIDTH = 5, 100  #: of the text that user code printed
+#: Of the text that user code printed: the lines that are shown, and their width.
+_LINES = 5
+_WIDTH = 100
 #: In what two calls that fail alike differ: where on the road, what was passed, with which gains.
 _CALL = re.compile(
     r'^call \d+, after [\d.]+ s on the road: |\(\w+=[-\[\d][^()]*\)| \(with kp .*\)$'
@@ -65,25 +67,29 @@ def run(options: Namespace) -> int:
         folder = folder.parent
     name = options.save or str(folder / 'check.png')
     path = None if options.no_plot else target(name, FIGURES)
+
     parts = find_files(folder)  # or a UserError
     rubric = load(options.rubric or handout_of(parts).rubric)
     rubric.lab.ready()
-    wanted = rubric.lab.handout.files
-    if parts.keys().isdisjoint(wanted):
+    files = rubric.lab.handout.files
+    if parts.keys().isdisjoint(files):
         raise UserError(
-            f'the rubric {options.rubric!r} judges {", ".join(wanted.values())}: the folder '
+            f'the rubric {options.rubric!r} judges {", ".join(files.values())}: the folder '
             f'{str(folder)!r} has none of them'
         )
+
     report = rubric.lab.judge_folder(folder, rubric.settings)
     print_report(report, rubric)
-    composed = _composition(folder)
+    is_composed = _composition(folder)
+
     if path and report.drive:
         from barc_sim.figures.files import save_figure  # noqa: PLC0415 (slow: not for --help)
 
         title = escaped(f'{folder.resolve().name}: {report.gains or rubric.title}')
         save_figure(path, report.drive.figure(title))
-    right = all(each.passed or each.skipped or each.open for each in report.findings)
-    return 0 if composed and right else NOT_PASSED
+
+    is_right = all(each.passed or each.skipped or each.open for each in report.findings)
+    return 0 if is_composed and is_right else NOT_PASSED
 
 
 def _composition(folder: Path) -> bool:
@@ -109,6 +115,7 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     console = console or Console(highlight=False)
     if not console.is_terminal:
         console.width = _PIPE
+
     worth = rubric.worth(report.findings)
     findings = [each for each in report.findings if each.criterion in worth]
     _print_table(console, ('criterion', 'points', 'finding'), _rows(findings, rubric))
@@ -121,31 +128,41 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     if report.tolerated:
         _plain(console, f'tolerated: {"; ".join(report.tolerated)}')
     _print_output(report.printed, console)
-    counted = [finding for finding in findings if not finding.open]
-    passed = sum(finding.passed for finding in counted)
-    total = sum(rubric.points_for(finding) for finding in findings)
-    still = sum(worth[finding.criterion] for finding in findings if finding.open)
-    _plain(
-        console,
-        f'{passed} of {len(counted)} criteria are met in full: {round(total, 2):g} of '
-        f'{round(sum(worth.values()), 2):g} points' + (f', {still:g} still open' if still else ''),
-    )
+
+    closed = [finding for finding in findings if not finding.open]
+    passed = sum(finding.passed for finding in closed)
+    points = round(sum(rubric.points_for(finding) for finding in findings), 2)
+    possible = round(sum(worth.values()), 2)
+    text = f'{passed} of {len(closed)} criteria are met in full: {points:g} of {possible:g} points'
+    still_open = sum(worth[finding.criterion] for finding in findings if finding.open)
+    if still_open:
+        text += f', {still_open:g} still open'
+    _plain(console, text)
 
 
 def _rows(findings: Sequence[Finding], rubric: Rubric) -> Iterable[tuple[Text, ...]]:
     """Yield the cells of each finding; a repeated message refers to its first criterion."""
     from rich.text import Text  # noqa: PLC0415
 
-    kinds = [_CALL.sub('', each.message) for each in findings]
-    rows = [*zip(findings, kinds, strict=True)]
-    first = {kind: each.criterion for each, kind in reversed(rows) if not each.passed}
-    for each, kind in rows:
-        colour = 'dim' if each.skipped or each.open else 'green' if each.passed else 'red'
-        own = 'open' if each.open else f'{rubric.points_for(each):g}'
-        points = f'{own} / {rubric.points[each.criterion]:g}'
-        where = first.get(kind, each.criterion)
-        message = each.message if each.passed or where == each.criterion else f'see {where}'
-        yield Text(each.criterion), Text(points, style=colour), Text(message)
+    first: dict[str, str] = {}  # criterion, by message
+    for finding in findings:
+        if not finding.passed:
+            first.setdefault(_CALL.sub('', finding.message), finding.criterion)
+
+    for finding in findings:
+        if finding.skipped or finding.open:
+            colour = 'dim'
+        elif finding.passed:
+            colour = 'green'
+        else:
+            colour = 'red'
+        points = 'open' if finding.open else f'{rubric.points_for(finding):g}'
+        points = f'{points} / {rubric.points[finding.criterion]:g}'
+        message = finding.message
+        if not finding.passed:
+            where = first[_CALL.sub('', message)]
+            message = message if where == finding.criterion else f'see {where}'
+        yield Text(finding.criterion), Text(points, style=colour), Text(message)
 
 
 def _print_table(console: Console, header: Sequence[str], rows: Iterable[Iterable[Text]]) -> None:
@@ -160,6 +177,7 @@ def _print_table(console: Console, header: Sequence[str], rows: Iterable[Iterabl
         column.justify = 'right'
     for cells in rows:
         table.add_row(*cells)
+
     with console.capture() as printed:
         console.print(table)
     for line in printed.get().splitlines():

@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 #: The files of a class, and what submissions of these names get.
 _OF_CLASS = re.compile(r'(class\.csv|class\.html|canvas\.csv)(\.submission)*')
 _MAX_NAME = 255  # bytes of a folder's name
-_KEPT, _DIGITS = 50, 32  # characters of a longer one, and of its hash
+# Of a longer one: the characters of the name, and of its hash.
+_KEPT = 50
+_DIGITS = 32
 _SHORTENED = re.compile(f'~[0-9a-f]{{{_DIGITS}}}$')
 
 
@@ -99,6 +101,7 @@ def run(options: Namespace) -> int:
     out = options.out.absolute()
     if out.resolve() == options.submissions.resolve():
         raise UserError(f'{str(options.out)!r} has the submissions: name another folder with --out')
+
     submissions = submission.find(options.submissions, is_class=bool(options.roster))
     paths = [path for path in map(Path.absolute, submissions) if path != out]
     points = grade.load(options.rubric or _rubric_of(paths))
@@ -109,6 +112,7 @@ def run(options: Namespace) -> int:
     folders = {path: out if alone else _folder(out, path) for path in paths}
     hands = {path: grade.entered(folder, points) for path, folder in folders.items()}
     empty = grade.nothing_entered(points).encode()
+
     limits = ProcessLimits(total=options.time_limit, confined=not options.unconfined)
     check(limits)
     stopped: Future[Any] = Future()
@@ -116,11 +120,13 @@ def run(options: Namespace) -> int:
         stop.then(partial(stopped.set_result, None))
         outcomes = grade_all(executor, stopped, hands, points, limits)
         grades, failures = _collect(outcomes, out, folders, empty)
-    names = {path: folder.name for path, folder in folders.items()}
-    if (graded := len(grades) + len(failures)) < len(paths):
+    graded = len(grades) + len(failures)
+    if graded < len(paths):
         text = f'{graded} of {len(paths)} are graded; the files of the class stay as they were'
         print(f'barc grade: interrupted: {text}', file=sys.stderr)  # noqa: T201
         return INTERRUPTED
+
+    names = {path: folder.name for path, folder in folders.items()}
     entries = classroom.entries(
         {names[path]: grade for path, grade in grades.items()},
         {names[path]: failure for path, failure in failures.items()},
@@ -130,23 +136,30 @@ def run(options: Namespace) -> int:
     if not alone:  # then the files of a class may be there
         files['class.csv'] = classroom.as_csv(entries, points)
         files['class.html'] = classroom.page(entries, points)
-        files |= {'canvas.csv': classroom.canvas(entries, points)} if students else {}
+        if students:
+            files['canvas.csv'] = classroom.canvas(entries, points)
     for name, text in files.items():
         _write(out, out / name, text.encode())
+
     lines = classroom.summary([*grades.values()], points)
     print('\n'.join([*lines, str(out if alone else out / 'class.html')]))  # noqa: T201
     for path in sorted(failures):
         text = f'{escaped(path.name)} could not be graded: {failures[path]}'
         print(f'barc grade: {text}', file=sys.stderr)  # noqa: T201
-    return INTERRUPTED if stopped.done() else 1 if failures else 0
+    if stopped.done():
+        return INTERRUPTED
+    return 1 if failures else 0
 
 
 def _rubric_of(paths: Iterable[Path]) -> str:
     """Return the usual rubric of the lab of the first submission that has a file of one."""
     from barc_sim.lab.submission import read  # noqa: PLC0415
 
-    parts = (names_of(read(path).files) for path in paths)
-    return handout_of(next(filter(None, parts), ())).rubric
+    for path in paths:
+        names = names_of(read(path).files)
+        if names:
+            return handout_of(names).rubric
+    return handout_of(()).rubric
 
 
 def _folder(out: Path, submission: Path) -> Path:
@@ -178,17 +191,18 @@ def _collect(
     failures: dict[Path, str] = {}
     if stderr.is_terminal:  # elsewhere rich before 15 prints an empty line
         outcomes = track(outcomes, 'Grading', len(folders), console=stderr, transient=True)
+
     for path, outcome in outcomes:
         folder = folders[path]
         if isinstance(outcome, str):
             failures[path] = outcome
             continue
-        grade, files = outcome._replace(files={}), {**outcome.files}
+        files = dict(outcome.files)
         if folder != out and not (folder / BY_HAND).exists():  # not of a submission alone
             files[BY_HAND] = empty
         for name, data in files.items():
             _write(out, folder / name, data)
-        grades[path] = grade
+        grades[path] = outcome._replace(files={})
     return grades, failures
 
 
@@ -264,10 +278,14 @@ def grade_all(
     while pending and not stopped.done():
         done, _ = wait([stopped, *pending], return_when=FIRST_COMPLETED)
         for future in done - {stopped}:
+            path = pending.pop(future)
             error = future.exception()
-            kind = '' if isinstance(error, UserError) else f'{type(error).__name__}: '
-            failure = f'{kind}{error}' if error else ''
-            yield pending.pop(future), failure or future.result()
+            if error is None:
+                yield path, future.result()
+            elif isinstance(error, UserError):
+                yield path, str(error)
+            else:
+                yield path, f'{type(error).__name__}: {error}'
 
 
 def _grade(path: Path, *how: Any) -> Grade:  # noqa: ANN401 (as `report` takes it)

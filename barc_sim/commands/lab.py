@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
 
-PAGES, ARCHIVES = ('html',), ('zip',)
+PAGES = ('html',)
+ARCHIVES = ('zip',)
 _PATIENCE = 600.0  #: [s] for the drive over the course
+_MEBIBYTE = 2**20
 
 
 def add_arguments_new(parser: Parser) -> None:
@@ -73,7 +75,9 @@ def run_new(options: Namespace) -> None:
     """Make the folder and print what to do next."""
     handout = HANDOUTS[options.lab]
     write_templates(options.folder, handout)
-    barc, folder = barc_path(), shlex.quote(str(options.folder))
+
+    barc = barc_path()
+    folder = shlex.quote(str(options.folder))
     print(f'{folder}: write {handout.written}, as README.md explains')  # noqa: T201
     print(f'check   {barc} check {folder}')  # noqa: T201
     print(f'run     {barc} {handout.drive} {folder}')  # noqa: T201
@@ -136,25 +140,30 @@ def run_submit(options: Namespace) -> None:
     from barc_sim.lab import submit  # noqa: PLC0415 (slow: not to refuse)
 
     teleop = options.teleop or submit.newest_drive((Path('bags'), folder / 'bags'))
-    with saving(path) as part, tempfile.TemporaryDirectory() as made:
-        course, why = _drive(folder, Path(made))
-        parts = [*submit.collect(folder, course, why, teleop)]
-        submit.write(part, parts)
-    for line in parts:
-        show(line)
-    size, most = path.stat().st_size, MAX_ARCHIVE
-    limit = f', and barc grade opens {most >> 20} MiB at most: leave the video out'
-    print(f'{path}  ({size / 2**20:.1f} MiB{limit if size > most else ""})')  # noqa: T201
+    with saving(path) as file, tempfile.TemporaryDirectory() as bags:
+        course, why = _drive(folder, Path(bags))
+        parts = list(submit.collect(folder, course, why, teleop))
+        submit.write(file, parts)
+
+    for part in parts:
+        show(part)
+    size = path.stat().st_size
+    text = f'{size / _MEBIBYTE:.1f} MiB'
+    if size > MAX_ARCHIVE:
+        limit = MAX_ARCHIVE // _MEBIBYTE
+        text += f', and barc grade opens {limit} MiB at most: leave the video out'
+    print(f'{path}  ({text})')  # noqa: T201
 
 
 def _drive(folder: Path, bags: Path) -> tuple[Path | None, str]:
     """Drive over the course with a folder's files; return the bag, and why it failed, if it did."""
     words = handout_of(files_in(folder)).drive.split()
-    options = [str(folder.absolute()), '--realtime-factor', 'max', '--engine', 'local']
+    words += [str(folder.absolute()), '--realtime-factor', 'max', '--engine', 'local']
+    words += ['-q', '--bag-dir', str(bags)]
     try:
         # In a process of its own, which the files can end.
         done = subprocess.run(  # noqa: S603 (our own command)
-            python_command('barc_sim', *words, *options, '-q', '--bag-dir', str(bags)),
+            python_command('barc_sim', *words),
             cwd=bags,
             env=os.environ | {'PYTHONIOENCODING': 'utf-8'},
             capture_output=True,
@@ -165,6 +174,7 @@ def _drive(folder: Path, bags: Path) -> tuple[Path | None, str]:
         )
     except subprocess.TimeoutExpired:
         return None, f'the drive was ended after {_PATIENCE:g} s: does your code sleep?'
+
     bag = next((file.parent for file in bags.glob('*/*.mcap')), None)
     if done.returncode == 0:
         return bag, ''

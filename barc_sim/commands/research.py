@@ -64,7 +64,9 @@ def add_arguments_tune(parser: Parser) -> None:
         help="'lab', 'flat', or CSV files with the columns start_m,grade_deg; with several, the "
         'mean cost counts (lab)',
     )
-    noise, delay, seed = (LIMITS[name] for name in ('noise', 'delay', 'seed'))
+    noise = LIMITS['noise']
+    delay = LIMITS['delay']
+    seed = LIMITS['seed']
     gain = number(0.0, _MAX_GAIN)
     _add_numbers(
         parser,
@@ -103,12 +105,15 @@ def run_tune(options: Namespace) -> None:
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
     from barc_sim.tuning.search import search, sweep  # noqa: PLC0415
 
-    began, roads = time.monotonic(), options.road or ['lab']
+    began = time.monotonic()
+    roads = options.road or ['lab']
     ranges = [getattr(options, f'{gain}_range') for gain in GAINS]
     for gain, (first, last) in zip(GAINS, ranges, strict=True):
         if first > last:
             raise UserError(f'--{gain}-range {first:g} {last:g} must have the lower number first')
-    low, high = zip(*ranges, strict=True)
+    lows = np.array([first for first, _ in ranges])
+    highs = np.array([last for _, last in ranges])
+
     controller = controller_of(options.controller) if options.controller else None
     # As in a run: a user's controller limits its output itself.
     limit = NO_LIMIT if controller else ACCELERATION_LIMIT
@@ -131,11 +136,16 @@ def run_tune(options: Namespace) -> None:
         return value + options.effort * swept.effort if options.effort else value
 
     start = np.array([getattr(controller, name, first) for name, (first, _) in GAINS.items()])
+
+    def mean_cost(gains: Floats) -> Floats:
+        mean: Floats = np.mean([cost(scores(gains, road)) for road in roads], axis=0)
+        return mean
+
     with Console(stderr=True).status('searching'):
         best = search(
-            lambda gains: np.mean([cost(scores(gains, road)) for road in roads], axis=0),
-            np.array(low),
-            np.array(high),
+            mean_cost,
+            lows,
+            highs,
             start,
             seed=options.seed,
         )
@@ -144,10 +154,14 @@ def run_tune(options: Namespace) -> None:
             f'no gains in these ranges drive {options.distance:g} m on every road within three '
             'times the usual time: widen the ranges, or choose roads that the car can climb'
         )
-    name = options.cost + (f' + {options.effort:g} effort' if options.effort else '')
+
+    name = options.cost
+    if options.effort:
+        name += f' + {options.effort:g} effort'
     for road in roads:
         both = scores(np.array([start, best.gains]), road)
         _print_scores(road, both, f'cost: {name}', cost(both))
+
     took = time.monotonic() - began
     print(f'{best.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201
     for road in roads:
@@ -156,19 +170,22 @@ def run_tune(options: Namespace) -> None:
 
 def _command(options: Namespace, gains: Sequence[float], road: str) -> str:
     """Return the command that runs `gains` on a road."""
-    numbers = {**dict(zip(GAINS, gains, strict=True)), 'speed': options.speed}
+    numbers = dict(zip(GAINS, gains, strict=True))
+    numbers |= {'speed': options.speed, 'distance': options.distance}
     words = ['acc', '--road', road]
-    for name, value in {**numbers, 'distance': options.distance}.items():
+    for name, value in numbers.items():
         words += [f'--{name}', f'{value:.12g}']
     if options.controller:
         words += ['--controller', str(options.controller)]
+
     parameters = {'noise_v_x': options.noise, 'motor_delay': options.delay}
     if options.noise:
         words += ['--seed', str(options.seed)]
     if any(parameters.values()):
         words.append('--ros-args')
     for name, value in parameters.items():
-        words += ['-p', f'vehicle_simulator:{name}:={round(value, 12)}'] if value else []
+        if value:
+            words += ['-p', f'vehicle_simulator:{name}:={round(value, 12)}']
     return f'{barc_path()} {shlex.join(words)}'
 
 
@@ -176,15 +193,16 @@ def _print_scores(road: str, scores: Sweep, label: str, costs: Floats) -> None:
     """Print a table of the scores and costs of two runs."""
     from barc_sim.tuning.search import SCORES  # noqa: PLC0415
 
-    forms = '.4f', '.4f', '.2%', '.3f'
+    forms = ('.4f', '.4f', '.2%', '.3f')
     rows = [(gain, scores[gain], '.12g') for gain in GAINS]
     rows += [(SCORES[name], scores[name], form) for name, form in zip(SCORES, forms, strict=True)]
     rows.append((label, costs, '.5g'))
+
     width = max(len(text) for text, *_ in rows)
     print(f'{"road " + road:{width}}  {"start":>9}  {"found":>9}')  # noqa: T201
     for text, pair, form in rows:
-        first, second = (f'{each:{form}}' if isfinite(each) else '-' for each in pair)
-        print(f'{text:{width}}  {first:>9}  {second:>9}')  # noqa: T201
+        cells = [f'{each:{form}}' if isfinite(each) else '-' for each in pair]
+        print(f'{text:{width}}  {cells[0]:>9}  {cells[1]:>9}')  # noqa: T201
 
 
 def add_arguments_identify(parser: Parser) -> None:
@@ -249,12 +267,14 @@ def run_identify(options: Namespace) -> None:
         log_of_fields(bag, fields) if fields else reader.read(bag, options.namespace)
         for bag in bags
     ]
+
     vehicle = Vehicle(mass=options.mass)
     with Console(stderr=True).status('identifying'):
         identified = identify(*logs, vehicle=vehicle, integrator=options.integrator)
+
     width = max(map(len, identified.estimates))
-    for name, each in identified.estimates.items():
-        print(f'{name:{width}}  {each!s:32} {each.meaning}')  # noqa: T201
+    for name, estimate in identified.estimates.items():
+        print(f'{name:{width}}  {estimate!s:32} {estimate.meaning}')  # noqa: T201
     for remark in identified.remarks:
         show(f'- {remark}')
     if path:
@@ -272,7 +292,8 @@ def add_arguments_raceline(parser: Parser) -> None:
     parser.add_argument(
         'track', metavar='TRACK', help='as --track of `barc acc`: L, oval, a CSV file, …'
     )
-    acceleration, speed = (number(1e-3, each.between[1]) for each in (PROFILE[0], SPEED))
+    acceleration = number(1e-3, PROFILE[0].between[1])
+    speed = number(1e-3, SPEED.between[1])
     _add_numbers(
         parser,
         ('speed', speed, 12.0, 'M/S', 'maximum speed'),
@@ -293,12 +314,16 @@ def run_raceline(options: Namespace) -> None:
     path = figure_path(options.save)
     track = Track.named(options.track)
     line = racing_line(track, margin=options.margin)
-    limits = options.speed, options.lateral, options.longitudinal
-    for name, each in (('centre line', track), ('racing line', line)):
-        radius, time = 1.0 / max(map(abs, each.curvatures)), lap_time(each, limits)
+
+    limits = (options.speed, options.lateral, options.longitudinal)
+    for name, path_driven in (('centre line', track), ('racing line', line)):
+        seconds = lap_time(path_driven, limits)
+        radius = 1.0 / max(map(abs, path_driven.curvatures))
         print(  # noqa: T201
-            f'{name}  {time:6.2f} s  {each.length:7.1f} m  smallest radius {radius:5.1f} m'
+            f'{name}  {seconds:6.2f} s  {path_driven.length:7.1f} m  '
+            f'smallest radius {radius:5.1f} m'
         )
+
     if output:
         with saving(output, '--output') as part:
             write_line(part, track, line, limits)
