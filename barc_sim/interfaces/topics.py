@@ -59,6 +59,7 @@ MESSAGE_TYPES = {
     **LOG_TYPES,
     CLOCK: 'rosgraph_msgs/msg/Clock',
     CMD_VEL: 'geometry_msgs/msg/Twist',
+    INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
     PREDICTION: 'nav_msgs/msg/Path',
     SPEED_REFERENCE: 'std_msgs/msg/Float64',
     INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
