@@ -10,7 +10,6 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import pairwise
 from math import cos, isfinite, radians, sin
 from os import PathLike
@@ -87,8 +86,19 @@ def theta_at(inclines: Inclines, stretch: int, x: float) -> float:
 class Road:
     """Stretches of constant grade; the first and the last one extend without end.
 
-    `starts[i]` [m] is the start of the stretch with the grade `grades_deg[i]` [deg], and belongs to
-    it.
+    Parameters
+    ----------
+    starts
+        [m] start of each stretch along the road, in order; the start belongs to its stretch.
+    grades_deg
+        [deg] grade of each stretch, positive uphill.
+    name
+        Its name in figures and bags.
+
+    Raises
+    ------
+    UserError
+        if the starts do not rise, or a grade is not between -90° and 90°.
 
     Examples
     --------
@@ -109,6 +119,7 @@ class Road:
         """Raise UserError unless starts rise and each stretch has a grade within ±90°."""
         for name in ('starts', 'grades_deg'):  # arrays, too
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
+
         if not self.starts or len(self.starts) != len(self.grades_deg):
             raise UserError(
                 f'{len(self.starts)} starts and {len(self.grades_deg)} grades: expected the same '
@@ -125,12 +136,15 @@ class Road:
         for i, grade in enumerate(self.grades_deg):
             if not abs(grade) < STEEPEST_DEG:
                 raise RowError(i, f'grade {grade!r} must lie between -90 and 90 degrees')
+
         sines = tuple(sin(radians(grade)) for grade in self.grades_deg)
         cosines = tuple(cos(radians(grade)) for grade in self.grades_deg)
-        heights, lengths = [0.0], [0.0]
+        heights = [0.0]
+        lengths = [0.0]
         for i, (left, right) in enumerate(pairwise(self.starts)):
             heights.append(heights[-1] + (right - left) * sines[i])
             lengths.append(lengths[-1] + (right - left) * cosines[i])
+
         object.__setattr__(self, '_sines', sines)
         object.__setattr__(self, '_cosines', cosines)
         object.__setattr__(self, '_heights', tuple(heights))
@@ -257,20 +271,23 @@ class Table(NamedTuple):
 
 
 def read_named(
-    what: str, name: str, known: Iterable[str], read: Callable[[Table], _Read], *headers: str
+    kind: str, name: str, built_in: Iterable[str], read: Callable[[Table], _Read], *headers: str
 ) -> _Read:
-    """Return the object that `read` makes of a file's table; UserError: it cannot be read."""
+    """Return the object, such as a road, that `read` makes of the table in the file `name`.
+
+    UserError: it cannot be read, and is none of the `built_in` names.
+    """
     try:
         lines = read_lines(Path(name))
     except (OSError, ValueError):
-        names = ', '.join(map(repr, known))
+        names = ', '.join(map(repr, built_in))
         raise UserError(
-            f'{what} {name!r} is neither {names} nor a CSV file that can be read'
+            f'{kind} {name!r} is neither {names} nor a CSV file that can be read'
         ) from None
     try:
         return read_table(lines, read, *headers)
     except ValueError as error:
-        raise UserError(f'{what} file {name!r} describes no {what}: {error}') from None
+        raise UserError(f'{kind} file {name!r} describes no {kind}: {error}') from None
 
 
 def read_lines(path: Path) -> list[str]:
@@ -285,20 +302,26 @@ def read_table(lines: list[str], read: Callable[[Table], _Read], *headers: str) 
     names the line and its text if a row is wrong.
     """
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
-    found = ''
+    wrong_header = ''
     for i, (_, line) in enumerate(numbered):
-        is_comment = line.lstrip().startswith('#')
         delimiter = max(_DELIMITERS, key=line.count)
         header = ','.join(_cells(line.lstrip('# \t'), delimiter))
         if header in headers:
-            rows = [each for each in numbered[i + 1 :] if not each[1].lstrip().startswith('#')]
+            rows = [row for row in numbered[i + 1 :] if not _is_comment(row[1])]
             return _read_rows(header, rows, delimiter, read)
-        if not is_comment or delimiter in line:
-            found = header if not (found and _is_number(header)) else found
-        if not is_comment:
+
+        # The header that is named in the error: a comment is one only if it has several cells.
+        may_be_header = not _is_comment(line) or delimiter in line
+        if may_be_header and not (wrong_header and _is_number(header)):
+            wrong_header = header
+        if not _is_comment(line):
             break
     expected = ' or '.join(map(repr, headers))
-    raise ValueError(f'its header is {one_line(found, _SHOWN)!r}, not {expected}')
+    raise ValueError(f'its header is {one_line(wrong_header, _SHOWN)!r}, not {expected}')
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith('#')
 
 
 def _is_number(header: str) -> bool:
@@ -321,8 +344,9 @@ def _read_rows(
     try:
         return read(Table(header, tuple(zip(*cells, strict=True)), numbers, texts))
     except RowError as error:
-        number, text = numbers[error.index], texts[error.index]
-        raise ValueError(f'line {number}, {one_line(text, _SHOWN)!r}: {error}') from None
+        number = numbers[error.index]
+        text = one_line(texts[error.index], _SHOWN)
+        raise ValueError(f'line {number}, {text!r}: {error}') from None
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
@@ -377,46 +401,79 @@ class Profile:
         i = bisect_right(self.points, at)
         if i in (0, len(self.points)):
             return self.values[max(i - 1, 0)]
-        left, right = self.points[i - 1], self.points[i]
+
+        left = self.points[i - 1]
+        right = self.points[i]
         share = (at - left) / (right - left)
         return (1.0 - share) * self.values[i - 1] + share * self.values[i]
 
 
-def signal(given: object, row: ParameterDeclaration, column: str) -> Signal:
+def signal(source: object, row: ParameterDeclaration, column: str) -> Signal:
     """Return a function of time and position from a user's number, function or CSV file.
 
     A file has two columns: `time_s` or `distance_m`, and `column`. Values are in the limits of
     `row`. A `Profile`, such as that of a file, is returned as it is.
+
+    Parameters
+    ----------
+    source
+        The number, the function, the `Profile` or the path of the file.
+    row
+        The parameter that the values are of.
+    column
+        The header of the values in a file.
+
+    Returns
+    -------
+    callable
+        A function of time [s] and position [m].
 
     Raises
     ------
     UserError
         if there is no such file, or a value is out of the limits; the function raises it, too.
     """
-    if isinstance(given, Profile):
-        for value in given.values:
+    if isinstance(source, Profile):
+        for value in source.values:
             row.check(value)
-        return given
-    if callable(given):
+        return source
+    if callable(source):
+        return _checked_function(source, row)
+    if isinstance(source, (str, PathLike)):
+        return _read_profile(str(source), row, column)
+    row.check(source)
+    constant = float(source)  # type: ignore[arg-type]  # a number, as it was checked
 
-        def checked(t: float, x: float) -> float:
-            value = given(t, x)
-            row.check(value, f'{row.name} after {t:.3f} s, at {x:.3f} m')
-            return float(value)
+    def at_all_times(_t: float, _x: float) -> float:
+        return constant
 
-        return checked
-    if not isinstance(given, (str, PathLike)):
-        row.check(given)
-        return lambda *_: float(given)  # type: ignore[arg-type]  # a number
-    name = str(given)
+    return at_all_times
+
+
+def _checked_function(function: Signal, row: ParameterDeclaration) -> Signal:
+    """Return a user's function of time and position, whose values are checked."""
+
+    def checked(t: float, x: float) -> float:
+        value = function(t, x)
+        row.check(value, f'{row.name} after {t:.3f} s, at {x:.3f} m')
+        return float(value)
+
+    return checked
+
+
+def _read_profile(name: str, row: ParameterDeclaration, column: str) -> Profile:
+    """Return the profile in a CSV file; UserError: it cannot be read, or is none."""
     try:
         lines = read_lines(Path(name))
     except (OSError, ValueError):
         raise UserError(f'{row.name} {name!r} is not a readable CSV file') from None
 
+    def read(table: Table) -> Profile:
+        return _profile(row, table)
+
+    headers = [f'{over},{column}' for over in _OVER]
     try:
-        headers = [f'{over},{column}' for over in _OVER]
-        return read_table(lines, partial(_profile, row), *headers)
+        return read_table(lines, read, *headers)
     except ValueError as error:
         raise UserError(f'file {name!r}: {error}') from None
 
@@ -425,8 +482,9 @@ def _profile(row: ParameterDeclaration, table: Table) -> Profile:
     """Return the profile of a table; RowError: a value is out of the limits, or a point too low."""
     points, values = table.columns
     for i, value in enumerate(values):
-        if why := not_between(value, *row.between):
-            raise RowError(i, f'{row.name}: {why}')
+        refusal = not_between(value, *row.between)
+        if refusal:
+            raise RowError(i, f'{row.name}: {refusal}')
     for i, (left, right) in enumerate(pairwise(points), 1):
         if not left <= right:
             raise RowError(i, f'{right:g} must not be below {left:g}')

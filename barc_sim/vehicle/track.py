@@ -37,13 +37,16 @@ if TYPE_CHECKING:
 WIDTH = 6.0  #: [m]
 _TURN = 2.0 * pi
 _TOLERANCE = 0.05  #: [m] A fitted arc passes the points of a file within this.
-_MIN_POINTS, _MAX_POINTS = 3, 10_000  #: of a file with a centre line
+_MIN_POINTS = 3  #: of a file with a centre line
+_MAX_POINTS = 10_000
 _FOLDING = 1.9  #: width over radius; at 2 the inner edge of a bend is a point
 _TOO_FAR = 1e100  #: [m] between two points, which squared is infinite
 _EQUALLY_NEAR = 1e-9  #: [m] difference of two distances
 _SAME_WAY = 0.7  #: cosine of the angle between two laps at one place
-_SPACING, _MAX_SAMPLES = 0.5, 5000  #: [m] between two places that are drawn, and how many
-_SEGMENTS, _CENTRE_LINE = 'length_m,radius_m', 'x_m,y_m,w_tr_right_m,w_tr_left_m'
+_SPACING = 0.5  #: [m] between two places that are drawn
+_MAX_SAMPLES = 5000  #: places that are drawn
+_SEGMENTS = 'length_m,radius_m'  #: header of a file with segments
+_CENTRE_LINE = 'x_m,y_m,w_tr_right_m,w_tr_left_m'  #: header of a file with points
 RACING_LINE = f'{_CENTRE_LINE},speed_mps'
 
 
@@ -106,8 +109,25 @@ class CentreLine(NamedTuple):
 class Track:
     """Segments of constant curvature from `start` on; a closed track ends where it begins.
 
-    `lengths[i]` [m] is the length of segment `i`, and `curvatures[i]` [1/m] is positive to the
-    left, 0 for a straight.
+    Parameters
+    ----------
+    lengths
+        [m] length of each segment.
+    curvatures
+        [1/m] curvature of each segment, positive to the left, 0 for a straight.
+    width
+        [m] from edge to edge.
+    name
+        Its name in figures and bags.
+    start
+        Pose of its start on the map.
+    deviation
+        [m] maximum distance of a file's points from the centre line.
+
+    Raises
+    ------
+    UserError
+        if a segment or the width is impossible.
 
     Examples
     --------
@@ -136,40 +156,60 @@ class Track:
                 f'{len(self.lengths)} lengths and {len(self.curvatures)} curvatures: expected the '
                 'same number of both, at least one'
             )
+
         if not 0.0 < self.width < 1e3:  # noqa: PLR2004
             raise UserError(f'width {self.width!r} must be a number of metres from 0 to 1000')
+
         first = Pose(*self.start)
         pose = first
+        end = 0.0
         segments = list[Segment]()
         for i, (length, curvature) in enumerate(zip(self.lengths, self.curvatures, strict=True)):
-            if not (isfinite(length) and length > 0.0 and isfinite(curvature)):
-                raise RowError(
-                    i,
-                    f'a segment has length {length!r} m and curvature {curvature!r} 1/m: expected '
-                    'a length above 0, and a finite curvature, 0 for a straight',
-                )
-            if abs(curvature) * length > _TURN + 1e-9:
-                raise RowError(
-                    i,
-                    f'an arc of {length:g} m with radius {1.0 / curvature:g} m is more than a '
-                    'whole turn: make it two arcs',
-                )
-            if abs(curvature) * self.width >= 2.0:  # noqa: PLR2004
-                raise RowError(
-                    i,
-                    f'radius {1.0 / curvature:g} m must be above half of the width, {self.width:g} '
-                    'm: make the arc wider, or the track narrower',
-                )
-            start = segments[-1].end if segments else 0.0
-            frame = *pose, cos(pose.psi), sin(pose.psi), curvature, 0.5 * curvature * length
-            segments.append(Segment(start, start + length, *frame))
-            pose = placed(segments[-1], length, 0.0, 0.0)
-        end, gap = segments[-1].end, hypot(pose.x - first.x, pose.y - first.y)
-        turned = abs(wrapped(pose.psi - first.psi))
-        object.__setattr__(self, 'starts', (0.0, *(each.end for each in segments)))
-        object.__setattr__(self, 'is_closed', gap + turned * end < 1e-6 * end)
-        line = CentreLine(self.starts[:-1], tuple(segments), end, self.is_closed)
+            self._check_segment(i, length, curvature)
+            segment = Segment(
+                start=end,
+                end=end + length,
+                x=pose.x,
+                y=pose.y,
+                psi=pose.psi,
+                cosine=cos(pose.psi),
+                sine=sin(pose.psi),
+                curvature=curvature,
+                half=0.5 * curvature * length,
+            )
+            segments.append(segment)
+            end = segment.end
+            pose = placed(segment, length, 0.0, 0.0)
+
+        gap = hypot(pose.x - first.x, pose.y - first.y)
+        turn = abs(wrapped(pose.psi - first.psi))
+        is_closed = gap + turn * end < 1e-6 * end
+        starts = tuple(segment.start for segment in segments)
+        line = CentreLine(starts, tuple(segments), end, is_closed)
+        object.__setattr__(self, 'starts', (*starts, end))
+        object.__setattr__(self, 'is_closed', is_closed)
         object.__setattr__(self, 'line', line)
+
+    def _check_segment(self, i: int, length: float, curvature: float) -> None:
+        """Raise RowError if segment `i` is impossible."""
+        if not (isfinite(length) and length > 0.0 and isfinite(curvature)):
+            raise RowError(
+                i,
+                f'a segment has length {length!r} m and curvature {curvature!r} 1/m: expected '
+                'a length above 0, and a finite curvature, 0 for a straight',
+            )
+        if abs(curvature) * length > _TURN + 1e-9:
+            raise RowError(
+                i,
+                f'an arc of {length:g} m with radius {1.0 / curvature:g} m is more than a '
+                'whole turn: make it two arcs',
+            )
+        if abs(curvature) * self.width >= 2.0:  # noqa: PLR2004
+            raise RowError(
+                i,
+                f'radius {1.0 / curvature:g} m must be above half of the width, {self.width:g} '
+                'm: make the arc wider, or the track narrower',
+            )
 
     @classmethod
     def named(cls, name: str) -> Track:
@@ -192,13 +232,17 @@ class Track:
         def read(table: Table) -> Track:
             if table.header == _SEGMENTS:
                 return cls.of_rows(zip(*table.columns, strict=True), name)
-            x, y, *widths = table.columns[:4]
+
+            x, y = table.columns[:2]
+            to_edges = table.columns[2:4]
             if not _MIN_POINTS <= len(x) <= _MAX_POINTS:
                 raise ValueError(f'{len(x)} points, not {_MIN_POINTS} to {_MAX_POINTS}')
-            for i, pair in enumerate(zip(*widths, strict=True)):
-                if min(pair) <= 0.0:
-                    raise RowError(i, f'the edge is {min(pair):g} m away: expected more than 0')
-            width = 2.0 * min(map(min, widths))
+            for i, distances in enumerate(zip(*to_edges, strict=True)):
+                nearer = min(distances)
+                if nearer <= 0.0:
+                    raise RowError(i, f'the edge is {nearer:g} m away: expected more than 0')
+
+            width = 2.0 * min(map(min, to_edges))
             n = _points_of_a_lap([*map(complex, x, y)], 0.5 * width)
             tolerance = 0.0 if table.header == RACING_LINE else _TOLERANCE
             return cls.through(x[:n], y[:n], width, name, tolerance, narrowing=True)
@@ -225,6 +269,7 @@ class Track:
         points = [*map(complex, x, y)]
         start, arcs, deviation, at = _fit(points, tolerance)
         lengths, curvatures = zip(*arcs, strict=True)
+
         sharpest = max(map(abs, curvatures))
         if narrowing and sharpest * width > _FOLDING:
             if sharpest * width > 3.0 * _FOLDING:
@@ -267,7 +312,8 @@ class Track:
 
     def lines(self) -> tuple[Pose, Pose, Pose]:
         """Return the left edge, the right edge and the centre line, each at all `samples`."""
-        s, half = self.samples(), 0.5 * self.width
+        s = self.samples()
+        half = 0.5 * self.width
         return self.place(s, half), self.place(s, -half), self.place(s)
 
     def curvature(self, s: Places) -> Places:
@@ -303,8 +349,8 @@ class Track:
         if near is not None:
             columns.append(np.asarray(near, np.float64))
         rows = zip(*(each.tolist() for each in np.broadcast_arrays(*columns)), strict=True)
-        found = np.array([self.frenet(*row) for row in rows], np.float64)
-        return Frenet(*found.reshape(-1, len(Frenet._fields)).T)
+        places = np.array([self.frenet(*row) for row in rows], np.float64)
+        return Frenet(*places.reshape(-1, len(Frenet._fields)).T)
 
     def segment(self, s: float) -> tuple[int, float]:
         """Return the number of the segment at `s`, and the distance from its start [m]."""
@@ -323,11 +369,11 @@ class Track:
         half = 0.5 * there.curvature * ahead
         chord = ahead * np.sinc(half / pi)
         along = there.psi + half
-        x = there.x + chord * np.cos(along)
-        y = there.y + chord * np.sin(along)
         psi = along + half
-        beside = x - e_y * np.sin(psi), y + e_y * np.cos(psi), psi + e_psi
-        poses: Any = np.broadcast_arrays(*beside)
+
+        x = there.x + chord * np.cos(along) - e_y * np.sin(psi)
+        y = there.y + chord * np.sin(along) + e_y * np.cos(psi)
+        poses: Any = np.broadcast_arrays(x, y, psi + e_psi)
         return Pose(*poses)
 
     def _in_segments(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
@@ -383,9 +429,11 @@ def project(
         segment = line.segments[i]
         s, e_y = beside_segment(segment, x, y)
         searched += 1
+
         is_after = s >= segment.end
         if not (is_after or s < segment.start) or searched == count:
             break
+
         following = i + 1 if is_after else i - 1
         if not (line.is_closed or 0 <= following < count):
             break
@@ -513,10 +561,12 @@ def _points_of_a_lap(points: list[complex], reach: float) -> int:
     lengths = np.abs(steps)
     if not ((lengths > 0.0) & (lengths < _TOO_FAR)).all():
         return _without_the_first(points, len(points))
+
     from_start = np.abs(z - z[0])
     away = np.flatnonzero(from_start > 2.0 * reach)
     if not away.size:
         return _without_the_first(points, len(points))
+
     # Where the line passes the first point: between which two points, and how far from it.
     directions = steps / lengths
     ahead = np.clip(((z[0] - z[:-1]) * directions.conj()).real, 0.0, lengths)
@@ -526,8 +576,12 @@ def _points_of_a_lap(points: list[complex], reach: float) -> int:
     passes = passes[passes > away[0]]
     if not passes.size:
         return _without_the_first(points, len(points))
-    first = passes[: np.append(np.flatnonzero(np.diff(passes) > 1) + 1, len(passes))[0]]
-    last = int(first[np.argmin(distance[first])])
+
+    # The steps of the first pass follow one another: its nearest one ends the lap.
+    gaps = np.flatnonzero(np.diff(passes) > 1)
+    first_pass = passes[: gaps[0] + 1] if gaps.size else passes
+    last = int(first_pass[np.argmin(distance[first_pass])])
+
     # The point behind this step is of the lap, too, if the line passes the first one beyond it.
     n = last + 2 if ahead[last] == lengths[last] else last + 1
     for late in z[n:]:
@@ -555,7 +609,8 @@ def _fit(
     """
     import numpy as np  # noqa: PLC0415 (a track alone does not need it)
 
-    before, after = [points[-1], *points[:-1]], [*points[1:], points[0]]
+    before = [points[-1], *points[:-1]]
+    after = [*points[1:], points[0]]
     nodes = []
     for i, (a, p, b) in enumerate(zip(before, points, after, strict=True)):
         with _named_point(i):
@@ -564,10 +619,12 @@ def _fit(
             nodes.append((p, heading / abs(heading)))
     start = Pose(points[0].real, points[0].imag, phase(nodes[0][1]))
     nodes.append(nodes[0])
+
     places = np.array(points)
     arcs = list[tuple[float, float]]()
     at = list[int]()
-    maximum, i = 0.0, 0
+    maximum = 0.0
+    i = 0
     while i < len(points):
         p, t = nodes[i]
         with _named_point(i):
@@ -576,17 +633,24 @@ def _fit(
                 if q == p:
                     break
                 joint, heading = _joint(p, t, q, u)
-                trial = _arc(joint - p, t), _arc(q - joint, heading)
-                z = (places[i + 1 : j] - joint) / heading  # of the points between
-                bend = np.where(z.real < 0.0, trial[0][1], trial[1][1])
+                to_joint = _arc(joint - p, t)
+                from_joint = _arc(q - joint, heading)
+
+                # The points between, in the frame of the joint.
+                z = (places[i + 1 : j] - joint) / heading
+                bend = np.where(z.real < 0.0, to_joint[1], from_joint[1])
                 e_y, _ = _beside_arcs(bend, z.real, z.imag)
                 off = float(np.abs(e_y).max(initial=0.0))
                 if not off <= tolerance:
                     break
-                best, deviation, last = trial, off, j  # of the first, no points are between
+                # The first pair of arcs has no points between its ends, so that there is one.
+                best = [to_joint, from_joint]
+                deviation = off
+                last = j
         arcs += best
-        at += i, i
-        maximum, i = max(maximum, deviation), last
+        at += [i, i]
+        maximum = max(maximum, deviation)
+        i = last
     return start, arcs, maximum, at
 
 
@@ -605,8 +669,10 @@ def _named_point(index: int) -> Iterator[None]:
 
 def _joint(p: complex, t: complex, q: complex, u: complex) -> tuple[complex, complex]:
     """Return the joint, and its heading, of two arcs from `p` to `q` with headings `t` and `u`."""
-    v, w = q - p, t + u
-    dot, bend = (v * w.conjugate()).real, 2.0 * (1.0 - (t * u.conjugate()).real)
+    v = q - p
+    w = t + u
+    dot = (v * w.conjugate()).real
+    bend = 2.0 * (1.0 - (t * u.conjugate()).real)
     chord = abs(v) ** 2
     # The distance from each end along its heading to the joint's tangent.
     d = chord / (dot + sqrt(dot * dot + bend * chord))
@@ -629,7 +695,8 @@ def l_shape(
     The radii are those of two corners and two U-turns; `straight` is the first straight's length.
     """
     first, second, upper, lower = radii
-    short, link = 9.0, 1.5
+    short = 9.0
+    link = 1.5
     side = 2.0 * upper + first + link - second
     back = 2.0 * lower - second + first + short - straight
     return (
