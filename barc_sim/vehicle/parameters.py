@@ -62,7 +62,7 @@ class PlantOptions:
     e_y: Annotated[float, 'start of the car, to the left [m]', -1e3, 1e3] = 0.0
     vehicle: Vehicle | None = None
     dynamics: Annotated[
-        str, 'the bicycle: ' + ', '.join(f'{name!r} ({what})' for name, what in DYNAMICS.items())
+        str, 'the bicycle: ' + ', '.join(f'{name!r} ({text})' for name, text in DYNAMICS.items())
     ] = 'kinematic'
     lateral: LateralParameters | None = None
     integrator: Annotated[str, "'euler' (forward) or 'rk4' (Runge-Kutta)"] = 'euler'
@@ -86,14 +86,16 @@ class PlantOptions:
                 row.check(getattr(self, row.name))
         if not isinstance(self.noise, NoiseLevels):  # which has checked itself
             _OPTIONS['noise'].check(self.noise)
+        for name, kind in _RECORDS.items():
+            _check_kind(name, getattr(self, name), kind)
+
         force = signal(self.disturbance, _OPTIONS['disturbance'], FORCE_COLUMN)
         if isinstance(force, Profile):
             self._set('disturbance', force)
-        for name, kind in _RECORDS.items():
-            _check_kind(name, getattr(self, name), kind)
         if self.road is not None:
             self._set('road', Road.of(self.road))
         self._set('track', Track.of(self.track) if self.track else None)
+
         if self.e_y and not self.track:
             raise needs_track(f'e_y={self.e_y:g}')
         if self.motor and self.delay:
@@ -114,10 +116,12 @@ class PlantOptions:
     ) -> Self:
         """Return the options in the `values` of a node's `PARAMETERS`, and the `others`."""
         options = {each.name: values[each.name] for each in fields(cls) if each.name in values}
+        lateral = {name: values[name] for name in LateralParameters._fields}
+        noise = {name: values[f'noise_{name}'] for name in NoiseLevels._fields}
         options |= {
-            'vehicle': Vehicle(*(values[name] for name in Vehicle._fields)),
-            'lateral': LateralParameters(*(values[name] for name in LateralParameters._fields)),
-            'noise': NoiseLevels(*(values[f'noise_{name}'] for name in NoiseLevels._fields)),
+            'vehicle': Vehicle(**{name: values[name] for name in Vehicle._fields}),
+            'lateral': LateralParameters(**lateral),
+            'noise': NoiseLevels(**noise),
             'motor': _actuator(values, 'motor'),
             'servo': _actuator(values, 'servo'),
             'ts': round(NANOSECONDS / float(values['rate'])) / NANOSECONDS,
@@ -126,18 +130,19 @@ class PlantOptions:
 
     def changes(self) -> dict[str, Any]:
         """Return the fields that differ from their defaults, by name."""
-        values = {each.name: (getattr(self, each.name), each.default) for each in fields(self)}
-        return {name: value for name, (value, default) in values.items() if value != default}
+        changed = [each.name for each in fields(self) if getattr(self, each.name) != each.default]
+        return {name: getattr(self, name) for name in changed}
 
     def __repr__(self) -> str:
         """Return the call that makes it, without the defaults."""
-        shown = ', '.join(f'{name}={_shown(value)}' for name, value in self.changes().items())
-        return f'{type(self).__name__}({shown})'
+        arguments = [f'{name}={_shown(value)}' for name, value in self.changes().items()]
+        return f'{type(self).__name__}({", ".join(arguments)})'
 
     def plant(self) -> Plant:
         """Return a plant at the start; UserError: fields contradict one another."""
         force, disturbance = self._forces()
         motor, servo = self._actuators()
+
         plant = Plant(
             road=None if self.road is None else Road.of(self.road),
             vehicle=self.vehicle,
@@ -155,6 +160,7 @@ class PlantOptions:
             lateral=self.lateral,
             track=Track.of(self.track) if self.track else None,
         )
+
         if plant.track and self.e_y:
             pose = plant.track.place(0.0, self.e_y)
             plant.place(BicycleState(pose.x, pose.y, pose.psi))
@@ -165,16 +171,18 @@ class PlantOptions:
         plant.sensor.noise = self._noise()
         plant.sensor.delay = self.sensor_delay
         plant.force, plant.disturbance = self._forces()
-        plant.replace_actuators(*self._actuators())
+        motor, servo = self._actuators()
+        plant.replace_actuators(motor, servo)
 
     def _noise(self) -> NoiseLevels:
         return self.noise if isinstance(self.noise, NoiseLevels) else NoiseLevels(v_x=self.noise)
 
     def _actuators(self) -> tuple[Actuator, Actuator]:
         """Return motor and servo."""
-        motor, servo = self.motor, self.servo
+        motor = self.motor
         if motor is None:
             motor = Actuator(delay=self.delay)
+        servo = self.servo
         if servo is None:
             servo = SERVO._replace(delay=self.delay) if self.track else Actuator()
         return motor, servo
