@@ -194,7 +194,8 @@ class CruiseControl:
         table = [*gain_parameters(self.speed), limit, *_PARAMETERS]
         if self.lane:
             gains = gain_parameters(self.lane.lane)
-            table += [*(each._replace(name=LANE + each.name) for each in gains), *PROFILE]
+            table += [gain._replace(name=LANE + gain.name) for gain in gains]
+            table += PROFILE
         return table
 
     def configure(self, values: Mapping[str, Any]) -> None:
@@ -211,8 +212,12 @@ class CruiseControl:
         self._pilot.limit(self.values['acceleration_limit'])
 
     def _profile(self, track: Track) -> Signal | None:
-        speed, *limits = (self.values[each.name] for each in (SPEED, *PROFILE))
-        return speed_profile(track, speed, *limits) if min(speed, *limits) > 0.0 else None
+        """Return the fastest speed on the track; None: a limit is 0, which stands for none."""
+        speed = self.values[SPEED.name]
+        across, along = (self.values[limit.name] for limit in PROFILE)
+        if min(speed, across, along) <= 0.0:
+            return None
+        return speed_profile(track, speed, across, along)
 
     def refer(self, speed: float) -> None:
         """Hold `speed` [m/s] from now on, unless it is refused."""
@@ -220,8 +225,8 @@ class CruiseControl:
             SPEED.check(speed)
             self.configure({SPEED.name: speed})
         except UserError as error:
-            why = str(error)
-            self._refuse(lambda: why)
+            refusal = str(error)
+            self._refuse(lambda: refusal)
 
     def reference(self, t: float, x: float) -> float:
         """Return the speed to hold [m/s] at `t` seconds and `x` metres after the start."""
@@ -281,16 +286,20 @@ class CruiseControl:
         assert self.situation  # noqa: S101 (a state was answered)
         speed = self.situation.measured.v_x
         reference = self.situation.reference if self._pilot.follows_reference else nan
-        terms = dict(zip(self.speed.terms, map(float, self.speed.values()), strict=True))
-        named = terms if self.is_pid else {'names': [*terms], 'values': [*terms.values()]}
-        return {
+        values: dict[str, Any] = {
             'reference': reference,
             'measurement': speed,
             'error': reference - speed,
             'output': float(self.command.motor),
             'saturated': bool(self.speed.saturated),
-            **named,
         }
+
+        terms = dict(zip(self.speed.terms, map(float, self.speed.values()), strict=True))
+        if self.is_pid:
+            values |= terms
+        else:
+            values |= {'names': [*terms], 'values': [*terms.values()]}
+        return values
 
 
 def _is_near(measured: VehicleState) -> bool:

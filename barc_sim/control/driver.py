@@ -103,29 +103,33 @@ class Driver:
     def command(self, t: float, speed: float) -> Command:
         """Return the command from `t` [s] on, at `speed` [m/s]; the last finite one counts."""
         self._speed = speed if isfinite(speed) else self._speed
-        stale = t - self._received > self.stale_after
-        self.request = request = COAST if stale and not self._latest.brake else self._latest
-        self._steer(request)
-        return Command(motor=self._acceleration(request, self._speed), servo=self.servo)
+        is_stale = t - self._received > self.stale_after
+        self.request = COAST if is_stale and not self._latest.brake else self._latest
+        self._steer(self.request)
+        return Command(motor=self._acceleration(self.request, self._speed), servo=self.servo)
 
     def _steer(self, request: DriverInput) -> None:
-        limits, turned = self.limits, self.limits.steering_rate * self.dt
+        limits = self.limits
+        change = limits.steering_rate * self.dt
         if request.brake or (limits.self_centring and not request.turn):
-            self.servo -= limited(self.servo, turned)
+            self.servo -= limited(self.servo, change)
         elif request.turn:
-            self.servo += request.turn * turned
+            self.servo += request.turn * change
         self.servo = limited(self.servo, limits.steering)
 
     def _acceleration(self, request: DriverInput, speed: float) -> float:
-        limits, forward = self.limits, request.forward
+        limits = self.limits
+        forward = request.forward
         if request.brake or not forward:
             self._braking = 0.0
             return self._towards(0.0, speed, request.brake * limits.deceleration)
+
         direction = copysign(1.0, forward)
         if speed * direction < -STANDSTILL:
             self._braking = direction
         elif self._braking != direction:
             self._braking = 0.0
+
         if self._braking:
             return self._towards(0.0, speed, abs(forward) * limits.deceleration)
         return self._towards(direction * limits.speed, speed, abs(forward) * limits.acceleration)

@@ -43,13 +43,15 @@ class Steps:
     ) -> None:
         """Take the gains by name, and limits of the output [m/s²]."""
         take_gains(self, gains)
-        self.output_min, self.output_max = output_min, output_max
+        self.output_min = output_min
+        self.output_max = output_max
         self.reset()
 
     def reset(self) -> None:
         """Restart the signal."""
         self.t = -inf  #: [s] since the first call
-        self.test_signal = self.holding = 0.0
+        self.test_signal = 0.0
+        self.holding = 0.0
         self.saturated = False
 
     def acc_calculate(
@@ -59,6 +61,7 @@ class Steps:
         self.t = max(self.t + dt, 0.0)
         self.holding = self.hold * (speed_reference - speed_current)
         self.test_signal = self.signal(speed_reference, speed_current)
+
         raw = self.holding + self.test_signal
         self.saturated = not self.output_min <= raw <= self.output_max
         return min(max(raw, self.output_min), self.output_max)

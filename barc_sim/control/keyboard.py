@@ -109,10 +109,10 @@ class KeyDecoder:
 
     def _continue_sequence(self, character: str) -> Iterator[str]:
         sequence = self._sequence + character
-        ended = _SEQUENCE.fullmatch(sequence)
-        if ended:
+        match = _SEQUENCE.fullmatch(sequence)
+        if match:
             self._sequence = ''
-            key = ended[ended.lastgroup] if ended.lastgroup else ''
+            key = match[match.lastgroup] if match.lastgroup else ''
             if key in _ARROWS:
                 yield _ARROWS[key]
             return
@@ -140,9 +140,10 @@ class HeldKeys:
     def handle(self, key: str, t: float) -> bool:
         """Handle a `key` at `t` [s]; return whether it is a new press, not a repeat."""
         until = self._until.get(key, -inf)
-        pressed = until < t
-        self._until[key] = max(until, t + (PRESS_HOLD if pressed else REPEAT_HOLD))
-        return pressed
+        is_press = until < t
+        hold = PRESS_HOLD if is_press else REPEAT_HOLD
+        self._until[key] = max(until, t + hold)
+        return is_press
 
     def held(self, t: float) -> tuple[str, ...]:
         """Return the driving keys held at `t` [s]."""
@@ -153,15 +154,18 @@ class HeldKeys:
 
         After the brake there is no coasting, so that the brake stays on.
         """
-        held = self.held(t)
+        keys = self.held(t)
         request = DriverInput(
-            forward=float('up' in held) - float('down' in held),
-            turn=float('left' in held) - float('right' in held),
+            forward=float('up' in keys) - float('down' in keys),
+            turn=float('left' in keys) - float('right' in keys),
         )
-        if 'space' in held:
+        if 'space' in keys:
             request = FULL_BRAKE
-        previous, self._previous = self._previous, request
-        return request if held or previous not in {COAST, FULL_BRAKE} else None
+
+        previous = self._previous
+        self._previous = request
+        is_released = not keys and previous in {COAST, FULL_BRAKE}
+        return None if is_released else request
 
 
 _CHUNK = 1024
@@ -177,11 +181,11 @@ class Terminal:
 
     def __init__(self, fd: int = 0) -> None:
         """Use the terminal at the file descriptor `fd`."""
-        why = _unusable(fd)
-        if why:
+        obstacle = _unusable(fd)
+        if obstacle:
             raise UserError(
-                f'{why}: keys are ignored; start it in the foreground of a terminal, or drive in '
-                'the page, or with another publisher of cmd_vel'
+                f'{obstacle}: keys are ignored; start it in the foreground of a terminal, or drive '
+                'in the page, or with another publisher of cmd_vel'
             )
         self._fd = fd
         self._lock = Lock()
@@ -205,11 +209,14 @@ class Terminal:
         with self._lock:
             settings = termios.tcgetattr(self._fd)
             self._settings = settings
+
             raw = [*settings[:6], [*settings[6]]]
             raw[0] &= ~(termios.IXON | termios.ICRNL | termios.INLCR | termios.ISTRIP)
             raw[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
-            raw[6][termios.VMIN], raw[6][termios.VTIME] = 1, 0
+            raw[6][termios.VMIN] = 1
+            raw[6][termios.VTIME] = 0
             termios.tcsetattr(self._fd, termios.TCSANOW, raw)
+
             woken, self._wake = os.pipe()
         self._thread = Thread(target=self._read, args=(woken, on_key), name='keys', daemon=True)
         self._thread.start()
@@ -224,9 +231,11 @@ class Terminal:
 
     def _restore(self) -> None:
         with self._lock:
-            settings, self._settings = self._settings, None
+            settings = self._settings
+            self._settings = None
             if settings is None:
                 return
+
             with suppress(termios.error):  # the terminal may be gone
                 # Discard what was typed, so that the shell does not read it. TCSAFLUSH would wait
                 # for a terminal that accepts no output.
@@ -245,6 +254,7 @@ class Terminal:
                 if not ready:
                     decoder.give_up()
                     continue
+
                 data = b''
                 with suppress(OSError):
                     data = os.read(self._fd, _CHUNK)

@@ -216,7 +216,9 @@ class LaneLaw(ABC):
 
     def reset(self) -> None:
         """Forget the past: the next call is the first."""
-        self.feedforward = self.of_e_y = self.of_e_psi = 0.0
+        self.feedforward = 0.0
+        self.of_e_y = 0.0
+        self.of_e_psi = 0.0
 
     def _sum(self, terms: LaneTerms) -> float:
         self.feedforward = terms.feedforward
@@ -340,7 +342,10 @@ class LaneLQR(LaneLaw):
 
 
 #: Which law steers, in `LaneGains`.
-STRAIGHT_AHEAD, REGULATOR, STANLEY, PURSUIT = range(4)
+STRAIGHT_AHEAD = 0
+REGULATOR = 1
+STANLEY = 2
+PURSUIT = 3
 
 
 class LaneGains(NamedTuple):
@@ -530,9 +535,28 @@ class SpeedProfile:
 def speed_profile(track: Track, maximum: float, across: float, along: float) -> SpeedProfile:
     """Return the fastest speed [m/s] over a track, as a function of time, and of s [m].
 
-    Its limits are the speed `maximum` [m/s], the lateral acceleration `across` [m/s²] and the
-    longitudinal acceleration ±`along` [m/s²]. On each segment v² is linear over s, or constant: the
-    function is exact.
+    On each segment v² is linear over s, or constant: the function is exact.
+
+    Parameters
+    ----------
+    track
+        The track.
+    maximum
+        [m/s] maximum speed.
+    across
+        [m/s²] maximum lateral acceleration.
+    along
+        [m/s²] maximum longitudinal acceleration, and deceleration.
+
+    Returns
+    -------
+    SpeedProfile
+        The speed [m/s] as a function of time, which does not matter, and of s [m].
+
+    Raises
+    ------
+    UserError
+        if a limit is not a number above 0.
 
     Examples
     --------
@@ -544,10 +568,13 @@ def speed_profile(track: Track, maximum: float, across: float, along: float) -> 
     for name, limit in (('maximum', maximum), ('across', across), ('along', along)):
         if not 0.0 < limit < inf:
             raise UserError(f'{name} {limit!r} must be a number above 0')
+
     # Squares of speeds [m²/s²]: the limit on each segment, and where it begins and ends.
     limits = [min(maximum**2, across / abs(k) if k else inf) for k in track.curvatures]
     around = [limits[-1], *limits] if track.is_closed else [limits[0], *limits, limits[-1]]
     squares = [*map(min, around, around[1:])]
+
+    # Over each segment the square can change by so much.
     gains = [2.0 * along * length for length in track.lengths]
     segments = [(i, (i + 1) % len(squares), gain) for i, gain in enumerate(gains)]
     for _ in range(2):  # a lap begins as fast as it ends

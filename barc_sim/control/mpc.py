@@ -66,8 +66,11 @@ class MPC(LaneLaw):
         from barc_sim.control.planning import HORIZON, solver  # noqa: PLC0415 (as above)
 
         solver()  # or a UserError
-        self.feedforward = self.solve_time = self.infeasible = 0.0
-        self._servo = self._latest = 0.0  # [rad] the angle, and the command before
+        self.feedforward = 0.0
+        self.solve_time = 0.0
+        self.infeasible = 0.0
+        self._servo = 0.0  # [rad] the present angle
+        self._latest = 0.0  # [rad] the command before
         self._sent: list[float] = []  # the commands on their way
         #: The latest plan, shape `(21, 2)`: distance ahead and e_y [m].
         self.prediction = np.zeros((HORIZON + 1, 2))
@@ -76,11 +79,13 @@ class MPC(LaneLaw):
         self, e_y: float, e_psi: float, speed: float, curvature: Curvature
     ) -> float:
         """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
-        began, v = thread_time(), max(abs(speed), _SLOWEST)
+        began = thread_time()
+        v = max(abs(speed), _SLOWEST)
         actuator = Actuator(lag=self.lag, rate=self.rate)
         start, state = self._where_it_acts(actuator, e_y, e_psi, v, curvature)
         command = self._plan(start, state, v, curvature)
         self._latest = min(max(command, -STEERING_LIMIT), STEERING_LIMIT)
+
         self._sent.append(self._latest)
         self._servo, _ = actuator_response(actuator, self._servo, self._sent.pop(0), self.period)
         self.solve_time = thread_time() - began
@@ -94,25 +99,34 @@ class MPC(LaneLaw):
 
         from barc_sim.control.planning import CHANGE, HORIZON, program, solver  # noqa: PLC0415
 
-        n, step, before = HORIZON, self.step, self._latest
+        n = HORIZON
+        step = self.step
+        before = self._latest
+
+        # The costs, from the state and the steady turns of the track ahead.
         weights = self.q_e_y, self.q_e_psi, self.q_change
         distance = _LAG * round(v * self.lag / _LAG)
-        hessian, by_known, across = program(distance, step, weights, self.l_f, self.l_r)
+        hessian, by_ahead, across = program(distance, step, weights, self.l_f, self.l_r)
         bends = [curvature(start + (k + 0.5) * step) for k in range(n)]
-        steer, heading = zip(*(steady_turn(k, self.l_f, self.l_r) for k in bends), strict=True)
-        known = np.array([*state, *steer, *heading])
-        gradient = by_known @ known
+        turns = [steady_turn(bend, self.l_f, self.l_r) for bend in bends]
+        steer, heading = zip(*turns, strict=True)
+        ahead = np.array([*state, *steer, *heading])
+        gradient = by_ahead @ ahead
         gradient[0] -= self.q_change * before
+
+        # The limits of the angle, and of its changes from the command before.
         upper = np.repeat([STEERING_LIMIT, self.rate * step / v], n)
         upper[n] = self.rate * self.period
         lower = -upper
         upper[n] += before
         lower[n] += before
+
         commands, _, flag, _ = solver()(hessian, gradient, CHANGE, upper, lower)
-        self.feedforward, self.infeasible = steer[0], float(flag < 1)
+        self.feedforward = steer[0]
+        self.infeasible = float(flag < 1)
         if self.infeasible:
             commands = np.full(n, before)
-        e_y = across @ np.concatenate([commands, known])
+        e_y = across @ np.concatenate([commands, ahead])
         self.prediction = np.column_stack([start + step * np.arange(n + 1), [state[0], *e_y]])
         return float(commands[0])
 
@@ -122,13 +136,18 @@ class MPC(LaneLaw):
         """Return the distance [m] until the next command acts; and e_y, e_psi and δ there."""
         steps = round(self.delay / self.period)  # which may have changed
         self._sent = ([self._servo] * steps + self._sent)[len(self._sent) :]
-        length, angle, ahead, step = self.l_f + self.l_r, self._servo, 0.0, v * self.period
+
+        length = self.l_f + self.l_r
+        step = v * self.period
+        angle = self._servo
+        ahead = 0.0
         for command in self._sent:
             angle, mean = actuator_response(actuator, angle, command, self.period)
             steer, heading = steady_turn(curvature(ahead + 0.5 * step), self.l_f, self.l_r)
             turn = (mean - steer) * step / length
             e_y += (e_psi + 0.5 * turn - heading) * step + self.l_r * turn
-            e_psi, ahead = e_psi + turn, ahead + step
+            e_psi += turn
+            ahead += step
         return ahead, (e_y, e_psi, angle)
 
 
@@ -171,10 +190,13 @@ class SpeedMPC(MPC):
         # A turn begins and ends between two points, and counts for both. It also counts one point
         # early: the car brakes for the next point, and so approaches its speed exponentially.
         bends = [*map(max, bends, bends[1:], bends[2:], bends[3:])]
+
+        # Squares of speeds [m²/s²].
         limits = (self.lateral / max(bend, self.lateral / self.top_speed**2) for bend in bends)
         allowed = min(limit + gain * look * k for k, limit in enumerate(limits))
         limit = self.longitudinal
         self.acceleration = max(-limit, min((allowed - speed * abs(speed)) / (2.0 * look), limit))
+
         steer = super().steer_calculate(e_y, e_psi, speed, curvature)
         self.solve_time = thread_time() - began
         return steer

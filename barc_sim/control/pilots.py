@@ -321,7 +321,11 @@ def _reader(names: Sequence[str]) -> Callable[[object], Sequence[float]]:
     """Return a fast function that reads these attributes of an object."""
     if len(names) > 1:
         return attrgetter(*names)
-    return lambda each: [getattr(each, name) for name in names]
+
+    def read(owner: object) -> list[float]:
+        return [getattr(owner, name) for name in names]
+
+    return read
 
 
 def as_pilot(controller: object) -> Pilot:

@@ -43,7 +43,8 @@ if TYPE_CHECKING:
 
 _MARGIN = 0.2  #: of the width
 _SPACING = 0.5  #: [m] between two points of the line, within the limits of their number
-_MIN_POINTS, _MAX_POINTS = 100, 800
+_MIN_POINTS = 100
+_MAX_POINTS = 800
 _ROUNDS = 30
 _SETTLED = 1e-3  #: [m] A round that moves the line less is the last.
 _STEP = 0.05  #: [m] of the integral over a lap
@@ -65,6 +66,23 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
     quadratic program for the offsets n from the centre line (Heilmeier et al., "Minimum curvature
     trajectory planning and control for an autonomous race car", Vehicle System Dynamics 58, 2020).
 
+    Parameters
+    ----------
+    track
+        A closed track, the name of one, or the path of its CSV file.
+    margin
+        [m] from both edges.
+
+    Returns
+    -------
+    Track
+        The line, as wide as both edges allow.
+
+    Raises
+    ------
+    UserError
+        if the track is not closed, the margin leaves no room, or daqp is not installed.
+
     Examples
     --------
     >>> from barc_sim import racing_line, Track
@@ -83,40 +101,45 @@ def racing_line(track: Track | str | PathLike[str] = 'L', *, margin: float | Non
         raise UserError(
             f'margin {margin!r} must be above 0 and below half of the width, {half:g} m'
         )
+
     n = min(max(round(track.length / _SPACING), _MIN_POINTS), _MAX_POINTS)
     h = track.length / n
-    one = np.eye(n)
     places = track.place(h * np.arange(n))
     # Vectors are complex: conj(a) b has their dot product, and as the imaginary part their cross
-    # product. The derivatives of the line over s are linear in the offsets.
+    # product.
     centre = np.asarray(places.x) + 1j * np.asarray(places.y)
     normals = 1j * np.exp(1j * np.asarray(places.psi))
-    ahead = np.roll(one, 1, axis=1)
-    behind = np.roll(one, -1, axis=1)
+
+    # The derivatives of the line over s are linear in the offsets.
+    identity = np.eye(n)
+    ahead = np.roll(identity, 1, axis=1)
+    behind = np.roll(identity, -1, axis=1)
     first = (ahead - behind) / (2.0 * h)
-    second = (ahead - 2.0 * one + behind) / h**2
+    second = (ahead - 2.0 * identity + behind) / h**2
+
     bounds = np.full(n, half - margin)
     offsets = np.zeros(n)
     solve = solver()
-
     for _ in range(_ROUNDS):
         line = centre + offsets * normals
         along = (first @ line)[:, None]
-        bent = (second @ line)[:, None]
+        bend = (second @ line)[:, None]
         weight = np.abs(along) ** -2.5
-        residuals = weight * (along.conj() * bent).imag  # κ √(dl/ds)
-        across = (first * normals).conj() * bent + along.conj() * (second * normals)
-        stretched = (along.conj() * (first * normals)).real / np.abs(along) ** 2
-        jacobian = weight * across.imag - 2.5 * residuals * stretched
-        hessian = jacobian.T @ jacobian + 1e-9 * one
+        residuals = weight * (along.conj() * bend).imag  # κ √(dl/ds)
+
+        across = (first * normals).conj() * bend + along.conj() * (second * normals)
+        stretch = (along.conj() * (first * normals)).real / np.abs(along) ** 2
+        jacobian = weight * across.imag - 2.5 * residuals * stretch
+        hessian = jacobian.T @ jacobian + 1e-9 * identity
         gradient = jacobian.T @ (residuals[:, 0] - jacobian @ offsets)
         solution, _, flag, _ = solve(hessian, gradient, np.empty((0, n)), bounds, -bounds)
         if flag < 1:
             raise UserError(f'no racing line of {track.name!r} was found: give another margin')
+
         solution = np.clip(solution, -bounds, bounds)
-        moved = float(np.abs(solution - offsets).max())
+        change = float(np.abs(solution - offsets).max())
         offsets = solution
-        if moved < _SETTLED:
+        if change < _SETTLED:
             break
     return line_beside(track, offsets)
 
@@ -142,7 +165,8 @@ def bending(track: Track) -> float:
 
 def lap_time(track: Track, limits: Limits) -> float:
     """Return the time [s] of a flying lap, as fast as `limits` of `speed_profile` allow."""
-    n, speed = round(track.length / _STEP), speed_profile(track, *limits)
+    n = round(track.length / _STEP)
+    speed = speed_profile(track, *limits)
     step = track.length / n
     return sum(step / speed(0.0, (k + 0.5) * step) for k in range(n))
 
@@ -157,9 +181,9 @@ def write_line(path: Path, track: Track, line: Track, limits: Limits) -> None:
     near = track.length / len(s) * np.arange(len(s))  # as the points of `line_beside`
     e_y = np.asarray(track.frenet(places.x, places.y, places.psi, near).e_y)
     half = 0.5 * track.width
-    speed = speed_profile(line, *limits)
-    planned = np.array([speed(0.0, each) for each in s.tolist()])
-    rows = np.column_stack([places.x, places.y, half + e_y, half - e_y, planned])
+    profile = speed_profile(line, *limits)
+    speeds = np.array([profile(0.0, each) for each in s.tolist()])
+    rows = np.column_stack([places.x, places.y, half + e_y, half - e_y, speeds])
     np.savetxt(path, rows, '%.17g', ',', header=RACING_LINE, comments='')
 
 
@@ -172,15 +196,25 @@ def program(
     `distance` [m] is λ. The gradient is linear in e_y, e_psi and δ at the start, and in the steady
     turn and its heading in each step; e_y is linear in these and in the commands.
     """
-    n, length, (q_e_y, q_e_psi, q_change) = HORIZON, l_f + l_r, weights
+    n = HORIZON
+    length = l_f + l_r
+    q_e_y, q_e_psi, q_change = weights
+
+    # What a step does to e_y, e_psi and δ.
     left = exp(-step / distance) if distance else 0.0
     once = distance * (1.0 - left)  # integral of what is left of the angle
     by_angle = (l_r * once + distance * (step - once)) / length, once / length, left
     matrix = np.array([[1.0, step, by_angle[0]], [0.0, 1.0, by_angle[1]], [0.0, 0.0, left]])
     by_track = np.array([l_r + 0.5 * step, 1.0, 0.0]) * (step / length)
     by_command = by_track - by_angle + (0.0, 0.0, 1.0)
-    steer, heading = n + 3, 2 * n + 3  # the first of their columns, behind commands and start
-    now, path = np.eye(3, 3 * n + 3, n), np.empty((2, n, 3 * n + 3))
+
+    # The states are linear in the commands, the start, and the steady turns and their headings:
+    # these are the columns, in this order.
+    columns = 3 * n + 3
+    steer = n + 3  # first column of the steady turns
+    heading = 2 * n + 3  # first column of their headings
+    now = np.eye(3, columns, n)
+    path = np.empty((2, n, columns))
     for k in range(n):
         now = matrix @ now
         now[:, k] += by_command
@@ -188,6 +222,7 @@ def program(
         now[0, heading + k] -= step
         path[:, k] = now[:2]
         path[1, k, heading + min(k + 1, n - 1)] -= 1.0
+
     weighted = step * np.array([[[q_e_y]], [[q_e_psi]]]) * path
     weighted[:, -1] = cost_to_go(q_e_y, q_e_psi, step, length, l_r) @ path[:, -1]
     by_all = path[:, :, :n].reshape(-1, n).T @ weighted.reshape(2 * n, -1)
@@ -203,11 +238,16 @@ def cost_to_go(q_e_y: float, q_e_psi: float, step: float, length: float, l_r: fl
     It solves the discrete algebraic Riccati equation, by doubling (Chu, Fan, Lin, Wang, Int. J.
     Control 77, 2004).
     """
-    one, a = np.eye(2), np.array([[1.0, step], [0.0, 1.0]])
+    identity = np.eye(2)
+    a = np.array([[1.0, step], [0.0, 1.0]])
     b = step / length * np.array([[l_r + 0.5 * step], [1.0]])
-    g, h, change = b @ b.T / step, step * np.diag([q_e_y, q_e_psi]), one
+    g = b @ b.T / step
+    h = step * np.diag([q_e_y, q_e_psi])
+    change = identity
     while np.abs(change).max() > 1e-14 * np.abs(h).max():
-        inverse = np.linalg.inv(one + g @ h)
+        inverse = np.linalg.inv(identity + g @ h)
         change = a.T @ h @ inverse @ a
-        a, g, h = a @ inverse @ a, g + a @ inverse @ g @ a.T, h + change
+        g = g + a @ inverse @ g @ a.T
+        h = h + change
+        a = a @ inverse @ a
     return h
