@@ -71,9 +71,11 @@ def check_gains(controller: Tunable) -> None:
 
 def check_values(gains: Mapping[str, Gain], values: Mapping[str, float]) -> None:
     """Raise UserError if a value is that of no gain, or beyond the limits of its gain."""
-    if unknown := ', '.join(values.keys() - gains.keys()):
-        names = ', '.join(gains)
-        raise UserError(f'{unknown}: this controller has no such gain, but {names}')
+    unknown = values.keys() - gains.keys()
+    if unknown:
+        raise UserError(
+            f'{", ".join(unknown)}: this controller has no such gain, but {", ".join(gains)}'
+        )
     for name, value in values.items():
         gain = gains[name]
         ParameterDeclaration(name, gain.default, '', gain.between).check(value)
@@ -96,7 +98,9 @@ def take_gains(controller: Tunable, values: Mapping[str, float]) -> None:
 
 
 #: The run's gains. On the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.
-KP, KI, KD = 30.0, 200.0, 0.1
+KP = 30.0
+KI = 200.0
+KD = 0.1
 #: Of a gain: a user's controller may have its error the other way round.
 _EITHER_SIGN = (-1e6, 1e6)
 SPEED_REFERENCE = 8.0
@@ -552,11 +556,10 @@ def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (any object of
             f'controller={controller!r} has no method '
             'acc_calculate(speed_reference, speed_current): expected an object with one'
         )
+
     takes_dt = _dt_argument(controller.acc_calculate) is not None
     if takes_dt and all(hasattr(controller, name) for name in _MEMBERS):
         return controller  # type: ignore[no-any-return]
-    declared = getattr(controller, 'gains', PID.gains)
-    gains = {name: gain for name, gain in declared.items() if hasattr(controller, name)}
 
     def new(**values: float) -> Any:  # noqa: ANN401 (as above)
         fresh = deepcopy(controller)
@@ -564,8 +567,10 @@ def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (any object of
             setattr(fresh, name, value)
         return fresh
 
-    given = {name: getattr(controller, name) for name in gains}
-    return SpeedAdapter(new, gains, given, getattr(controller, 'terms', PID.terms))
+    declared = getattr(controller, 'gains', PID.gains)
+    gains = {name: gain for name, gain in declared.items() if hasattr(controller, name)}
+    values = {name: getattr(controller, name) for name in gains}
+    return SpeedAdapter(new, gains, values, getattr(controller, 'terms', PID.terms))
 
 
 class Adapter:
@@ -583,22 +588,26 @@ class Adapter:
     ) -> None:
         """Take objects from `new`, called with the gains by name; a reset takes a fresh one."""
         self._new = new
-        self.gains, self.terms = gains, terms
+        self.gains = gains
+        self.terms = terms
         self.__dict__.update(values)
         self.reset()
 
     def reset(self) -> None:
         """Begin with a fresh object."""
-        self._held = self._values()
-        self._object = self._new(**self._held)
+        self._latest_gains = self._values()
+        self._object = self._new(**self._latest_gains)
         self.__dict__.update(dict.fromkeys(self.terms, nan))
 
     def _call(self, method: str, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (as above)
         """Call a method of the object: before, set changed gains; after, read the terms."""
-        if (values := self._values()) != self._held:
-            self._held = values
+        values = self._values()
+        if values != self._latest_gains:
+            self._latest_gains = values
             self._set(values)
+
         output = getattr(self._object, method)(*args, **options)
+
         self.__dict__.update({name: self._read(name) for name in self.terms})
         return output
 
@@ -619,7 +628,8 @@ class SpeedAdapter(Adapter):
     `saturated` is true if the adapter or the object limited the output.
     """
 
-    output_min, output_max = -inf, inf
+    output_min = -inf
+    output_max = inf
 
     def reset(self) -> None:
         """Begin with a fresh object."""
@@ -629,13 +639,26 @@ class SpeedAdapter(Adapter):
 
     def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
-        by_position = [dt] if self._dt == '' else []
-        by_name = {self._dt: dt} if self._dt else {}
-        speeds = speed_reference, speed_current
-        raw = self._call('acc_calculate', *speeds, *by_position, **by_name)
+        arguments = [speed_reference, speed_current]
+        options = {}
+        if self._dt == '':
+            arguments.append(dt)
+        elif self._dt is not None:
+            options[self._dt] = dt
+        raw = self._call('acc_calculate', *arguments, **options)
+
         output = min(max(raw, self.output_min), self.output_max)
         self.saturated = output != raw or self._read('saturated') == 1.0
         return float(output)
+
+
+def _takes(accepted: inspect.Signature, count: int) -> bool:
+    """Return whether a method can be called with so many numbers."""
+    try:
+        accepted.bind(*[0.0] * count)
+    except TypeError:
+        return False
+    return True
 
 
 def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the user's)
@@ -644,12 +667,11 @@ def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the 
     parameters = accepted.parameters
     if 'dt' in parameters and parameters['dt'].kind is not inspect.Parameter.POSITIONAL_ONLY:
         return 'dt'
-    for arguments, answer in (((0.0, 0.0), None), ((0.0, 0.0, 0.0), '')):
-        try:
-            accepted.bind(*arguments)
-        except TypeError:
-            continue
-        return answer
+
+    if _takes(accepted, 2):
+        return None
+    if _takes(accepted, 3):
+        return ''
     raise UserError(
         f'acc_calculate takes ({", ".join(parameters)}): expected (speed_reference, speed_current)'
     )

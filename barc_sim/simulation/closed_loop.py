@@ -61,7 +61,10 @@ if TYPE_CHECKING:
     _Row = tuple[Observation, Command, Sequence[float]]
 
 
-LAP_TRACK, LAP_SPEED, LAPS = 'L', 6.0, 3  #: of `lap`; [m/s]
+# The defaults of `lap`.
+LAP_TRACK = 'L'
+LAP_SPEED = 6.0  #: [m/s]
+LAPS = 3
 _LAPS = LIMITS['laps']._replace(between=(1, 10**6))
 
 
@@ -168,7 +171,7 @@ def simulate(
     >>> print(f'{log.speed[-1]:.1f} m/s after {log.t[-1]:.1f} s')
     8.0 m/s after 23.0 s
     """
-    made = Scenario(
+    of_arguments = Scenario(
         kp=kp,
         ki=ki,
         kd=kd,
@@ -195,7 +198,7 @@ def simulate(
         servo=servo,
         e_y=e_y,
     )
-    return drive_scenario(chosen_scenario(scenario, made))
+    return drive_scenario(chosen_scenario(scenario, of_arguments))
 
 
 def drive_scenario(scenario: Scenario) -> Log:
@@ -223,22 +226,23 @@ def drive_scenario(scenario: Scenario) -> Log:
 
 
 def chosen_scenario(
-    scenario: Scenario | None, made: Scenario, default: Scenario | None = None
+    scenario: Scenario | None, of_arguments: Scenario, default: Scenario | None = None
 ) -> Scenario:
-    """Return `scenario`, or the one `made` of the other arguments.
+    """Return `scenario`, or else the one `of_arguments`.
 
-    UserError: both are given, as `made` is not the `default`, that of no arguments.
+    UserError: both are given, as `of_arguments` is not the `default`, that of no arguments.
     """
     if scenario is None:
-        return made
+        return of_arguments
+
     default = default or Scenario()
     if not isinstance(scenario, Scenario):
         raise UserError(f'scenario {scenario!r} must be of type Scenario, such as {Scenario()!r}')
-    for each in fields(made):
-        if getattr(made, each.name) != getattr(default, each.name):
+    for field in fields(of_arguments):
+        if getattr(of_arguments, field.name) != getattr(default, field.name):
             raise UserError(
-                f'{each.name} beside a scenario: give one or the other; '
-                f'dataclasses.replace(scenario, {each.name}=…) makes another scenario'
+                f'{field.name} beside a scenario: give one or the other; '
+                f'dataclasses.replace(scenario, {field.name}=…) makes another scenario'
             )
     return scenario
 
@@ -284,9 +288,11 @@ def lap(
     29.18 s, at most 0.16 m off the centre line
     """
     default = _of_laps(None, LAP_TRACK, LAP_SPEED, LAPS)
-    scenario = chosen_scenario(scenario, _of_laps(lane, track, speed, laps, **options), default)
+    of_arguments = _of_laps(lane, track, speed, laps, **options)
+    scenario = chosen_scenario(scenario, of_arguments, default)
     if not scenario.track:
         raise needs_track('lap')
+
     log = drive_scenario(replace(scenario, lane=scenario.lane or LaneLQR()))
     assert isinstance(log, TrackLog)  # noqa: S101 (it has a track)
     return log
@@ -350,36 +356,43 @@ def closed_loop(
         names += [of_lane[field] for field in STEERING]
         names += [LANE + name for name in keeping.own_terms]
 
-    def held(_t: float, _x: float) -> float:
+    def constant(_t: float, _x: float) -> float:
         return speed_reference
 
-    reference = reference or held
+    reference = reference or constant
     navigator = Navigator(track)
     period = plant.period_ns
     dt = FIRST_DT
     rows: list[_Row] = []
     references: list[float] = []
     for k in range(steps + 1):
-        seen = plant.observe()
-        situation = navigator.situation(k * period / 1e9, dt, seen.measured, reference)
+        observation = plant.observe()
+        situation = navigator.situation(k * period / 1e9, dt, observation.measured, reference)
         command = pilot.command(situation)
 
         values = [speed.saturated, *speed.values()]
         if keeping:
             values += keeping.steering_values()
             values += keeping.own_values()
-        rows.append((seen, command, values))
+        rows.append((observation, command, values))
         references.append(situation.reference)
+
         if plant.distance >= distance:
             break
         if progress and progress.add(
-            k * plant.ts, plant.distance, seen.true.v_x, situation.reference, seen.on_track
+            k * plant.ts,
+            plant.distance,
+            observation.true.v_x,
+            situation.reference,
+            observation.on_track,
         ):
             break
         plant.advance(command)
         dt = period / 1e9  # as the nodes take it from stamps
-    shown = references if pilot.follows_reference else nan
-    return log_of_rows(rows, period, shown, names, track)
+
+    if not pilot.follows_reference:
+        return log_of_rows(rows, period, nan, names, track)
+    return log_of_rows(rows, period, references, names, track)
 
 
 def log_of_rows(
@@ -393,17 +406,21 @@ def log_of_rows(
 
     `names` are the columns and own terms that the values of a row are.
     """
-    seen, commands, values = zip(*rows, strict=True)
-    is_on_track = seen[0].on_track is not None
-    columns = _columns(values)
+    observations, commands, values = zip(*rows, strict=True)
+    on_track = None
+    if observations[0].on_track is not None:
+        on_track = _arrays([each.on_track for each in observations])
+    computed = dict(zip(names, _columns(values), strict=True))
+    computed['reference'] = np.full(len(rows), references)
+
     log = log_of(
         period_ns,
-        _arrays([each.measured for each in seen]),
-        _arrays([each.error for each in seen]),
+        _arrays([each.measured for each in observations]),
+        _arrays([each.error for each in observations]),
         _arrays(commands),
-        _arrays([each.surroundings for each in seen]),
-        _arrays([each.on_track for each in seen]) if is_on_track else None,
-        **dict(zip(names, columns, strict=True)) | {'reference': np.full(len(rows), references)},
+        _arrays([each.surroundings for each in observations]),
+        on_track,
+        **computed,
     )
     return replace(log, track=track) if isinstance(log, TrackLog) else log
 
@@ -454,10 +471,12 @@ class Progress:
         not to be beyond the edge.
         """
         if x > self._best + _ADVANCE:
-            self._best, self._since = x, t
+            self._best = x
+            self._since = t
         if self._may_stand and reference <= 0.0:
             self._since = t
         self._may_stand = self._may_stand or reference > 0.0
+
         self.failure = ''
         if abs(v) > RUNAWAY:
             self.failure = f'the car {self._does(x, v)}; at {v:.4g} m/s it is given up'

@@ -61,9 +61,9 @@ def _takes_own_terms(kind: _Kind) -> _Kind:
 
     @wraps(make)
     def init(self: Log, **columns: Any) -> None:  # noqa: ANN401 (any column)
-        own = {name: columns.pop(name) for name in [*columns] if name not in names}
-        if own:
-            columns['own_terms'] = {**columns.get('own_terms', {}), **own}
+        terms = {name: columns.pop(name) for name in [*columns] if name not in names}
+        if terms:
+            columns['own_terms'] = {**columns.get('own_terms', {}), **terms}
         make(self, **columns)
 
     kind.__init__ = init  # type: ignore[method-assign]
@@ -143,18 +143,18 @@ class Log:
 
     def map(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> Self:
         """Return a log of `function(column)` for each column, such as some of its rows."""
-        own = {name: function(values) for name, values in self.own_terms.items()}
-        parameters = {name: function(values) for name, values in self.parameters.items()}
         columns = {name: function(getattr(self, name)) for name in self.declared}
-        return replace(self, **columns, own_terms=own, parameters=parameters)
+        terms = {name: function(values) for name, values in self.own_terms.items()}
+        parameters = {name: function(values) for name, values in self.parameters.items()}
+        return replace(self, **columns, own_terms=terms, parameters=parameters)
 
     @property
     def terms(self) -> dict[str, Floats]:
         """Terms of the controller [m/s²] by name; without a controller, a PID's, unknown."""
         pid = {name: getattr(self, name) for name in PID.terms}
         recorded = {name: values for name, values in pid.items() if not np.isnan(values).all()}
-        own = {name: each for name, each in self.own_terms.items() if not name.startswith(LANE)}
-        return (recorded | own) if own else pid
+        others = {name: each for name, each in self.own_terms.items() if not name.startswith(LANE)}
+        return (recorded | others) if others else pid
 
     @property
     def speed(self) -> Floats:
@@ -197,9 +197,9 @@ class Log:
         frame: pd.DataFrame = extra('pandas', 'to_frame', 'pandas').DataFrame(
             {**self.columns(), **self.parameters}
         )
+        of_terms = {name: '' if name.startswith(LANE) else 'm/s²' for name in self.own_terms}
         units = {name: column.unit for name, column in self.declared.items()}
-        own = {name: '' if name.startswith(LANE) else 'm/s²' for name in self.own_terms}
-        frame.attrs['units'] = own | units
+        frame.attrs['units'] = of_terms | units
         return frame
 
     def plot(
@@ -217,9 +217,10 @@ class Log:
         """
         if not isinstance(other, Log):
             return NotImplemented
-        ours, theirs = self.columns(), other.columns()
-        return ours.keys() == theirs.keys() and all(
-            np.array_equal(ours[name], theirs[name], equal_nan=True) for name in ours
+        columns = self.columns()
+        of_other = other.columns()
+        return columns.keys() == of_other.keys() and all(
+            np.array_equal(columns[name], of_other[name], equal_nan=True) for name in columns
         )
 
     __hash__ = None  # type: ignore[assignment]  # its arrays can be changed
@@ -325,7 +326,6 @@ def log_of(
     The records have arrays of shape `(n,)` as fields.
     """
     n = len(around.theta)
-    kind, place = (TrackLog, columns_from(TRACK_STATE, on_track)) if on_track else (Log, {})
     columns = {
         't': np.arange(n) * period_ns / 1e9,
         **columns_from(STATE, measured),
@@ -333,18 +333,20 @@ def log_of(
         **columns_from(ECU, command),
         'missed': np.zeros(n),
         **columns_from(ENVIRONMENT, around),
-        **place,
     }
-    return log_of_columns(kind, computed | columns)
+    if not on_track:
+        return log_of_columns(Log, computed | columns)
+    columns |= columns_from(TRACK_STATE, on_track)
+    return log_of_columns(TrackLog, computed | columns)
 
 
 def log_of_columns(kind: type[Log], columns: Mapping[str, Floats]) -> Log:
     """Return the log of these columns and own terms; a column that is absent is unknown."""
     unknown = np.full(len(columns['t']), np.nan)
-    made: dict[str, Any] = {name: columns.get(name, unknown) for name in kind.declared}
-    flags = {name: made[name] == 1.0 for name in made.keys() & _FLAGS}
-    own = {name: columns[name] for name in columns if name not in kind.declared}
-    return kind(**made | flags, own_terms=own)
+    declared: dict[str, Any] = {name: columns.get(name, unknown) for name in kind.declared}
+    flags = {name: declared[name] == 1.0 for name in declared.keys() & _FLAGS}
+    terms = {name: columns[name] for name in columns if name not in kind.declared}
+    return kind(**declared | flags, own_terms=terms)
 
 
 def recordable(terms: Iterable[str]) -> tuple[str, ...]:
@@ -359,6 +361,7 @@ def _in_words(log: Log) -> str:
     errors = log.speed_error[np.isfinite(log.speed_error)]
     if errors.size:
         words.append(f'speed error {np.sqrt(np.mean(errors**2)):.3f} m/s RMS')
-    if missed := np.count_nonzero(log.missed):
+    missed = np.count_nonzero(log.missed)
+    if missed:
         words.append(f'{missed} missed deadlines')
     return ', '.join(words)

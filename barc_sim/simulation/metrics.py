@@ -46,8 +46,15 @@ _NO_GAINS = {each.name for each in (SPEED, LIMIT, *PROFILE)}
 LAP_HEADINGS = ('lap', 'time', 'RMS e_y', 'max |e_y|', 'steering')
 #: Those of a road, `Lap.cells`; the errors are those beyond `RUN_UP`.
 ROAD_LAP_HEADINGS = ('lap', 'time', 'RMS error', 'maximum', 'overshoot', 'settling')
-#: Time [s], distance along and across [m], speed [m/s].
-_Place = tuple[float, float, float, float]
+
+
+class _Place(NamedTuple):
+    """Where the car was, and how fast."""
+
+    t: float  #: [s]
+    distance: float  #: [m] along the road
+    across: float  #: [m] to its left
+    speed: float  #: [m/s]
 
 
 @dataclass(frozen=True)
@@ -110,14 +117,21 @@ def _summary(
     changes = (theta_deg[1:] != theta_deg[:-1]) & ~(unknown[1:] & unknown[:-1])
     starts = [0, *(np.flatnonzero(changes) + 1).tolist(), len(t)]
     segments = [slice(*ends) for ends in pairwise(starts)] if len(t) else []
-    step = nan, nan
+
+    rms_error, max_error = _figures(errors)
+    rms_after_run_up, max_after_run_up = _figures(errors[distance >= RUN_UP])
+    overshoot = nan
+    settling_time = nan
     if segments:
         first = segments[0]
-        step = _step_response(t[first], speed[first], reference[first])
+        overshoot, settling_time = _step_response(t[first], speed[first], reference[first])
     return Summary(
-        *_figures(errors),
-        *_figures(errors[distance >= RUN_UP]),
-        *step,
+        rms_error=rms_error,
+        max_error=max_error,
+        rms_error_after_run_up=rms_after_run_up,
+        max_error_after_run_up=max_after_run_up,
+        overshoot=overshoot,
+        settling_time=settling_time,
         missed_deadlines=missed_deadlines,
         stretches=tuple(
             SegmentErrors(
@@ -154,15 +168,19 @@ def _step_response(t: Floats, speed: Floats, reference: Floats) -> tuple[float, 
     Only states before the first change of the reference count; the settling time is NaN if the
     speed is outside the band at the end.
     """
-    held = float(reference[0])
-    changed = [*np.flatnonzero(reference != held)[:1], len(t)]
-    t, speed = t[: changed[0]], speed[: changed[0]]
-    if not len(t) or not held or np.isnan(speed).any():  # no reference, 0, or no speed
+    target = float(reference[0])
+    changes = np.flatnonzero(reference != target)
+    count = changes[0] if changes.size else len(t)
+    t = t[:count]
+    speed = speed[:count]
+    if not len(t) or not target or np.isnan(speed).any():  # no reference, 0, or no speed
         return nan, nan
-    outside = np.flatnonzero(np.abs(held - speed) > SETTLING_BAND * abs(held))
+
+    outside = np.flatnonzero(np.abs(target - speed) > SETTLING_BAND * abs(target))
     settled = outside[-1] + 1 if outside.size else 0
     settling_time = float(t[settled] - t[0]) if settled < len(t) else nan
-    return max(float((speed / held).max()) - 1.0, 0.0), settling_time
+    overshoot = max(float((speed / target).max()) - 1.0, 0.0)
+    return overshoot, settling_time
 
 
 class Lap(NamedTuple):
@@ -218,7 +236,7 @@ class Laps:
         self._states = array('d')
         self._number = 0
         self._is_over = False
-        self._start: _Place = (nan, 0.0, 0.0, 0.0)
+        self._start = _Place(nan, 0.0, 0.0, 0.0)
         self._before = self._start
 
     def add(
@@ -231,16 +249,17 @@ class Laps:
         theta_deg: float,
     ) -> int:
         """Take a state: [s], [m], [m], [m/s], [m/s], [deg]; return the number of its lap."""
-        before, state = self._before, (t, distance, across, speed)
-        if _is_jump(before, state, self._max_interval):
+        place = _Place(t, distance, across, speed)
+        if _is_jump(self._before, place, self._max_interval):
             self.finished.append(self.current)
             del self.finished[:-_MAX_LAPS]
             self._states = array('d')
             self._number += 1
-            self._start = state
-        elif isnan(before[0]):  # the first state
-            self._start = state
-        self._before = state
+            self._start = place
+        elif isnan(self._before.t):  # the first state
+            self._start = place
+        self._before = place
+
         self._states.extend((t, distance, speed, reference, theta_deg))
         if len(self._states) == 5 * _MAX_STATES:
             del self._states[: 5 * _MAX_STATES // 2]
@@ -254,9 +273,17 @@ class Laps:
     @property
     def current(self) -> Lap:
         """The present lap; may be read from any thread."""
-        start, end = self._start, self._before
+        start = self._start
+        end = self._before
         columns = np.frombuffer(self._states.tobytes()).reshape(-1, 5).T
-        return Lap(self._number, start[0], end[0], start[1], end[1], _summary(*columns))
+        return Lap(
+            number=self._number,
+            start=start.t,
+            end=end.t,
+            start_distance=start.distance,
+            end_distance=end.distance,
+            summary=_summary(*columns),
+        )
 
     def end(self) -> None:
         """End the run: from now on the present lap can be the best one, too."""
@@ -288,12 +315,12 @@ class Laps:
 
 def _is_jump(before: _Place, now: _Place, max_interval: float) -> bool:
     """Return whether the car cannot have driven from one place to the next."""
-    passed = now[0] - before[0]
-    moved = hypot(now[1] - before[1], now[2] - before[2])
-    possible = max(abs(now[3]), abs(before[3])) * min(abs(passed), max_interval)
+    passed = now.t - before.t
+    moved = hypot(now.distance - before.distance, now.across - before.across)
+    possible = max(abs(now.speed), abs(before.speed)) * min(abs(passed), max_interval)
     # The start, at rest: after a pause, `passed` is long, and much would be possible. A car that
     # drives in a circle can be reset beside its start.
-    is_start = max(map(abs, now[1:])) < _NEAR
+    is_start = max(abs(now.distance), abs(now.across), abs(now.speed)) < _NEAR
     return passed < 0.0 or moved > possible + _JUMP or (is_start and moved > _AWAY)
 
 
@@ -366,15 +393,16 @@ def settings_of(log: Log) -> dict[str, Floats]:
     They are the gains of the speed controller, or on a track those of the steering law; of many
     gains, only those that were changed.
     """
-    gains, changed = {}, {}
+    gains = {}
+    changed = {}
     for full_name, values in log.parameters.items():
         node, _, name = full_name.partition('.')
         of_lane = name.startswith(LANE)
         short = name.removeprefix(LANE)
         if node == CONTROLLER and name not in _NO_GAINS and of_lane == isinstance(log, TrackLog):
             gains[short] = values
-        known = values[~np.isnan(values)]
-        if known.size and known.min() < known.max():
+        numbers = values[~np.isnan(values)]
+        if numbers.size and numbers.min() < numbers.max():
             changed[short] = values
     return gains | changed if len(gains) <= _MAX_GAINS else changed
 
@@ -388,9 +416,9 @@ def lap_settings_of(log: Log, numbers: Sequence[int]) -> LapSettings:
     laps = LapSettings()
     for begin, end in pairwise(first):
         values = {name: float(column[begin]) for name, column in columns.items()}
-        known = {name: value for name, value in values.items() if not isnan(value)}
+        settings = {name: value for name, value in values.items() if not isnan(value)}
         for k in (begin, end - 1):
-            laps.add(int(numbers[k]), float(log.t[k]), known)
+            laps.add(int(numbers[k]), float(log.t[k]), settings)
     return laps
 
 
@@ -425,8 +453,13 @@ class TrackLap(NamedTuple):
     def cells(self) -> tuple[str, ...]:
         """Its number and figures as the texts of a table with `LAP_HEADINGS`."""
         number = f'{self.number + 1}' if self.is_finished else 'not finished'
-        errors = f'{self.rms:.3f} m', f'{self.maximum:.3f} m'
-        return number, f'{self.time:.2f} s', *errors, f'{self.at_limit:.0%} at its limit'
+        return (
+            number,
+            f'{self.time:.2f} s',
+            f'{self.rms:.3f} m',
+            f'{self.maximum:.3f} m',
+            f'{self.at_limit:.0%} at its limit',
+        )
 
 
 class TrackLaps:
@@ -436,24 +469,36 @@ class TrackLaps:
         """Begin without states."""
         self.finished: list[TrackLap] = []  #: without those that a reset has cut short
         self._number = -1
-        self._start = self._end = nan
-        self._before = (nan, nan)  # lap and its time [s]
-        self._states, self._squares, self._maximum, self._at_limit = 0, 0.0, 0.0, 0
+        self._start = nan
+        self._end = nan
+        self._lap = nan  # of the state before
+        self._lap_time = nan  # [s]
+        self._clear_sums()
+
+    def _clear_sums(self) -> None:
+        """Begin the sums over the states of a lap."""
+        self._states = 0
+        self._squares = 0.0
+        self._maximum = 0.0
+        self._at_limit = 0
 
     def add(self, t: float, lap: float, lap_time: float, e_y: float, servo: float) -> int:
         """Take a state, its values as in `TrackLog`; return the number of its lap."""
-        before = self._before
         if isnan(lap):  # its place is not known
             return max(self._number, 0)
-        if lap != before[0] or lap_time < before[1]:  # the first state, too
-            if lap == before[0] + 1.0:
+
+        if lap != self._lap or lap_time < self._lap_time:  # the first state, too
+            if lap == self._lap + 1.0:
                 self._end = t - lap_time
                 self.finished.append(self.current._replace(is_finished=True))
                 del self.finished[:-_MAX_LAPS]
             self._start = t - lap_time
             self._number += 1
-            self._states, self._squares, self._maximum, self._at_limit = 0, 0.0, 0.0, 0
-        self._before, self._end = (lap, lap_time), t
+            self._clear_sums()
+        self._lap = lap
+        self._lap_time = lap_time
+        self._end = t
+
         self._states += 1
         self._squares += e_y * e_y
         self._maximum = max(self._maximum, abs(e_y))
@@ -469,8 +514,15 @@ class TrackLaps:
     def current(self) -> TrackLap:
         """The present lap."""
         n = max(self._states, 1)
-        figures = sqrt(self._squares / n), self._maximum, self._at_limit / n
-        return TrackLap(self._number, self._start, self._end, False, *figures)
+        return TrackLap(
+            number=self._number,
+            start=self._start,
+            end=self._end,
+            is_finished=False,
+            rms=sqrt(self._squares / n),
+            maximum=self._maximum,
+            at_limit=self._at_limit / n,
+        )
 
     @property
     def rows(self) -> list[TrackLap]:

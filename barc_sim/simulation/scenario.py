@@ -56,6 +56,7 @@ class Scenario(PlantOptions):
     def __post_init__(self) -> None:
         """Check the fields, and read the files that they name."""
         super().__post_init__()
+
         if self.controller is not None and self.gains:
             raise UserError(
                 f'{", ".join(self.gains)} are gains of the PID, which '
@@ -63,6 +64,7 @@ class Scenario(PlantOptions):
             )
         if self.gains:
             PID(**self.gains)  # which checks them
+
         lane = self.lane
         if lane is not None and not isinstance(lane, Pilot):
             check_steering_law(lane)
@@ -70,6 +72,7 @@ class Scenario(PlantOptions):
             raise needs_track(f'lane={lane!r}')
         if self.track and self.laps:
             Track.of(self.track).check_laps(self.laps)
+
         if self.reference is not None:
             reference = reference_of(self.reference)
             if isinstance(reference, Profile):

@@ -86,7 +86,8 @@ class Commands:
         """
         self.timeout = timeout or inf
         self.latest: Command | None = None
-        self.answered = self._unsynchronised = bool(timeout)
+        self._unsynchronised = bool(timeout)
+        self.answered = self._unsynchronised
         self._answered_by_stamp = False  # answered by a command with the present state's stamp
         self._latest_state = 0  # [ns] stamp of the state that `latest` belongs to
         self._received = -inf
@@ -99,7 +100,10 @@ class Commands:
         state = min(stamp, present) if stamp else present  # that it belongs to
         if state < self._latest_state or (self._answered_by_stamp and stamp not in (0, present)):
             return False
-        self.latest, self._latest_state, self._received = command, state, t
+
+        self.latest = command
+        self._latest_state = state
+        self._received = t
         self._answered_by_stamp = stamp == present
         if self._answered_by_stamp or stamp == 0:
             self._unsynchronised = stamp == 0
@@ -175,7 +179,7 @@ def parameters(distance: float = 0.0, *, on_track: bool = False) -> list[Paramet
 class StepperHost(Protocol):
     """The methods that a `Stepper` calls; the node `vehicle_simulator` has them."""
 
-    def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
+    def publish_state(self, t: float, observation: Observation, stamp_ns: int) -> None:
         """Publish the state `t` [s] after the start, with its stamp [ns]."""
 
     def publish_applied(self, command: Command, stamp_ns: int, *, missed: bool) -> None:
@@ -190,8 +194,8 @@ class StepperHost(Protocol):
     def defer_decision(self) -> None:
         """Call `Stepper.decide` once the commands that have arrived are delivered."""
 
-    def prepare_start(self, why: str) -> None:
-        """Log `why`, reset the node that commands, and call `Stepper.start` when it is ready."""
+    def prepare_start(self, reason: str) -> None:
+        """Log `reason`, reset the node that commands, and call `Stepper.start` when it is ready."""
 
     def finish(self) -> None:
         """End the run; may be called from any thread."""
@@ -281,7 +285,8 @@ class Stepper:
         UserError
             if fields of the scenario or of the options contradict one another.
         """
-        factor, (low, high) = options.realtime_factor, REALTIME_FACTORS
+        factor = options.realtime_factor
+        low, high = REALTIME_FACTORS
         if 0.0 < factor < low:
             raise UserError(
                 f'realtime_factor {factor:g} is too small: expected 0, or {low:g} to {high:g}'
@@ -291,31 +296,46 @@ class Stepper:
                 f'laps {scenario.laps} with distance 0, at which no lap ends: expected a distance '
                 'above 0, or one lap'
             )
+
+        # What is driven.
+        self._scenario = scenario
         self._plant = scenario.plant()
         if self._plant.track:
             self._plant.track.check_laps(scenario.laps)
-        self._scenario = scenario
-        self._is_retuned = False  # since the latest step
         self.distance = scenario.end
         self._laps = scenario.laps
+
+        # How it is driven.
         self._max_command = Command(options.refuse_motor_above, options.refuse_servo_above)
         self._timeout = options.command_timeout
         self._braking = options.timeout_braking
         self._in_real_time = factor == 1.0
         self._outputs = outputs
-        self._clock, self._wall_clock = clock, wall_clock
+        self._clock = clock
+        self._wall_clock = wall_clock
         self._period_ns = round(self._plant.ts * NANOSECONDS)
         self._pace = Pace(self._plant.ts / factor) if factor else None
-        self._commands = Commands(self._timeout)
+
+        # The present state of the run.
         self.phase = Phase.STARTING
         self.paused = False
-        self.states = self.missed = self.laps = 0
+        self._commands = Commands(self._timeout)
+        self.stamp = 0
         self.stamp_lag = 0.0
+        self._first_stamp = 0  # since the start or the latest reset
+        self._first_state = 0
         self._warned_of_stamps = False
-        self._first_state = self._first_stamp = self.stamp = 0
+
+        # The counts of the run.
+        self.states = 0
+        self.missed = 0
+        self.laps = 0
+
+        # What is to be done.
+        self._is_retuned = False  # before the next step
+        self._ends = False
         self._request: Literal['step', 'reset'] | None = None  # once the state is answered
         self._undecided: Literal['punctual', 'late'] | None = None  # the deadline that has passed
-        self._ends = False
         self._start: BicycleState | None = None  # after the requested reset; None: the scenario's
 
     @property
@@ -351,10 +371,12 @@ class Stepper:
                 f'a command beyond ±{limit.motor:g} m/s² or ±{limit.servo:g} rad: '
                 f'{command.motor}, {command.servo}'
             )
+
         if stamp not in (0, self.stamp):
             self._check_stamp(stamp)
         if not self._commands.store(command, stamp, self.stamp, self._clock()):
             return out_of_order(stamp, self.stamp)
+
         lock_step = self.phase is Phase.RUNNING and not self._pace
         if self._commands.answered and (lock_step or self._request):
             self._step()
@@ -375,9 +397,11 @@ class Stepper:
 
     def decide(self) -> None:
         """Step, or let a late deadline slip, once all commands that have arrived are delivered."""
-        deadline, self._undecided = self._undecided, None
+        deadline = self._undecided
+        self._undecided = None
         if not (deadline and self._pace):
             return
+
         is_missed = not self._commands.answered
         if is_missed:
             if deadline == 'late':
@@ -397,7 +421,8 @@ class Stepper:
 
     def pause(self, *, on: bool) -> bool:
         """Pause simulated time, or resume it; return whether that is a change."""
-        changed, self.paused = self.paused != on, on
+        is_change = self.paused != on
+        self.paused = on
         if on and self.phase is Phase.RUNNING:
             self.phase = Phase.PAUSED
             self._stop_deadlines()
@@ -408,20 +433,22 @@ class Stepper:
             if not self._pace and self._commands.answered:
                 self._step()
             self._start_deadlines()
-        return changed
+        return is_change
 
     def single_step(self) -> tuple[bool, str]:
         """Take one step while paused; return whether that is possible, and a sentence."""
-        if self.phase is Phase.PAUSED:
-            self._request = self._request or 'step'
-            if not self._commands.answered:
-                return True, f'state {self.states - 1} is not answered yet: the step follows'
-            self._step()
-            return True, f'state {self.states - 1}'
-        return False, {
-            Phase.STARTING: 'not begun yet',
-            Phase.RUNNING: 'time runs: pause it first',
-        }.get(self.phase, 'the run has ended')
+        if self.phase is Phase.STARTING:
+            return False, 'not begun yet'
+        if self.phase is Phase.RUNNING:
+            return False, 'time runs: pause it first'
+        if self.phase is Phase.FINISHED:
+            return False, 'the run has ended'
+
+        self._request = self._request or 'step'
+        if not self._commands.answered:
+            return True, f'state {self.states - 1} is not answered yet: the step follows'
+        self._step()
+        return True, f'state {self.states - 1}'
 
     def retune(self, scenario: Scenario) -> None:
         """Give the plant the `LIVE` parameters of `scenario` before the next step.
@@ -479,7 +506,8 @@ class Stepper:
         # Also where no step follows: then the records of a run are as many as its missed commands.
         self._outputs.publish_applied(command, self.stamp, missed=missed)
 
-        request, self._request = self._request, None
+        request = self._request
+        self._request = None
         if request == 'reset':
             self._restart()
             return
@@ -496,6 +524,7 @@ class Stepper:
                 lambda: f'no command for {self._timeout:g} s: the car brakes',
                 'timeout',
             )
+
         plant.advance(command)
         self._commands.next_step()
         self.stamp += self._period_ns
@@ -536,28 +565,32 @@ class Stepper:
         starting = self.phase is Phase.STARTING
         if self._warned_of_stamps or starting or is_late_answer or not is_of_this_start:
             return
+
         self._warned_of_stamps = True
         away = (stamp - self.stamp) / NANOSECONDS
-        why = (
+        warning = (
             f'commands arrive stamped {away:+.3g} s from the state: copy its header, or leave the '
+            'stamp 0'
         )
-        self._outputs.warn(lambda: f'{why}stamp 0', 'stamps of commands')
+        self._outputs.warn(lambda: warning, 'stamps of commands')
 
-    def _restart(self, why: str = RESET) -> None:
+    def _restart(self, reason: str = RESET) -> None:
         if self.phase is Phase.FINISHED:
             self.laps = 0
         self.phase = Phase.STARTING
         self._request = None
         self._ends = False
         self._stop_deadlines()
+
         self._plant = self._scenario.plant()
-        if self._start:
-            self._plant.place(self._start)
-            why = f'reset: the car is at x {self._start.x:.2f} m, y {self._start.y:.2f} m'
-            self._start = None
+        start = self._start
+        self._start = None
+        if start:
+            self._plant.place(start)
+            reason = f'reset: the car is at x {start.x:.2f} m, y {start.y:.2f} m'
         self._commands = Commands(self._timeout)
         self._first_state = self.states
-        self._outputs.prepare_start(why)
+        self._outputs.prepare_start(reason)
 
     def _start_deadlines(self) -> None:
         if self._pace and self.phase is Phase.RUNNING:
