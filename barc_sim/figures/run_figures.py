@@ -101,6 +101,11 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     ax
         The axes to draw into.
 
+    Returns
+    -------
+    Figure
+        The new figure, or that of `ax`.
+
     Raises
     ------
     UserError

@@ -159,6 +159,11 @@ def simulate(
     scenario
         A run as a value, in place of all other arguments.
 
+    Returns
+    -------
+    Log
+        A row for each state, the last one at or beyond the end.
+
     Raises
     ------
     UserError
@@ -276,6 +281,11 @@ def lap(
     options
         All other arguments of `simulate`. A `delay` delays the steering, too.
 
+    Returns
+    -------
+    TrackLog
+        A row for each state; `lap_times` and `best` have the times.
+
     Raises
     ------
     UserError
@@ -329,13 +339,27 @@ def closed_loop(
     progress: Progress | None = None,
     lane: LaneController | Pilot | None = None,
 ) -> Log:
-    """Drive until `distance` [m] is reached, or for `max_duration` [s] of simulated time.
+    """Drive a plant with a controller, and return the log.
 
-    `reference`, if given, is the speed to hold over time and measured position. With `progress` the
-    drive of a car that never arrives ends early, as a run does. On a track `lane` steers, and the
-    drive ends if the car leaves the track.
-    `plant` and `controller`, by default those of a run, must not be used again. The last row is the
-    first state at or beyond `distance`, with the command that answers it.
+    Parameters
+    ----------
+    plant, controller
+        By default those of a run; they must not be used again.
+    speed_reference
+        [m/s] to hold.
+    reference
+        In its place: the speed to hold over time and measured position.
+    distance, max_duration
+        [m], [s]: the drive ends at this distance, or after this simulated time.
+    progress
+        Ends the drive of a car that never arrives early, as a run does.
+    lane
+        Steers on a track, where the drive ends if the car leaves it.
+
+    Returns
+    -------
+    Log
+        Its last row is the first state at or beyond `distance`, with the command that answers it.
     """
     plant = plant or Plant()
     speed = as_pilot(speed_controller() if controller is None else controller)

@@ -93,6 +93,16 @@ class Summary:
 def summary(log: Log) -> Summary:
     """Return a run's speed errors, overshoot and settling time.
 
+    Parameters
+    ----------
+    log
+        The run.
+
+    Returns
+    -------
+    Summary
+        NaN where no state counts.
+
     Examples
     --------
     >>> from barc_sim import simulate
