@@ -308,6 +308,7 @@ class Drive:
         steps: int,
     ) -> None:
         """Take what the runs have in common."""
+        self._score_drives = compiled(score_drives)
         self._laws = laws
         self._states = steps + 1
         self._usual = round(_MARGIN * distance / (_slowest(reference) * plant.ts))
@@ -378,8 +379,7 @@ class Drive:
     def _score_runs(self, gains: Floats, normals: Floats, states: int) -> Floats:
         scores = np.empty((len(gains), len(Scores._fields) + len(LaneScores._fields)))
         rows: Column = normals if is_compiled() else normals.tolist()
-        score_runs = compiled(score_drives)
-        score_runs(self._conditions, self._laws, gains, rows, self._rooms(states), scores)
+        self._score_drives(self._conditions, self._laws, gains, rows, self._rooms(states), scores)
         return scores[:, : self._width]
 
     def _rooms(self, states: int) -> Rooms:

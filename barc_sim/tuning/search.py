@@ -62,10 +62,10 @@ LANE_SCORES = {
 }
 
 
-class Found(NamedTuple):
-    """The result of a search."""
+class SearchResult(NamedTuple):
+    """The best gains of a search."""
 
-    gains: Floats  #: shape `(3,)`: kp, ki, kd
+    gains: Floats  #: shape `(d,)`
     cost: float  #: infinite if no gains in the ranges arrive
     evaluations: int
 
@@ -79,28 +79,47 @@ def search(
     seed: int = 0,
     population: int = 24,
     generations: int = 40,
-) -> Found:
-    """Return the gains of minimum `cost` between `low` and `high`, shape `(d,)`.
+) -> SearchResult:
+    """Return the gains of minimum cost; the same arguments give the same gains.
 
-    The same arguments give the same gains. `cost` returns the costs, shape `(n,)`, of gains, shape
-    `(n, d)`. `start`, moved between `low` and `high`, is one of the first gains tried. A generation
-    has `population` gains, at least 4.
+    Parameters
+    ----------
+    cost
+        A function that returns the costs, shape `(n,)`, of gains, shape `(n, d)`.
+    low, high
+        The ends of the range of each gain, shape `(d,)`.
+    start
+        One of the first gains that are tried, moved into the ranges; shape `(d,)`.
+    seed
+        of the random numbers.
+    population
+        number of gains of a generation, at least 4.
+    generations
+        after which the search ends, unless it has converged before.
+
+    Returns
+    -------
+    SearchResult
+        The best gains, with `DIGITS` significant digits.
     """
     random = np.random.default_rng(seed)
     places = rounded(_spread(random, population, low, high))
     places[0] = np.clip(start, low, high)
     costs = cost(places)
     evaluations = population
+
     for _ in range(generations):
-        if _converged(costs):
+        if _has_converged(costs):
             break
         trials = rounded(np.clip(_trials(random, places, costs), low, high))
         trial_costs = cost(trials)
         evaluations += population
-        better = trial_costs <= costs
-        places[better], costs[better] = trials[better], trial_costs[better]
+        is_better = trial_costs <= costs
+        places[is_better] = trials[is_better]
+        costs[is_better] = trial_costs[is_better]
+
     best = np.argmin(costs)
-    return Found(places[best], float(costs[best]), evaluations)
+    return SearchResult(places[best], float(costs[best]), evaluations)
 
 
 def rounded(gains: Floats) -> Floats:
@@ -117,20 +136,25 @@ def _spread(random: np.random.Generator, number: int, low: Floats, high: Floats)
 def _trials(random: np.random.Generator, places: Floats, costs: Floats) -> Floats:
     """Return a rival for each of `places`."""
     number, gains = places.shape
-    weight = random.uniform(*_WEIGHTS)
+    low, high = _WEIGHTS
+    weight = random.uniform(low, high)
+
     # Two others, neither the same nor the one itself.
     one = (np.arange(number) + random.integers(1, number, number)) % number
     other = (one + random.integers(1, number - 1, number)) % number
     other = np.where(other == np.arange(number), (other + 1) % number, other)
     other = np.where(other == one, (other + 1) % number, other)
+
     mutants = places[np.argmin(costs)] + weight * (places[one] - places[other])
     crossed = random.random(places.shape) < _CROSSOVER
-    crossed[np.arange(number), random.integers(0, gains, number)] = True
+    crossed[np.arange(number), random.integers(0, gains, number)] = True  # at least one gain
     return np.where(crossed, mutants, places)
 
 
-def _converged(costs: Floats) -> bool:
-    minimum, maximum = costs.min(), costs.max()
+def _has_converged(costs: Floats) -> bool:
+    """Return whether the costs of a population are close together."""
+    minimum = costs.min()
+    maximum = costs.max()
     return bool(np.isfinite(maximum)) and bool(maximum - minimum <= _TOLERANCE * abs(minimum))
 
 
@@ -138,10 +162,16 @@ class Sweep(np.recarray):
     """The scores of many loops, by the names of gains and scores; as many as there are gains."""
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a DataFrame with a row for each loop; needs pandas."""
-        frame: pd.DataFrame = extra('pandas', 'to_frame', 'pandas').DataFrame(
-            {n: self[n].ravel() for n in self.dtype.names or ()}
-        )
+        """Return a DataFrame with a row for each loop.
+
+        Raises
+        ------
+        UserError
+            if pandas is not installed.
+        """
+        pandas = extra('pandas', 'to_frame', 'pandas')
+        names = self.dtype.names or ()
+        frame: pd.DataFrame = pandas.DataFrame({name: self[name].ravel() for name in names})
         return frame
 
 
@@ -178,12 +208,13 @@ def sweep(
 
     Returns
     -------
-    A record array of the broadcast shape. Its fields are the gains, the seed if it is an array, and
-    the scores: `rms_error` and `max_error`, of the speed after the first 10 m [m/s], `overshoot`, a
-    share of the speed, and `effort`, the RMS command [m/s²]. On a track there are `rms_e_y` and
-    `max_e_y`, of the distance from the centre line [m], and `best_lap` [s], too. The scores of a
-    loop that never arrives are infinite. A gain of `lane` whose name is one of the controller's has
-    the field `lane.NAME`.
+    Sweep
+        A record array of the broadcast shape. Its fields are the gains, the seed if it is an array,
+        and the scores: `rms_error` and `max_error`, of the speed after the first 10 m [m/s],
+        `overshoot`, a share of the speed, and `effort`, the RMS command [m/s²]. On a track there
+        are `rms_e_y` and `max_e_y`, of the distance from the centre line [m], and `best_lap` [s],
+        too. The scores of a loop that never arrives are infinite. A gain of `lane` whose name is
+        one of the controller's has the field `lane.NAME`.
 
     Raises
     ------
@@ -218,16 +249,10 @@ def sweep(
     for name, full_name in names.items():
         for key in {name, full_name} & options.keys():
             arguments[name] = options.pop(key)
-    values = {name: np.asarray(gain, float) for name, gain in arguments.items() if gain is not None}
-    for bound in (np.min, np.max):
-        check_values(
-            pilot.gains,
-            {names.get(name, name): float(bound(gain)) for name, gain in values.items()},
-        )
 
     present = pilot.gain_values
     axes: dict[str, Any] = {name: present[full_name] for name, full_name in names.items()}
-    axes |= values
+    axes |= _checked(pilot, names, arguments)
     if np.ndim(options.get('seed', 0)):
         axes['seed'] = _seeds(options.pop('seed'))
     axes = _broadcast(axes)
@@ -239,6 +264,24 @@ def sweep(
     if scores is None:
         scores = _scores_in_python(scenario, pilot, gains, seeds)
     return _swept(axes, SCORES | LANE_SCORES if scenario.track else SCORES, scores)
+
+
+def _checked(
+    pilot: LaneKeeping, names: Mapping[str, str], arguments: Mapping[str, ArrayLike | None]
+) -> dict[str, Floats]:
+    """Return the gains among the arguments, as arrays by the names of their fields.
+
+    UserError: the pilot has no such gain, or a value is beyond its limits.
+    """
+    gains = {
+        name: np.asarray(gain, np.float64) for name, gain in arguments.items() if gain is not None
+    }
+    for name, gain in gains.items():
+        full_name = names.get(name, name)
+        if gain.size:
+            check_values(pilot.gains, {full_name: float(gain.min())})
+            check_values(pilot.gains, {full_name: float(gain.max())})
+    return gains
 
 
 def _lane_of(scenario: Scenario | None, options: Mapping[str, Any]) -> Any:  # noqa: ANN401
@@ -358,10 +401,10 @@ def _swept(axes: Mapping[str, NDArray[Any]], names: Iterable[str], scores: Float
 
 def _seeds(seeds: ArrayLike) -> Ints:
     """Return seeds as an array of whole numbers; UserError: one is no seed."""
-    found = np.asarray(seeds)
-    if found.size and not np.issubdtype(found.dtype, np.integer):
-        raise UserError(f'seed {seeds!r} must be whole numbers, such as range(1000)')
-    for bound in (found.min, found.max):
-        if found.size:
-            LIMITS['seed'].check(int(bound()))
-    return found.astype(np.intp)
+    numbers = np.asarray(seeds)
+    if numbers.size:
+        if not np.issubdtype(numbers.dtype, np.integer):
+            raise UserError(f'seed {seeds!r} must be whole numbers, such as range(1000)')
+        LIMITS['seed'].check(int(numbers.min()))
+        LIMITS['seed'].check(int(numbers.max()))
+    return numbers.astype(np.intp)

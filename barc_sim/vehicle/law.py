@@ -25,6 +25,7 @@ from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 _KEPT = 30 * 24 * 3600.0  #: [s] for which compiled code is kept after its last use
 _laws: list[Callable[..., Any]] = []
+_registering = Lock()  #: of `_laws`: several threads can compile loops at once
 
 
 def law(function: _Function) -> _Function:
@@ -72,10 +74,11 @@ def compiled(loop: _Function) -> _Function:
     import numba  # noqa: PLC0415 (0.2 s, which a single run does not need)
     from numba.extending import register_jitable  # noqa: PLC0415
 
-    while _laws:
-        # Inlined, records of numbers stay in registers. Nothing is allocated in a law, so that the
-        # arrays of a record need no references counted, which takes longer than most laws.
-        register_jitable(forceinline=True, _nrt=False)(_laws.pop())
+    with _registering:
+        while _laws:
+            # Inlined, records of numbers stay in registers. Nothing is allocated in a law, so that
+            # the arrays of a record need no references counted, which takes longer than most laws.
+            register_jitable(forceinline=True, _nrt=False)(_laws.pop())
     folder = _cache_folder()
     if folder:
         numba.config.CACHE_DIR = str(folder)

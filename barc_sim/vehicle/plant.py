@@ -732,17 +732,15 @@ class Plant:
         """Whether laws move the car straight ahead along its road."""
         return (
             self.has_laws
-            and not self.track
+            and not (self.track or self.sensor.delay)
             and self.state.psi == self.acting.servo == 0.0
             and not any(self.waiting.servo)
         )
 
     @property
     def has_laws(self) -> bool:
-        """Whether laws alone move and measure the car, so that loops over runs can be compiled."""
-        return type(self) is Plant and not (
-            self._own_model or self.disturbance or self.sensor.delay
-        )
+        """Whether laws alone move the car, so that loops over many runs can be compiled."""
+        return type(self) is Plant and not (self._own_model or self.disturbance)
 
     @property
     def waiting(self) -> Queues:

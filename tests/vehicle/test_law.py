@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from barc_sim.vehicle.law import announce, compiled, is_compiled, law
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 
@@ -35,6 +37,23 @@ def test_a_loop_is_compiled_with_the_laws_that_it_calls() -> None:
     run = compiled(total)
     assert run is not total
     assert run(10) == total(10) == 1024.0
+
+
+@pytest.mark.skipif(not is_compiled(), reason='needs the extra fast')
+def test_several_threads_can_compile_loops_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    registered: list[object] = []
+
+    def register(**_: object) -> Callable[[object], None]:
+        time.sleep(0.0)  # lets another thread run
+        return registered.append
+
+    monkeypatch.setattr('numba.extending.register_jitable', register)
+    monkeypatch.setattr('barc_sim.vehicle.law._laws', [])
+    laws = [law(lambda x: x) for _ in range(200)]
+    with ThreadPoolExecutor(8) as threads:
+        loops = [threads.submit(compiled.__wrapped__, total) for _ in range(8)]
+    assert all(callable(loop.result()) for loop in loops)
+    assert len(registered) == len(laws)
 
 
 @pytest.mark.skipif(not is_compiled(), reason='needs the extra fast')
