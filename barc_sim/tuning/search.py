@@ -234,7 +234,7 @@ def sweep(
     >>> from barc_sim import Stanley
     >>> laps = sweep(track='oval', laps=2, lane=Stanley(), k=[0.5, 2.0, 8.0])
     >>> print([f'{each:.2f} m' for each in laps.max_e_y])
-    ['0.30 m', '0.15 m', '0.09 m']
+    ['0.10 m', '0.15 m', '0.16 m']
     """
     if controller is None:
         controller = PID() if scenario is None else scenario.controller or PID(**scenario.gains)
