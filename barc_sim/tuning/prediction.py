@@ -142,7 +142,9 @@ def predict(stretch: Stretch, car: CarModel, v: float, *, is_fast: bool = False)
 
 def _columns(*columns: Floats, is_fast: bool) -> list[Column]:
     """Return columns as a loop takes them: Python is faster with lists."""
-    return [np.ascontiguousarray(each) if is_fast else each.tolist() for each in columns]
+    if is_fast:
+        return [np.ascontiguousarray(column) for column in columns]
+    return [column.tolist() for column in columns]
 
 
 def _level(*, is_fast: bool) -> Inclines:
@@ -286,7 +288,7 @@ def free_responses(stretch: Stretch, car: CarModel, speeds: Floats) -> Floats:
     """
     steps = np.diff(stretch.t)
     slowing = 2.0 * car.vehicle.air_drag_coeff / car.vehicle.mass * np.abs(speeds[:-1]) * steps
-    # A car that stands has forgotten its speed before.
+    # The speed of a car that stands does not depend on its speed before.
     kept = np.where(speeds[:-1] == 0.0, 0.0, np.clip(1.0 - slowing, 0.0, 1e3))
     rows = []
     if stretch.in_motion:
@@ -296,6 +298,7 @@ def free_responses(stretch: Stretch, car: CarModel, speeds: Floats) -> Floats:
         actuator = car.motor if lost.is_command else Actuator()
         spread = lost.spread if lost.is_command else car.vehicle.gravity * lost.spread
         since = stretch.t - actuator.delay
+
         way = _lagged(since - lost.start, actuator.lag) - _lagged(since - lost.end, actuator.lag)
         begin = min(int(np.searchsorted(since, lost.end)), len(since) - 1)
         remaining = np.ones(len(since))
@@ -322,16 +325,18 @@ def with_found(stretch: Stretch, found: Floats, deviations: Floats) -> Stretch:
     one of both in each lost message.
     """
     values = stretch.motor.values.copy()
-    open_: list[LostValue] = []
+    uncertain: list[LostValue] = []
     for lost, value, deviation in zip(stretch.lost, found, deviations, strict=True):
         level = (lost.after - lost.before) / lost.messages
-        if not (lost.is_command and lost.is_switch and lost.spread * deviation < abs(level) / 6.0):
-            open_.append(lost)
+        is_certain = lost.spread * deviation < abs(level) / 6.0
+        if not (lost.is_command and lost.is_switch and is_certain):
+            uncertain.append(lost)
             continue
+
         estimate = 0.5 * (lost.before + lost.after) + lost.spread * value
         jumped = min(max(round((estimate - lost.before) / level), 0), lost.messages)
         values[np.searchsorted(stretch.motor.t, lost.start)] = lost.before + jumped * level
-    return stretch._replace(motor=HeldValues(stretch.motor.t, values), lost=tuple(open_))
+    return stretch._replace(motor=HeldValues(stretch.motor.t, values), lost=tuple(uncertain))
 
 
 def _lagged(t: Floats, lag: float) -> Floats:
@@ -349,21 +354,22 @@ def stretches(log: Log) -> Iterator[Stretch]:
     commanded = np.flatnonzero(np.isfinite(log.motor) | log.missed)
     if len(measured) < 3 or not np.isfinite(log.motor).any():  # noqa: PLR2004
         return
+
     t = np.round(log.t, _ROUND)
     measured = measured[np.append(True, np.diff(t[measured]) != 0.0)]
     steps = np.diff(t[measured])
     if not (steps > 0.0).any():
         return
     ts = float(np.median(steps[steps > 0.0]))
+
+    # A run ends where the car jumps, or the time goes back.
     way = np.diff(log.distance[measured])
     reach = _JUMP + 2.0 * np.abs(log.v_x[measured][:-1] * steps)
     starts_anew = (steps < 0.0) | (np.abs(way) > reach) | (way < -_JUMP)
     for run in np.split(measured, np.flatnonzero(starts_anew) + 1):
-        rows = slice(run[0], run[-1] + 1)
-        if run[0] == measured[0]:
-            rows = slice(0, run[-1] + 1)  # commands before the first state, too
-        ours = commanded[(commanded >= rows.start) & (commanded < rows.stop)]
-        yield from _of_run(log, t, run, ours, ts)
+        first = 0 if run[0] == measured[0] else run[0]  # commands before the first state, too
+        of_run = commanded[(commanded >= first) & (commanded <= run[-1])]
+        yield from _of_run(log, t, run, of_run, ts)
 
 
 def _of_run(log: Log, t: Floats, run: Rows, commanded: Rows, ts: float) -> Iterator[Stretch]:
@@ -371,15 +377,18 @@ def _of_run(log: Log, t: Floats, run: Rows, commanded: Rows, ts: float) -> Itera
     if not len(commanded):
         return
     # Where a command missed its deadline, the one before it held.
-    acted = [np.where(log.missed, np.nan, each)[commanded] for each in (log.motor, log.servo)]
-    motor, servo = (HeldValues(t[commanded], _held(each)) for each in acted)
+    times = t[commanded]
+    motor = HeldValues(times, _held(np.where(log.missed, np.nan, log.motor)[commanded]))
+    servo = HeldValues(times, _held(np.where(log.missed, np.nan, log.servo)[commanded]))
     is_start = _is_start(log, t, run[0], ts)
     unknown = _long_gaps(motor.t)
+
     # Commands are known from `begins` to `ends`.
     begins = [t[run[0]] if is_start else motor.t[0], *motor.t[unknown + 1]]
     ends = [*motor.t[unknown], t[run[-1]]]
     if _is_regular(motor.t):
         ends[-1] = min(ends[-1], motor.t[-1] + _LOST)
+
     for i, (begin, end) in enumerate(zip(begins, ends, strict=True)):
         at_start = is_start and i == 0
         first = begin if at_start else begin + _WARM_UP
@@ -402,9 +411,11 @@ def _stretch(
     is_start: bool,
 ) -> Stretch:
     """Return the stretch of these states, whose commands are known between two times [s]."""
-    motor, servo = ((_between(each, *known)) for each in commands)
-    filled_motor, lost_commands = _filled(motor)
-    filled_servo, _ = _filled(servo)
+    begin, end = known
+    motor, servo = commands
+    filled_motor, lost_commands = _filled(_between(motor, begin, end))
+    filled_servo, _ = _filled(_between(servo, begin, end))
+
     with_incline = np.flatnonzero(np.isfinite(log.theta_deg) & np.isfinite(t))
     with_incline = with_incline[(t[with_incline] <= t[states[-1]]) & (with_incline <= states[-1])]
     inclines = HeldValues(np.array([-inf]), np.zeros(1))
@@ -412,18 +423,20 @@ def _stretch(
     if len(with_incline):
         sines = np.sin(np.radians(log.theta_deg[with_incline]))
         inclines, lost_inclines = _filled(HeldValues(t[with_incline], sines))
+
     times, at = _step_times(t[states], ts)
     measured = np.full((3, len(times)), np.nan)
     measured[:, at] = log.v_x[states], log.psi_dot[states], log.v_y[states]
-    lost = [*(each._replace(is_command=True) for each in lost_commands), *lost_inclines]
+    lost = [each._replace(is_command=True) for each in lost_commands]
+    lost += lost_inclines
     return Stretch(
-        times,
-        filled_motor,
-        filled_servo,
-        inclines.at(times),
-        measured,
-        is_start,
-        tuple(each for each in lost if each.end > times[0]),
+        t=times,
+        motor=filled_motor,
+        servo=filled_servo,
+        sines=inclines.at(times),
+        measured=measured,
+        is_start=is_start,
+        lost=tuple([each for each in lost if each.end > times[0]]),
     )
 
 
@@ -486,11 +499,13 @@ def _filled(held: HeldValues) -> tuple[HeldValues, list[LostValue]]:
     gaps = np.flatnonzero(steps > 1.5 * period)
     starts = np.round(held.t[gaps] + period, _ROUND)
     ends = held.t[gaps + 1]
-    before, after = held.values[gaps], held.values[gaps + 1]
+    before = held.values[gaps]
+    after = held.values[gaps + 1]
     middles = 0.5 * (before + after)
     filled = HeldValues(
         np.insert(held.t, gaps + 1, starts), np.insert(held.values, gaps + 1, middles)
     )
+
     counts = np.maximum(np.round((ends - starts) / period), 1.0).astype(int)
     # Where the values around it were on a ramp, the lost ones were on it, too.
     slopes = np.diff(held.values) / steps
@@ -499,9 +514,21 @@ def _filled(held: HeldValues) -> tuple[HeldValues, list[LostValue]]:
     ramps = 0.5 * (slopes_before + slopes_after) * steps[gaps]
     changes = after - before
     jumps = changes - np.clip(ramps, np.minimum(changes, 0.0), np.maximum(changes, 0.0))
+
     # Values between two others are so far from the mean of both.
     usual = float(np.median(np.abs(np.diff(held.values, 2)))) / 2.0 / 0.6745
     spreads = np.hypot(0.5 * jumps, usual)
-    columns = starts, ends, before, after, jumps, spreads, counts
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    return filled, [LostValue._make((*row, False)) for row in rows]
+    lost = [
+        LostValue(
+            start=float(starts[i]),
+            end=float(ends[i]),
+            before=float(before[i]),
+            after=float(after[i]),
+            jump=float(jumps[i]),
+            spread=float(spreads[i]),
+            messages=int(counts[i]),
+            is_command=False,
+        )
+        for i in range(len(gaps))
+    ]
+    return filled, lost

@@ -6,6 +6,7 @@ each delay and lag of a grid both are found by linear regression, without a pred
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -24,11 +25,11 @@ if TYPE_CHECKING:
     Rows = NDArray[np.intp]
 
 _WINDOW = 0.5  #: [s]
-_MOST = 2000  #: windows of a stretch
+_MAX_WINDOWS = 2000  #: of a stretch
 _STEP = 0.02  #: [s] between the commands before the first state
 #: [s] the grid.
 _DELAYS = np.append(np.arange(0.0, 0.3, 0.02), np.arange(0.3, 1.01, 0.05))
-_LAGS = 0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 0.9, 1.3
+_LAGS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 0.9, 1.3)
 _COUNT = 3  #: of starts with a lag, and of starts without
 
 
@@ -55,21 +56,17 @@ def motor_starts(
     stretches: Sequence[Stretch], vehicle: Vehicle
 ) -> tuple[list[MotorStart], list[MotorStart]]:
     """Return the best starts with a lag, and without one."""
-    windows = [_windows(each, vehicle) for each in stretches]
-    speed, square, time = (
-        np.concatenate([getattr(each, name) for each in windows])
-        for name in ('speed', 'square', 'time')
-    )
+    windows = [_windows(stretch, vehicle) for stretch in stretches]
+    speed, square, time = _changes(windows)
     if not len(speed):
         return [MotorStart()], [MotorStart(motor_lag=0.0)]
+
     regressors = -np.column_stack([square, time])
     inverse = np.linalg.pinv(regressors)
     costs = np.empty((len(_LAGS), len(_DELAYS)))
     resistances = np.empty((*costs.shape, 2))
     for i, lag in enumerate(_LAGS):
-        pairs = zip(stretches, windows, strict=True)
-        ways = np.concatenate([_commanded(*pair, lag) for pair in pairs], 1)
-        rest = speed - ways
+        rest = speed - _all_commanded(stretches, windows, lag)
         resistances[i] = rest @ inverse.T
         costs[i] = np.sum((rest - resistances[i] @ regressors.T) ** 2, 1)
 
@@ -87,23 +84,37 @@ def gain_of(stretches: Sequence[Stretch], vehicle: Vehicle) -> float:
 
     It is not 1 where speed or command has another unit.
     """
-    windows = [_windows(each, vehicle) for each in stretches]
-    speed, square, time = (
-        np.concatenate([getattr(each, name) for each in windows])
-        for name in ('speed', 'square', 'time')
-    )
+    windows = [_windows(stretch, vehicle) for stretch in stretches]
+    speed, square, time = _changes(windows)
     if not len(speed):
         return 1.0
-    best, gain = np.inf, 1.0
+
+    minimum = np.inf
+    gain = 1.0
     for lag in _LAGS:
-        pairs = zip(stretches, windows, strict=True)
-        for way in np.concatenate([_commanded(*pair, lag) for pair in pairs], 1):
+        for way in _all_commanded(stretches, windows, lag):
             regressors = np.column_stack([way, square, time])
-            found, *_ = np.linalg.lstsq(regressors, speed, rcond=None)
-            error = float(np.sum((speed - regressors @ found) ** 2))
-            if error < best:
-                best, gain = error, float(found[0])
+            factors = np.linalg.lstsq(regressors, speed, rcond=None)[0]
+            error = float(np.sum((speed - regressors @ factors) ** 2))
+            if error < minimum:
+                minimum = error
+                gain = float(factors[0])
     return gain
+
+
+def _changes(windows: Sequence[_Windows]) -> tuple[Floats, Floats, Floats]:
+    """Return `speed`, `square` and `time` of the windows of all stretches."""
+    return (
+        np.concatenate([each.speed for each in windows]),
+        np.concatenate([each.square for each in windows]),
+        np.concatenate([each.time for each in windows]),
+    )
+
+
+def _all_commanded(stretches: Sequence[Stretch], windows: Sequence[_Windows], lag: float) -> Floats:
+    """Return what `_commanded` does, in the windows of all stretches."""
+    pairs = zip(stretches, windows, strict=True)
+    return np.concatenate([_commanded(stretch, of_it, lag) for stretch, of_it in pairs], axis=1)
 
 
 def servo_delay_start(stretches: Sequence[Stretch], vehicle: Vehicle) -> float:
@@ -112,12 +123,14 @@ def servo_delay_start(stretches: Sequence[Stretch], vehicle: Vehicle) -> float:
 
     def error(delay: float) -> float:
         """Return the error of the yaw rate; a car that slips turns more, or less, by a factor."""
-        turns, rates = [], []
-        for each in stretches:
-            speed, rate, _ = each.measured[:, each.counted]
-            angle = each.servo.at(each.t[each.counted] - delay)
+        turns = []
+        rates = []
+        for stretch in stretches:
+            speed, rate, _ = stretch.measured[:, stretch.counted]
+            angle = stretch.servo.at(stretch.t[stretch.counted] - delay)
             turns.append(speed * np.tan(angle) / length)
             rates.append(rate)
+
         turn = np.concatenate(turns)
         rate = np.concatenate(rates)
         factor = (turn @ rate) / ((turn @ turn) or 1.0)
@@ -128,15 +141,21 @@ def servo_delay_start(stretches: Sequence[Stretch], vehicle: Vehicle) -> float:
 
 
 def _windows(stretch: Stretch, vehicle: Vehicle) -> _Windows:
+    """Return the windows of a stretch."""
     rows = stretch.counted
     t = stretch.t
     speed = np.interp(t, t[rows], stretch.measured[0, rows])
     span = max(round(_WINDOW * (len(rows) - 1) / (t[rows[-1]] - t[rows[0]])), 1)
-    first = rows[:-span][:: max(len(rows) // _MOST, 1)]
-    last = rows[span:][:: max(len(rows) // _MOST, 1)]
+    every = max(len(rows) // _MAX_WINDOWS, 1)
+    first = rows[:-span][::every]
+    last = rows[span:][::every]
+
+    # Only those in which the car does not stand.
     stands = _integral(np.abs(speed) < AT_REST, np.ones(len(t) - 1))
     in_motion = stands[last] == stands[first]
-    first, last = first[in_motion], last[in_motion]
+    first = first[in_motion]
+    last = last[in_motion]
+
     steps = np.diff(t)
     forwards = np.sign(speed)
     gravity = _integral(-vehicle.gravity * stretch.sines, steps)
@@ -171,11 +190,7 @@ def _minima(costs: Floats) -> list[tuple[int, int]]:
     """Return the places of the local minima, the lowest first."""
     padded = np.pad(costs, 1, constant_values=np.inf)
     rows, columns = costs.shape
-    around = [
-        padded[i : i + rows, j : j + columns]
-        for i in range(3)
-        for j in range(3)
-        if (i, j) != (1, 1)
-    ]
-    places = np.argwhere(np.all(costs <= np.array(around), axis=0))
-    return sorted(((int(i), int(j)) for i, j in places), key=lambda place: costs[place])
+    shifts = [(i, j) for i, j in product(range(3), repeat=2) if (i, j) != (1, 1)]
+    neighbours = np.array([padded[i : i + rows, j : j + columns] for i, j in shifts])
+    places = np.argwhere(np.all(costs <= neighbours, axis=0))
+    return sorted([(int(i), int(j)) for i, j in places], key=lambda place: costs[place])
