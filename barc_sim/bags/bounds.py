@@ -42,10 +42,16 @@ class Budget:
 
     A recording has 16 bytes of index for each message, and compression makes a chunk of equal
     messages at most a thousand times smaller.
+
+    Parameters
+    ----------
+    files
+        The bag's files.
+    timed
+        Whether the time is limited, from now on.
     """
 
     def __init__(self, files: Sequence[Path], *, timed: bool = True) -> None:
-        """Begin the reading of a bag's files; if `timed`, its time is limited from now on."""
         self.file = files[0]
         self._size = sum(file.lstat().st_size for file in files)
         #: [B] of an unpacked chunk: only a hostile bag is much smaller than its largest message
@@ -62,11 +68,13 @@ class Budget:
         self._records = 10_000 + self._size // 8
 
     def charge(self, size: int = 0) -> None:
-        """Charge a record of `size` unpacked bytes, before the work; UserError: all is spent."""
+        """Charge a record of `size` unpacked bytes, before the work; UserError: none are left."""
         self._bytes -= size
         self._records -= 1
-        late = (size or not self._records % 64) and thread_time() > self._end
-        if late or min(self._bytes, self._records) < 0:
+        # The time is not read for each of many small records.
+        is_time_to_look = size > 0 or self._records % 64 == 0
+        is_late = is_time_to_look and thread_time() > self._end
+        if is_late or self._bytes < 0 or self._records < 0:
             raise UserError(
                 f'{str(self.file)!r} unpacks to more than a recording of its size can hold, or '
                 f'takes more than {self._seconds:.0f} s to read: name another bag'
@@ -77,30 +85,27 @@ class Budget:
 
         UserError: the bag's records exceed the bound.
         """
-        if (identity := hash(record)) not in self._kept:
+        identity = hash(record)
+        if identity not in self._kept:
             self._kept.add(identity)
             self._kept_bytes += len(record) + 1000
         if self._kept_bytes > MAX_KEPT:
-            found = f'{self._kept_bytes} bytes of topics, metadata and attached files'
-            refuse(self.file, found, f'{MAX_KEPT}')
+            excess = f'{self._kept_bytes} bytes of topics, metadata and attached files'
+            refuse(self.file, excess, f'{MAX_KEPT}')
 
 
 def from_json(text: str) -> Any:  # noqa: ANN401 (any JSON)
     """Return the value of a bag's JSON; ValueError: it is invalid, too long or too deep."""
-    _check_length(text)
+    if len(text) > MAX_TEXT:
+        raise ValueError(f'{len(text)} characters')
     try:
         return json.loads(text)
     except RecursionError:
         raise ValueError('too many brackets within brackets') from None
 
 
-def _check_length(text: str) -> None:
-    if len(text) > MAX_TEXT:
-        raise ValueError(f'{len(text)} characters')
-
-
-def refuse(path: Path, found: str, maximum: str) -> NoReturn:
-    """Raise the UserError for what was `found` beyond a bound."""
+def refuse(path: Path, excess: str, maximum: str) -> NoReturn:
+    """Raise the UserError for what exceeds a bound."""
     raise UserError(
-        f'{str(path)!r} has {found}, where a run has at most {maximum}: name the bag of a run'
+        f'{str(path)!r} has {excess}, where a run has at most {maximum}: name the bag of a run'
     )

@@ -29,7 +29,7 @@ class NodeGraph:
 
     @classmethod
     def from_json(cls, text: str) -> NodeGraph:
-        """Return the graph from the JSON of `to_json`."""
+        """Return the graph from the JSON of `to_json`; ValueError: it has none, or is too large."""
         values = bounds.from_json(text)
         try:
             graph = cls(
@@ -40,11 +40,12 @@ class NodeGraph:
             )
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(f'no graph: {error!r}') from None
-        present = {*graph.nodes, *graph.topics}
+
+        names = {*graph.nodes, *graph.topics}
         links = (*graph.publications, *graph.subscriptions)
-        if len(present) > bounds.MAX_NODES or len(links) > bounds.MAX_LINKS:
-            raise ValueError(f'a graph of {len(present)} nodes and topics, and {len(links)} links')
-        if not present.issuperset(name for link in links for name in link):
+        if len(names) > bounds.MAX_NODES or len(links) > bounds.MAX_LINKS:
+            raise ValueError(f'a graph of {len(names)} nodes and topics, and {len(links)} links')
+        if not all(source in names and target in names for source, target in links):
             raise ValueError('a graph with a link to a node or topic that it lacks')
         return graph
 

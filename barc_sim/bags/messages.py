@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 IDL = f'{DELIMITER}\nIDL: '  #: begins a `ros2idl` definition
 CDR = 'cdr'  #: the encoding of ROS's messages
-ROS2MSG, ROS2IDL = 'ros2msg', 'ros2idl'  #: the encodings of ROS's definitions
+ROS2MSG = 'ros2msg'  #: the encoding of definitions as in `.msg` files
+ROS2IDL = 'ros2idl'  #: the encoding of definitions as in `.idl` files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,10 +35,8 @@ class Topic:
     metadata: Mapping[str, str] | None = None
 
 
-#: The QoS that ROS reports of a publisher of another participant, in rosbag2's terms.
 _ENDLESS = {'sec': 9_223_372_036, 'nsec': 854_775_807}
-#: `/rosout` is latched for ten seconds.
-_QOS_OF = {ROSOUT: {'durability': 'transient_local', 'lifespan': {'sec': 10, 'nsec': 0}}}
+#: The QoS that ROS reports of a publisher of another participant, in rosbag2's terms.
 _OFFERED_QOS = {
     'history': 'unknown',
     'depth': 0,
@@ -49,6 +48,8 @@ _OFFERED_QOS = {
     'liveliness_lease_duration': _ENDLESS,
     'avoid_ros_namespace_conventions': False,
 }
+#: What differs for a topic: `/rosout` is latched for ten seconds.
+_QOS_OF = {ROSOUT: {'durability': 'transient_local', 'lifespan': {'sec': 10, 'nsec': 0}}}
 
 
 class BagMessage(NamedTuple):

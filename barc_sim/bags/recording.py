@@ -43,9 +43,12 @@ def selected(
     return [
         name
         for name in names
-        if (not topics or any(each.search(name) for each in topics))
-        and not any(each.search(name) for each in exclude)
+        if (not topics or _contains_any(name, topics)) and not _contains_any(name, exclude)
     ]
+
+
+def _contains_any(name: str, patterns: Sequence[re.Pattern[str]]) -> bool:
+    return any(pattern.search(name) for pattern in patterns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,10 +97,14 @@ class Span:
 
     def __add__(self, other: Span) -> Span:
         """Return the span that covers both."""
-        if self.start is None or other.start is None:
-            return other if self.start is None else self
+        if self.start is None:
+            return other
+        if other.start is None:
+            return self
         return Span(
-            min(self.start, other.start), max(self.end, other.end), self.count + other.count
+            start=min(self.start, other.start),
+            end=max(self.end, other.end),
+            count=self.count + other.count,
         )
 
     @property
@@ -117,25 +124,25 @@ class Span:
 def information(
     file: str, span: Span, topics: Sequence[tuple[Topic, int]], custom: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the metadata of a bag of one `file`: `topics` with their numbers of messages.
+    """Return the content of metadata.yaml for a bag of one file.
 
-    `custom` is the run's own metadata.
+    Parameters
+    ----------
+    file
+        The file's name.
+    span
+        The time span of its messages.
+    topics
+        Its topics with their numbers of messages.
+    custom
+        The run's own metadata.
     """
     return {
         'version': 9,
         'storage_identifier': 'mcap',
         **span.as_metadata(),
         'topics_with_message_count': [
-            {
-                'topic_metadata': {
-                    'name': topic.name,
-                    'type': topic.type,
-                    'serialization_format': topic.message_encoding,
-                    'offered_qos_profiles': [dict(qos) for qos in topic.offered_qos],
-                    'type_description_hash': topic.type_hash,
-                },
-                'message_count': count,
-            }
+            {'topic_metadata': _topic_metadata(topic), 'message_count': count}
             for topic, count in topics
         ],
         'compression_format': '',
@@ -144,6 +151,16 @@ def information(
         'files': [{'path': file, **span.as_metadata()}],
         'custom_data': dict(custom),
         'ros_distro': 'jazzy',
+    }
+
+
+def _topic_metadata(topic: Topic) -> dict[str, Any]:
+    return {
+        'name': topic.name,
+        'type': topic.type,
+        'serialization_format': topic.message_encoding,
+        'offered_qos_profiles': [dict(qos) for qos in topic.offered_qos],
+        'type_description_hash': topic.type_hash,
     }
 
 
@@ -168,20 +185,21 @@ def to_yaml(value: object) -> str:
 
 
 def _existing(folder: Path) -> Path:
+    """Return the folder, or the nearest folder above it that exists."""
     path = folder.absolute()
-    return next(folder for folder in (path, *path.parents) if folder.exists())
+    return next(ancestor for ancestor in (path, *path.parents) if ancestor.exists())
 
 
 def check_root(root: Path) -> None:
     """Raise UserError if no bag can be made in the folder `root`; nothing is written."""
     folder = _existing(root)
+    reason = ''
     if not folder.is_dir():
         reason = f'{str(folder)!r} is not a folder'
     elif not os.access(folder, os.W_OK | os.X_OK):
         reason = f'{str(folder)!r} is not writable'
-    else:
-        return
-    raise UserError(f'no bag can be made in {str(root)!r}, as {reason}: name another folder')
+    if reason:
+        raise UserError(f'no bag can be made in {str(root)!r}, as {reason}: name another folder')
 
 
 def short_of_space(folder: Path, reserve: int) -> str | None:
@@ -196,22 +214,31 @@ def short_of_space(folder: Path, reserve: int) -> str | None:
 
 def check_space(folder: Path, reserve: int) -> None:
     """Raise UserError if less than `reserve` [B] is free for `folder`, which need not exist yet."""
-    if short := short_of_space(_existing(folder), reserve):
+    shortage = short_of_space(_existing(folder), reserve)
+    if shortage:
         raise UserError(
-            f'no bag can be made in {str(folder)!r}, as {short}: '
+            f'no bag can be made in {str(folder)!r}, as {shortage}: '
             'make space, name another folder, or lower --min-free-space'
         )
 
 
 def make_directory(path: Path | None, root: Path) -> Path:
-    """Make and return the directory `path` of a bag, or a new `<date>_<time>` in the folder `root`.
+    """Make the directory of a bag and return it.
 
-    UserError: it cannot be made.
+    Parameters
+    ----------
+    path
+        The directory to make; None: a new one with a name `<date>_<time>`.
+    root
+        The folder for the latter.
+
+    Raises
+    ------
+    UserError
+        It cannot be made.
     """
     check_root(path.parent if path else root)
-    date = time.strftime('%Y-%m-%d_%H-%M-%S')
-    dated = (root / (date if k == 1 else f'{date}_{k}') for k in range(1, _TRIES))
-    for directory in [path] if path else dated:
+    for directory in [path] if path else _dated_paths(root):
         try:
             directory.mkdir(parents=True)
         except OSError as error:  # noqa: PERF203
@@ -223,6 +250,14 @@ def make_directory(path: Path | None, root: Path) -> Path:
     raise UserError(
         f'the bag {str(directory)!r} cannot be made ({failure.strerror}): name another folder'
     ) from failure
+
+
+def _dated_paths(root: Path) -> Iterator[Path]:
+    """Yield the paths to try for a bag without a name."""
+    date = time.strftime('%Y-%m-%d_%H-%M-%S')
+    yield root / date
+    for number in range(2, _TRIES):
+        yield root / f'{date}_{number}'
 
 
 class Losses:
@@ -244,7 +279,10 @@ class Losses:
         self._last[publisher] = numbers[-1]
         if UNNUMBERED in numbers:
             self.unnumbered = True
-        elif (lost := numbers[-1] - last - len(numbers)) > 0:
+            return
+
+        lost = numbers[-1] - last - len(numbers)
+        if lost > 0:
             self.by_publisher[publisher] = self.by_publisher.get(publisher, 0) + lost
 
 
@@ -267,15 +305,17 @@ class Missing:
         return {'lost_messages': str(self.total), **dict(self._entries())}
 
     def _entries(self) -> Iterator[tuple[str, str]]:
-        for topic in sorted({*self.lost, *self.unknown}):
-            known = []
-            if by_node := self.lost.get(topic):
+        """Yield name and text of each entry."""
+        for topic in sorted(self.lost.keys() | self.unknown.keys()):
+            texts = []
+            by_node = self.lost.get(topic)
+            if by_node:
                 parts = ', '.join(f'{count} of {node}' for node, count in sorted(by_node.items()))
-                known.append(f'{sum(by_node.values())} ({parts})')
+                texts.append(f'{sum(by_node.values())} ({parts})')
             if topic in self.unknown:
-                known.append(f'unknown: {self.unknown[topic]}')
-            if known:
-                yield f'lost {topic}', '; '.join(known)
+                texts.append(f'unknown: {self.unknown[topic]}')
+            if texts:
+                yield f'lost {topic}', '; '.join(texts)
         for topic, why in sorted(self.left_out.items()):
             yield f'not recorded {topic}', why
         if self.before_clock:
@@ -293,5 +333,5 @@ class Missing:
 
 def track_file(track: Track) -> dict[str, bytes]:
     """Return the attached file of a track: its segments, width, name and start."""
-    fields = track.lengths, track.curvatures, track.width, track.name, track.start
+    fields = [track.lengths, track.curvatures, track.width, track.name, track.start]
     return {TRACK_NAME: json.dumps(fields).encode()}

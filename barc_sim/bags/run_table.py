@@ -27,10 +27,17 @@ _MAX_NAME = 60  #: characters of a namespace in the name of its table: at most 2
 
 
 def write_run_tables(path: Path, folder: Path) -> None:
-    """Write `run.csv` into `folder`, or of several cars one for each, such as `car1.run.csv`.
+    """Write `run.csv`, or one table for each of several cars, such as `car1.run.csv`.
 
     The columns are those of a log, the number of the lap from 0 on, and the parameters over time.
-    A bag without a car gets no table; of a car whose states no run can have, there is a warning.
+    A bag without a car gets no table; for a car whose states no run can have, there is a warning.
+
+    Parameters
+    ----------
+    path
+        The bag.
+    folder
+        The folder to write into. A table never replaces a file of it.
     """
     bag = reader.load(path)
     for car in bag.cars:
@@ -42,15 +49,18 @@ def write_run_tables(path: Path, folder: Path) -> None:
         except UserError as error:
             _logger.warning('%s.csv is left out: %s', name, error)
             continue
+
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
         with (folder / f'{name}.csv').open('x', encoding='utf-8', newline='') as file:
             table = csv.writer(file)
             table.writerow(columns)
-            table.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+            table.writerows(rows)
 
 
 def _file_name(car: str) -> str:
     """Return the name of a car's table without suffix, whatever characters its namespace has."""
-    prefix = re.sub(r'[^\w.]', '_', car.strip('/').replace('/', '.')).lstrip('.')[:_MAX_NAME]
+    dotted = car.strip('/').replace('/', '.')
+    prefix = re.sub(r'[^\w.]', '_', dotted).lstrip('.')[:_MAX_NAME]
     return f'{prefix}.{_NAME}' if prefix else _NAME
 
 
@@ -58,7 +68,11 @@ def _columns(log: Log) -> dict[str, NDArray[Any]]:
     """Return the columns of a table."""
     columns = dict(log.columns())
     if not isinstance(log, TrackLog):  # which has the number of its lap
-        columns['lap'] = np.array(laps_of(log)[1])
+        _, lap_numbers = laps_of(log)
+        columns['lap'] = np.array(lap_numbers)
     columns |= log.parameters
-    flags = {name: each.astype(int) for name, each in columns.items() if each.dtype == np.bool_}
-    return columns | flags
+
+    for name, column in columns.items():
+        if column.dtype == np.bool_:
+            columns[name] = column.astype(int)
+    return columns

@@ -1,7 +1,8 @@
-"""Schemas of all types, also of those that rosidl makes of services and actions.
+"""Schemas of types, and the types in a schema.
 
-Definitions of the latter, such as `std_srvs/srv/SetBool_Event`, are IDL. In the text of a `.msg`
-file they would be types of another name: `std_srvs/msg/SetBool_Event`.
+The definitions of the types that rosidl makes of services and actions, such as
+`std_srvs/srv/SetBool_Event`, are IDL. In the text of a `.msg` file they would be types of another
+name: `std_srvs/msg/SetBool_Event`.
 """
 
 from __future__ import annotations
@@ -39,34 +40,59 @@ _NO_FIELDS = [('structure_needs_at_least_one_member', (Nodetype.BASE, ('uint8', 
 def schema(name: str) -> tuple[str, str]:
     """Return the definition of a type with all types that it uses, and its encoding.
 
-    LookupError: a type is not installed.
+    Parameters
+    ----------
+    name
+        The type's name, such as `std_msgs/msg/Header`.
+
+    Raises
+    ------
+    LookupError
+        A type is not installed.
     """
-    is_part = '_' in name.rpartition('/')[2] and name not in installed()
-    return (part_definition(name), ROS2IDL) if is_part else (definition(name), ROS2MSG)
+    _, _, base = name.rpartition('/')
+    is_part = '_' in base and name not in installed()
+    if is_part:
+        return part_definition(name), ROS2IDL
+    return definition(name), ROS2MSG
 
 
 def part_definition(name: str) -> str:
     """Return the `ros2idl` schema of a part of a service or an action, with all that it uses.
 
-    LookupError: the service or action, or a type that it uses, is not installed.
+    Parameters
+    ----------
+    name
+        The part's name, such as `std_srvs/srv/SetBool_Event`.
+
+    Raises
+    ------
+    LookupError
+        The service or action, or a type that it uses, is not installed.
     """
     package, _, rest = name.partition('/')
     kind, _, base = rest.partition('/')
-    whole = base.partition('_')[0]
+    whole, _, _ = base.partition('_')
     path = installed().get(f'{package}/{kind}/{whole}')
     if not path or kind not in _PARTS_OF:
         raise LookupError(f'the definition of {name!r} is not installed')
-    sections = [each.strip() for each in _SECTION.split(path.read_text(encoding='utf-8'))]
+
+    text = path.read_text(encoding='utf-8')
+    sections = [section.strip() for section in _SECTION.split(text)]
     try:
         parts = _PARTS_OF[kind](f'{package}/{whole}_', *sections)
         types = _types(f'{package}/msg/{base}', parts)
     except (TypeError, TypesysError) as error:
         raise LookupError(f'the definition of {name!r} cannot be read: {error}') from None
 
+    # In IDL a part is of the package's module `srv` or `action`, and not `msg`.
     prefix = f'{package}/msg/{whole}_'
-    own = [each for each in types if each.startswith(prefix)]
-    renamed = {each: each.replace('/msg/', f'/{kind}/') for each in own}
-    return '\n'.join(_idl(each, types[each], renamed) for each in types)
+    renamed = {
+        type_name: type_name.replace('/msg/', f'/{kind}/')
+        for type_name in types
+        if type_name.startswith(prefix)
+    }
+    return '\n'.join(_idl(type_name, fields, renamed) for type_name, fields in types.items())
 
 
 def _types(name: str, parts: dict[str, str]) -> dict[str, Fields]:
@@ -74,14 +100,14 @@ def _types(name: str, parts: dict[str, str]) -> dict[str, Fields]:
     types: dict[str, Fields] = {}
     waiting = [name]
     while waiting:
-        used = waiting.pop()
-        if used in types:
+        next_name = waiting.pop()
+        if next_name in types:
             continue
-        short = used.replace('/msg/', '/')
-        text = parts[short] if short in parts else definition(used)
-        for each, (_, fields) in get_types_from_msg(text, used).items():
-            types[each] = fields
-        waiting += _used(types[used])
+        short = next_name.replace('/msg/', '/')
+        text = parts[short] if short in parts else definition(next_name)
+        for type_name, (_, fields) in get_types_from_msg(text, next_name).items():
+            types[type_name] = fields
+        waiting += _used_types(types[next_name])
     return types
 
 
@@ -119,13 +145,15 @@ def _action(prefix: str, goal: str, result: str, feedback: str) -> dict[str, str
 _PARTS_OF: dict[str, Callable[..., dict[str, str]]] = {'srv': _service, 'action': _action}
 
 
-def _used(fields: Fields) -> Iterator[str]:
+def _used_types(fields: Fields) -> Iterator[str]:
     """Yield the names of the types that fields have, without numbers and texts."""
     for _, (node, described) in fields:
+        element = (node, described)
         if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            node, described = described[0]  # noqa: PLW2901 (of its elements)
-        if node == Nodetype.NAME and not described.endswith('/wstring'):
-            yield described
+            element, _ = described
+        element_node, name = element
+        if element_node == Nodetype.NAME and not name.endswith('/wstring'):
+            yield name
 
 
 def _idl(name: str, fields: Fields, renamed: dict[str, str]) -> str:
@@ -159,7 +187,8 @@ def _type(element: tuple[Nodetype, Any], renamed: dict[str, str]) -> str:
     if node == Nodetype.NAME:
         return str(renamed.get(described, described)).replace('/', '::')
     kind, bound = described
-    return f'{_IDL_NAMES.get(kind, kind)}<{bound}>' if bound else _IDL_NAMES.get(kind, kind)
+    idl_name = _IDL_NAMES.get(kind, kind)
+    return f'{idl_name}<{bound}>' if bound else idl_name
 
 
 def types_of(topic: Topic) -> dict[str, Any]:

@@ -39,11 +39,12 @@ def _typestore(distribution: str) -> Typestore:
     """Return the types of a distribution, and all other types that are installed here."""
     store = get_typestore(_DISTRIBUTIONS[distribution])
     for name in installed():
-        if '/msg/' in name and name not in store.fielddefs:
-            with suppress(Exception):  # a file that rosbags cannot parse
-                found = get_types_from_msg(definition(name), name)
-                new = {each: of for each, of in found.items() if each not in store.fielddefs}
-                store.register(new)
+        if '/msg/' not in name or name in store.fielddefs:
+            continue
+        with suppress(Exception):  # a file that rosbags cannot parse
+            types = get_types_from_msg(definition(name), name)
+            new_names = types.keys() - store.fielddefs.keys()
+            store.register({new_name: types[new_name] for new_name in new_names})
     return store
 
 
@@ -55,20 +56,32 @@ def __getattr__(name: str) -> Typestore:
 
 
 def conversion(path: Path, present: Iterable[Path]) -> str:
-    """Return the sentence that names a bag's conversion; `present` are the files of the bag."""
+    """Return the sentence that names the command to convert a bag.
+
+    Parameters
+    ----------
+    path
+        The bag.
+    present
+        The files of the bag.
+    """
     # rosbags-convert reads a folder with metadata.yaml, or uncompressed files one by one.
-    is_whole = path.is_dir() and (path / 'metadata.yaml').exists()
-    plain = [] if is_whole else sorted(file for file in present if file.suffix == '.db3')
-    sources = plain or [path if path.is_dir() else path.parent]
+    has_metadata = path.is_dir() and (path / 'metadata.yaml').exists()
+    databases = [] if has_metadata else sorted(file for file in present if file.suffix == '.db3')
+    folder = path if path.is_dir() else path.parent
+    sources = databases or [folder]
     program = program_path('rosbags-convert') or 'rosbags-convert'
     words = ['--src', *map(str, sources), '--dst', 'NEW', '--dst-storage', 'mcap']
 
     unknown: list[str] = []
     with suppress(ValueError, OSError, UserError, sqlite3.Error, LookupError, TypeError):
-        distribution, types = _of_files(plain) if plain else _of_metadata(sources[0])
+        if databases:
+            distribution, types = _types_of_databases(databases)
+        else:
+            distribution, types = _types_of_metadata(folder)
         if distribution:
             words += ['--src-typestore-ref', f'{__name__}:{distribution}']
-            unknown = sorted({*types} - _typestore(distribution).fielddefs.keys())
+            unknown = sorted(set(types) - _typestore(distribution).fielddefs.keys())
     if unknown:
         words += ['--exclude-msgtype', *unknown]
 
@@ -84,22 +97,21 @@ def conversion(path: Path, present: Iterable[Path]) -> str:
     return sentence
 
 
-def _of_metadata(folder: Path) -> tuple[str | None, list[str]]:
-    """Return a bag's distribution, None if it has definitions, and types, by metadata.yaml."""
+def _types_of_metadata(folder: Path) -> tuple[str | None, list[str]]:
+    """Return distribution and types of a bag with metadata.yaml; None: it has definitions."""
     with open_regular(folder / 'metadata.yaml', follow=False) as stream:
         text = stream.read(_MAX_METADATA).decode()
     information: Any = from_yaml(text)['rosbag2_bagfile_information']
-    types = [
-        str(each['topic_metadata']['type']) for each in information['topics_with_message_count']
-    ]
+    topics = information['topics_with_message_count']
+    types = [str(topic['topic_metadata']['type']) for topic in topics]
     version = int(information['version'])
     if version >= _FIRST_WITH_DEFINITIONS:
         return None, types
     return 'humble' if version == _VERSION_OF_HUMBLE else 'foxy', types
 
 
-def _of_files(files: Sequence[Path]) -> tuple[str | None, list[str]]:
-    """Return a bag's distribution, None if it has definitions, and types, by its files."""
+def _types_of_databases(files: Sequence[Path]) -> tuple[str | None, list[str]]:
+    """Return distribution and types of a bag without metadata.yaml; None: it has definitions."""
     tables: set[str] = set()
     types: list[str] = []
     for file in files:

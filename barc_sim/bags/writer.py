@@ -56,7 +56,9 @@ _OPCODE_AND_LENGTH = 9  # bytes of each record that its length does not count
 #: A message's record before its data: opcode, length, channel, sequence number, time of reception,
 #: time of publication.
 _MESSAGE = Struct('<BQHIQQ')
-_PACK_MESSAGE, _MESSAGE_FIELDS = _MESSAGE.pack, _MESSAGE.size - _OPCODE_AND_LENGTH
+_MESSAGE_FIELDS = _MESSAGE.size - _OPCODE_AND_LENGTH  # bytes
+# Each is looked up for every message: as names of the module they cost least.
+_PACK_MESSAGE = _MESSAGE.pack
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
 #: A message index's record before its pairs: opcode, length, channel, length of the pairs.
 _INDEX = Struct('<BQHI')
@@ -68,7 +70,15 @@ class AtomicAppender:
     If `commit` fails, the file is as before, the block is kept, and `commit` can be tried again. It
     fails for good once another process has changed the file's size.
 
-    OSError: the file exists or cannot be made.
+    Parameters
+    ----------
+    path
+        The file to make.
+
+    Raises
+    ------
+    OSError
+        The file exists or cannot be made.
     """
 
     def __init__(self, path: Path) -> None:
@@ -91,7 +101,7 @@ class AtomicAppender:
         return bool(self._waiting)
 
     def commit(self) -> None:
-        """Append the block to the file."""
+        """Append the block to the file; OSError: that failed, or another process has changed it."""
         block = b''.join(self._waiting)
         self._waiting = [block]
         if not self.is_whole:
@@ -108,7 +118,8 @@ class AtomicAppender:
         """Write to the end of the file, in as many parts as the system needs."""
         rest = memoryview(data)
         while rest:
-            rest = rest[self._file.write(rest) :]
+            written = self._file.write(rest)
+            rest = rest[written:]
 
     @property
     def in_place(self) -> bool:
@@ -148,20 +159,27 @@ class ChunkBuilder:
 
     def add_record(self, record: McapRecord) -> None:
         """Add a schema or a channel."""
-        self._records.append(to_bytes(record))
-        self.size += len(self._records[-1])
+        data = to_bytes(record)
+        self._records.append(data)
+        self.size += len(data)
 
-    def add(self, channel: int, data: bytes, number: int, times: tuple[int, int]) -> None:
+    def add(self, channel: int, data: bytes, number: int, received: int, published: int) -> None:
         """Add a message, with its times of reception and publication [ns] since the epoch."""
-        length = len(data) + _MESSAGE_FIELDS
-        self._records.append(_PACK_MESSAGE(_MESSAGE_OPCODE, length, channel, number, *times) + data)
-        self.pairs[channel] += times[0], self.size
-        self.size += length + _OPCODE_AND_LENGTH
+        length = _MESSAGE_FIELDS + len(data)
+        header = _PACK_MESSAGE(_MESSAGE_OPCODE, length, channel, number, received, published)
+        self._records.append(header + data)
+        self.pairs[channel] += received, self.size
+        self.size += _OPCODE_AND_LENGTH + length
 
     def build(self, offset: int) -> tuple[bytes, ChunkIndex]:
         """Return the chunk with its message indexes, and its entry in the file's summary.
 
-        The chunk's place in the file is `offset` [B]. It must have messages.
+        It must have messages.
+
+        Parameters
+        ----------
+        offset
+            The chunk's place in the file [B].
         """
         content = b''.join(self._records)
         times = [pairs[::2] for pairs in self.pairs.values()]
@@ -174,6 +192,7 @@ class ChunkBuilder:
             uncompressed_size=len(content),
         )
         records = bytearray(to_bytes(chunk))
+
         index = ChunkIndex(
             message_start_time=chunk.message_start_time,
             message_end_time=chunk.message_end_time,
@@ -196,7 +215,8 @@ def _message_index(channel: int, pairs: Sequence[int]) -> bytes:
     """Return the record of a message index, faster than `MessageIndex.write`."""
     numbers = Struct(f'<{len(pairs)}Q')
     length = _INDEX.size - _OPCODE_AND_LENGTH + numbers.size
-    return _INDEX.pack(Opcode.MESSAGE_INDEX, length, channel, numbers.size) + numbers.pack(*pairs)
+    header = _INDEX.pack(Opcode.MESSAGE_INDEX, length, channel, numbers.size)
+    return header + numbers.pack(*pairs)
 
 
 def to_bytes(record: McapRecord) -> bytes:
@@ -216,36 +236,46 @@ class BagWriter:
 
     A method that raises OSError loses nothing: the data is kept, and `flush` tries again.
 
-    UserError: the file exists or cannot be made.
-
     Parameters
     ----------
     directory
         Where to write; its file is named after it, as in rosbag2.
     metadata
         The run's own metadata, stored in the file and in `custom_data` of metadata.yaml.
+
+    Raises
+    ------
+    UserError
+        The file exists or cannot be made.
     """
 
     def __init__(self, directory: Path, *, metadata: Mapping[str, str] | None = None) -> None:
         self.directory = directory
         self.file = directory / f'{directory.absolute().name}_0.mcap'
         self.closed = False
+        self._metadata: dict[str, str] = {}
+
+        # What the bag has: messages that a chunk in progress still collects are not counted.
+        self._span = Span()
         self._counts: Counter[int] = Counter()  # number of messages in chunks, by channel
         self._committed: Counter[int] = Counter()  # number of messages in the file, by channel
         self._committed_size = 0  # [B] of the file
         #: Three numbers in turn: the end of a chunk [B], a channel, its number of messages there.
         self._ledger = array('Q')
-        self._span = Span()
-        self._metadata: dict[str, str] = {}
+
+        # What the file describes, with the ID of each.
         self._topics: dict[int, Topic] = {}  # by the ID of their channel
         self._channels: dict[int, int] = {}  # by the identity of those topics
         self._schemas: dict[tuple[str, str | None, str], int] = {}
+
         self._chunk = ChunkBuilder()
         self._summary: defaultdict[int, list[bytes]] = defaultdict(list)  # records by opcode
-        self._checksum = 0
+        self._checksum = 0  # of all data in the file
+
         appender = None
         try:
-            self._appender = appender = AtomicAppender(self.file)
+            appender = AtomicAppender(self.file)
+            self._appender = appender
             self._put(MAGIC)
             self._put(to_bytes(Header(profile='ros2', library='barc_sim')))
             self.add_metadata(metadata or {})
@@ -277,11 +307,13 @@ class BagWriter:
         size = self._appender.size_on_disk
         if size >= self._committed_size:
             return self._by_name(self._committed)
-        left: Counter[int] = Counter()
-        for end, channel, count in zip(*[iter(self._ledger.tolist())] * 3, strict=True):
+
+        remaining: Counter[int] = Counter()
+        ledger = self._ledger.tolist()
+        for end, channel, count in zip(ledger[::3], ledger[1::3], ledger[2::3], strict=True):
             if end <= size:
-                left[channel] += count
-        return self._by_name(left)
+                remaining[channel] += count
+        return self._by_name(remaining)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -306,10 +338,15 @@ class BagWriter:
         """Attach text files, by name."""
         self._end_chunk()
         for name, data in files.items():
-            # The time of its last change is unknown.
-            file = Attachment(0, time.time_ns(), name, 'text/plain', data)
+            file = Attachment(
+                create_time=0,  # unknown
+                log_time=time.time_ns(),
+                name=name,
+                media_type='text/plain',
+                data=data,
+            )
             record = to_bytes(file)
-            self._list(
+            self._add_to_summary(
                 AttachmentIndex(
                     offset=self._appender.position,
                     length=len(record),
@@ -330,10 +367,10 @@ class BagWriter:
         """
         for topic, data, received, published, number in messages:
             channel = self._channels.get(id(topic)) or self._channel_of(topic)
-            times = received, published
             if received < 0 or published < 0:
-                times = max(received, 0), max(published, 0)
-            self._chunk.add(channel, data, number & 0xFFFF_FFFF, times)
+                received = max(received, 0)  # noqa: PLW2901
+                published = max(published, 0)  # noqa: PLW2901
+            self._chunk.add(channel, data, number & 0xFFFF_FFFF, received, published)
             if self._chunk.size > CHUNK_SIZE:
                 self._end_chunk()
         self._commit()
@@ -349,9 +386,10 @@ class BagWriter:
             return
         try:
             self._end_chunk()
-            counted = [(topic, self._counts[id_]) for id_, topic in self._topics.items()]
-            about = information(self.file.name, self._span, counted, self._metadata)
+            topics = [(topic, self._counts[channel]) for channel, topic in self._topics.items()]
+            about = information(self.file.name, self._span, topics, self._metadata)
             self._put_metadata('rosbag2', {'serialized_metadata': to_yaml(about)})
+
             self._put(to_bytes(DataEnd(self._checksum)))
             self._put_summary()
             self._commit()
@@ -361,51 +399,55 @@ class BagWriter:
             self._appender.close()
 
     def _put(self, data: bytes) -> None:
+        """Add data to the file's next block."""
         self._checksum = zlib.crc32(data, self._checksum)
         self._appender.write(data)
 
-    def _list(self, record: McapRecord) -> None:
-        """Add a record to the summary."""
+    def _add_to_summary(self, record: McapRecord) -> None:
         data = to_bytes(record)
-        self._summary[data[0]].append(data)
+        opcode = data[0]
+        self._summary[opcode].append(data)
 
     def _put_metadata(self, name: str, entries: Mapping[str, str]) -> None:
         self._end_chunk()
         data = to_bytes(Metadata(name=name, metadata=dict(entries)))
-        self._list(MetadataIndex(offset=self._appender.position, length=len(data), name=name))
+        index = MetadataIndex(offset=self._appender.position, length=len(data), name=name)
+        self._add_to_summary(index)
         self._put(data)
 
     def _channel_of(self, topic: Topic) -> int:
         """Return the ID of an equal topic's channel, or of a new one."""
-        for id_, known in self._topics.items():
-            if known == topic:
-                return id_
+        for channel, registered in self._topics.items():
+            if registered == topic:
+                return channel
         return self._register(topic)
 
     def _register(self, topic: Topic) -> int:
         """Return the ID of a new channel."""
-        id_ = self._channels[id(topic)] = len(self._topics) + 1
-        self._topics[id_] = topic
+        channel = len(self._topics) + 1
+        self._channels[id(topic)] = channel
+        self._topics[channel] = topic
+
         metadata = topic.metadata
         if metadata is None:
-            qos = to_yaml([dict(qos) for qos in topic.offered_qos]).rstrip()
+            qos = to_yaml([dict(profile) for profile in topic.offered_qos]).rstrip()
             metadata = {'offered_qos_profiles': qos, 'topic_type_hash': topic.type_hash}
         self._describe(
             Channel(
-                id=id_,
+                id=channel,
                 topic=topic.name,
                 message_encoding=topic.message_encoding,
                 schema_id=self._schema(topic),
                 metadata=dict(metadata),
             )
         )
-        return id_
+        return channel
 
     def _schema(self, topic: Topic) -> int:
         """Return the ID of a topic's schema; 0: it has none."""
         if topic.schema_encoding is None:
             return 0
-        schema = topic.type, topic.schema_encoding, topic.definition
+        schema = (topic.type, topic.schema_encoding, topic.definition)
         if schema not in self._schemas:
             self._schemas[schema] = len(self._schemas) + 1
             self._describe(
@@ -419,22 +461,26 @@ class BagWriter:
         return self._schemas[schema]
 
     def _describe(self, record: Schema | Channel) -> None:
+        """Add a record to the chunk in progress, before its first message, and to the summary."""
         self._chunk.add_record(record)
-        self._list(record)
+        self._add_to_summary(record)
 
     def _end_chunk(self) -> None:
         """End the chunk in progress, so that it can be committed."""
-        if counts := {id_: len(pairs) // 2 for id_, pairs in self._chunk.pairs.items()}:
-            data, index = self._chunk.build(self._appender.position)
-            self._put(data)
-            self._list(index)
-            start, end = index.message_start_time, index.message_end_time
-            self._span += Span(start, end, sum(counts.values()))
-            self._counts.update(counts)
-            end = index.chunk_start_offset + index.chunk_length
-            for channel, count in counts.items():
-                self._ledger.extend((end, channel, count))
-            self._chunk = ChunkBuilder()
+        counts = {channel: len(pairs) // 2 for channel, pairs in self._chunk.pairs.items()}
+        if not counts:
+            return
+
+        data, index = self._chunk.build(self._appender.position)
+        self._chunk = ChunkBuilder()
+        self._put(data)
+        self._add_to_summary(index)
+
+        self._span += Span(index.message_start_time, index.message_end_time, sum(counts.values()))
+        self._counts.update(counts)
+        end = index.chunk_start_offset + index.chunk_length
+        for channel, count in counts.items():
+            self._ledger.extend((end, channel, count))
 
     def _commit(self) -> None:
         """Write the finished chunks."""
@@ -446,11 +492,11 @@ class BagWriter:
     def _put_summary(self) -> None:
         """Write the summary, grouped by kind of record, and the offset of each group."""
         listed = Counter({opcode: len(records) for opcode, records in self._summary.items()})
-        self._list(
+        self._add_to_summary(
             Statistics(
                 attachment_count=listed[Opcode.ATTACHMENT_INDEX],
                 channel_count=listed[Opcode.CHANNEL],
-                channel_message_counts={id_: self._counts[id_] for id_ in self._topics},
+                channel_message_counts={channel: self._counts[channel] for channel in self._topics},
                 chunk_count=listed[Opcode.CHUNK_INDEX],
                 message_count=self._span.count,
                 metadata_count=listed[Opcode.METADATA_INDEX],
@@ -459,11 +505,14 @@ class BagWriter:
                 schema_count=listed[Opcode.SCHEMA],
             )
         )
-        start, summary, offsets = self._appender.position, b'', b''
+        start = self._appender.position
+        summary = b''
+        offsets = b''
         for opcode, records in sorted(self._summary.items()):
             group = b''.join(records)
             offsets += to_bytes(SummaryOffset(opcode, start + len(summary), len(group)))
             summary += group
+
         footer = Footer(start, start + len(summary), summary_crc=0)
         before_checksum = to_bytes(footer)[:-4]
         footer.summary_crc = zlib.crc32(summary + offsets + before_checksum)

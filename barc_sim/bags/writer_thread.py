@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import MessageFields
     from barc_sim.bags.writer import BagWriter
 
-#: [s] between two polls of the source, during which the control loop waits for Python's lock. The
-#: second applies after a poll with many messages: publishing slows down with the messages that wait
-#: in DDS, and during a long poll the executor switches to another thread.
-_PERIOD, _PERIOD_OF_MANY = 0.1, 0.01
+#: [s] between two polls of the source, during which the control loop waits for Python's lock.
+_PERIOD = 0.1
+#: [s] between two polls after one with more than `_MANY` messages: publishing slows down with the
+#: messages that wait in DDS, and during a long poll the executor switches to another thread.
+_BUSY_PERIOD = 0.01
 _MANY = 100
 #: [s] between the ends of two chunks. A kill loses the messages of this time and of one poll.
 _CHUNK_PERIOD = 0.1
@@ -57,23 +58,30 @@ class WriterThread:
         reserve: int,
         on_failure: Callable[[str], None],
     ) -> None:
-        self._lock = threading.RLock()
-        self.paused = False
-        self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
-        self.waits_for_clock = False  #: whether messages before the first `/clock` are left out
-        self.writes_clock = True  #: whether `/clock` itself is written
-        self.before_clock = 0  #: number of messages left out before the first `/clock`
-        self._now: int | None = None  # [ns] of the latest `/clock`
-        self._late: list[MessageFields] = []  # for the next poll
-        self.unwritten: dict[str, int] = {}  #: number of lost messages by topic, after `close`
         self._writer = writer
         self._source = source
         self._reserve = reserve
         self._on_failure = on_failure
-        self._arrived = 0  # number of messages in the last poll
+
+        # Settings.
+        self.paused = False
+        self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
+        self.waits_for_clock = False  #: whether messages before the first `/clock` are left out
+        self.writes_clock = True  #: whether `/clock` itself is written
+
+        # Lost and omitted messages.
+        self.before_clock = 0  #: number of messages left out before the first `/clock`
+        self.unwritten: dict[str, int] = {}  #: number of lost messages by topic, after `close`
+
+        # State.
+        self._clock: int | None = None  # [ns] the latest `/clock`
+        self._postponed: list[MessageFields] = []  # to the next poll
+        self._last_count = 0  # number of messages in the last poll
         self._stuck = False  # whether writing has failed and has not worked since
-        self._broken = False  # whether the source has failed, for good
+        self._source_failed = False  # for good
         self._chunk_due = time.monotonic()
+
+        self._lock = threading.RLock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
 
@@ -82,9 +90,13 @@ class WriterThread:
         self._thread.start()
 
     def _run(self) -> None:
-        while not self._closing.wait(_PERIOD_OF_MANY if self._arrived > _MANY else _PERIOD):
+        while not self._closing.wait(self._period):
             with self._lock:
                 self._run_once()
+
+    @property
+    def _period(self) -> float:
+        return _BUSY_PERIOD if self._last_count > _MANY else _PERIOD
 
     def write_now(self) -> None:
         """Write the waiting messages in the calling thread, unless the writer's thread does."""
@@ -95,23 +107,26 @@ class WriterThread:
                 self._lock.release()
 
     def _run_once(self) -> None:
+        """Write the waiting messages, and end a chunk if that is due."""
         try:
-            if not self._stuck and not self._broken:
+            # While writing fails, later messages wait in the source.
+            if not self._stuck and not self._source_failed:
                 self._drain()
+
             if time.monotonic() >= self._chunk_due:
                 self._chunk_due = time.monotonic() + _CHUNK_PERIOD
                 self._check_disk()
                 self._writer.flush()
-                self._stuck = self._broken
+                self._stuck = self._source_failed
         except OSError as error:
             self._fail(error)
         except Exception as error:  # noqa: BLE001 (the thread would end unnoticed)
-            self._broken = True
+            self._source_failed = True
             self._fail(error)
 
     def _drain(self) -> None:
         messages = self._take()
-        self._arrived = len(messages)
+        self._last_count = len(messages)
         if messages and not self.paused:
             self._writer.write(messages)
 
@@ -121,14 +136,17 @@ class WriterThread:
         The source takes one topic after the other, so a `/clock` older than a message may come with
         the next poll. Messages received since this poll began therefore wait for the next one.
         """
-        now = time.time_ns()
-        messages = sorted((*self._late, *self._source()), key=_RECEIVED)
+        poll_time = time.time_ns()
+        messages = sorted([*self._postponed, *self._source()], key=_RECEIVED)
         if not self.use_sim_time:
             return messages
-        closing = self._closing.is_set()
-        number = len(messages) if closing else bisect_left(messages, now, key=_RECEIVED)
-        self._late = messages[number:]
-        return self._stamped(messages[:number])
+
+        if self._closing.is_set():
+            count = len(messages)
+        else:
+            count = bisect_left(messages, poll_time, key=_RECEIVED)
+        self._postponed = messages[count:]
+        return self._stamped(messages[:count])
 
     def _stamped(self, messages: Iterable[MessageFields]) -> list[MessageFields]:
         """Set the time of reception of each message to the latest `/clock` before it.
@@ -137,20 +155,18 @@ class WriterThread:
         or are left out. When the clock jumps back, the times do, too. `ros2 bag record
         --use-sim-time` does the same, but in the order of its executor.
         """
-        now = self._now
         stamped: list[MessageFields] = []
         for topic, data, received, published, number in messages:
             if topic.name == CLOCK:
-                now = leading_time(data)
+                self._clock = leading_time(data)
                 if not self.writes_clock:
                     continue
-            if now is not None:
-                stamped.append((topic, data, now, published, number))
+            if self._clock is not None:
+                stamped.append((topic, data, self._clock, published, number))
             elif not self.waits_for_clock:
                 stamped.append((topic, data, received, published, number))
             elif not self.paused:
                 self.before_clock += 1
-        self._now = now
         return stamped
 
     def _check_disk(self) -> None:
@@ -162,10 +178,12 @@ class WriterThread:
             raise OSError(errno.ENOENT, 'it was removed while recording')
         if not self._writer.is_whole:
             raise OSError(errno.ESTALE, CHANGED)
-        if short := short_of_space(self._writer.directory, self._reserve):
-            raise OSError(errno.ENOSPC, short)
+        shortage = short_of_space(self._writer.directory, self._reserve)
+        if shortage:
+            raise OSError(errno.ENOSPC, shortage)
 
     def _fail(self, error: Exception) -> None:
+        """Report a failure, unless the last one was reported and writing has not worked since."""
         if not self._stuck:
             self._stuck = True
             reason = getattr(error, 'strerror', None) or repr(error)
@@ -193,9 +211,11 @@ class WriterThread:
         self._closing.set()
         if self._thread.is_alive():
             self._thread.join()
+
         with self._lock:
             self._reserve = 0  # space was kept free for this
-            for _ in range(2):  # the first resumes writing if the disk had refused a block
+            # The first pass resumes writing if the disk had refused a block.
+            for _ in range(2):
                 self._chunk_due = 0.0
                 self._run_once()
             if not self._stuck:
@@ -207,6 +227,7 @@ class WriterThread:
         """Count the messages that were received but never written."""
         unwritten = Counter(self._writer.counts)
         unwritten.subtract(self._writer.on_disk)
-        if self._stuck and not self._broken:
-            unwritten.update(topic.name for topic, *_ in (*self._late, *self._source()))
+        if self._stuck and not self._source_failed:
+            waiting = [*self._postponed, *self._source()]
+            unwritten.update(topic.name for topic, _, _, _, _ in waiting)
         self.unwritten = {topic: count for topic, count in unwritten.items() if count > 0}
