@@ -109,7 +109,7 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     Raises
     ------
     UserError
-        if there is no log with a state, or the logs cannot be compared.
+        There is no log with a state, or the logs cannot be compared.
 
     Examples
     --------
@@ -125,7 +125,9 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
             )
     if not logs or any(not len(log) for log in logs):
         raise UserError('plot needs at least one log with a state: pass the log of a run')
-    names = [*labels, *_default_labels(logs)[len(labels) :]][: len(logs)]
+    names = _default_labels(logs)
+    for index, label in enumerate(labels[: len(logs)]):
+        names[index] = label
     if ax is not None:
         for curve in _run_lines([use_measurement(log) for log in logs], names):
             _draw_speed(ax, curve)
@@ -185,8 +187,16 @@ def speed_figure(
 
     The error is drawn after the run-up, unless the run is shorter or has no reference (NaN). The
     laps of a run with several have their own lines, the best one and the last one in colour, and a
-    table with the errors and the gains of each. `title` and `settings` are the two lines of the
-    heading. `figure` must be empty; its size is set here.
+    table with the errors and the gains of each.
+
+    Parameters
+    ----------
+    log
+        The run.
+    title, settings
+        The two lines of the heading.
+    figure
+        The empty figure to draw on, whose size is set; by default a new one.
     """
     run = use_measurement(log)
     laps = _laps_of(run)
@@ -226,10 +236,23 @@ def comparison_figure(
     """Draw several runs in one figure, each in a colour of its own and with its label.
 
     On roads it has the charts of `speed_figure` and a table of the errors; the slopes are shaded if
-    all runs have the same. Runs on a track are drawn by `track_figure`. `title` and `settings` are
-    the two lines of the heading: what the runs have in common.
+    all runs have the same. Runs on a track are drawn by `track_figure`.
 
-    UserError: the runs cannot be compared.
+    Parameters
+    ----------
+    logs
+        The runs.
+    labels
+        The label of each.
+    title, settings
+        The two lines of the heading: what the runs have in common.
+    figure
+        The empty figure to draw on, whose size is set; by default a new one.
+
+    Raises
+    ------
+    UserError
+        The runs cannot be compared.
     """
     on_track = [log for log in logs if isinstance(log, TrackLog)]
     if on_track:
@@ -255,12 +278,9 @@ def comparison_figure(
     if ends:
         charts.speed.set_ylim(min(ends), max(ends))
     if charts.table:
-        rows = [
-            ROW_HEADINGS,
-            *(_row_of(label, log) for label, log in zip(labels, logs, strict=True)),
-        ]
-        colors = {k: curve.speed for k, curve in enumerate(curves, 1)}
-        draw_table(charts.table, rows, _COMPARISON_WIDTHS, colors)
+        rows = [_row_of(label, log) for label, log in zip(labels, logs, strict=True)]
+        colors = {row: curve.speed for row, curve in enumerate(curves, start=1)}
+        draw_table(charts.table, [ROW_HEADINGS, *rows], _COMPARISON_WIDTHS, colors)
 
     _finish(figure, charts, runs)
     _add_heading(charts.speed, title, settings)
@@ -433,35 +453,51 @@ def _laps_of(run: Log) -> _LapLines | None:
     laps, numbers = laps_of(run)
     if not laps.finished:
         return None
-    settings = lap_settings_of(run, numbers)
-    best, last = laps.best or laps.current, laps.current
-    of_lap = np.array(numbers)
+    best = laps.best or laps.current
+    last = laps.current
+    number_of_state = np.array(numbers)
 
-    def lap_of(number: int) -> Log:
-        return run.map(lambda column: column[of_lap == number])
+    def log_of(number: int) -> Log:
+        return run.map(lambda column: column[number_of_state == number])
 
-    words = ['best'] * bool(laps.best) + ['last'] * (best.number == last.number)
-    name = f'lap {best.number + 1}, {" and ".join(words)}'
-    curves = [_Line(lap_of(best.number), name, BLUE, BLUE, 2.0)]
+    # The best lap is drawn last, over the others.
+    roles = []
+    if laps.best:
+        roles.append('best')
+    if best.number == last.number:
+        roles.append('last')
+    name = f'lap {best.number + 1}, {" and ".join(roles)}'
+    best_log = log_of(best.number)
+    curves = [_Line(best_log, name, BLUE, BLUE, 2.0)]
     colors = {best.number: BLUE}
+
     if last.number != best.number:
         name = f'lap {last.number + 1}, last'
-        curves.insert(0, _Line(lap_of(last.number), name, VERMILLION, VERMILLION))
+        curves.insert(0, _Line(log_of(last.number), name, VERMILLION, VERMILLION))
         colors[last.number] = VERMILLION
-    if not {*numbers} <= colors.keys():
-        others = _broken(run.map(lambda column: column[~np.isin(of_lap, [*colors])]))
-        name = 'other lap' if len({*numbers}) == len(colors) + 1 else 'other laps'
-        curves.insert(0, _Line(others, name, OTHER, OTHER, 1.0))
+
+    others = set(numbers) - colors.keys()
+    if others:
+        is_other = np.isin(number_of_state, list(others))
+        log = _broken(run.map(lambda column: column[is_other]))
+        name = 'other lap' if len(others) == 1 else 'other laps'
+        curves.insert(0, _Line(log, name, OTHER, OTHER, 1.0))
 
     headings: tuple[str, ...] = metrics.ROAD_LAP_HEADINGS
     rows = [lap.cells for lap in laps.rows]
+    settings = lap_settings_of(run, numbers)
     gains = [settings.text(lap.number) for lap in laps.rows]
     if any(gains):
         texts = [textwrap.shorten(text, _MAX_GAINS, placeholder=' …') for text in gains]
         headings = (*headings, 'gains')
         rows = [(*cells, text) for cells, text in zip(rows, texts, strict=True)]
-    of_row = {k: colors[lap.number] for k, lap in enumerate(laps.rows, 1) if lap.number in colors}
-    return _LapLines(curves, curves[-1].log, [headings, *rows], of_row)
+    # The headings are row 0.
+    color_of_row = {
+        row: colors[lap.number]
+        for row, lap in enumerate(laps.rows, start=1)
+        if lap.number in colors
+    }
+    return _LapLines(curves, best_log, [headings, *rows], color_of_row)
 
 
 def _name_position(axes: Axes, *logs: Log) -> None:
@@ -515,11 +551,8 @@ def settings(info: Mapping[str, str], log: Log) -> str:
 
 def _heading(info: Mapping[str, str], log: Log) -> dict[str, str]:
     """Return the texts of `settings`, by name."""
-    texts = {
-        key: f'{key} {info[key]}'
-        for key in ('track' if 'track' in info else 'road', 'lane', *GAINS)
-        if key in info
-    }
+    course = 'track' if 'track' in info else 'road'
+    texts = {key: f'{key} {info[key]}' for key in (course, 'lane', *GAINS) if key in info}
     texts |= changes_of(log)
     return {name: textwrap.shorten(text, _SHOWN, placeholder=' …') for name, text in texts.items()}
 
@@ -556,30 +589,32 @@ def terms_figure(log: Log) -> Figure | None:
 
 def _caption(log: Log) -> str:
     """Return a line on the speed error; empty without a reference."""
-    whole = metrics.summary(log)
-    parts = {
-        f'after the first {metrics.RUN_UP:g} m': (
-            whole.rms_error_after_run_up,
-            whole.max_error_after_run_up,
-        ),
-        'whole run': (whole.rms_error, whole.max_error),
-    }
-    texts = [
-        f'{part}: RMS {rms:.3f} m/s, maximum {maximum:.3f} m/s'
-        for part, (rms, maximum) in parts.items()
-        if not np.isnan(rms)
-    ]
+    summary = metrics.summary(log)
+    texts = []
+    if not np.isnan(summary.rms_error_after_run_up):
+        errors = _errors(summary.rms_error_after_run_up, summary.max_error_after_run_up)
+        texts.append(f'after the first {metrics.RUN_UP:g} m: {errors}')
+    if not np.isnan(summary.rms_error):
+        texts.append(f'whole run: {_errors(summary.rms_error, summary.max_error)}')
     return f'Speed error {"; ".join(texts)}' if texts else ''
+
+
+def _errors(rms: float, maximum: float) -> str:
+    return f'RMS {rms:.3f} m/s, maximum {maximum:.3f} m/s'
 
 
 def _broken(log: Log) -> Log:
     """Return the log with a row of NaN between two laps, so that no line joins them."""
-    first = np.flatnonzero(np.diff(laps_of(log)[1])) + 1
-    if not first.size:
+    _, numbers = laps_of(log)
+    first_of_lap = np.flatnonzero(np.diff(numbers)) + 1
+    if not first_of_lap.size:
         return log
-    return log.map(
-        lambda column: np.insert(column, first, False if column.dtype == np.bool_ else np.nan)
-    )
+
+    def with_gaps(column: NDArray[Any]) -> NDArray[Any]:
+        gap = False if column.dtype == np.bool_ else np.nan
+        return np.insert(column, first_of_lap, gap)
+
+    return log.map(with_gaps)
 
 
 def _draw_speed(axes: Axes, curve: _Line) -> None:
@@ -621,18 +656,24 @@ def _add_details(log: Log, shown: Log, charts: _Charts) -> None:
     if _has_error(log):
         speed.set_ylim(*speed_limits(log))
     _shade(charts.grade, shown)
-    if missed := np.count_nonzero(log.missed):
-        label = f'{missed} missed deadline' + ('s' if missed > 1 else '')
-        marks: dict[str, Any] = {
-            'ls': '',
-            'marker': TICKUP,
-            'markersize': 8,
-            'color': INK,
-            'label': label,
-        }
-        bottom = command.get_xaxis_transform()
-        command.plot(log.distance[log.missed], np.zeros(missed), transform=bottom, **marks)
-        command.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
+    if log.missed.any():
+        _mark_missed(command, log)
+
+
+def _mark_missed(axes: Axes, log: Log) -> None:
+    """Mark each missed deadline at the bottom of a chart."""
+    count = np.count_nonzero(log.missed)
+    axes.plot(
+        log.distance[log.missed],
+        np.zeros(count),
+        transform=axes.get_xaxis_transform(),
+        label=f'{count} missed deadline' + ('s' if count > 1 else ''),
+        ls='',
+        marker=TICKUP,
+        markersize=8,
+        color=INK,
+    )
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
 
 
 def _marker(log: Log) -> str:
@@ -646,36 +687,75 @@ def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> 
 
     For a drive straight ahead, draw speed and command only. The lines are broken where the car was
     reset to the start.
+
+    Parameters
+    ----------
+    log
+        The drive.
+    title
+        The heading.
+    figure
+        The empty figure to draw on, whose size is set; by default a new one.
     """
     log = use_measurement(log)
+    _, lap_numbers = laps_of(log)
+    is_reset = np.diff(lap_numbers) > 0
+    speed = _TimeChart('Speed [m/s]', _without_jumps(log.speed, is_reset), BLUE)
+    has_turns = bool(np.nan_to_num(log.servo).any())
+
     figure = figure or Figure()
     figure.set_size_inches(9.6, 9.6)
     figure.set_layout_engine('constrained')
-    resets = np.diff(laps_of(log)[1]) > 0
-    speed = (_without_jumps(log.speed, resets), BLUE, 'Speed [m/s]')
-    if np.nan_to_num(log.servo).any():
-        turns = np.split(np.nan_to_num(log.psi - log.e_epsi), np.flatnonzero(resets) + 1)
-        # The heading is unwrapped from each reset on: a reset turns the car back to 0°.
-        degrees = np.degrees(np.concatenate([np.unwrap(each) for each in turns]))
-        heading = (_without_jumps(degrees, resets), INK, 'Heading [°]')
-        steering = (_without_jumps(np.degrees(log.servo), resets), GREEN, 'Steering [°]')
-        drawn = [heading, speed, steering]
-        top, *charts = figure.subplots(4, 1, height_ratios=[4.0, 1.4, 1.4, 1.4])
-        draw_path(top, *(_without_jumps(values, resets) for values in (log.distance, log.across)))
+    if has_turns:
+        plan, *axes_of_charts = figure.subplots(4, 1, height_ratios=[4.0, 1.4, 1.4, 1.4])
+        x = _without_jumps(log.distance, is_reset)
+        y = _without_jumps(log.across, is_reset)
+        draw_path(plan, x, y)
+
+        heading = _without_jumps(_headings(log, is_reset), is_reset)
+        steering = _without_jumps(np.degrees(log.servo), is_reset)
+        charts = [
+            _TimeChart('Heading [°]', heading, INK),
+            speed,
+            _TimeChart('Steering [°]', steering, GREEN, 'steps-post'),
+        ]
+        top = plan
     else:
-        drawn = [speed, (log.motor, GREEN, 'Command [m/s²]')]
-        top, _ = charts = [*figure.subplots(2, 1)]
-    for axes, (values, color, label) in zip(charts, drawn, strict=True):
-        line_style = 'steps-post' if color == GREEN else 'default'  # commands are held
-        axes.plot(log.t, values, color=color, lw=1.8, drawstyle=line_style)
-        axes.set_ylim(*limits(values, share=0.1, minimum=1.0))
+        axes_of_charts = list(figure.subplots(2, 1))
+        charts = [speed, _TimeChart('Command [m/s²]', log.motor, GREEN, 'steps-post')]
+        top = axes_of_charts[0]
+
+    for axes, chart in zip(axes_of_charts, charts, strict=True):
+        axes.plot(log.t, chart.values, color=chart.color, lw=1.8, drawstyle=chart.drawstyle)
+        axes.set_ylim(*limits(chart.values, share=0.1, minimum=1.0))
         axes.set_xlim(*limits(log.t, share=0.01, minimum=1.0))
-        axes.set_ylabel(label)
-        axes.tick_params(labelbottom=axes is charts[-1])
-    charts[-1].set_xlabel('Time [s]; left is positive' if len(charts) > 2 else 'Time [s]')  # noqa: PLR2004
+        axes.set_ylabel(chart.label)
+        axes.tick_params(labelbottom=axes is axes_of_charts[-1])
+    axes_of_charts[-1].set_xlabel('Time [s]; left is positive' if has_turns else 'Time [s]')
     top.set_title(title, loc='left', fontsize=14, fontweight='bold')
-    figure.align_ylabels(charts)
+    figure.align_ylabels(axes_of_charts)
     return figure
+
+
+class _TimeChart(NamedTuple):
+    """A chart over time."""
+
+    label: str
+    values: NDArray[np.float64]
+    color: str
+    drawstyle: str = 'default'  #: `steps-post` for commands, which hold until the next one
+
+
+def _headings(log: Log, is_reset: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the true heading of each state [deg], unwrapped from each reset on.
+
+    A reset turns the car back to 0°.
+    """
+    heading = np.nan_to_num(log.psi - log.e_epsi)
+    drives = np.split(heading, np.flatnonzero(is_reset) + 1)
+    unwrapped = np.concatenate([np.unwrap(drive) for drive in drives])
+    degrees: NDArray[np.float64] = np.degrees(unwrapped)
+    return degrees
 
 
 def is_by_hand(log: Log) -> bool:
@@ -704,27 +784,44 @@ def identification_figure(
 ) -> Figure:
     """Draw each signal as measured and predicted, and the error below; one log after the other.
 
-    `signals` has the arrays of `Identified`: time, measured and predicted values, by name.
+    Parameters
+    ----------
+    signals
+        The arrays of `Identified` by the signal's name: time, measured and predicted values.
+    title
+        The heading.
     """
-    n = len(signals)
-    figure = Figure(figsize=(9.0, 1.2 + 3.2 * n), layout='constrained')
+    count = len(signals)
+    figure = Figure(figsize=(9.0, 1.2 + 3.2 * count), layout='constrained')
     figure.suptitle(title, x=0.02, ha='left', fontsize=14, fontweight='bold')
-    panels = figure.subplots(2 * n, 1, sharex=True, height_ratios=[3.0, 1.2] * n, squeeze=False)
-    for (name, (t, measured, predicted)), (above, below) in zip(
-        signals.items(), panels[:, 0].reshape(n, 2), strict=True
-    ):
-        # No line joins the end of a log to the start of the next one.
-        steps = np.diff(t, prepend=t[0])
-        begins = steps < 0.0
-        time = np.cumsum(np.where(begins, np.median(steps), steps))
-        line = np.where(begins, np.nan, predicted)
-        above.plot(time, measured, '.', ms=2.0, color=INK, alpha=0.5, label='measured')
-        above.plot(time, line, lw=1.2, color=BLUE, label='predicted from the first state')
-        unit, meaning, *_ = COLUMNS[name]
-        above.set_ylabel(f'{meaning.capitalize()} [{unit}]')
-        below.plot(time, predicted - measured, lw=0.6, color=VERMILLION)
-        below.axhline(0.0, lw=0.8, color=INK)
-        below.set_ylabel(f'Residual [{unit}]')
-    panels[0, 0].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
-    panels[-1, 0].set_xlabel('Time [s]')
+    heights = [3.0, 1.2] * count
+    panels = figure.subplots(2 * count, 1, sharex=True, height_ratios=heights)
+    for index, (name, (t, measured, predicted)) in enumerate(signals.items()):
+        _draw_prediction(panels[2 * index], panels[2 * index + 1], name, t, measured, predicted)
+    panels[0].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    panels[-1].set_xlabel('Time [s]')
     return figure
+
+
+def _draw_prediction(
+    above: Axes,
+    below: Axes,
+    name: str,
+    t: NDArray[np.float64],
+    measured: NDArray[np.float64],
+    predicted: NDArray[np.float64],
+) -> None:
+    """Draw a signal, and its error in the axes below."""
+    # No line joins the end of a log to the start of the next one.
+    steps = np.diff(t, prepend=t[0])
+    is_new_log = steps < 0.0
+    time = np.cumsum(np.where(is_new_log, np.median(steps), steps))
+    line = np.where(is_new_log, np.nan, predicted)
+
+    column = COLUMNS[name]
+    above.plot(time, measured, '.', ms=2.0, color=INK, alpha=0.5, label='measured')
+    above.plot(time, line, lw=1.2, color=BLUE, label='predicted from the first state')
+    above.set_ylabel(f'{column.meaning.capitalize()} [{column.unit}]')
+    below.plot(time, predicted - measured, lw=0.6, color=VERMILLION)
+    below.axhline(0.0, lw=0.8, color=INK)
+    below.set_ylabel(f'Residual [{column.unit}]')

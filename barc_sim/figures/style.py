@@ -121,14 +121,25 @@ def driven_road(log: Log) -> Road | None:
     change = np.flatnonzero(np.diff(grade))
     starts = np.append(distance[0], (distance[change] + distance[change + 1]) / 2.0)
     grades = np.append(grade[0], grade[change + 1])
-    apart = np.append(np.diff(starts) > 0.0, True)
-    return Road(starts[apart], grades[apart])
+    has_length = np.append(np.diff(starts) > 0.0, True)
+    return Road(starts[has_length], grades[has_length])
 
 
 def limits(values: NDArray[np.float64], *, share: float, minimum: float) -> tuple[float, float]:
-    """Return limits around `values` and zero, wider by `share`; one is at least ±`minimum`."""
+    """Return the limits of an axis around values and zero.
+
+    Parameters
+    ----------
+    values
+        What is drawn; NaN is left out.
+    share
+        By which share of their range the axis is wider at each end.
+    minimum
+        The least distance of the farther limit from zero.
+    """
     finite = values[np.isfinite(values)]
-    low, high = min(finite.min(initial=0.0), 0.0), max(finite.max(initial=0.0), 0.0)
+    low = min(finite.min(initial=0.0), 0.0)
+    high = max(finite.max(initial=0.0), 0.0)
     pad = max(share * (high - low), minimum - max(high, -low))
     return low - pad, high + pad
 
@@ -144,8 +155,9 @@ def after_run_up(log: Log, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def speed_limits(log: Log) -> tuple[float, float]:
     """Return limits around speed and reference after the run-up."""
-    shown = after_run_up(log, np.stack([log.speed, log.reference]))
-    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    speeds = after_run_up(log, np.stack([log.speed, log.reference]))
+    low = float(np.nanmin(speeds))
+    high = float(np.nanmax(speeds))
     pad = max(0.1 * (high - low), 0.25)
     return low - pad, high + pad
 

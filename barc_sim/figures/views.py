@@ -9,7 +9,7 @@ from contextlib import suppress
 from itertools import chain
 from math import isnan
 from shutil import which
-from typing import IO, TYPE_CHECKING, Any, ClassVar, cast
+from typing import IO, TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from matplotlib import style
@@ -60,7 +60,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Images = Iterable[NDArray[np.uint8]]
-    Stretch = tuple[Road, float, float]  # a road, and where the drawn part begins and ends [m]
     Box = tuple[float, float, float, float]  # left, bottom, width and height, as shares
 
 SIZE = (12.8, 7.2)  #: [inch]
@@ -70,14 +69,38 @@ AXLES = (-1.5, 1.5)
 BEYOND = 60.0  #: [m] of road drawn before and after a run
 POST = 10.0  #: [m] between two labels of the position; from above, the side of a square
 LABELS = 12  #: labels, more than are visible at once
-_READING, _READINGS = 0.135, 0.81  #: maximum widths of one reading, and of all, as shares
-GLASS, LAMP, RIM, WELL = '#DCEBF4', '#F0E442', '#D5D5D5', '#3A3A3A'
+_READING_WIDTH = 0.135  #: maximum, as a share
+_READINGS_WIDTH = 0.81  #: of all together, maximum, as a share
+# Colours of parts of the car.
+GLASS = '#DCEBF4'
+LAMP = '#F0E442'
+RIM = '#D5D5D5'
+WELL = '#3A3A3A'
+
+
+class RoadStretch(NamedTuple):
+    """The part of a road that a view draws."""
+
+    road: Road
+    start: float  #: [m]
+    end: float  #: [m]
 
 
 class RunView(ABC):
     """A view of a run at one time, with a scene, the whole course and a chart.
 
-    `update` moves its `artists`, which are drawn in order.
+    `update` moves its `artists`, which are drawn in order. At first it shows the first state.
+
+    Parameters
+    ----------
+    log
+        The run.
+    figure
+        The empty figure to draw on.
+    title
+        The heading.
+    stretch
+        The part of a road to draw; by default the part that the run has driven.
     """
 
     #: The boxes of scene, course and chart.
@@ -94,18 +117,15 @@ class RunView(ABC):
     chart_limits: tuple[float, float]
 
     def __init__(
-        self, log: Log, figure: Figure, *, title: str = '', stretch: Stretch | None = None
+        self, log: Log, figure: Figure, *, title: str = '', stretch: RoadStretch | None = None
     ) -> None:
-        """Draw the fixed parts on the empty `figure`, and show the first state.
-
-        Without a `stretch` of road, the driven part is drawn.
-        """
         self.figure = figure
         figure.set_facecolor('white')  # with any matplotlibrc
-        self._given = stretch
+        self._fixed_stretch = stretch
         self.read(log)
+
         with style.context(STYLE):
-            scene, course, chart = (figure.add_axes(place) for place in self.PLACES)
+            scene, course, chart = [figure.add_axes(place) for place in self.PLACES]
             moving = self._draw_scene(scene)
             # Equal scales, so that 30° look like 30°; a window of another shape shows more.
             scene.set_xlim(-self.VIEW_WIDTH / 2.0, self.VIEW_WIDTH / 2.0, auto=True)
@@ -113,10 +133,13 @@ class RunView(ABC):
             scene.set_aspect('equal', adjustable='datalim')
             scene.set(xticks=[], yticks=[])
             scene.spines[:].set_visible(False)
+
             self._draw_course(course)
-            (self._here,) = course.plot([], [], 'o', color=VERMILLION, mec='white', ms=8)
-            moving += [self._here, *self._draw_chart(chart)]
+            (self._place_on_course,) = course.plot([], [], 'o', color=VERMILLION, mec='white', ms=8)
+            moving.append(self._place_on_course)
+            moving += self._draw_chart(chart)
             self._readings = self._draw_readings(figure.add_axes((0.06, 0.9, 0.925, 0.1)), title)
+
         self.artists = [*moving, *self._readings.values()]
         # Above the fixed parts and in this order; by default Matplotlib draws lines over patches.
         for order, artist in enumerate(self.artists, start=10):
@@ -129,14 +152,15 @@ class RunView(ABC):
         self._log = use_measurement(log)
         self.charted = self._log.speed
         # A return to the start begins a lap: nothing is drawn between the two states.
-        numbers = laps_of(self._log)[1]
+        _, numbers = laps_of(self._log)
         self._starts = np.flatnonzero(np.diff(numbers, prepend=-1))
         self._settings = settings_of(self._log)
 
     def _note(self, k: int, number: int) -> str:
         """Return what is written beside the chart: the lap, if there are several, and the gains."""
-        now = {name: float(values[k]) for name, values in self._settings.items()}
-        gains = settings_text([{name: value for name, value in now.items() if not isnan(value)}])
+        values = {name: float(of_states[k]) for name, of_states in self._settings.items()}
+        settings = {name: value for name, value in values.items() if not isnan(value)}
+        gains = settings_text([settings])
         lap = f'lap {number + 1}' if len(self._starts) > 1 else ''
         return ': '.join(text for text in (lap, gains) if text)
 
@@ -157,24 +181,30 @@ class RunView(ABC):
         """Move the artists to their places at `t` [s]; return the readings."""
         log = self._log
         k = int(np.searchsorted(log.t, t + 1e-9, side='right')) - 1
-        if k + 1 in self._starts:
+        if k + 1 in self._starts:  # there is nothing between the last state of a lap and the next
             t = float(log.t[k])
-        along, speed, charted, x, y = (
-            float(np.interp(t, log.t, values))
-            for values in (self.along, log.speed, self.charted, *self.course)
-        )
-        self._here.set_data([x], [y])
+
+        def at_time(values: Floats) -> float:
+            return float(np.interp(t, log.t, values))
+
+        along = at_time(self.along)
+        charted = at_time(self.charted)
+        course_x, course_y = self.course
+        x = at_time(course_x)
+        y = at_time(course_y)
+        self._place_on_course.set_data([x], [y])
+
         number = int(np.searchsorted(self._starts, k, side='right')) - 1
         lap = slice(self._starts[number], k + 1)
         self._trace.set_data(
             np.append(self.along[lap], along), np.append(self.charted[lap], charted)
         )
-        self._about.set_text(self._note(k, number))
+        self._note_text.set_text(self._note(k, number))
         self._cursor.set_xdata([along, along])
         self._dot.set_data([along], [charted])
         return {
             'Time': reading(t, 2, ' s'),
-            'Speed': reading(speed, 2, ' m/s'),
+            'Speed': reading(at_time(log.speed), 2, ' m/s'),
             **self._place(k, t, x, y),
             'Command': reading(float(log.motor[k]), 2, ' m/s²'),
         }
@@ -186,10 +216,11 @@ class RunView(ABC):
     def _draw_chart(self, axes: Axes) -> list[Artist]:
         """Draw the chart; return its moving lines: values so far, reference, and cursor."""
         log = self._log
-        for along, charted in zip(
-            np.split(self.along, self._starts), np.split(self.charted, self._starts), strict=True
-        ):
+        along_of_laps = np.split(self.along, self._starts)
+        charted_of_laps = np.split(self.charted, self._starts)
+        for along, charted in zip(along_of_laps, charted_of_laps, strict=True):
             axes.plot(along, charted, color=AHEAD, lw=1.5)
+
         (self._trace,) = axes.plot([], [], color=BLUE, lw=2.2, label='speed')
         lines: list[Artist] = [self._trace]
         if self.charted_name == RunView.charted_name and not np.isnan(log.reference).all():
@@ -197,29 +228,29 @@ class RunView(ABC):
                 self.along, log.reference, color=INK, lw=1.0, ls=DASHES, label='reference'
             )
             axes.legend(loc='upper right', bbox_to_anchor=(1.0, -0.16), ncols=2, borderaxespad=0.0)
+
         self._cursor = axes.axvline(0.0, color=GREY, lw=0.8)
         (self._dot,) = axes.plot([], [], 'o', color=BLUE, mec='white', mew=1.2, ms=8)
         axes.set(xlabel=self.along_name, ylabel=self.charted_name, ylim=self.chart_limits)
         axes.set_xlim(*limits(self.along, share=0.01, minimum=1.0))
         axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
         axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-        self._about = axes.text(
+        self._note_text = axes.text(
             0.0, -0.2, '', transform=axes.transAxes, va='top', color=MUTED, fontsize=9
         )
-        return [*lines, self._cursor, self._dot, self._about]
+        return [*lines, self._cursor, self._dot, self._note_text]
 
     def _draw_readings(self, axes: Axes, title: str) -> dict[str, Text]:
         axes.set_axis_off()
         axes.text(0.0, 0.5, title, fontsize=13, fontweight='bold', va='center')
-        names = [*self._show(0.0)]
-        apart = min(_READING, _READINGS / len(names))
-        places = dict(zip(names, 1.0 - apart * np.arange(len(names))[::-1], strict=True))
-        for name, x in places.items():
+        names = list(self._show(0.0))
+        width = min(_READING_WIDTH, _READINGS_WIDTH / len(names))
+        readings = {}
+        for index, name in enumerate(names):
+            x = 1.0 - width * (len(names) - 1 - index)
             axes.text(x, 0.68, name, color=MUTED, fontsize=9, ha='right', va='bottom')
-        return {
-            name: axes.text(x, 0.56, '', fontsize=15, ha='right', va='top')
-            for name, x in places.items()
-        }
+            readings[name] = axes.text(x, 0.56, '', fontsize=15, ha='right', va='top')
+        return readings
 
 
 class SideView(RunView):
@@ -238,15 +269,21 @@ class SideView(RunView):
         """Show this run from now on, with the same fixed parts."""
         super().read(log)
         self.along = self._log.distance
-        driven = driven_road(self._log) or Road.flat()
-        self._stretch = self._given or (driven, self.along.min(), self.along.max())
-        self._road = self._stretch[0]
-        self.course = self.along, np.asarray(self._road.elevation(self.along))
+        self._stretch = self._fixed_stretch or RoadStretch(
+            road=driven_road(self._log) or Road.flat(),
+            start=float(self.along.min()),
+            end=float(self.along.max()),
+        )
+        self._road = self._stretch.road
+        self.course = (self.along, np.asarray(self._road.elevation(self.along)))
 
     def _draw_scene(self, axes: Axes) -> list[Artist]:
         self.chart_limits = speed_limits(self._log)
         axes.set(facecolor='#F4F8FB')
-        self._camera, self._body, self._wheel = Affine2D(), Affine2D(), Affine2D()
+        self._camera = Affine2D()
+        self._body = Affine2D()
+        self._wheel = Affine2D()
+
         ground = self._camera + axes.transData
         x, y = self._on_map(self._kinks(BEYOND))
         bottom = y.min() - 100.0
@@ -267,9 +304,10 @@ class SideView(RunView):
 
     def _kinks(self, beyond: float) -> Floats:
         """Return the positions [m] where the grade changes, with the ends of the drawn road."""
-        road, first, last = self._stretch
-        inside = [s for s in road.starts if first - beyond < s < last + beyond]
-        return np.array([first - beyond, *inside, last + beyond])
+        first = self._stretch.start - beyond
+        last = self._stretch.end + beyond
+        inside = [s for s in self._road.starts if first < s < last]
+        return np.array([first, *inside, last])
 
     def _on_map(self, s: Floats) -> tuple[Floats, Floats]:
         """Return horizontal distance and elevation [m] at positions along the road [m]."""
@@ -290,17 +328,20 @@ class SideView(RunView):
         along = (front - rear) / np.hypot(*(front - rear))
         up = np.array([-along[1], along[0]])
         camera = (rear + front) / 2.0 + WHEEL_RADIUS * up
+
         self._camera.clear().translate(*-camera)
         self._body.clear().rotate(np.arctan2(along[1], along[0]))
         self._wheel.clear().rotate(-x / WHEEL_RADIUS)
-        first = np.ceil(x / POST - LABELS / 2) * POST
-        for i, label in enumerate(self._labels):
-            post = first + i * POST
-            at, height = (float(place) for place in self._on_map(post))
+
+        first_post = np.ceil(x / POST - LABELS / 2) * POST
+        for index, label in enumerate(self._labels):
+            post = first_post + index * POST
+            horizontal, elevation = self._on_map(post)
             # Hidden if outside: a text takes longer to draw than all other artists of a frame.
-            label.set_visible(abs(at - camera[0]) < self.VIEW_WIDTH / 2.0)
-            label.set_position((at, height))
+            label.set_visible(abs(float(horizontal) - camera[0]) < self.VIEW_WIDTH / 2.0)
+            label.set_position((float(horizontal), float(elevation)))
             label.set_text(f'|\n{reading(post, 0, " m")}')
+
         log = self._log
         return {
             'Reference': reading(float(log.reference[k]), 2, ' m/s'),
@@ -326,18 +367,19 @@ def _car_from_the_side(body: Transform, wheel: Affine2D) -> list[Artist]:
     artists: list[Artist] = [PathPatch(curve, facecolor=BLUE, edgecolor=INK, transform=body)]
     for colour, polygons in shapes.items():
         artists += [Polygon(points, facecolor=colour, transform=body) for points in polygons]
-    angles = 2.0 * np.pi * np.arange(5) / 5.0
+
     # Each spoke goes out from the hub and back, so that all are one line.
-    spokes = [
-        np.outer(f(angles), [0.0, 0.62 * WHEEL_RADIUS, 0.0]).ravel() for f in (np.cos, np.sin)
-    ]
+    angles = 2.0 * np.pi * np.arange(5) / 5.0
+    radii = [0.0, 0.62 * WHEEL_RADIUS, 0.0]
+    spokes_x = np.outer(np.cos(angles), radii).ravel()
+    spokes_y = np.outer(np.sin(angles), radii).ravel()
     for axle in AXLES:
         at = wheel + Affine2D().translate(axle, 0.0) + body
         artists += [
             Circle((axle, 0.04), 1.16 * WHEEL_RADIUS, facecolor=WELL, transform=body),
             Circle((0.0, 0.0), WHEEL_RADIUS, facecolor=INK, transform=at),
             Circle((0.0, 0.0), 0.68 * WHEEL_RADIUS, facecolor=RIM, transform=at),
-            Line2D(*spokes, color=INK, lw=2.0, transform=at),
+            Line2D(spokes_x, spokes_y, color=INK, lw=2.0, transform=at),
         ]
     return artists
 
@@ -357,21 +399,31 @@ class TopView(RunView):
         x, y, self._psi = self._log.true_pose
         self._path = np.column_stack([x, y])
         self._path[self._starts[1:] - 1] = np.nan  # so that the next state begins a new line
-        self.course = x, y
-        self._on_track = log if isinstance(log, TrackLog) else None
-        self._track = log.track if isinstance(log, TrackLog) else None
-        self.along, self.along_name = self._log.t, 'Time [s]'
+        self.course = (x, y)
         if isinstance(log, TrackLog):
-            self.along, self.along_name = log.s, 'Distance along the track, over all laps [m]'
-            self.charted, self.charted_name = log.e_y, 'e_y [m]'
+            self._on_track: TrackLog | None = log
+            self._track = log.track
             self._laps, self._numbers = track_laps_of(log)
-        minimum = 0.1 if self._on_track else 1.0
-        self.chart_limits = limits(self.charted, share=0.15, minimum=minimum)
+            self.along = log.s
+            self.along_name = 'Distance along the track, over all laps [m]'
+            self.charted = log.e_y
+            self.charted_name = 'e_y [m]'
+            self.chart_limits = limits(self.charted, share=0.15, minimum=0.1)
+        else:
+            self._on_track = None
+            self._track = None
+            self.along = self._log.t
+            self.along_name = 'Time [s]'
+            self.chart_limits = limits(self.charted, share=0.15, minimum=1.0)
 
     def _draw_scene(self, axes: Axes) -> list[Artist]:
         axes.set(facecolor='#F7F7F4')
         axes.text(0.01, 0.03, f'squares of {POST:g} m', transform=axes.transAxes, color=MUTED)
-        self._grid, self._world, self._body, self._steering = (Affine2D() for _ in range(4))
+        self._grid = Affine2D()
+        self._world = Affine2D()
+        self._body = Affine2D()
+        self._steering = Affine2D()
+
         world = self._world + axes.transData
         self._trail = Line2D([], [], color=BLUE, lw=2.0, transform=world)
         moving: list[Artist] = [
@@ -379,18 +431,23 @@ class TopView(RunView):
             _grid(POST, '#CFCFC8', self._grid + axes.transData),
         ]
         if self._on_track:
-            self._ghost, self._ghost_steering = Affine2D(), Affine2D()
+            self._ghost = Affine2D()
+            self._ghost_steering = Affine2D()
             self._pale = _car_from_above(self._ghost + axes.transData, self._ghost_steering)
             for artist in self._pale:
                 artist.set_alpha(0.3)
             moving += self._pale
         moving += [self._trail, *_car_from_above(self._body + axes.transData, self._steering)]
         for artist in moving:
-            _ = axes.add_line(artist) if isinstance(artist, Line2D) else axes.add_artist(artist)
+            if isinstance(artist, Line2D):
+                axes.add_line(artist)
+            else:
+                axes.add_artist(artist)
+
         if self._track:
-            fine, coarse, *cars = moving
-            ground, *lines = draw_course(axes, self._track, world)
-            moving = [ground, fine, coarse, *lines, *cars]
+            # The two grids are above the ground, and below the lines of the course.
+            course = draw_course(axes, self._track, world)
+            moving = [course[0], *moving[:2], *course[1:], *moving[2:]]
         return moving
 
     def _draw_course(self, axes: Axes) -> None:
@@ -419,16 +476,20 @@ class TopView(RunView):
 
     def _place_ghost(self, log: TrackLog, k: int, t: float, x: float, y: float) -> dict[str, str]:
         """Move the pale car to its place in the best lap; return the readings of the lap."""
-        best, lap_time = self._laps.best, float(log.lap_time[k] + t - log.t[k])
-        is_beside = best is not None and best.number != self._numbers[k] and lap_time <= best.time
+        best = self._laps.best
+        lap_time = float(log.lap_time[k] + t - log.t[k])
+        is_visible = best is not None and best.number != self._numbers[k] and lap_time <= best.time
         for artist in self._pale:
-            artist.set_visible(is_beside)
-        if best is not None and is_beside:
-            then = best.start + lap_time
-            u, v, psi, servo = (
-                float(np.interp(then, log.t, each)) for each in (*self.course, self._psi, log.servo)
-            )
-            self._ghost.clear().rotate(psi).translate(u - x, v - y)
+            artist.set_visible(is_visible)
+
+        if best is not None and is_visible:
+            time_in_best = best.start + lap_time
+            course_x, course_y = self.course
+            ghost_x = float(np.interp(time_in_best, log.t, course_x))
+            ghost_y = float(np.interp(time_in_best, log.t, course_y))
+            psi = float(np.interp(time_in_best, log.t, self._psi))
+            servo = float(np.interp(time_in_best, log.t, log.servo))
+            self._ghost.clear().rotate(psi).translate(ghost_x - x, ghost_y - y)
             self._ghost_steering.clear().rotate(np.nan_to_num(servo))
         return {
             'Lap': f'{self._numbers[k] + 1}',
@@ -442,57 +503,64 @@ def _grid(spacing: float, color: str, transform: Transform) -> Line2D:
     reach = 80.0
     ticks = np.arange(-reach, reach + spacing / 2.0, spacing)
     ends = np.tile([-reach, reach, np.nan], len(ticks))
-    at = np.repeat(ticks, 3)
-    x, y = np.concatenate([at, ends]), np.concatenate([ends, at])
+    places = np.repeat(ticks, 3)
+    x = np.concatenate([places, ends])
+    y = np.concatenate([ends, places])
     return Line2D(x, y, color=color, lw=0.8, transform=transform)
 
 
 def _car_from_above(body: Transform, steering: Affine2D) -> list[Artist]:
     """Return the artists of the car in metres from its middle: rear wheels, front wheels, hull."""
-    length, width = 0.7, WHEEL_WIDTH
-    wheels = [
-        Rectangle(
-            (-length / 2.0, -width / 2.0),
-            length,
-            width,
-            facecolor=INK,
-            transform=turned + Affine2D().translate(axle, side * HALF_TRACK) + body,
-        )
-        for axle, turned in zip(AXLES, (Affine2D(), steering), strict=True)
-        for side in (-1, 1)
-    ]
-    shapes = {
-        GLASS: [
-            [(0.95, 0.72), (0.3, 0.6), (0.3, -0.6), (0.95, -0.72)],
-            [(-1.55, 0.62), (-1.1, 0.56), (-1.1, -0.56), (-1.55, -0.62)],
-        ],
-        LAMP: [[(2.05, 0.75 * side), (2.19, 0.6 * side), (2.08, 0.4 * side)] for side in (-1, 1)],
-        VERMILLION: [
-            [(-2.19, 0.7 * side), (-2.1, 0.7 * side), (-2.15, 0.3 * side)] for side in (-1, 1)
-        ],
-    }
+    rear, front = AXLES
+    wheels = []
+    for axle, rotation in ((rear, Affine2D()), (front, steering)):
+        for side in (-1, 1):
+            place = Affine2D().translate(axle, side * HALF_TRACK)
+            wheels.append(_wheel_from_above(rotation + place + body))
+
     hull = FancyBboxPatch(
         (-1.85, -0.53), 3.7, 1.06, boxstyle='round,pad=0.35', fc=BLUE, ec=INK, transform=body
     )
-    return [
-        *wheels,
-        hull,
-        *(
-            Polygon(points, facecolor=colour, transform=body)
-            for colour, polygons in shapes.items()
-            for points in polygons
-        ),
+    windows = [
+        [(0.95, 0.72), (0.3, 0.6), (0.3, -0.6), (0.95, -0.72)],
+        [(-1.55, 0.62), (-1.1, 0.56), (-1.1, -0.56), (-1.55, -0.62)],
     ]
+    head_lamps = []
+    tail_lamps = []
+    for side in (-1, 1):
+        head_lamps.append([(2.05, 0.75 * side), (2.19, 0.6 * side), (2.08, 0.4 * side)])
+        tail_lamps.append([(-2.19, 0.7 * side), (-2.1, 0.7 * side), (-2.15, 0.3 * side)])
+
+    details = []
+    for colour, polygons in ((GLASS, windows), (LAMP, head_lamps), (VERMILLION, tail_lamps)):
+        details += [Polygon(points, facecolor=colour, transform=body) for points in polygons]
+    return [*wheels, hull, *details]
 
 
-def view_of(log: Log, figure: Figure, title: str = '', stretch: Stretch | None = None) -> RunView:
-    """Return the view of a run: from above on a track or by hand on the flat, else the side."""
-    is_above = isinstance(log, TrackLog) or is_by_hand(log)
-    return (TopView if is_above else SideView)(log, figure, title=title, stretch=stretch)
+def _wheel_from_above(transform: Transform) -> Rectangle:
+    length = 0.7
+    corner = (-length / 2.0, -WHEEL_WIDTH / 2.0)
+    return Rectangle(corner, length, WHEEL_WIDTH, facecolor=INK, transform=transform)
 
 
-MP4_DPI, MP4_FPS = 100, 50  # 1280 x 720, every state
-GIF_DPI, GIF_FPS = 75, 25  # 960 x 540: a GIF is large, and its unit of time is 10 ms
+def view_of(
+    log: Log, figure: Figure, title: str = '', stretch: RoadStretch | None = None
+) -> RunView:
+    """Return the view of a run: from above on a track or by hand on the flat, else the side.
+
+    The parameters are those of `RunView`.
+    """
+    if isinstance(log, TrackLog) or is_by_hand(log):
+        return TopView(log, figure, title=title, stretch=stretch)
+    return SideView(log, figure, title=title, stretch=stretch)
+
+
+# An .mp4 has 1280 x 720 pixels, and every state.
+MP4_DPI = 100
+MP4_FPS = 50
+# A GIF has 960 x 540 pixels: it is large, and its unit of time is 10 ms.
+GIF_DPI = 75
+GIF_FPS = 25
 # The index comes first, so that a browser plays the file while it loads. The colour space is
 # stated, so that players do not guess it. `superfast` takes half as long as `veryfast`, and less
 # than the drawing, which runs in parallel; the file is 1.7 times as large.
@@ -509,21 +577,34 @@ ENCODING = {
 
 
 def save_video(log: Log, path: pathlib.Path, *, title: str = '') -> None:
-    """Write a video of the run in real time to `path`, which ends in .mp4 or .gif.
+    """Write a video of a run in real time; a progress bar appears if stderr is a terminal.
 
-    A progress bar appears if stderr is a terminal.
+    Parameters
+    ----------
+    log
+        The run.
+    path
+        The file to write, whose name ends in .mp4 or .gif.
+    title
+        The heading.
+
+    Raises
+    ------
+    UserError
+        There is no ffmpeg, which an .mp4 needs.
     """
     from rich.console import Console  # noqa: PLC0415 (slow: not for figures)
     from rich.progress import track  # noqa: PLC0415
 
-    gif = path.suffix.lower() == '.gif'
-    dpi, fps = (GIF_DPI, GIF_FPS) if gif else (MP4_DPI, MP4_FPS)
+    is_gif = path.suffix.lower() == '.gif'
+    dpi = GIF_DPI if is_gif else MP4_DPI
+    fps = GIF_FPS if is_gif else MP4_FPS
     view = view_of(log, Figure(figsize=SIZE, dpi=dpi), title)
     times: Iterable[float] = frame_times(view.duration, fps)
     if sys.stderr.isatty():  # elsewhere rich before 15 prints an empty line
         times = track(times, 'Saving', console=Console(stderr=True), transient=True)
     images = frames(view, times)
-    if gif:
+    if is_gif:
         write_gif(path, images, fps=fps)
     else:
         width, height = view.figure.canvas.get_width_height()
@@ -565,16 +646,19 @@ def write_mp4(path: pathlib.Path, images: Images, *, size: tuple[int, int], fps:
             'a .mp4 needs ffmpeg, and none is on the PATH: install it, or run '
             'python -m pip install imageio-ffmpeg, or save as .gif'
         )
-    pixels = {'-f': 'rawvideo', '-pix_fmt': 'rgba', '-s': '{}x{}'.format(*size), '-r': str(fps)}
-    options = [*chain(*pixels.items()), '-i', '-', *chain(*ENCODING.items())]
-    command = [program, '-loglevel', 'error', '-y', *options, '-f', 'mp4', str(path)]
+    width, height = size
+    pixels = ['-f', 'rawvideo', '-pix_fmt', 'rgba', '-s', f'{width}x{height}', '-r', str(fps)]
+    encoding = list(chain.from_iterable(ENCODING.items()))
+    command = [program, '-loglevel', 'error', '-y', *pixels, '-i', '-', *encoding]
+    command += ['-f', 'mp4', str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:  # noqa: S603
         with suppress(BrokenPipeError):  # ffmpeg has ended early; stderr has the reason
             for image in images:
                 cast('IO[bytes]', encoder.stdin).write(image.tobytes())
         _, errors = encoder.communicate()
     if encoder.returncode:
-        *_, reason = ['', *errors.decode(errors='replace').splitlines()]
+        lines = errors.decode(errors='replace').splitlines()
+        reason = lines[-1] if lines else ''
         raise OSError(f'{program}: {reason}')
 
 
@@ -595,7 +679,8 @@ def write_gif(path: pathlib.Path, images: Images, *, fps: int) -> None:
     A GIF's unit of time is 10 ms, so `fps` should divide 100.
     """
     stills = _one_palette(images)
-    next(stills).save(
+    first = next(stills)
+    first.save(
         path, save_all=True, append_images=stills, duration=1000 // fps, loop=0, optimize=False
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from barc_sim.figures import style
-from barc_sim.figures.views import SIZE, frames, view_of
+from barc_sim.figures.views import SIZE, RoadStretch, frames, view_of
 from barc_sim.simulation.closed_loop import log_of_rows
 
 if TYPE_CHECKING:
@@ -92,7 +92,8 @@ class Picture:
         """Draw the fixed parts: the track, or the road between two positions [m]."""
         task = self._task
         figure = Figure(SIZE, _DPI)
-        self._view: RunView = view_of(log, figure, self._title, (task.road, first, last))
+        stretch = RoadStretch(task.road, first, last)
+        self._view: RunView = view_of(log, figure, self._title, stretch)
         _, course, chart = figure.axes[:3]
         if task.track:
             chart.set(xlim=(first, last), ylim=(-task.half_width, task.half_width))
