@@ -441,10 +441,10 @@ class Functions:
             except UserError as error:
                 failure = str(error)
 
-            if len(results) == 1:
-                got = {results[0]: numbers}
-            else:
+            if len(results) == CALLED[name].numbers:
                 got = dict(zip(results, numbers.T, strict=True))
+            else:
+                got = {results[0]: numbers}
             for angle in self.angles:
                 if angle in got:
                     got[angle] = _unwound(got[angle], right[angle])

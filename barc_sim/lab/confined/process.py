@@ -254,7 +254,7 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
         return part in files_in(self._folder)
 
     def rows(self, name: str, rows: Sequence[Sequence[Any]], corrected: object = None) -> list[Any]:
-        """Return the numbers that a user's function returns for each row of arguments.
+        """Return a row of the numbers that a user's function returns for each row of arguments.
 
         For `corrected` see `UserCode.functions`.
         """
@@ -262,7 +262,8 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
         results: list[Any] = []
         while len(results) < len(rows):
             part = rows[len(results) :][:size]
-            results += map(tuple, self.call('functions', name, part, False, corrected))
+            reply = self.call('functions', name, part, False, corrected)
+            results += [(row,) if isinstance(row, float) else tuple(row) for row in reply]
         return results
 
     def make(self, name: str, *arguments: Any) -> int:  # noqa: ANN401 (JSON)

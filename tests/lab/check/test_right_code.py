@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import CONTROLLER, MODEL, replaced
 
-from barc_sim.lab.judge import Settings
+from barc_sim.lab.confined.process import JudgedCode, Limits
+from barc_sim.lab.judge import Functions, Settings
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.relay import LABELS as RELAY
+from barc_sim.lab.law import Law, Situation
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from user_files import LocalCode
 
@@ -147,3 +150,13 @@ def test_what_is_not_there_is_skipped_without_marks(lab: Lab, model: str) -> Non
     assert {finding.message for finding in findings[4:8]} == {'there is no controller.py'}
     assert {finding.message for finding in findings[8:]} == {'there is no relay.py'}
     assert {finding.score for finding in findings[4:]} == {0.0}
+
+
+def test_a_function_that_returns_one_number_is_judged(tmp_path: Path) -> None:
+    (tmp_path / 'identify.py').write_text('def command(t):\n    return 2.0 * t\n')
+    situation = Situation('any time', ['command'], {'t': (0.0, 60.0)})
+    law = Law({'command': '2.0 * t'}, (), {'command': (situation,)})
+    functions = Functions(law, {'command': ('command',)}, {'command': 'stop.command'}, count=10)
+    with JudgedCode(tmp_path, Limits(confined=False)) as code:
+        findings, _ = functions.judge(code, seed=0)
+    assert [each.message for each in findings] == ['right in all 10 cases']
