@@ -62,7 +62,6 @@ MESSAGE_TYPES = {
     INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
     PREDICTION: 'nav_msgs/msg/Path',
     SPEED_REFERENCE: 'std_msgs/msg/Float64',
-    INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
     ODOM: 'nav_msgs/msg/Odometry',
     PATH: 'nav_msgs/msg/Path',
     MARKERS: 'visualization_msgs/msg/MarkerArray',
