@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from struct import Struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import lz4.frame
 import zstandard
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
     from typing import BinaryIO
-
-    from barc_sim.bags.contents import Contents
 
 
 _HEADER = Struct('<BQ')  # of a record: opcode, length
@@ -102,6 +100,17 @@ def _number_and_name(file: Path) -> tuple[int, str]:
     return int(number[1]) if number else -1, file.name
 
 
+class FilledContents(Protocol):
+    """The contents of a bag, to which its files add; `Contents` is that."""
+
+    span: Span
+    metadata: dict[str, str]
+    attachments: dict[str, bytes]
+
+    def topic(self, channel: Channel, schema: Schema | None) -> Topic:
+        """Return the topic of a channel, the same one for equal channels of all files."""
+
+
 class McapFile:
     """A file of a bag: adds its topics and metadata to the bag, and yields its messages.
 
@@ -122,7 +131,7 @@ class McapFile:
         It is not an MCAP file, or exceeds a bound.
     """
 
-    def __init__(self, path: Path, bag: Contents, budget: Budget) -> None:
+    def __init__(self, path: Path, bag: FilledContents, budget: Budget) -> None:
         self.path = path
         self.has_summary = False
         self.damage = Damage()  #: `messages` adds the damage of chunks
