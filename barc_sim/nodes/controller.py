@@ -21,8 +21,8 @@ from barc_sim.ros.node_helpers import (
     declare,
     declare_track,
     frames,
-    to_poses,
 )
+from barc_sim.ros.poses import to_poses
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter

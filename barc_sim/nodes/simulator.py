@@ -25,9 +25,9 @@ from barc_sim.ros.node_helpers import (
     declare_track,
     fill,
     frames,
-    to_state_at_rest,
 )
 from barc_sim.ros.peers import claim
+from barc_sim.ros.poses import to_state_at_rest
 from barc_sim.simulation.scenario import Scenario
 from barc_sim.simulation.stepper import Stepper, StepperOptions, parameters
 from barc_sim.vehicle.bike_model import bikeFE

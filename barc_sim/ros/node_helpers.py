@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 import time
-from collections import Counter
-from math import atan2, cos, nan, radians, sin
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
+from geometry_msgs.msg import Twist, Vector3
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from std_msgs.msg import Header
@@ -20,7 +19,6 @@ from barc_sim.errors import UserError
 from barc_sim.interfaces import qos
 from barc_sim.interfaces.parameters import ANY
 from barc_sim.interfaces.stamps import split_time, to_nanoseconds
-from barc_sim.vehicle.bike_model import BicycleState
 from barc_sim.vehicle.parameters import TRACK
 from barc_sim.vehicle.track import Track
 
@@ -31,11 +29,9 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from barc_sim.interfaces.parameters import ParameterDeclaration
-    from barc_sim.vehicle.road import Road
 
 Message = TypeVar('Message')
 _RECOUNT_NS = 500_000_000
-_NORM_TOLERANCE = 1e-3  #: of the squared norm of a quaternion that is a rotation
 
 
 def descriptor(parameter: ParameterDeclaration) -> ParameterDescriptor:
@@ -58,24 +54,23 @@ def declare(node: Node, parameters: Iterable[ParameterDeclaration]) -> dict[str,
 
 def _declare(node: Node, parameter: ParameterDeclaration) -> Any:  # noqa: ANN401 (as rclpy has it)
     owner = f'parameter {parameter.name} of {node.get_name()}'
-    between = parameter.between
+    low, high = parameter.between
+    kind = type(parameter.default)
     try:
         return node.declare_parameter(
             parameter.name, parameter.default, descriptor(parameter)
         ).value
     except InvalidParameterTypeException as error:
-        received = str(error).split(', expecting')[0]
-        kind = type(parameter.default).__name__
-        if kind == 'int' and (value := re.search("to '(.*)' of type 'DOUBLE'", received)):
-            raise UserError(f'{owner}: {not_between(float(value[1]), *between)}') from None
+        reason = str(error).split(', expecting')[0]
+        value = re.search("to '(.*)' of type 'DOUBLE'", reason)
+        if kind is int and value:
+            raise UserError(f'{owner}: {not_between(float(value[1]), low, high)}') from None
         raise UserError(
-            f'{owner} must be of type {kind}, such as {parameter.default!r}: {received}'
+            f'{owner} must be of type {kind.__name__}, such as {parameter.default!r}: {reason}'
         ) from None
     except InvalidParameterValueException as error:
         value = re.search(r'value \((.*)\) for parameter', str(error))
-        if not value:
-            raise UserError(f'{owner}: {error}') from None
-        why = not_between(type(parameter.default)(value[1]), *between)
+        why = not_between(kind(value[1]), low, high) if value else error
         raise UserError(f'{owner}: {why}') from None
 
 
@@ -83,13 +78,15 @@ def declare_track(node: Node, track: Track | None = None) -> Track | None:
     """Declare the parameter `track`; return `track`, or else the track that the parameter names."""
     default = TRACK._replace(default=track.name if track else '')
     name = declare(node, [default])[TRACK.name]
-    return track or (Track.named(name) if name else None)
+    if track is None and name:
+        return Track.named(name)
+    return track
 
 
 def frames(node: Node) -> tuple[str, str]:
     """Return the frames of map and car; in the namespace `/car2`, `map` and `car2/base_link`."""
-    prefix = f'{node.get_namespace().strip("/")}/'.lstrip('/')
-    return 'map', f'{prefix}base_link'
+    namespace = node.get_namespace().strip('/')
+    return 'map', f'{namespace}/base_link' if namespace else 'base_link'
 
 
 def fill(message: Message, record: Any) -> Message:  # noqa: ANN401 (a NamedTuple)
@@ -103,35 +100,6 @@ def to_header(stamp_ns: int, frame_id: str = '') -> Header:
     """Return a header stamped `stamp_ns` [ns]."""
     sec, nanosec = split_time(stamp_ns)
     return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
-
-
-def to_poses(header: Header, poses: Any) -> dict[str, Any]:  # noqa: ANN401 (x, y, psi: arrays)
-    """Return the field `poses` of a Path."""
-    path = []
-    for x, y, psi in zip(*poses, strict=True):
-        half = 0.5 * float(psi)
-        pose = Pose(position=Point(x=float(x), y=float(y)))
-        pose.orientation = Quaternion(z=sin(half), w=cos(half))
-        path.append(PoseStamped(header=header, pose=pose))
-    return {'poses': path}
-
-
-def to_state_at_rest(pose: Pose, road: Road) -> BicycleState:
-    """Return the state of a car at rest at `pose` on the map; not a number: there is none.
-
-    It undoes the mirror's pose: `x` of the state is along the road's surface, and the heading is in
-    its plane. Of the orientation only the direction counts in which the car points on the map.
-    """
-    x = road.along(pose.position.x)
-    theta = radians(road.grade_deg(x))
-
-    q = pose.orientation
-    norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
-    if not abs(norm - 1.0) < _NORM_TOLERANCE:
-        return BicycleState(x, pose.position.y, nan)
-    east = 1.0 - 2.0 * (q.y * q.y + q.z * q.z)
-    north = 2.0 * (q.x * q.y + q.w * q.z)
-    return BicycleState(x, pose.position.y, atan2(north, east / cos(theta)))
 
 
 def to_driver_input(twist: Twist) -> DriverInput:
@@ -154,15 +122,37 @@ class Subscribed:
 
     def __init__(self, node: Node) -> None:
         """Count the subscriptions to the publishers of `node`."""
-        self._node, self._window = node, -1
+        self._node = node
+        self._window = -1  # the number of the latest 0.5 s
         self._publishers: set[Publisher] = set()
 
     def at(self, stamp_ns: int) -> set[Publisher]:
         """Return the publishers with subscriptions, counted once per 0.5 s of the stamps."""
-        if stamp_ns // _RECOUNT_NS != self._window:
-            self._window = stamp_ns // _RECOUNT_NS
+        window = stamp_ns // _RECOUNT_NS
+        if window != self._window:
+            self._window = window
             self._publishers = {p for p in self._node.publishers if p.get_subscription_count()}
         return self._publishers
+
+
+@dataclass
+class _Output:
+    """A message of a node, with its publisher."""
+
+    publisher: Publisher
+    message: Any
+    fields: Callable[[], Mapping[str, Any]]
+    every: int
+    states: int = 0  #: states since the first subscription
+
+    def publish(self, stamp: Time) -> None:
+        """Publish the message of the state with this stamp, unless it is left out."""
+        if self.states % self.every == 0:
+            self.message.header.stamp = stamp
+            for name, value in self.fields().items():
+                setattr(self.message, name, value)
+            self.publisher.publish(self.message)
+        self.states += 1
 
 
 class Outputs:
@@ -170,9 +160,9 @@ class Outputs:
 
     def __init__(self, node: Node) -> None:
         """Begin without messages."""
-        self._node, self._subscribed = node, Subscribed(node)
-        self._outputs: list[tuple[Publisher, Any, Callable[[], Mapping[str, Any]], int]] = []
-        self._published: Counter[Publisher] = Counter()
+        self._node = node
+        self._subscribed = Subscribed(node)
+        self._outputs: list[_Output] = []
 
     def add(
         self,
@@ -183,20 +173,14 @@ class Outputs:
     ) -> None:
         """Publish `message` from now on, with what `fields` returns, for one state in `every`."""
         publisher = self._node.create_publisher(type(message), topic, qos.DEFAULT)
-        self._outputs.append((publisher, message, fields, every))
+        self._outputs.append(_Output(publisher, message, fields, every))
 
     def publish(self, stamp: Time) -> None:
         """Publish the messages of the state with this stamp."""
         subscribed = self._subscribed.at(to_nanoseconds(stamp))
-        for publisher, message, fields, every in self._outputs:
-            if publisher not in subscribed:
-                continue
-            if self._published[publisher] % every == 0:
-                message.header.stamp = stamp
-                for name, value in fields().items():
-                    setattr(message, name, value)
-                publisher.publish(message)
-            self._published[publisher] += 1
+        for output in self._outputs:
+            if output.publisher in subscribed:
+                output.publish(stamp)
 
 
 class RefusedInput:
