@@ -25,6 +25,8 @@ from barc_sim.lab.user_code.folder import NOT_WRITTEN
 if TYPE_CHECKING:
     from types import FrameType
 
+    from barc_sim.ros.local import World
+
 #: The minimum number of nodes: a simulator, a relay, a driver and a recorder.
 _NODES = 4
 _SIMULATOR = '/vehicle_simulator'
@@ -57,36 +59,59 @@ def judge_composition(file: Path) -> Verdict:
         return Verdict(False, str(error))
     if sys.platform == 'win32':
         return Verdict(True, 'not run: a keyboard needs the terminal of Linux or macOS')
+
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            end = _run_apart(file, folder)
+        except subprocess.TimeoutExpired:
+            why = f'it was ended after {_DEADLINE:g} s: does a call never return?'
+            return Verdict(False, why)
+        result = Path(folder, _RESULT)
+        if os.path.lexists(result):
+            return _reported(result)
+    return Verdict(False, _explain_end(file, end))
+
+
+class _End(NamedTuple):
+    """How a script's process has ended."""
+
+    code: int
+    output: str
+
+
+def _run_apart(file: Path, folder: str) -> _End:
+    """Run the script in a process and a folder of its own, with a terminal for its keyboard."""
     import pty  # noqa: PLC0415 (of Unix)
 
-    ours, theirs = pty.openpty()  # a keyboard needs a terminal
-    command = python_command(__name__, str(file.resolve()))
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
+    our_end, script_end = pty.openpty()
+    with tempfile.TemporaryFile() as output:
         try:
-            code = subprocess.run(  # noqa: S603 (the user's own file)
-                command,
+            process = subprocess.run(  # noqa: S603 (the user's own file)
+                python_command(__name__, str(file.resolve())),
                 cwd=folder,
-                stdin=theirs,
+                stdin=script_end,
                 stdout=output,
                 stderr=output,
                 timeout=_DEADLINE,
                 check=False,
-            ).returncode
-        except subprocess.TimeoutExpired:
-            why = f'it was ended after {_DEADLINE:g} s: does a call never return?'
-            return Verdict(False, why)
+            )
         finally:
-            os.close(ours)
-            os.close(theirs)
-        result = Path(folder, _RESULT)
-        if os.path.lexists(result):
-            return _reported(result)
+            os.close(our_end)
+            os.close(script_end)
         output.seek(0)
         text = output.read().decode(errors='replace').strip()
-    why = text.rpartition('\n')[2][:200] if code else 'is main called, and does an executor spin?'
-    lines = re.findall(rf'File "{re.escape(str(file.resolve()))}", line (\d+)', text)
+    return _End(process.returncode, text)
+
+
+def _explain_end(file: Path, end: _End) -> str:
+    """Return why a script that has reported no nodes is wrong, with its line if it has raised."""
+    if end.code:
+        why = end.output.rpartition('\n')[2][:200]
+    else:
+        why = 'is main called, and does an executor spin?'
+    lines = re.findall(rf'File "{re.escape(str(file.resolve()))}", line (\d+)', end.output)
     place = f'{file.name}, line {lines[-1]}: ' if lines else ''
-    return Verdict(False, f'{place}it has ended with exit code {code}: {why}'.rstrip(': '))
+    return f'{place}it has ended with exit code {end.code}: {why}'.rstrip(': ')
 
 
 def _reported(result: Path) -> Verdict:
@@ -108,32 +133,47 @@ def _is_unwritten(file: Path) -> bool:
     )
 
 
+class _NodeReport:
+    """Looks at the nodes of a script once a second, and reports them when all are made."""
+
+    def __init__(self, world: World) -> None:
+        """Look at the nodes of `world`."""
+        self._world = world
+        self._count = 0  # of the nodes at the last look
+        self._looks = 0  # without a new node
+
+    def look(self, _: int, frame: FrameType | None) -> None:
+        """Report the nodes and exit, once an executor spins or no more nodes come."""
+        count = len(self._world.nodes)
+        if count == self._count and count > 0:
+            self._looks += 1
+        else:
+            self._looks = 0
+        self._count = count
+
+        looks_required = 1 if _is_spinning(frame) else _MAX_LOOKS
+        if self._looks >= looks_required:
+            self._write()
+            os._exit(0)
+
+    def _write(self) -> None:
+        """Write the names of the nodes, the publishers by topic, and the idle nodes."""
+        publishers: dict[str, list[str]] = {topic: [] for topic in _TOPICS}
+        for node in self._world.nodes:
+            for publisher in node.publishers:
+                if publisher.topic_name in publishers:
+                    publishers[publisher.topic_name].append(node.get_name())
+        names = sorted(node.get_fully_qualified_name() for node in self._world.nodes)
+        idle = [node.get_name() for node in self._world.nodes if node.executor is None]
+        Path(_RESULT).write_text(json.dumps((names, publishers, idle)), encoding='utf-8')
+
+
 def _run_here(file: str) -> None:
     """Run the script on `ros/local`; write its nodes, publishers and idle nodes to a file."""
     from barc_sim.ros.local import install  # noqa: PLC0415 (only in the script's process)
 
-    world = install()
-    before = looks = 0
-
-    def poll(_: int, frame: FrameType | None) -> None:
-        nonlocal before, looks
-        count = len(world.nodes)
-        looks = looks + 1 if count == before > 0 else 0
-        before = count
-        if looks >= (1 if _is_spinning(frame) else _MAX_LOOKS):
-            report()
-
-    def report() -> None:
-        publishers: dict[str, list[str]] = {topic: [] for topic in _TOPICS}
-        for node in world.nodes:
-            for publisher in node.publishers:
-                publishers.get(publisher.topic_name, []).append(node.get_name())
-        names = sorted(node.get_fully_qualified_name() for node in world.nodes)
-        idle = [node.get_name() for node in world.nodes if node.executor is None]
-        Path(_RESULT).write_text(json.dumps((names, publishers, idle)), encoding='utf-8')
-        os._exit(0)
-
-    signal.signal(signal.SIGALRM, poll)
+    report = _NodeReport(install())
+    signal.signal(signal.SIGALRM, report.look)
     signal.setitimer(signal.ITIMER_REAL, _PERIOD, _PERIOD)
     sys.argv = [file]
     sys.path.insert(0, str(Path(file).parent))  # as for any script
@@ -153,7 +193,7 @@ def _is_spinning(frame: FrameType | None) -> bool:
 def _verdict(nodes: list[str], publishers: dict[str, list[str]], idle: list[str]) -> Verdict:
     """Judge the script's nodes, the publishers of each topic, and nodes without an executor."""
     listed = f'{len(nodes)} nodes, {", ".join(nodes)}'
-    faults = []
+    faults: list[str] = []
     if len(nodes) < _NODES:
         faults.append(
             f'{listed}; expected {_NODES}: a simulator, a relay, a driver and a recorder. '
@@ -167,8 +207,10 @@ def _verdict(nodes: list[str], publishers: dict[str, list[str]], idle: list[str]
         if len(names) != 1:
             nodes_of = f' ({", ".join(names)})' if names else ''
             faults.append(f'{topic} has {len(names)} publishers{nodes_of}; expected one')
-    right = f'{listed}; each of {", ".join(_TOPICS)} has one publisher'
-    return Verdict(not faults, '; '.join(faults) or right)
+
+    if faults:
+        return Verdict(False, '; '.join(faults))
+    return Verdict(True, f'{listed}; each of {", ".join(_TOPICS)} has one publisher')
 
 
 if __name__ == '__main__':

@@ -77,14 +77,14 @@ def add_car(run: Run, number: int) -> CarMonitor:
 def _add_controller(run: Run, namespace: str) -> CruiseController:
     options = run.options
     user_code = run.inputs.user_code
-    law, lane = run.inputs.laws()
+    laws = run.inputs.new_laws()
 
     parameters: dict[str, Any] = {
         'speed_reference': options.speed,
         'reference': options.reference,
         'acceleration_limit': options.acceleration_limit,
         'controller_type': options.controller_type,
-        'lane_type': None if lane else options.lane,
+        'lane_type': None if laws.lane else options.lane,
     }
     if options.speed_profile:
         lateral, longitudinal = PROFILE
@@ -97,9 +97,9 @@ def _add_controller(run: Run, namespace: str) -> CruiseController:
     controller: CruiseController = run.add(
         CruiseController,
         parameters,
-        controller=law,
+        controller=laws.speed,
         track=run.inputs.track,
-        lane=lane,
+        lane=laws.lane,
         acceleration_limit=NO_LIMIT if has_user_law else ACCELERATION_LIMIT,
         namespace=namespace,
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import copy
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,7 +24,7 @@ from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from barc_sim.learning.tasks import Policy
 
@@ -36,6 +35,13 @@ _OF_SPEED = (*PID.gains, 'gain', 'controller_type', 'reference', 'speed', 'speed
 _OF_CONTROLLER = (*_DRIVING, *_OF_TRACK, 'policy', 'acceleration_limit', 'reference')
 
 
+class Laws(NamedTuple):
+    """What decides in place of barc_sim's own laws; None: barc_sim's own."""
+
+    speed: Any = None
+    lane: Any = None
+
+
 class Inputs(NamedTuple):
     """The inputs of a run."""
 
@@ -44,17 +50,21 @@ class Inputs(NamedTuple):
     user_code: UserCode
     policy: Policy | None = None  #: drives instead of a controller
 
-    def laws(self) -> tuple[Any, Any]:
-        """Return the user's speed controller and steering law, both new; None: barc_sim's own."""
-        controller: Any = None
-        code, policy = self.user_code, copy(self.policy)
+    def new_laws(self) -> Laws:
+        """Return the laws of a car, which belong to it alone."""
+        code = self.user_code
+        speed: Any = None
         if code.identify:
-            controller = UserCommands(code)
+            speed = UserCommands(code)
         elif code.controller:
-            controller = UserController(code)
-        if self.track:
-            return controller, policy or (UserLane(code) if code.lane else None)
-        return policy or controller, None
+            speed = UserController(code)
+
+        if not self.track:
+            return Laws(speed=copy(self.policy) or speed)
+        lane: Any = copy(self.policy)
+        if lane is None and code.lane:
+            lane = UserLane(code)
+        return Laws(speed=speed, lane=lane)
 
 
 def read_inputs(options: Namespace) -> Inputs:
@@ -63,14 +73,17 @@ def read_inputs(options: Namespace) -> Inputs:
     UserError: a file cannot be used, or options contradict one another.
     """
     road = Road.named(options.road) if options.road else None
-    track = getattr(options, 'track', None) and Track.named(options.track)
+    track_name = getattr(options, 'track', None)  # teleop has no tracks
+    track = Track.named(track_name) if track_name else None
     if not options.no_bag:
         check_root(options.bag_dir)
-    output = (lambda _: None) if options.quiet else partial(print, end='')
+
+    output = _discard if options.quiet else _print
     user_code = UserCode(_files(options), output=output).load()
     _refuse_contradictions(options, user_code, track)
     if user_code.raceline and track:
         track = line_along(track, user_code.raceline(*line_arguments(track)))
+
     inputs = Inputs(road, track, user_code)
     if options.mode == 'acc':
         _check_laws(options, inputs)
@@ -79,86 +92,143 @@ def read_inputs(options: Namespace) -> Inputs:
     return inputs
 
 
+def _print(text: str) -> None:
+    """Print what user code prints."""
+    print(text, end='')  # noqa: T201
+
+
+def _discard(text: str) -> None:
+    """Print nothing of user code."""
+
+
 def _files(options: Namespace) -> dict[str, Path]:
     """Return the user's files, by part."""
-    named = {part: getattr(options, part, None) for part in (*options.parts, 'policy')}
-    return (find_files(options.lab, options.parts) if options.lab else {}) | {
-        part: file
-        for part, file in named.items()
-        if isinstance(file, Path) and file.suffix != '.onnx'
-    }
+    files: dict[str, Path] = {}
+    if options.lab:
+        files |= find_files(options.lab, options.parts)
+    for part in (*options.parts, 'policy'):
+        file = getattr(options, part, None)
+        if isinstance(file, Path) and file.suffix != '.onnx':  # `--lane` takes names, too
+            files[part] = file
+    return files
+
+
+class _Contradiction(NamedTuple):
+    """Options and files that a run has no use for, if a condition holds."""
+
+    applies: bool
+    options: Sequence[str]  #: their names
+    files: Sequence[str]  #: the parts of a lab
+    why: str  #: follows the option or file that was given
 
 
 def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | None) -> None:
     """Refuse options and files that the run has no use for, or that set the same twice."""
-    one, option = 'give one of the two only', vars(options).get
-    on_track, ours = 'is for a track: give one, as in --track L', "names one of barc_sim's, and"
-    has_law = code.controller or code.identify
-    driven, both = _STEERING if track else _DRIVING, f'both drive: {one}'
-    for applies, names, parts, why in (
-        (not track, _OF_TRACK, (), on_track),
-        (not (track or code.model or code.controller), (), ('lane', 'raceline'), on_track),
-        (has_law, ('controller_type',), (), f'{ours} --lab or --controller gives another: {one}'),
-        (code.identify, _OF_SPEED, ('controller',), f'and identify.py {both}'),
-        (option('lane') == 'speed-mpc', _OF_SPEED, ('controller',), f'and speed-mpc {both}'),
-        (code.lane, ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
-        (
-            option('reference'),
+    for each in _contradictions(options, code, track):
+        if each.applies:
+            _refuse(options, code, each.options, each.files, each.why)
+
+
+def _contradictions(
+    options: Namespace, code: UserCode, track: Track | None
+) -> list[_Contradiction]:
+    one = 'give one of the two only'
+    on_track = 'is for a track: give one, as in --track L'
+    ours = "names one of barc_sim's, and"
+    has_law = bool(code.controller or code.identify)
+    driven = _STEERING if track else _DRIVING
+
+    def has(option: str) -> bool:
+        return bool(getattr(options, option, None))
+
+    return [
+        _Contradiction(not track, _OF_TRACK, (), on_track),
+        _Contradiction(
+            not (track or code.model or code.controller), (), ('lane', 'raceline'), on_track
+        ),
+        _Contradiction(
+            has_law,
+            ('controller_type',),
+            (),
+            f'{ours} --lab or --controller gives another: {one}',
+        ),
+        _Contradiction(
+            bool(code.identify),
+            _OF_SPEED,
+            ('controller',),
+            f'and identify.py both drive: {one}',
+        ),
+        _Contradiction(
+            getattr(options, 'lane', None) == 'speed-mpc',
+            _OF_SPEED,
+            ('controller',),
+            f'and speed-mpc both drive: {one}',
+        ),
+        _Contradiction(bool(code.lane), ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
+        _Contradiction(
+            has('reference'),
             ('speed', 'speed_profile'),
             (),
             f'and --reference both give the speed: {one}',
         ),
-        (option('policy'), driven, driven, f'and --policy {both}'),
-        (option('no_controller'), _OF_CONTROLLER, (), f'and --no-controller: {one}'),
-        (option('no_relay'), ('relay',), (), f'and --no-relay: {one}'),
-    ):
-        if applies:
-            _refuse(options, code, names, parts, why)
+        _Contradiction(has('policy'), driven, driven, f'and --policy both drive: {one}'),
+        _Contradiction(has('no_controller'), _OF_CONTROLLER, (), f'and --no-controller: {one}'),
+        _Contradiction(has('no_relay'), ('relay',), (), f'and --no-relay: {one}'),
+    ]
 
 
 def _refuse(
     options: Namespace, code: UserCode, names: Iterable[str], parts: Iterable[str], why: str
 ) -> None:
     """Refuse the options with these names and the files of these parts, if any is given."""
-    refused = [
-        f'--{name.replace("_", "-")}'
-        for name in names
-        if getattr(options, name, None) not in (None, [])
-    ]
-    refused += [code.paths[part].name for part in parts if part in code.paths]
-    if refused:
-        raise UserError(f'{refused[0]} {why}')
+    for name in names:
+        if getattr(options, name, None) not in (None, []):
+            raise UserError(f'--{name.replace("_", "-")} {why}')
+    for part in parts:
+        if part in code.paths:
+            raise UserError(f'{code.paths[part].name} {why}')
 
 
 def _check_laws(options: Namespace, inputs: Inputs) -> None:
     """Raise UserError for a gain that the run's laws do not have, or that is given twice."""
     code = inputs.user_code
     if inputs.track:
-        law: Any = UserLane(code) if code.lane else LANE_TYPES[options.lane or DEFAULT_LANE]()
-        set_gains(law, dict(options.lane_gain))
+        lane: Any = UserLane(code) if code.lane else LANE_TYPES[options.lane or DEFAULT_LANE]()
+        set_gains(lane, dict(options.lane_gain))
+
     for name, _ in options.gain:
         if getattr(options, name, None) is not None and name in PID.gains:
             raise UserError(f'--gain {name} and --{name} give the same: give one of the two only')
+
     set_gains(TYPES[options.controller_type or DEFAULT_TYPE](), gains(options))
 
 
 def gains(options: Namespace) -> dict[str, float]:
     """Return the gains of the controller that the command line gives, by name."""
-    named = {name: getattr(options, name) for name in PID.gains}
-    return {name: value for name, value in named.items() if value is not None} | dict(options.gain)
+    values = {name: getattr(options, name) for name in PID.gains}
+    of_pid = {name: value for name, value in values.items() if value is not None}
+    return of_pid | dict(options.gain)
 
 
 def _policy(options: Namespace, inputs: Inputs) -> Policy:
     """Return the policy in the first environment whose observation it takes; set its speed."""
     from barc_sim.learning.tasks import OnnxPolicy, Policy  # noqa: PLC0415 (slow)
 
-    file, arguments = options.policy, {'speed': options.speed}
+    file = options.policy
+    function = OnnxPolicy(file) if file.suffix == '.onnx' else inputs.user_code.function('policy')
+
+    arguments: dict[str, Any] = {'speed': options.speed}
     if options.acceleration_limit:
         arguments['acceleration_limit'] = options.acceleration_limit
-    arguments |= {'track': inputs.track} if inputs.track else {'road': inputs.road}
-    function = OnnxPolicy(file) if file.suffix == '.onnx' else inputs.user_code.function('policy')
+    if inputs.track:
+        tasks = ['Lane', 'Race']
+        arguments['track'] = inputs.track
+    else:
+        tasks = ['Hills']
+        arguments['road'] = inputs.road
+
     failures = []
-    for task in ('Lane', 'Race') if inputs.track else ('Hills',):
+    for task in tasks:
         try:
             policy = Policy(function, task, **arguments)
         except UserError as error:

@@ -163,17 +163,29 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 
 def add_topic_choice(parser: argparse._ActionsContainer, verb: str, hidden: str = '') -> None:
     """Add `--topics` and `--exclude`; each can be given several times."""
-    for names, what in ((('--topics',), 'only'), (('-x', '--exclude'), 'no')):
-        parser.add_argument(
-            *names,
-            type=pattern,
-            nargs='+',
-            action='extend',
-            default=[],
-            metavar='REGEX',
-            help=f'{verb} {what} topics whose name contains one of these patterns'
-            + hidden * (what == 'only'),
-        )
+    _add_patterns(
+        parser,
+        '--topics',
+        help=f'{verb} only topics whose name contains one of these patterns{hidden}',
+    )
+    _add_patterns(
+        parser,
+        '-x',
+        '--exclude',
+        help=f'{verb} no topics whose name contains one of these patterns',
+    )
+
+
+def _add_patterns(parser: argparse._ActionsContainer, *names: str, help: str) -> None:  # noqa: A002 (argparse's)
+    parser.add_argument(
+        *names,
+        type=pattern,
+        nargs='+',
+        action='extend',
+        default=[],
+        metavar='REGEX',
+        help=help,
+    )
 
 
 def recording(options: argparse.Namespace) -> Recording:

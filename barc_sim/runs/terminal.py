@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress, TaskID
 
     from barc_sim.interfaces.records import TrackState
     from barc_sim.simulation.metrics import Summary, TrackLaps
 
-_SHOWN = 1.0  #: [s] after which a lap that is not finished is shown
-#: [s] between two drawings of the live line, and between two plain lines.
-_LIVE_PERIOD, _PLAIN_PERIOD = 0.1, 1.0
+_MIN_TIME = 1.0  #: [s] after which a lap that is not finished is shown
+_LIVE_PERIOD = 0.1  #: [s] between two drawings of the live line
+_PLAIN_PERIOD = 1.0  #: [s] between two plain lines
 
 
 def cruise_line(
@@ -49,18 +49,21 @@ def drive_line(t: float, speed: float, steering: float, request: DriverInput | N
     `request` is None if the driver's input is unknown.
     """
     # Rounded first, and zero added: no negative zero is shown.
-    speed, steering = round(speed, 2) + 0.0, round(degrees(steering), 1) + 0.0
-    text = f'{t:7.1f} s  speed {speed:6.2f} m/s  steering {steering:5.1f}°'
+    speed = round(speed, 2) + 0.0
+    steering_deg = round(degrees(steering), 1) + 0.0
+    text = f'{t:7.1f} s  speed {speed:6.2f} m/s  steering {steering_deg:5.1f}°'
     if request is None:
         return text
-    held = {
+
+    is_held = {
         '↑': request.forward > 0.0,
         '↓': request.forward < 0.0,
         '←': request.turn > 0.0,
         '→': request.turn < 0.0,
         'brake': request.brake > 0.0,
     }
-    return f'{text}  held {" ".join(symbol for symbol, on in held.items() if on) or "-"}'
+    symbols = [symbol for symbol, on in is_held.items() if on]
+    return f'{text}  held {" ".join(symbols) or "-"}'
 
 
 def _console() -> Console:
@@ -80,6 +83,7 @@ class Display:
     def __init__(self, distance: float | None = None) -> None:
         """Draw also a bar to `distance` [m], if given; the bar pulses if that is infinite."""
         self._progress = _progress(distance) if sys.stdout.isatty() else None
+        self._task: TaskID | None = None
         self._total = None if distance == inf else distance
         self._period = _LIVE_PERIOD if self._progress else _PLAIN_PERIOD
         self._next = 0.0
@@ -87,7 +91,7 @@ class Display:
 
     def show(self, distance: float, line: Callable[[], str]) -> None:
         """Draw the line of a state, `distance` [m] from the start, unless the last is recent."""
-        self._latest = distance, line
+        self._latest = (distance, line)
         now = time.monotonic()
         if now >= self._next:
             self._next = now + self._period
@@ -96,15 +100,18 @@ class Display:
     def _draw(self) -> None:
         if not self._latest:
             return
+
         distance, line = self._latest
         if not self._progress:
             print(line(), flush=True)  # noqa: T201
             return
+
         self._progress.console.width = _live_columns()
         with suppress(OSError):
             self._progress.start()
-            tasks = self._progress.task_ids or [self._progress.add_task('', total=self._total)]
-            self._progress.update(tasks[0], completed=distance, description=line(), refresh=True)
+            if self._task is None:
+                self._task = self._progress.add_task('', total=self._total)
+            self._progress.update(self._task, completed=distance, description=line(), refresh=True)
 
     def close(self) -> None:
         """Draw the last state, and go to the next line."""
@@ -134,18 +141,24 @@ def _progress(distance: float | None) -> Progress:
 def print_summary(summary: Summary, late: str) -> None:
     """Print the table of a run's speed errors and other metrics; `late` names missed deadlines."""
     rows = [
-        ('whole run', '', summary.rms_error, summary.max_error),
-        ('after 10 m', '', summary.rms_error_after_run_up, summary.max_error_after_run_up),
+        _error_row('whole run', '', summary.rms_error, summary.max_error),
+        _error_row(
+            'after 10 m', '', summary.rms_error_after_run_up, summary.max_error_after_run_up
+        ),
     ]
     for part in summary.stretches:
-        where = f'{part.start:5.1f} to {part.end:5.1f} m'
-        rows.append((where, f'{part.theta_deg:+.0f}°', part.rms_error, part.max_error))
+        place = f'{part.start:5.1f} to {part.end:5.1f} m'
+        rows.append(_error_row(place, f'{part.theta_deg:+.0f}°', part.rms_error, part.max_error))
     _print_table(
         ('Speed error', '', 'grade', 'RMS, m/s', 'maximum, m/s'),
-        ((*row[:2], *(_figure('.4f', value) for value in row[2:])) for row in rows),
+        rows,
         f'overshoot {_figure(".1%", summary.overshoot)}, '
         f'settling time (2 %) {_figure(".2f", summary.settling_time)} s, {late}',
     )
+
+
+def _error_row(place: str, grade: str, rms: float, maximum: float) -> tuple[str, ...]:
+    return place, grade, _figure('.4f', rms), _figure('.4f', maximum)
 
 
 def print_summaries(kind: str, summaries: Mapping[str, Summary], late: str) -> None:
@@ -172,12 +185,15 @@ def print_track_laps(cars: Mapping[str, TrackLaps], late: str) -> None:
 
     A last lap that is not finished has a line, too; `late` names all delays.
     """
-    rows, footer = [], []
+    rows: list[Sequence[str]] = []
+    footer: list[str] = []
     for name, laps in cars.items():
-        shown = [lap.cells for lap in laps.finished]
-        if not shown or laps.current.time > _SHOWN:
-            shown.append(laps.current.cells)
-        rows += [(f'{name} {number}'.strip(), *figures) for number, *figures in shown]
+        listed = [*laps.finished]
+        if not listed or laps.current.time > _MIN_TIME:
+            listed.append(laps.current)
+        for lap in listed:
+            number, *figures = lap.cells
+            rows.append((f'{name} {number}'.strip(), *figures))
         if laps.best:
             footer.append(f'{name} best lap {laps.best.time:.2f} s'.strip())
     _print_table(('Laps', *LAP_HEADINGS), rows, *footer, late)
@@ -187,16 +203,18 @@ def _print_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *footer
     """Print a table, whose title is the first of the `headings`, and the lines of its footer."""
     from rich.table import Table  # noqa: PLC0415
 
-    title, first, *others = headings
     table = Table(box=None, pad_edge=False)
-    table.add_column(first, no_wrap=True)
-    for heading in others:
+    table.add_column(headings[1], no_wrap=True)
+    for heading in headings[2:]:
         table.add_column(heading, justify='right')
     for row in rows:
         table.add_row(*row)
+
     console = _console()
-    for each in (title, table, *footer):
-        console.print(each)
+    console.print(headings[0])
+    console.print(table)
+    for line in footer:
+        console.print(line)
 
 
 def _figure(form: str, value: float) -> str:
