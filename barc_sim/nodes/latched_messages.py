@@ -70,5 +70,4 @@ def _new_queue(topic: Topic) -> _Queue | None:
     latched = latch(topic.offered_qos)
     if latched is None:
         return None
-    depth, lifespan = latched
-    return _Queue(depth, lifespan, publishers=len(topic.offered_qos))
+    return _Queue(latched.depth, latched.lifespan, publishers=len(topic.offered_qos))

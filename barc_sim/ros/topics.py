@@ -6,7 +6,7 @@ import importlib
 from contextlib import suppress
 from enum import Enum
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -26,8 +26,15 @@ _DEPTH = 1000  #: of a queue, if the bag has no depth: DDS does not announce it 
 _MAX_DEPTH = 2**31 - 1
 _INTERFACES = ('msg', 'srv', 'action')
 _QOS = (
-    *('history', 'depth', 'reliability', 'durability', 'deadline', 'lifespan', 'liveliness'),
-    *('liveliness_lease_duration', 'avoid_ros_namespace_conventions'),
+    'history',
+    'depth',
+    'reliability',
+    'durability',
+    'deadline',
+    'lifespan',
+    'liveliness',
+    'liveliness_lease_duration',
+    'avoid_ros_namespace_conventions',
 )
 _BEST = ('best_effort', ReliabilityPolicy.BEST_EFFORT.value)
 _LATCHED = ('transient_local', DurabilityPolicy.TRANSIENT_LOCAL.value)
@@ -35,11 +42,12 @@ _LATCHED = ('transient_local', DurabilityPolicy.TRANSIENT_LOCAL.value)
 
 def message_class(type_name: str) -> type[Any]:
     """Return the class of a type such as `std_msgs/msg/String`."""
-    package, *rest = type_name.split('/')
+    package, _, rest = type_name.partition('/')
+    interface, _, name = rest.partition('/')
     kind: Any = None
-    if len(rest) == 2 and rest[0] in _INTERFACES:  # noqa: PLR2004
+    if interface in _INTERFACES:
         with suppress(AttributeError, ImportError, TypeError, ValueError):
-            kind = _generated(importlib.import_module(f'{package}.{rest[0]}'), rest[1])
+            kind = _generated(importlib.import_module(f'{package}.{interface}'), name)
     if not hasattr(kind, 'get_fields_and_field_types'):  # a bag can name any class
         raise UserError(
             f'the type {type_name} is not installed here: source the workspace of {package}'
@@ -89,17 +97,24 @@ def offer(recorded: Sequence[Mapping[str, Any]]) -> QoSProfile:
         raise UserError(f'{[*recorded]!r} is not a quality of service: {error}') from None
 
 
-def latch(recorded: Sequence[Mapping[str, Any]]) -> tuple[int, float] | None:
-    """Return how many messages a latched topic's publishers hold, and for how long [ns].
+class Latch(NamedTuple):
+    """What the publishers of a latched topic hold for late subscriptions."""
 
-    None: the topic is not latched. `recorded` is as for `offer`.
+    depth: int  #: messages
+    lifespan: float  #: [ns]; may be infinite
+
+
+def latch(recorded: Sequence[Mapping[str, Any]]) -> Latch | None:
+    """Return what a topic's publishers hold; None: the topic is not latched.
+
+    `recorded` is as for `offer`.
     """
     profiles = [each for each in recorded if each.get('durability') in _LATCHED]
     if not profiles:
         return None
-    lifespans = [each.get('lifespan') for each in profiles]
-    longest = max(map(_nanoseconds, lifespans))
-    return offer(profiles).depth * len(profiles), longest
+    depth = offer(profiles).depth * len(profiles)
+    lifespan = max(_nanoseconds(each.get('lifespan')) for each in profiles)
+    return Latch(depth, lifespan)
 
 
 def _nanoseconds(duration: object) -> float:
@@ -124,19 +139,24 @@ def describe(name: str, endpoints: Sequence[TopicEndpointInfo]) -> Topic:
     try:
         text, encoding = schema(type_name)
     except LookupError:  # not installed here, but perhaps where the bag is read
-        text, encoding = '', ''
+        text = ''
+        encoding = ''
+    publishers = [
+        each for each in endpoints if each.endpoint_type == TopicEndpointTypeEnum.PUBLISHER
+    ]
     return Topic(
         name=name,
         type=type_name,
         definition=text,
         schema_encoding=encoding,
         type_hash=str(endpoints[0].topic_type_hash),
-        offered_qos=[
-            {policy: _plain(getattr(each.qos_profile, policy)) for policy in _QOS}
-            for each in endpoints
-            if each.endpoint_type == TopicEndpointTypeEnum.PUBLISHER
-        ],
+        offered_qos=[_policies(each.qos_profile) for each in publishers],
     )
+
+
+def _policies(qos: QoSProfile) -> dict[str, Any]:
+    """Return the policies of a QoS in rosbag2's terms."""
+    return {policy: _plain(getattr(qos, policy)) for policy in _QOS}
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 (a policy, a duration, a number)

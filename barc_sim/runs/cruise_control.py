@@ -177,11 +177,11 @@ def _driven_with(options: Namespace, user_code: UserCode, controller: CruiseCont
     from barc_sim.lab.files import ChosenGains  # noqa: PLC0415 (slow)
 
     chosen = user_code.gains or ChosenGains(KP, KI, KD, 'barc_sim')
-    named = gains(options)
-    if named:
-        is_whole = len(named) == len(PID.gains)
+    overrides = gains(options)
+    if overrides:
+        is_whole = len(overrides) == len(PID.gains)
         others = '' if is_whole else f', the others from {chosen.origin}'
-        chosen = chosen._replace(**named, origin=f'the command line{others}')
+        chosen = chosen._replace(**overrides, origin=f'the command line{others}')
 
     limit = controller.values['acceleration_limit']
     limited = 'without a limit' if limit >= NO_LIMIT else f'limited to {limit:g} m/s²'

@@ -8,6 +8,7 @@ import sys
 from argparse import ArgumentTypeError
 from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from barc_sim.bags.recording import Recording
 from barc_sim.cli.parser import MAX_PORT, number, whole
@@ -16,6 +17,9 @@ from barc_sim.lab.files import FILES
 from barc_sim.simulation.stepper import REALTIME_FACTORS, StepperOptions
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import ROWS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 #: The options that `--help` shows; `--help-all` shows the others, too.
 USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--no-bag', '--quiet')
@@ -28,6 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     A user's files can replace the `parts`, names in `FILES`. `view` is the meaning of
     `--view auto`: `web`, or `offer`, a page that does not open itself.
     """
+    _add_pace(parser, road)
+    _add_files(parser, parts)
+    _add_view(parser, view)
+    _add_bag(parser)
+    _add_model(parser)
+    _add_messages(parser)
+    parser.set_defaults(parts=parts)
+    add_recording_options(parser)
+
+
+def _add_pace(parser: argparse.ArgumentParser, road: str) -> None:
+    """Add the road and the pace."""
     parser.add_argument(
         '--road',
         metavar='ROAD',
@@ -40,6 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         help='simulated seconds per second; max: at full speed '
         f'({StepperOptions().realtime_factor:g})',
     )
+
+
+def _add_files(parser: argparse.ArgumentParser, parts: Sequence[str]) -> None:
+    """Add the user's files."""
     parser.add_argument(
         '--lab', type=Path, metavar='DIR', help="folder with a lab's files (see `barc new`)"
     )
@@ -52,7 +72,11 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
             metavar='FILE',
             help=f'use this file in place of {FILES[part]}',
         )
-    parser.set_defaults(parts=parts, view_auto=view)
+
+
+def _add_view(parser: argparse.ArgumentParser, view: str) -> None:
+    """Add the live page."""
+    parser.set_defaults(view_auto=view)
     auto = 'at a desktop, the link to a page' if view == 'offer' else view
     parser.add_argument(
         '--view',
@@ -61,6 +85,10 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         help=f'the live page (auto: {auto})',
     )
     add_address_options(parser)
+
+
+def _add_bag(parser: argparse.ArgumentParser) -> None:
+    """Add the folder of the bag, or none."""
     bag = parser.add_mutually_exclusive_group()
     bag.add_argument(
         '--bag-dir',
@@ -70,6 +98,10 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         help='folder for bags (bags)',
     )
     bag.add_argument('--no-bag', action='store_true', help='record nothing')
+
+
+def _add_model(parser: argparse.ArgumentParser) -> None:
+    """Add the noise, and how the car is stepped."""
     parser.add_argument(
         '--seed',
         type=whole(*ROWS['seed'].between),
@@ -84,6 +116,10 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     parser.add_argument(
         '--dynamics', choices=tuple(DYNAMICS), help=f'bicycle model ({ROWS["dynamics"].default})'
     )
+
+
+def _add_messages(parser: argparse.ArgumentParser) -> None:
+    """Add what is printed, and how messages are carried and mirrored."""
     parser.add_argument('-q', '--quiet', action='store_true', help="print only the bag's path")
     parser.add_argument(
         '--network',
@@ -110,7 +146,6 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         help='also publish standard messages for RViz, Foxglove and PlotJuggler: odometry, tf, '
         'path, markers, diagnostics',
     )
-    add_recording_options(parser)
 
 
 def _factor(text: str) -> float:
@@ -143,9 +178,11 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
 
 def page_of(options: argparse.Namespace) -> str:
     """Return the live page of a run: `web` if it opens itself, `offer` for its link, or `none`."""
-    page = options.view_auto if options.view == 'auto' else options.view
+    page = str(options.view_auto if options.view == 'auto' else options.view)
     is_watched = sys.stdout.isatty() and is_at_desktop() and options.realtime_factor != 0.0
-    return 'none' if page == 'offer' and (options.quiet or not is_watched) else str(page)
+    if page == 'offer' and (options.quiet or not is_watched):
+        return 'none'
+    return page
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -190,8 +227,8 @@ def _add_patterns(parser: argparse._ActionsContainer, *names: str, help: str) ->
 
 def recording(options: argparse.Namespace) -> Recording:
     """Return the settings on the command line; an option that it lacks has its default."""
-    names = {field.name for field in fields(Recording)}
-    return Recording(**{name: value for name, value in vars(options).items() if name in names})
+    names = [field.name for field in fields(Recording) if hasattr(options, field.name)]
+    return Recording(**{name: getattr(options, name) for name in names})
 
 
 def pattern(text: str) -> re.Pattern[str]:
