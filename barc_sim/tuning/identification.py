@@ -17,7 +17,6 @@ unit mass, and stiffnesses and inertia are for the mass of `vehicle`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from math import inf, nan, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,10 +29,10 @@ from barc_sim.tuning.prediction import (
     AT_REST,
     CarModel,
     free_responses,
-    noticed,
     predict,
     stretches,
-    with_found,
+    with_certain_commands,
+    without_negligible,
 )
 from barc_sim.tuning.starts import gain_of, motor_starts, servo_delay_start
 from barc_sim.vehicle.bicycles import LateralParameters
@@ -63,9 +62,10 @@ _BETTER = 1e-6  #: share of the error by which another fit must be better
 _WIDENINGS = 40  #: of an interval, until the error is significantly larger
 _SIGNIFICANT = 0.01  #: p-value of residuals that are no white noise
 _LARGEST = 1e9  #: value in any unit
-_GAINS = 0.5, 2.0  #: Beyond them a unit is wrong.
+_GAINS = (0.5, 2.0)  #: Beyond them a unit is wrong.
 #: Noise is no sensor's beyond these shares of the speed's standard deviation and of its size.
-_OF_SPREAD, _OF_SIZE = 0.5, 0.05
+_OF_SPREAD = 0.5
+_OF_SIZE = 0.05
 
 
 class _Unknown(NamedTuple):
@@ -102,6 +102,11 @@ class Estimate(NamedTuple):
     interval: float  #: half of the interval's width; infinite if the logs do not show it
     unit: str
     meaning: str
+
+    @property
+    def is_negative(self) -> bool:
+        """Whether all of the interval is below 0."""
+        return self.value + self.interval < 0.0
 
     def __str__(self) -> str:
         """Return value and interval, to its two leading digits; a dash if it is not known."""
@@ -175,42 +180,62 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     vehicle = vehicle or Vehicle()
     noise = _noise(parts)
     _check_continuous(parts, noise)
-    parts = [noticed(each, vehicle, noise) for each in parts]
-    is_fast = is_worth_compiling(parts)
-    along = _Search(tuple(parts), vehicle, integrator, np.ones((1, 1)), noise, is_fast)
-    fit, remarks = _fit_along(along)
-    along = along.with_found(fit.values)
-    fit = along.fit(fit.values)
-    search = along
+    parts = [without_negligible(part, vehicle, noise) for part in parts]
+
+    # The speed gives resistance and motor, and with them the commands that were lost.
+    search = _Search(
+        stretches=tuple(parts),
+        vehicle=vehicle,
+        integrator=integrator,
+        sizes=np.ones((1, 1)),
+        noise=noise,
+        is_fast=is_worth_compiling(parts),
+    )
+    fit, remarks = _fit_along(search)
+    search = search.with_certain_commands(fit.values)
+    fit = search.fit(fit.values)
+
+    # All signals give servo and tyres, and each counts by the size of its errors.
     if _has_steered(parts):
-        search = along._replace(sizes=np.ones((3, 1)))
+        search = search._replace(sizes=np.ones((3, 1)))
         fit, others = _fit_across(search, fit)
         remarks += others
     search = search._replace(sizes=_size(fit.errors))
     fit = search.across_kinks(search.fit(fit.values))
+
+    estimates = _estimates(search, fit, special)
+    signals: dict[str, tuple[Floats, Floats, Floats]] = {}
+    whiteness: dict[str, float] = {}
+    t = np.concatenate([part.t[part.counted] for part in parts])
+    measured = np.concatenate([part.measured[:, part.counted] for part in parts], 1)
+    for signal, values, errors in zip(_SIGNALS, measured, fit.errors, strict=False):
+        signals[signal] = (t, values, values + errors)
+        whiteness[signal] = _whiteness(errors, special)
+
+    remarks += _remarks(estimates, whiteness)
+    is_odd = any(each.is_negative for each in estimates.values())
+    if is_odd or whiteness['v_x'] < _SIGNIFICANT:
+        remarks += _remark_on_units(parts, vehicle)
+    return Identified(estimates, signals, whiteness, tuple(remarks))
+
+
+def _estimates(search: _Search, fit: _Fit, special: Any) -> dict[str, Estimate]:  # noqa: ANN401
+    """Return the parameters of a fit by name, with their confidence intervals."""
     degrees = max(len(fit.slopes) - len(fit.values) - search.free(fit.values), 1)
     # Of a car at rest the cost is 0: what is not known stays infinite.
     variance = max(2.0 * fit.cost / degrees, 1e-300)
     quantile = float(special.stdtrit(degrees, 0.975))
     half = quantile * np.sqrt(np.diag(covariance(fit.slopes) * variance))
-    estimates = {}
     by_slope = dict(zip(fit.values, half.tolist(), strict=True))
+
+    estimates = {}
     for name in sorted(fit.values, key=[*_UNKNOWN].index):
-        value, interval = fit.values[name], by_slope[name]
+        interval = by_slope[name]
         if name.endswith('_delay') and interval < inf:
             interval = search.interval(fit, name, interval, quantile**2 * variance)
         unknown = _UNKNOWN[name]
-        estimates[name] = Estimate(value, interval, unknown.unit, unknown.meaning)
-    t = np.concatenate([each.t[each.counted] for each in parts])
-    measured = np.concatenate([each.measured[:, each.counted] for each in parts], 1)
-    fitted = [*zip(_SIGNALS, measured, fit.errors, strict=False)]
-    signals = {signal: (t, values, values + errors) for signal, values, errors in fitted}
-    whiteness = {signal: _whiteness(errors, special) for signal, _, errors in fitted}
-    remarks += _remarks(estimates, whiteness)
-    is_odd = any(each.value + each.interval < 0.0 for each in estimates.values())
-    if is_odd or whiteness['v_x'] < _SIGNIFICANT:
-        remarks += _remark_on_units(parts, vehicle)
-    return Identified(estimates, signals, whiteness, tuple(remarks))
+        estimates[name] = Estimate(fit.values[name], interval, unknown.unit, unknown.meaning)
+    return estimates
 
 
 def is_worth_compiling(parts: Sequence[Stretch]) -> bool:
@@ -238,10 +263,10 @@ def _check_sizes(log: Log) -> None:
         values = np.nan_to_num(getattr(log, name), posinf=0.0, neginf=0.0)
         largest = float(values[np.argmax(np.abs(values))]) if len(values) else 0.0
         if abs(largest) > _LARGEST:
-            unit = COLUMNS[name].unit
+            size = f'{largest:.3g} {COLUMNS[name].unit}'
             raise UserError(
-                f'a value of {name} is {largest:.3g} {unit}, as that of no car: expected at most '
-                f'{_LARGEST:g}; leave out its row'
+                f'a value of {name} is {size}, as that of no car: expected at most {_LARGEST:g}; '
+                'leave out its row'
             )
 
 
@@ -271,6 +296,7 @@ def _fit_along(search: _Search) -> tuple[_Fit, list[str]]:
 
 
 def _without(values: Mapping[str, float], name: str) -> dict[str, float]:
+    """Return the values but for the one of this name."""
     return {other: value for other, value in values.items() if other != name}
 
 
@@ -320,7 +346,7 @@ class _Solved(NamedTuple):
 
     errors: Floats  #: predicted minus measured, divided by their sizes: a row for each signal
     prior: Floats  #: of what was lost, likewise
-    found: Floats  #: the speed at the start, if in motion, and what was lost, in its spread
+    free: Floats  #: the speed at the start, if in motion, and what was lost, in its spread
     deviations: Floats  #: their standard deviations
 
 
@@ -351,19 +377,22 @@ class _Search(NamedTuple):
 
     def fit(self, start: Mapping[str, float], max_steps: int = _STEPS) -> _Fit:
         """Fit the parameters that `start` has."""
-        steps, low = np.array([(_UNKNOWN[name].step, _UNKNOWN[name].lowest) for name in start]).T
+        optimize = extra('scipy.optimize', 'identify', 'identify')
+        steps = np.array([_UNKNOWN[name].step for name in start])
+        low = np.array([_UNKNOWN[name].lowest for name in start])
 
         def errors(p: Floats) -> Floats:
             return self._weighted(dict(zip(start, p.tolist(), strict=True)))
 
-        optimize = extra('scipy.optimize', 'identify', 'identify')
-        slopes = partial(optimize.approx_fprime, f=errors, epsilon=steps)
+        def slopes(p: Floats) -> Floats:
+            jacobian: Floats = optimize.approx_fprime(p, errors, steps)
+            return jacobian
+
         result = optimize.least_squares(
             errors, [*start.values()], slopes, (low, inf), x_scale='jac', max_nfev=max_steps
         )
         values = dict(zip(start, result.x.tolist(), strict=True))
-        every = self.errors(values)
-        return _Fit(values, result.cost, every, result.jac)
+        return _Fit(values, result.cost, self.errors(values), result.jac)
 
     def across_kinks(self, fit: _Fit) -> _Fit:
         """Return the best fit whose delays are near those of `fit`.
@@ -428,29 +457,30 @@ class _Search(NamedTuple):
 
     def free(self, values: Mapping[str, float]) -> int:
         """Return how many numbers are estimated besides the parameters."""
-        return sum(len(self._solve(each, values).found) for each in self.stretches)
+        return sum(len(self._solve(each, values).free) for each in self.stretches)
 
-    def with_found(self, values: Mapping[str, float]) -> _Search:
+    def with_certain_commands(self, values: Mapping[str, float]) -> _Search:
         """Return the search over stretches with the lost commands that are certain."""
-        known = []
-        for each in self.stretches:
-            solved = self._solve(each, values)
-            count = len(each.lost)
-            last = slice(len(solved.found) - count, None)
-            known.append(with_found(each, solved.found[last], solved.deviations[last]))
-        return self._replace(stretches=tuple(known))
+        stretches = []
+        for stretch in self.stretches:
+            solved = self._solve(stretch, values)
+            first = len(solved.free) - len(stretch.lost)
+            of_lost = solved.free[first:]
+            deviations = solved.deviations[first:]
+            stretches.append(with_certain_commands(stretch, of_lost, deviations))
+        return self._replace(stretches=tuple(stretches))
 
     def errors(self, values: Mapping[str, float]) -> Floats:
         """Return predicted minus measured: a row for each signal."""
-        every = [self._solve(each, values).errors for each in self.stretches]
-        return np.concatenate(every, 1) * self.sizes
+        errors = [self._solve(each, values).errors for each in self.stretches]
+        return np.concatenate(errors, 1) * self.sizes
 
     def _weighted(self, values: Mapping[str, float]) -> Floats:
         """Return the errors divided by `sizes`, and those of what was lost by its spread."""
         solved = [self._solve(each, values) for each in self.stretches]
-        return np.concatenate(
-            [*(each.errors.ravel() for each in solved), *(e.prior for e in solved)]
-        )
+        errors = [each.errors.ravel() for each in solved]
+        priors = [each.prior for each in solved]
+        return np.concatenate(errors + priors)
 
     @np.errstate(invalid='ignore', over='ignore')  # of a car that the integrator cannot follow
     def _solve(self, stretch: Stretch, values: Mapping[str, float]) -> _Solved:
@@ -459,20 +489,21 @@ class _Search(NamedTuple):
         rows = stretch.counted
         errors = (predicted - stretch.measured[: len(self.sizes)])[:, rows] / self.sizes
         errors = np.clip(np.nan_to_num(errors, nan=_WORST), -_WORST, _WORST)
-        free = len(responses)
-        if not free:
+        count = len(responses)
+        if not count:
             return _Solved(errors, np.zeros(0), np.zeros(0), np.zeros(0))
-        slopes = (responses[:, :, rows] / self.sizes).reshape(free, -1)
+        slopes = (responses[:, :, rows] / self.sizes).reshape(count, -1)
         slopes = np.clip(np.nan_to_num(slopes), -_WORST, _WORST)
+
         # What was lost has a spread of 1; nothing is known of the speed at the start.
         weight = max(self.noise, _NO_NOISE) / float(self.sizes[0, 0])
-        priors = weight * np.eye(free)[free - len(stretch.lost) :]
+        priors = weight * np.eye(count)[count - len(stretch.lost) :]
         # `einsum`: for such small products the threads of a BLAS take longer on a busy machine.
         normal = np.einsum('ik,jk->ij', slopes, slopes) + priors.T @ priors
         inverse = np.linalg.pinv(normal, hermitian=True)
-        found = -inverse @ np.einsum('ik,k->i', slopes, errors.ravel())
-        errors = errors + np.einsum('ik,i->k', slopes, found).reshape(errors.shape)
-        return _Solved(errors, priors @ found, found, weight * np.sqrt(np.diag(inverse)))
+        free = -inverse @ np.einsum('ik,k->i', slopes, errors.ravel())
+        errors = errors + np.einsum('ik,i->k', slopes, free).reshape(errors.shape)
+        return _Solved(errors, priors @ free, free, weight * np.sqrt(np.diag(inverse)))
 
     def _responses(self, stretch: Stretch, values: Mapping[str, float]) -> tuple[Floats, Floats]:
         """Return the prediction, and how it depends on what is free: shape `(free, signals, n)`."""
@@ -498,15 +529,16 @@ class _Search(NamedTuple):
         )
         tyres = {name: values[name] for name in _TYRES if name in values}
         return CarModel(
-            vehicle,
-            _actuator(values, 'motor'),
-            _actuator(values, 'servo') if 'servo_delay' in values else None,
-            LateralParameters()._replace(**tyres) if tyres else None,
-            self.integrator,
+            vehicle=vehicle,
+            motor=_actuator(values, 'motor'),
+            servo=_actuator(values, 'servo') if 'servo_delay' in values else None,
+            lateral=LateralParameters()._replace(**tyres) if tyres else None,
+            integrator=self.integrator,
         )
 
 
 def _actuator(values: Mapping[str, float], name: str) -> Actuator:
+    """Return the actuator of this name with these values."""
     lag = values.get(f'{name}_lag', 0.0)
     return Actuator()._replace(delay=values[f'{name}_delay'], lag=lag)
 
@@ -530,7 +562,8 @@ def covariance(slopes: Floats) -> Floats:
 
 def _whiteness(errors: Floats, special: Any) -> float:  # noqa: ANN401 (a module)
     """Return the p-value of the test of Ljung and Box (Biometrika 65, 1978)."""
-    n, energy = len(errors), errors @ errors
+    n = len(errors)
+    energy = errors @ errors
     if energy < n * _NO_NOISE**2:
         return nan
     lags = np.arange(1, _LAGS + 1)
@@ -542,18 +575,17 @@ def _whiteness(errors: Floats, special: Any) -> float:  # noqa: ANN401 (a module
 def _remarks(estimates: Mapping[str, Estimate], whiteness: Mapping[str, float]) -> Iterator[str]:
     """Yield a sentence for each parameter, and each signal, that the logs do not show well."""
     for name, estimate in estimates.items():
-        value = estimate.value
         interval = estimate.interval
         if interval == inf:
             yield f'{name} cannot be identified: no measured signal depends on it alone'
-        elif value + interval < 0.0:
+        elif estimate.is_negative:
             yield (
                 f'{name} is negative, as of no car: check that v_x is in m/s, motor in m/s² and '
                 'theta_deg positive uphill'
             )
-        elif not name.endswith('_delay') and interval >= 0.5 * abs(value):
-            known = f'±{interval:.2g} {estimate.unit}'
-            yield f'{name} cannot be identified: it is known to {known} only'
+        elif not name.endswith('_delay') and interval >= 0.5 * abs(estimate.value):
+            size = f'{interval:.2g} {estimate.unit}'
+            yield f'{name} cannot be identified: it is known to ±{size} only'
     for signal, p in whiteness.items():
         if p < _SIGNIFICANT:
             yield (

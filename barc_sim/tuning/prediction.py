@@ -307,7 +307,7 @@ def free_responses(stretch: Stretch, car: CarModel, speeds: Floats) -> Floats:
     return np.array(rows).reshape(-1, len(stretch.t))
 
 
-def noticed(stretch: Stretch, vehicle: Vehicle, noise: float) -> Stretch:
+def without_negligible(stretch: Stretch, vehicle: Vehicle, noise: float) -> Stretch:
     """Return the stretch with what was lost only where it matters beside the `noise` [m/s]."""
 
     def matters(lost: LostValue) -> bool:
@@ -317,16 +317,16 @@ def noticed(stretch: Stretch, vehicle: Vehicle, noise: float) -> Stretch:
     return stretch._replace(lost=tuple(filter(matters, stretch.lost)))
 
 
-def with_found(stretch: Stretch, found: Floats, deviations: Floats) -> Stretch:
+def with_certain_commands(stretch: Stretch, free: Floats, deviations: Floats) -> Stretch:
     """Return the stretch with the lost commands that are certain.
 
-    `found` is how far each lost value is from the mean of its neighbours, in its spread, and
+    `free` is how far each lost value is from the mean of its neighbours, in its spread, and
     `deviations` its standard deviation. Where the command jumped from one level to another, it was
     one of both in each lost message.
     """
     values = stretch.motor.values.copy()
     uncertain: list[LostValue] = []
-    for lost, value, deviation in zip(stretch.lost, found, deviations, strict=True):
+    for lost, value, deviation in zip(stretch.lost, free, deviations, strict=True):
         level = (lost.after - lost.before) / lost.messages
         is_certain = lost.spread * deviation < abs(level) / 6.0
         if not (lost.is_command and lost.is_switch and is_certain):
