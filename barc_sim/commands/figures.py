@@ -127,8 +127,10 @@ def run_replay(options: Namespace) -> None:
         return
     from barc_sim.page import run_page  # noqa: PLC0415
 
-    other = None
+    ghost = None
     if options.other:
-        second = reader.read(options.other, options.namespace)
-        other = second, escaped(options.other.resolve().name)
-    run_page.serve(log, title, options.view_host, options.view_port, other)
+        ghost = run_page.GhostRun(
+            log=reader.read(options.other, options.namespace),
+            title=escaped(options.other.resolve().name),
+        )
+    run_page.serve(log, title, options.view_host, options.view_port, ghost)

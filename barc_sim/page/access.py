@@ -27,7 +27,7 @@ _WRONG_ORIGIN = 'A page of another site asks for this: open the address that the
 def own_hosts(address: str) -> set[str]:
     """Return the names by which a page served at `address` can be opened."""
     machine = socket.gethostname().lower()
-    short = machine.partition('.')[0]
+    short, _, _ = machine.partition('.')
     return {address.lower(), machine, short, f'{short}.local'}
 
 
@@ -64,8 +64,10 @@ def _name_of(host: str) -> str:
         _ = parts.port  # a ValueError, if it is none
     except ValueError:
         return ''
-    is_whole = parts.netloc == host and '@' not in host
-    return parts.hostname or '' if is_whole else ''
+    has_other_parts = parts.netloc != host or '@' in host
+    if has_other_parts:
+        return ''
+    return parts.hostname or ''
 
 
 def _host_of(origin: str) -> str:

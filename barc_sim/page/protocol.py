@@ -35,7 +35,7 @@ from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.parameters import ROWS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from barc_sim.control.cruise_control import CruiseControl
     from barc_sim.control.pilots import Pilot
@@ -47,6 +47,15 @@ if TYPE_CHECKING:
 TOPICS = (ENVIRONMENT, ECU, TRACK_STATE, LANE_STATE, PID_STATE)
 #: The terms of controllers other than the PID.
 OTHER_TERMS = tuple(name for name in TERMS if name not in PID.terms)
+
+
+def _copied_columns() -> Iterator[str]:
+    """Yield the names of the values that are copied from messages; `lap` is another one's."""
+    for topic in TOPICS:
+        for name in columns_of(topic).values():
+            yield 'track_lap' if name == 'lap' else name
+
+
 #: A row's values: the state, true if the measurement error is known, then columns of the log.
 COLUMNS = (
     't',  # [s] since the first state
@@ -57,7 +66,7 @@ COLUMNS = (
     'measured_speed',  # [m/s]
     'absolute_speed',  # [m/s] along and across the vehicle
     'lap',  # number of the lap: each reset, return to the start and finish line begins one
-    *(name if name != 'lap' else 'track_lap' for t in TOPICS for name in columns_of(t).values()),
+    *_copied_columns(),
     *OTHER_TERMS,
 )
 
@@ -137,7 +146,7 @@ def encode(kind: str, **fields: Any) -> str:  # noqa: ANN401 (any JSON value)
 
 
 def parse(message: str | bytes) -> Request:
-    """Return the request in a page's message; raise a RequestError if it is malformed."""
+    """Return the request in a page's message; RequestError: it is malformed."""
     if not isinstance(message, str):
         raise RequestError('a page sends text, not binary data')
     try:
@@ -146,19 +155,26 @@ def parse(message: str | bytes) -> Request:
         raise RequestError(f'not JSON: {error}') from None
     if not isinstance(fields, dict):
         raise RequestError('a JSON object is expected')
+
     kind = fields.pop('type', None)
-    if kind == 'drive' and set(fields) == {*DriverInput._fields}:
-        drive = DriverInput(**{name: _number(value, 1.0) for name, value in fields.items()})
-        if drive.brake < 0.0:
-            raise RequestError('the brake is from 0 to 1')
-        return drive
-    if kind == 'tune' and set(fields) == {'name', 'value'} and isinstance(fields['name'], str):
+    names = set(fields)
+    if kind == 'drive' and names == set(DriverInput._fields):
+        return _driver_input(fields)
+    if kind == 'tune' and names == {'name', 'value'} and isinstance(fields['name'], str):
         return Tune(fields['name'], _number(fields['value'], float_info.max))
-    if kind in [*BUTTONS] and not fields:
+    if kind in list(BUTTONS) and not fields:  # a list: `kind` may be of any type
         return Press(kind)
-    if kind == 'pause' and set(fields) == {'on'} and isinstance(fields['on'], bool):
+    if kind == 'pause' and names == {'on'} and isinstance(fields['on'], bool):
         return Pause(fields['on'])
     raise RequestError('unknown request')
+
+
+def _driver_input(fields: Mapping[str, object]) -> DriverInput:
+    values = {name: _number(value, 1.0) for name, value in fields.items()}
+    request = DriverInput(**values)
+    if request.brake < 0.0:
+        raise RequestError('the brake is from 0 to 1')
+    return request
 
 
 def _no_number(name: str) -> NoReturn:
@@ -188,10 +204,12 @@ class RunFacts(NamedTuple):
     @property
     def gains(self) -> dict[str, Gain]:
         """The gains by parameter: of the lane controller on a track, else of the controller."""
-        if self.track:
-            lane = self.control.lane.lane if self.control and self.control.lane else None
-            return {LANE + name: gain for name, gain in lane.gains.items()} if lane else {}
-        return dict(self.speed.gains)
+        if not self.track:
+            return dict(self.speed.gains)
+        if not self.control or not self.control.lane:
+            return {}
+        lane = self.control.lane.lane
+        return {LANE + name: gain for name, gain in lane.gains.items()}
 
     @property
     def speed(self) -> Pilot:
@@ -203,8 +221,9 @@ class RunFacts(NamedTuple):
         """The sliders by parameter; none for an identification drive, which holds no speed."""
         if not self.speed.follows_reference:
             return {}
-        others = {'speed_reference': OTHERS['speed_reference']} if self.track else {**OTHERS, **CAR}
-        return self.gains | others
+        if self.track:
+            return {**self.gains, 'speed_reference': OTHERS['speed_reference']}
+        return {**self.gains, **OTHERS, **CAR}
 
     @property
     def distance(self) -> float:
@@ -232,45 +251,66 @@ class RunFacts(NamedTuple):
     @property
     def values(self) -> dict[str, Any]:
         """The present values of the sliders, if known."""
-        values = {**self.simulator(), **(self.control.values if self.control else {})}
+        values = dict(self.simulator())
+        if self.control:
+            values.update(self.control.values)
         return {name: values[name] for name in self.sliders if name in values}
 
 
 def facts(mode: str, run: RunFacts) -> dict[str, Any]:
-    """Return the fields of the message `hello`; unknown parameters are left out."""
+    """Return the fields of the message `hello`.
+
+    Parameters
+    ----------
+    mode
+        `acc` or `teleop`.
+    run
+        The facts of the run; unknown parameters are left out.
+    """
     pilot = run.speed
-    control = run.control
     simulator = run.simulator()
-    shown = {name: simulator[name] for name in _OF_RUN if name in simulator}
-    if run.track:
-        steers = control.lane_type if control else ''
-        shown = {'track': run.track.name, 'lane': steers, 'laps': shown.get('laps', 1)}
-    return {
+    car = Vehicle()
+    controller_type = run.control.controller_type if run.control else ''
+    fields = {
         'mode': mode,
         'columns': COLUMNS,
         'road': run.road and road_facts(run.road),
-        'axles': [-simulator.get('l_r', Vehicle().l_r), simulator.get('l_f', Vehicle().l_f)],
-        'mass': simulator.get('mass', Vehicle().mass),
+        'axles': [-simulator.get('l_r', car.l_r), simulator.get('l_f', car.l_f)],
+        'mass': simulator.get('mass', car.mass),
         'terms': list(pilot.terms),
-        'sliders': {
-            name: {
-                'label': _label(name, gain),
-                'short': _short(name),
-                'unit': '' if gain.unit == '-' else gain.unit,
-                'max': gain.slider,
-                'limits': run.limits(name),
-                'expected': 'a number from {:g} to {:g}'.format(*run.limits(name)),
-                'node': node_of(name),
-            }
-            for name, gain in run.sliders.items()
-        },
+        'sliders': {name: _slider_facts(run, name) for name in run.sliders},
         'presets': _presets(pilot),
-        'controller_type': (control.controller_type if control else '') or DEFAULT_TYPE,
+        'controller_type': controller_type or DEFAULT_TYPE,
         'tuning': run.values,
-        'run': {**shown, **run.options},
+        'run': {**_run_options(run), **run.options},
         'can_finish': run.finish is not None,
-        **(track_facts(run.track) if run.track else {}),
     }
+    if run.track:
+        fields |= track_facts(run.track)
+    return fields
+
+
+def _slider_facts(run: RunFacts, name: str) -> dict[str, Any]:
+    gain = run.sliders[name]
+    low, high = run.limits(name)
+    return {
+        'label': _label(name, gain),
+        'short': _short(name),
+        'unit': '' if gain.unit == '-' else gain.unit,
+        'max': gain.slider,
+        'limits': (low, high),
+        'expected': f'a number from {low:g} to {high:g}',
+        'node': node_of(name),
+    }
+
+
+def _run_options(run: RunFacts) -> dict[str, Any]:
+    """Return what the page shows of the run's options."""
+    simulator = run.simulator()
+    if run.track:
+        lane_type = run.control.lane_type if run.control else ''
+        return {'track': run.track.name, 'lane': lane_type, 'laps': simulator.get('laps', 1)}
+    return {name: simulator[name] for name in _OF_RUN if name in simulator}
 
 
 def node_of(parameter: str) -> str:
@@ -294,16 +334,19 @@ def track_facts(track: Track) -> dict[str, Any]:
 
 def _presets(pilot: Pilot) -> dict[str, dict[str, float]]:
     """Return the values of each preset, for all sliders except the speed reference."""
-    own = pilot.presets
-    usual = {'acceleration_limit': ACCELERATION_LIMIT, **dict.fromkeys(CAR, 0.0)}
-    return {name: {**usual, **gains} for name, gains in {**own, **(_OF_CAR if own else {})}.items()}
+    presets = dict(pilot.presets)
+    if presets:
+        presets |= _OF_CAR
+    defaults = {'acceleration_limit': ACCELERATION_LIMIT, **dict.fromkeys(CAR, 0.0)}
+    return {name: {**defaults, **gains} for name, gains in presets.items()}
 
 
 def _short(name: str) -> str:
     """Return a slider's short name; a short lane gain, such as `q_e_y`, keeps its name."""
     gain = name.removeprefix(LANE)
     is_symbol = gain != name and len(gain) <= _LONGEST_SYMBOL
-    return _SHORT.get(name, gain if is_symbol else gain.replace('_', ' '))
+    default = gain if is_symbol else gain.replace('_', ' ')
+    return _SHORT.get(name, default)
 
 
 def _label(name: str, gain: Gain) -> str:
@@ -323,24 +366,37 @@ def lap_facts(
 ) -> dict[str, Any]:
     """Return the present lap, the last one, the best one, and the number of laps.
 
-    `finished` has the laps from the number `first` on that have ended. On a track, only finished
-    laps are counted, and a table of laps is added. `settings` returns the gains of a lap in words,
-    by its number.
+    On a track, only finished laps are counted, and a table of laps is added.
+
+    Parameters
+    ----------
+    laps
+        The laps of the run so far.
+    settings
+        Returns the gains of a lap in words, by its number.
+    first
+        The number of the first lap to list in `finished`, which has those that have ended.
     """
 
     def fields(lap: Lap | TrackLap | None) -> dict[str, Any] | None:
-        return lap and {**_lap(lap), 'gains': settings(lap.number)}
+        if lap is None:
+            return None
+        return {**_lap(lap), 'gains': settings(lap.number)}
 
-    last = laps.finished[-1] if laps.finished else None
-    shown = {'current': laps.current, 'last': last, 'best': laps.best}
-    facts: dict[str, Any] = {name: fields(lap) for name, lap in shown.items()}
     finished: Sequence[Lap | TrackLap] = laps.finished
     new = takewhile(lambda lap: lap.number >= first, reversed(finished))
-    facts['finished'] = [fields(lap) for lap in new]
+    facts: dict[str, Any] = {
+        'current': fields(laps.current),
+        'last': fields(finished[-1] if finished else None),
+        'best': fields(laps.best),
+        'finished': [fields(lap) for lap in new],
+    }
     if isinstance(laps, TrackLaps):
-        table = [fields(lap) for lap in laps.rows]
-        return {'count': len(laps.finished), 'table': table, **facts}
-    return {'count': laps.current.number + 1, **facts}
+        facts['count'] = len(finished)
+        facts['table'] = [fields(lap) for lap in laps.rows]
+    else:
+        facts['count'] = laps.current.number + 1
+    return facts
 
 
 def stretch_facts(lap: Lap) -> list[dict[str, Any]]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from functools import partial
 from threading import Event
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from websockets.asyncio.server import broadcast
@@ -33,7 +32,7 @@ from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import LapSettings, lap_settings_of, settings_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from websockets.asyncio.server import ServerConnection
 
@@ -70,25 +69,35 @@ class DriverArbiter:
         """
         is_new = request != self._requests.get(page)
         self._requests[page] = request
-        is_free = self._request == COAST or self._is_stale(now)
-        if page != self._page and (request == COAST or not (is_new or is_free)):
-            return False
-        self._page, self._request, self._received = page, request, now
+        if page != self._page:
+            nobody_drives = self._request == COAST or self._is_stale(now)
+            takes_over = request != COAST and (is_new or nobody_drives)
+            if not takes_over:
+                return False
+
+        self._page = page
+        self._request = request
+        self._received = now
         return True
 
     def leave(self, page: object) -> bool:
         """Forget a page that has closed; return whether the car must brake."""
         self._requests.pop(page, None)
-        return page == self._page and self._release()
+        if page != self._page:
+            return False
+        return self._release()
 
     def times_out(self, now: float) -> bool:
         """Return whether the car must brake, because no input has come for a while."""
-        return self._is_stale(now) and self._release()
+        if not self._is_stale(now):
+            return False
+        return self._release()
 
     def _is_stale(self, now: float) -> bool:
         return now - self._received > STALE_AFTER
 
     def _release(self) -> bool:
+        """Release the keys of the page that drives; return whether the car must brake."""
         must_brake = self._request not in (COAST, FULL_BRAKE)
         if must_brake:
             self._request = FULL_BRAKE
@@ -96,7 +105,24 @@ class DriverArbiter:
 
 
 class RunPage(ViewServer):
-    """Serves the live page of a run at `url`; the server's thread does all the work."""
+    """Serves the live page of a run at `url`; the server's thread does all the work.
+
+    Parameters
+    ----------
+    mode
+        `acc` or `teleop`.
+    host, port
+        Where to serve it.
+    run
+        What the page shows that no topic has.
+    feed
+        The states.
+    drive
+        Publishes a driver's input, without blocking.
+    request
+        Passes any other request to the simulator or the controller, without blocking, and calls its
+        `OnDone` in the server's thread.
+    """
 
     def __init__(
         self,
@@ -108,17 +134,12 @@ class RunPage(ViewServer):
         drive: Callable[[DriverInput], None],
         request: Callable[[Request, OnDone], None],
     ) -> None:
-        """Serve the page.
-
-        `feed` has the states. `drive` publishes a driver's input. `request` passes any other
-        request to the simulator or the controller, and calls its `OnDone` in the server's thread.
-        None of them blocks.
-        """
         super().__init__(host, port)
         self._mode = mode
-        self.run = run  #: what the page shows that no topic has
+        self.run = run
         self.feed = feed  #: with the laps so far
-        self._drive, self._request = drive, request
+        self._drive = drive
+        self._request = request
         self._drivers = DriverArbiter()
         self._values = run.values  # of the sliders, as last sent to the pages
         self._settings = LapSettings()  # values of the sliders in each lap
@@ -136,21 +157,20 @@ class RunPage(ViewServer):
         Returns when feed and clients are no longer used. Any thread may call it except the
         server's own.
         """
-        done = Event()
+        end_sent = Event()
 
         def end() -> None:
-            if rows := self.feed.poll():
-                self.send(rows)
+            self._send_rows()
             self._send_status()
             self._has_ended = True
             self.feed.laps.end()
             stretches = stretch_facts(self.feed.laps.best or self.feed.laps.current)
             laps = self._lap_facts(self._next_lap)
             self.send(encode('end', reason=reason, bag=bag, laps=laps, stretches=stretches))
-            done.set()
+            end_sent.set()
 
         self.call(end)
-        done.wait(_MAX_WAIT)
+        end_sent.wait(_MAX_WAIT)
 
     # Only the server's thread calls the methods below.
 
@@ -184,7 +204,15 @@ class RunPage(ViewServer):
             self._pass(page, request)
 
     def _pass(self, page: ServerConnection, request: Request) -> None:
-        self._request(request, partial(self._on_done, page, request))
+        """Pass a request to the simulator or the controller, and show the page the outcome."""
+
+        def on_done(is_done: bool, why: str) -> None:
+            if is_done:
+                self._confirm(page, request)
+            else:
+                self._refuse(page, request, why)
+
+        self._request(request, on_done)
 
     def leave(self, page: ServerConnection) -> None:
         """Release the keys of a page that has closed; brake if one was held."""
@@ -198,17 +226,27 @@ class RunPage(ViewServer):
         now = time.monotonic()
         if self._drivers.times_out(now):
             self._drive(FULL_BRAKE)
-        if rows := self.feed.poll():
-            self.send(rows)
+
+        self._send_rows()
         self._note_settings()
         if now >= self._next_status:
             self._next_status = now + _STATUS_PERIOD
-            if (values := self.run.values) != self._values:
-                self._values = values
-                self.send(encode('facts', **facts(self._mode, self.run)))
+            self._send_changed_facts()
             if self.pages:
                 self._send_status()
         return self.feed.until_next() if self.pages else _SLOW_PERIOD
+
+    def _send_rows(self) -> None:
+        rows = self.feed.poll()
+        if rows:
+            self.send(rows)
+
+    def _send_changed_facts(self) -> None:
+        """Send the facts of the run again if the value of a slider has changed."""
+        values = self.run.values
+        if values != self._values:
+            self._values = values
+            self.send(encode('facts', **facts(self._mode, self.run)))
 
     @property
     def _laps(self) -> Laps | TrackLaps:
@@ -217,20 +255,23 @@ class RunPage(ViewServer):
     def _note_settings(self) -> None:
         """Add the present values of the sliders to the settings of the present lap."""
         values = {name.removeprefix(LANE): value for name, value in self.run.values.items()}
-        self._at_start = self._at_start or values
-        self._changed |= {name for name in values if values[name] != self._at_start.get(name)}
+        if not self._at_start:
+            self._at_start = values
+        for name, value in values.items():
+            if value != self._at_start.get(name):
+                self._changed.add(name)
         if self.feed.time is not None:
             self._settings.add(self._laps.number, self.feed.time, values)
 
     def _settings_of(self, lap: int) -> str:
         """Return the gains of a lap in words, and what else has been changed in the run."""
         gains = {name.removeprefix(LANE) for name in self.run.gains}
-        shown = gains | self._changed
-        settings = [
-            {name: value for name, value in each.items() if name in shown}
-            for each in self._settings.of(lap)
-        ]
-        return settings_text(settings)
+        names = gains | self._changed
+
+        def only_named(values: Mapping[str, float]) -> dict[str, float]:
+            return {name: value for name, value in values.items() if name in names}
+
+        return settings_text([only_named(values) for values in self._settings.of(lap)])
 
     def _lap_facts(self, first: int = 0) -> dict[str, Any]:
         """Return the laps, each with its gains; of those that have ended, from `first` on."""
@@ -251,46 +292,71 @@ class RunPage(ViewServer):
             )
         )
 
-    def _on_done(self, page: ServerConnection, request: Request, done: bool, why: str) -> None:
+    def _confirm(self, page: ServerConnection, request: Request) -> None:
+        """Show what a request has changed: a parameter on the page itself, a pause on all pages."""
         match request:
-            case Tune(name, asked) if done:
-                value = self.run.values.get(name, asked)
-                broadcast([page], encode('tuned', name=name, value=value))
-            case Tune(name):
-                broadcast([page], encode('refused', what=name, why=f'{name}: {why}'))
-            case Pause(on) if done:
+            case Tune(name, value):
+                new_value = self.run.values.get(name, value)
+                broadcast([page], encode('tuned', name=name, value=new_value))
+            case Pause(on):
                 self._paused = on
                 self._send_status()
-            case Pause() if not done:
+
+    def _refuse(self, page: ServerConnection, request: Request, why: str) -> None:
+        """Show on the page why its request was refused."""
+        match request:
+            case Tune(name):
+                broadcast([page], encode('refused', what=name, why=f'{name}: {why}'))
+            case Pause():
                 broadcast([page], encode('refused', what='pause', why=why))
-            case Press(button) if not done:
+            case Press(button):
                 what = button.replace('reset_', 'reset the ')
                 broadcast([page], encode('refused', what=what, why=why))
 
 
-def replay(log: Log, title: str, other: tuple[Log, str] | None = None) -> list[str | bytes]:
-    """Return the messages from which the page replays a run of at least one state.
+class GhostRun(NamedTuple):
+    """A second run that the page shows beside the first one."""
 
-    `other` is a second run with its title, shown as a ghost.
+    log: Log
+    title: str
+
+
+def replay(log: Log, title: str, ghost: GhostRun | None = None) -> list[str | bytes]:
+    """Return the messages from which the page replays a run.
+
+    Parameters
+    ----------
+    log
+        The run, with at least one state.
+    title
+        Its name on the page.
+    ghost
+        A second run.
     """
     road = driven_road(log)
-    track = log.track if isinstance(log, TrackLog) else None
-    is_above = isinstance(log, TrackLog) or np.all(np.isnan(log.reference))
-    fields = {
-        **facts('teleop' if is_above else 'acc', RunFacts()),
+    is_on_track = isinstance(log, TrackLog)
+    is_from_above = is_on_track or bool(np.all(np.isnan(log.reference)))
+    fields = facts('teleop' if is_from_above else 'acc', RunFacts())
+    fields |= {
         'road': road and road_facts(road),
         'columns': columns_in(log),
         'terms': list(log.terms),
-        **(track_facts(track) if track else {}),
         'replay': {'title': title, 'missed': int(np.count_nonzero(log.missed))},
         'laps': recorded_laps(log),
     }
+    if isinstance(log, TrackLog) and log.track:
+        fields |= track_facts(log.track)
+
     messages: list[str | bytes] = [encode('hello', **fields)]
-    if other:
-        second, name = other
-        more = encode('other', title=name, columns=columns_in(second), laps=recorded_laps(second))
-        messages += [more, rows_of(second)]
-    return [*messages, rows_of(log)]
+    if ghost:
+        ghost_fields = {
+            'title': ghost.title,
+            'columns': columns_in(ghost.log),
+            'laps': recorded_laps(ghost.log),
+        }
+        messages += [encode('other', **ghost_fields), rows_of(ghost.log)]
+    messages.append(rows_of(log))
+    return messages
 
 
 def recorded_laps(log: Log) -> dict[str, Any]:
@@ -299,9 +365,17 @@ def recorded_laps(log: Log) -> dict[str, Any]:
     return lap_facts(laps, lap_settings_of(log, numbers).text)
 
 
-def serve(log: Log, title: str, host: str, port: int, other: tuple[Log, str] | None = None) -> None:
-    """Serve the page of a recorded run until Ctrl-C; print its address, and open it on desktops."""
-    server = ViewServer(host, port, replay(log, title, other))
+def serve(log: Log, title: str, host: str, port: int, ghost: GhostRun | None = None) -> None:
+    """Serve the page of a recorded run until Ctrl-C; print its address, and open it on desktops.
+
+    Parameters
+    ----------
+    log, title, ghost
+        As of `replay`.
+    host, port
+        Where to serve it.
+    """
+    server = ViewServer(host, port, replay(log, title, ghost))
     server.start()
     try:
         with suppress(KeyboardInterrupt):

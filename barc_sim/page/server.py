@@ -61,6 +61,20 @@ class ViewServer:
     """Serves the page at `url`, which contains a secret token, until it is closed.
 
     Its thread calls `greet`, `receive`, `leave` and `pulse`. A page is its connection.
+
+    Parameters
+    ----------
+    address
+        The address to listen on.
+    port
+        The port; 0 for any free one.
+    greeting
+        The messages for each new page.
+
+    Raises
+    ------
+    UserError
+        The port cannot be used.
     """
 
     def __init__(
@@ -69,25 +83,30 @@ class ViewServer:
         port: int = 0,
         greeting: Iterable[str | bytes] = (),
     ) -> None:
-        """Listen on `port` of `address`, 0 for any free port; send `greeting` to each new page."""
         self._greeting = greeting
         self._socket = _listen(address, port)
-        self._token = token_urlsafe(16)
-        self._hosts = own_hosts(address)
-        if not ip_address(self._socket.getsockname()[0]).is_loopback:
+        bound = self._socket.getsockname()
+        bound_address = bound[0]
+        bound_port = bound[1]
+        if not ip_address(bound_address).is_loopback:
             warn(
                 'the link to the live page, with its token, is sent as plain text: in a network '
                 'that you do not trust, use --view-host 127.0.0.1 and ssh -L'
             )
+        self._token = token_urlsafe(16)
+        self._hosts = own_hosts(address)
         name = _reachable(address)
-        name = f'[{name}]' if ':' in name else name
-        self.url = f'http://{name}:{self._socket.getsockname()[1]}/{self._token}/'
-        self.pages: set[ServerConnection] = set()  #: the open pages
-        self._redirect: RedirectFile | None = None  # until a page is open
+        if ':' in name:
+            name = f'[{name}]'
+        self.url = f'http://{name}:{bound_port}/{self._token}/'
+
         self._files = {
             path.name: path.read_bytes() for path in _FILES.iterdir() if path.suffix in _TYPES
         }
         self._files['palette.css'] = style_sheet().encode()
+        self.pages: set[ServerConnection] = set()  #: the open pages
+        self._redirect: RedirectFile | None = None  # until a page is open
+
         self._loop = asyncio.new_event_loop()
         self._closing = asyncio.Event()
         self._ready = Event()
@@ -118,8 +137,10 @@ class ViewServer:
 
     def send(self, message: str | bytes) -> None:
         """Send a message to all pages without waiting; call it in the server's thread only."""
-        keep_up = [p for p in self.pages if p.transport.get_write_buffer_size() < _MAX_UNSENT]
-        broadcast(keep_up, message)
+        fast_pages = [
+            page for page in self.pages if page.transport.get_write_buffer_size() < _MAX_UNSENT
+        ]
+        broadcast(fast_pages, message)
 
     def call(self, callback: Callable[[], object]) -> None:
         """Call `callback` in the server's thread, unless the thread has ended."""
@@ -158,22 +179,29 @@ class ViewServer:
             logger=_QUIET,
         ):
             self._ready.set()
-            tasks = [asyncio.create_task(work) for work in (self._pulse(), self._closing.wait())]
-            done, pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            pulses = asyncio.create_task(self._pulse())
+            closing = asyncio.create_task(self._closing.wait())
+            # The pulses end only by an exception, which `result` raises.
+            finished, pending = await asyncio.wait(
+                [pulses, closing], return_when=asyncio.FIRST_COMPLETED
+            )
             for task in pending:
                 task.cancel()
-            for task in done:
+            for task in finished:
                 task.result()
 
     async def _pulse(self) -> None:
         while True:  # noqa: ASYNC110 (there is no event to wait for)
             await asyncio.sleep(self.pulse())
 
-    def _answer(self, _: ServerConnection, request: HttpRequest) -> Response | None:
+    def _answer(self, _connection: ServerConnection, request: HttpRequest) -> Response | None:
         """Return a file or an error as a response; None lets the websocket open."""
-        if why := refusal(request.headers, self._hosts):
+        why = refusal(request.headers, self._hosts)
+        if why:
             return _refuse(HTTPStatus.FORBIDDEN, why)
-        token, slash, name = request.path.partition('?')[0][1:].partition('/')
+
+        path, _, _ = request.path.partition('?')
+        token, slash, name = path[1:].partition('/')
         if not compare_digest(token.encode(errors='replace'), self._token.encode()):
             return _refuse(
                 HTTPStatus.FORBIDDEN, 'Open the whole address that the run printed, token included.'
@@ -182,6 +210,7 @@ class ViewServer:
             moved = _refuse(HTTPStatus.PERMANENT_REDIRECT, 'The address ends with a slash.')
             moved.headers['Location'] = f'/{self._token}/'
             return moved
+
         if name == 'socket':
             return None
         name = name or 'index.html'
@@ -208,9 +237,8 @@ class ViewServer:
 
 def _listen(address: str, port: int) -> socket.socket:
     try:
-        ((family, _, _, _, where), *_) = socket.getaddrinfo(
-            address, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )
+        places = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, _, _, _, where = places[0]
         return socket.create_server(where[:2], family=family)
     except OSError as error:
         raise UserError(

@@ -29,7 +29,7 @@ from barc_sim.control.speed import PID
 from barc_sim.page import run_page
 from barc_sim.page.opening import RedirectFile
 from barc_sim.page.protocol import COLUMNS
-from barc_sim.page.run_page import DriverArbiter, replay
+from barc_sim.page.run_page import DriverArbiter, GhostRun, replay
 from barc_sim.page.server import ViewServer
 from barc_sim.simulation import metrics
 from barc_sim.simulation.closed_loop import closed_loop, lap
@@ -88,8 +88,8 @@ def played(browser: Browser) -> Played:
 
     @contextmanager
     def play(log: Log, other: Log | None = None, **size: Any) -> Iterator[Tab]:  # noqa: ANN401
-        beside = (other, 'reference') if other else None
-        server = ViewServer(greeting=replay(log, 'my run', beside))
+        ghost = GhostRun(other, 'reference') if other else None
+        server = ViewServer(greeting=replay(log, 'my run', ghost))
         server.start()
         with closing(server):
             tab = browser.open(server.url, **size)
