@@ -17,7 +17,7 @@ ROWS = [['name', 'id'], ['Müller, Zoë', '7'], ['Ada', '8']]
 @pytest.mark.parametrize('encoding', ['utf-8', 'utf-8-sig', 'utf-16', 'cp1252'])
 @pytest.mark.parametrize('end', ['\n', '\r\n', '\r'])
 @pytest.mark.parametrize('delimiter', [',', ';', '\t'])
-def test_what_spreadsheets_write_is_read(
+def test_csv_files_of_spreadsheets_are_read(
     tmp_path: Path, encoding: str, end: str, delimiter: str
 ) -> None:
     lines = (delimiter.join(f'"{cell}"' for cell in row) for row in ROWS)
@@ -47,7 +47,7 @@ def test_blank_lines_are_left_out_and_lines_in_quotes_kept() -> None:
         (b'\xff\xfea', 'it is no text'),
     ],
 )
-def test_what_is_no_table_is_refused(tmp_path: Path, data: bytes, why: str) -> None:
+def test_a_file_without_a_table_is_refused(tmp_path: Path, data: bytes, why: str) -> None:
     file = tmp_path / 'class.csv'
     file.write_bytes(data)
     with pytest.raises(ValueError, match=why):

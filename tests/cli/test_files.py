@@ -41,7 +41,7 @@ if hasattr(os, 'mkfifo'):  # not on Windows
 
 
 @pytest.mark.parametrize('kind', SPECIAL)
-def test_what_is_no_regular_file_is_refused_without_waiting(kind: str, tmp_path: Path) -> None:
+def test_a_file_that_is_not_regular_is_refused_without_waiting(kind: str, tmp_path: Path) -> None:
     SPECIAL[kind](tmp_path / 'x')
     with pytest.raises(UserError, match=f'x.* is {kind}, where a regular file is expected'):
         open_regular(tmp_path / 'x')

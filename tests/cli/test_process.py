@@ -90,7 +90,7 @@ def test_a_run_needs_no_standard_streams(tmp_path: Path) -> None:
     assert [*(tmp_path / 'bags').iterdir()]
 
 
-def test_an_argument_that_is_no_text_is_refused(tmp_path: Path) -> None:
+def test_an_argument_that_is_not_text_is_refused(tmp_path: Path) -> None:
     assert 'is not UTF-8' in sentence(limited('new', b'caf\xe9', cwd=tmp_path))
     assert not [*tmp_path.iterdir()]
 
@@ -150,7 +150,7 @@ def failing(error: BaseException, cause: BaseException | None = None) -> int:
         (UserError('its own'), MemoryError(), 'its own'),
     ],
 )
-def test_what_the_machine_refuses_is_one_sentence(
+def test_an_error_of_the_system_is_one_sentence(
     error: BaseException,
     cause: BaseException | None,
     expected: str,

@@ -74,7 +74,7 @@ def test_the_path_loses_the_working_directory_but_not_that_of_barc_sim(
         assert sys.path == [PACKAGES, sysconfig.get_path('purelib')]
 
 
-def test_a_working_directory_that_is_gone_is_no_obstacle(
+def test_a_deleted_working_directory_does_not_stop_a_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, 'path', ['', PACKAGES])
@@ -93,7 +93,7 @@ def test_no_other_module_starts_python_by_the_name_of_a_module() -> None:
         assert "sys.executable, '-m'" not in path.read_text(encoding='utf-8'), path
 
 
-def test_python_m_begins_in_a_directory_that_is_gone(tmp_path: Path) -> None:
+def test_python_m_starts_in_a_deleted_directory(tmp_path: Path) -> None:
     gone = tmp_path / 'gone'
     gone.mkdir()
     with working_in(gone):

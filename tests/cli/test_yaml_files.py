@@ -32,7 +32,7 @@ MERGED = 'a0: &a0 {x: 1}\n' + ''.join(
         ('a: &p {x: 1}\nb: {<<: *p, y: 2}', {'a': {'x': 1}, 'b': {'x': 1, 'y': 2}}),
     ],
 )
-def test_what_a_person_writes_is_loaded(text: str, value: Any) -> None:  # noqa: ANN401
+def test_ordinary_yaml_is_loaded(text: str, value: Any) -> None:  # noqa: ANN401
     assert from_yaml(text) == value
 
 
@@ -57,7 +57,7 @@ def test_what_a_person_writes_is_loaded(text: str, value: Any) -> None:  # noqa:
         ('a: [', 'is not YAML'),
     ],
 )
-def test_what_is_beyond_the_bounds_is_refused(text: str, why: str) -> None:
+def test_yaml_beyond_the_limits_is_refused(text: str, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         from_yaml(text)
 

@@ -97,7 +97,9 @@ def test_parameters_are_a_pid_that_holds_8_meters_a_second(cruise: CruiseControl
     assert [each.between for each in cruise.parameters()][:4] == [*[(-1e6, 1e6)] * 3, (0.01, 1e6)]
 
 
-def test_time_that_goes_back_begins_anew(cruise: CruiseControl, refused: list[str]) -> None:
+def test_time_that_goes_back_resets_the_controller(
+    cruise: CruiseControl, refused: list[str]
+) -> None:
     first = cruise.take_state(1_000_000_000, moving(7.75))
     assert cruise.take_state(1_020_000_000, moving(7.75)) != first
     assert cruise.take_state(1_000_000_000, moving(7.75)) == first

@@ -27,7 +27,7 @@ def test_limits_are_the_documented_ones() -> None:
     assert (Driver().dt, Driver().stale_after) == (0.05, 0.5)
 
 
-def test_full_throttle_is_the_greatest_acceleration_and_half_is_half_of_it() -> None:
+def test_full_throttle_gives_the_maximum_acceleration_and_half_throttle_half_of_it() -> None:
     driver = Driver()
     driver.receive(DriverInput(forward=1.0), 0.0)
     assert driver.command(0.0, 0.0) == (LIMITS.acceleration, 0.0)
@@ -45,7 +45,7 @@ def test_against_the_motion_is_deceleration_down_to_a_standstill(direction: floa
     assert speed * direction >= 0.0
 
 
-def test_to_reverse_one_lets_go_and_presses_again() -> None:
+def test_the_car_reverses_only_after_the_key_is_released_and_pressed_again() -> None:
     driver = Driver()
     back = DriverInput(forward=-1.0)
     assert drive(driver, back, 5.0, speed=8.0) == pytest.approx(0.0, abs=1e-6)
@@ -53,7 +53,7 @@ def test_to_reverse_one_lets_go_and_presses_again() -> None:
     assert drive(driver, back, 1.0) == pytest.approx(-LIMITS.acceleration)
 
 
-def test_forward_right_after_braking_to_a_standstill_needs_no_letting_go() -> None:
+def test_forward_after_braking_to_a_standstill_works_without_releasing_the_key() -> None:
     driver = Driver()
     drive(driver, DriverInput(forward=-1.0), 3.0, speed=8.0)
     assert drive(driver, DriverInput(forward=1.0), 1.0) == pytest.approx(LIMITS.acceleration)

@@ -9,7 +9,7 @@ from barc_sim import simulate
 from barc_sim.control.excitation import PRBS, CoastDown, SineSteer, Steps
 
 
-def test_the_binary_sequence_is_of_greatest_length() -> None:
+def test_the_binary_sequence_has_its_maximum_length() -> None:
     """Its autocorrelation is 1 at 0 and -1/1023 at every other shift (Ljung, 13.3)."""
     prbs = PRBS(hold=0.0, amplitude=1.0, interval=0.02)
     bits = np.array([prbs.acc_calculate(8.0, 0.0, 0.02) for _ in range(2046)])

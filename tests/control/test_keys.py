@@ -60,12 +60,12 @@ def test_a_text_that_is_broken_off_by_a_key_ends_there() -> None:
     assert keys_of(b'\x1b]11;rgb:\x1b[A') == ['up']
 
 
-def test_from_the_first_z_on_q_steers_and_only_ctrl_c_is_quit() -> None:
+def test_after_z_q_steers_left_and_only_ctrl_c_quits() -> None:
     assert keys_of(b'zqsd') == ['up', 'left', 'down', 'right']
     assert keys_of(b'q', b'Z', b'Q\x03') == ['quit', 'up', 'left', 'quit']
 
 
-def test_a_sequence_can_be_given_up() -> None:
+def test_an_unfinished_sequence_can_be_dropped() -> None:
     decoder = KeyDecoder()
     assert [*decoder.decode(b'\x1b]11')] == []
     assert decoder.is_waiting
@@ -77,7 +77,7 @@ def test_ctrl_c_counts_even_in_a_sequence() -> None:
     assert keys_of(b'\x1b[1;\x03', b'w') == ['quit', 'up']
 
 
-def test_a_sequence_without_end_is_given_up() -> None:
+def test_an_endless_sequence_is_dropped() -> None:
     assert 'up' in keys_of(b'\x1b[' + b'1' * 1000, b'w', b'w')
 
 
@@ -110,7 +110,7 @@ def test_held_keys_make_the_drivers_input(keys: list[str], expected: DriverInput
     assert press(*keys).request(0.1) == expected
 
 
-def test_a_press_holds_until_a_repeat_may_come_then_it_is_zero_once_and_silent() -> None:
+def test_a_single_press_holds_then_gives_zero_once_then_nothing() -> None:
     held = press('up')
     held.handle('up', 0.1)  # an early repeat does not shorten it
     assert held.request(PRESS_HOLD) == DriverInput(forward=1.0)

@@ -101,7 +101,7 @@ def answered(controller: object, lane: object = None, track: Track | None = None
         (LanePilot(LaneLQR()), LanePilot),
     ],
 )
-def test_a_steering_law_becomes_a_pilot_of_the_kind_that_says_what_it_decides(
+def test_a_law_that_plans_the_speed_becomes_another_pilot_than_one_that_only_steers(
     law: object, kind: type[Pilot]
 ) -> None:
     if law is SpeedMPC:
@@ -197,7 +197,7 @@ def test_a_pilot_that_steers_needs_a_track() -> None:
 
 
 @pytest.mark.parametrize('wrong', [LaneLQR, 3.0, PID()])
-def test_what_is_no_steering_law_is_refused(wrong: Any) -> None:  # noqa: ANN401
+def test_a_law_without_steer_calculate_is_refused(wrong: Any) -> None:  # noqa: ANN401
     for use in (as_lane_pilot, lambda lane: lap(lane, laps=1)):
         with pytest.raises(UserError, match=r'must be an object with a method steer_calculate\('):
             use(wrong)

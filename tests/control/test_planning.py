@@ -71,7 +71,7 @@ def test_angle_and_rate_are_within_their_limits() -> None:
     assert law.infeasible == 0.0
 
 
-def test_where_no_command_is_within_all_limits_the_last_one_is_cut(
+def test_without_a_command_within_all_limits_the_last_one_is_cut(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     law = MPC()
@@ -86,7 +86,7 @@ def test_where_no_command_is_within_all_limits_the_last_one_is_cut(
 
 
 @pytest.mark.parametrize('dynamics', ['kinematic', 'dynamic'])
-def test_l_is_driven_within_a_quarter_of_a_metre_in_spite_of_delay_and_lag(dynamics: str) -> None:
+def test_mpc_drives_l_within_a_quarter_of_a_metre_with_delay_and_lag(dynamics: str) -> None:
     log = lap(MPC(delay=0.1), 'L', speed=6.0, laps=2, servo=LATE, dynamics=dynamics)
     assert np.abs(log.e_y).max() < 0.25
     assert log.best == pytest.approx(29.2, abs=0.5)
@@ -119,7 +119,7 @@ def test_speed_is_as_fast_as_the_accelerations_allow() -> None:
     assert np.abs(log.e_y).max() < 0.25
 
 
-def test_one_that_is_too_fast_brakes_as_hard_as_it_can() -> None:
+def test_speed_mpc_brakes_at_its_limit_when_the_car_is_too_fast() -> None:
     law = SpeedMPC()
     law.steer_calculate(0.0, 0.0, 30.0, lambda _: 0.1)
     assert law.acceleration == pytest.approx(-2.0)
@@ -181,7 +181,7 @@ def test_file_of_the_command_is_the_same_line(line: Track, tmp_path: Path) -> No
     assert read.width == pytest.approx(line.width, abs=1e-6)
 
 
-def test_what_has_no_racing_line_is_refused() -> None:
+def test_a_track_without_a_racing_line_is_refused() -> None:
     with pytest.raises(UserError, match='not closed'):
         racing_line(Track((10.0,), (0.0,)))
     with pytest.raises(UserError, match=r'margin 3.0 must be above 0 and below half.*3 m'):

@@ -229,14 +229,14 @@ def test_a_sample_that_is_not_finite_has_no_effect_on_later_ones(sample: float) 
         assert spoilt.acc_calculate(8.0, v, DT) == clean.acc_calculate(8.0, v, DT)
 
 
-def test_reset_begins_anew() -> None:
+def test_reset_clears_the_memory_of_the_lqr() -> None:
     controller = LQR()
     first = [controller.acc_calculate(8.0, v, DT) for v in (7.0, 7.3)]
     controller.reset()
     assert [controller.acc_calculate(8.0, v, DT) for v in (7.0, 7.3)] == first
 
 
-def test_it_holds_the_speed_on_the_labs_road() -> None:
+def test_lqr_holds_the_speed_on_the_labs_road() -> None:
     log = closed_loop(controller=LQR(output_min=-8.0, output_max=8.0))
     result = summary(log)
     assert result.rms_error_after_run_up < 0.02
@@ -315,7 +315,7 @@ def test_output_is_limited_and_terms_are_the_objects() -> None:
     assert adapted.derivative != adapted.derivative
 
 
-def test_an_object_may_declare_its_own_gains_and_terms() -> None:
+def test_a_users_object_can_declare_gains_and_terms() -> None:
     class Own:
         gains = {'gain': Gain(2.0, '1/s', 'the gain', 10.0)}  # noqa: RUF012
         terms = {'pull': 'toward the reference'}  # noqa: RUF012
@@ -342,6 +342,6 @@ def test_an_object_may_declare_its_own_gains_and_terms() -> None:
         ),
     ],
 )
-def test_what_is_no_controller_is_refused(wrong: object, message: str) -> None:
+def test_an_unusable_controller_is_refused(wrong: object, message: str) -> None:
     with pytest.raises(UserError, match=message):
         as_controller(wrong)

@@ -123,7 +123,7 @@ def test_close_from_the_reading_thread_works(console: Pty) -> None:
     terminal.close()  # the thread has ended when this returns
 
 
-def test_what_is_no_terminal_is_refused() -> None:
+def test_an_input_other_than_a_terminal_is_refused() -> None:
     reader, writer = os.pipe()
     try:
         with pytest.raises(

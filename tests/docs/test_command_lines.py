@@ -70,7 +70,7 @@ def test_each_command_line_exists(path: Path) -> None:
     assert not {line: words for line, words in unknown.items() if words}
 
 
-def test_a_command_or_an_option_that_is_gone_is_noticed() -> None:
+def test_a_removed_command_or_option_is_found_in_the_pages() -> None:
     assert unknown_words(['validate', '--json']) == ['validate']
     assert unknown_words(['acc', '--speed', '6', '--sped=6']) == ['--sped']
     assert unknown_words(['node', 'controler']) == ['controler']

@@ -53,7 +53,7 @@ def _modules(room: str) -> Iterator[ModuleType]:
 
 
 @pytest.mark.parametrize('name', barc_sim.__all__)
-def test_what_is_exported_has_an_example(name: str) -> None:
+def test_each_exported_name_has_an_example(name: str) -> None:
     assert '>>> ' in getattr(barc_sim, name).__doc__
 
 

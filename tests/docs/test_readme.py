@@ -27,7 +27,7 @@ def reached(page: Path) -> dict[Path, int]:
     return clicks
 
 
-def test_it_is_short() -> None:
+def test_the_readme_is_short() -> None:
     assert len(README.splitlines()) <= 120
 
 

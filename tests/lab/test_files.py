@@ -59,7 +59,7 @@ def test_another_encoding_is_refused(tmp_path: Path, data: bytes) -> None:
         source(tmp_path, data)
 
 
-def test_the_mark_that_windows_puts_in_front_is_no_harm(tmp_path: Path) -> None:
+def test_a_byte_order_mark_of_windows_is_ignored(tmp_path: Path) -> None:
     module: dict[str, object] = {}
     exec(compiled(source(tmp_path, b'\xef\xbb\xbfx = 1\r\n')).code, module)  # noqa: S102
     assert module['x'] == 1

@@ -139,7 +139,7 @@ LABS = {
 @pytest.mark.slow
 @pytest.mark.usefixtures('confinement')
 @pytest.mark.parametrize('number', LABS)
-def test_a_later_lab_from_the_template_to_the_grade(
+def test_labs_3_to_5_work_from_the_template_to_the_grade(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: str
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -267,5 +267,7 @@ def test_no_second_mistake_in_a_program_gives_points(rubric: str) -> None:
         ('identify', 'no friction', 'swapped'),
     ],
 )
-def test_what_is_wrong_for_two_reasons_stays_wrong(rubric: str, first: str, second: str) -> None:
+def test_a_second_mistake_with_another_cause_gains_no_points(
+    rubric: str, first: str, second: str
+) -> None:
     assert [*rises_of_texts(rubric, [(first, second)])] == []

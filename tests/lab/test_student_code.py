@@ -28,7 +28,7 @@ def write(folder: Path, work: Work) -> Path:
 
 
 @pytest.mark.parametrize('name', WORKS)
-def test_points_and_sentence(name: str) -> None:
+def test_a_ros_1_script_gets_its_points_and_sentence(name: str) -> None:
     work = WORKS[name]
     files = zip(('model', 'controller'), work.files, (work.model, work.controller), strict=True)
     judged = [judged_file(*file, Settings(seed=LAB.settings.seed)) for file in files]

@@ -19,56 +19,12 @@ from barc_sim.lab.labs.identify import NOISE, car_of, evidence_of, measured
 if TYPE_CHECKING:
     from pathlib import Path
 
-PROGRAMS = read_programs("""
-right | 90 |  | right in all 5 cases
-no excitation | 55 |  | the car does not move
-    return 2.0⏎ -> return 0.0⏎
-    return 2.0 * ( -> return 0.0 * (
-beyond the limit | 85 |  | 2.5 m/s², but only 2 m/s² are allowed; it is too large from 0.00 s on
-    return 2.0⏎    if -> return 2.5 if t < 4.0 else 2.0 if t < 6.0 else 0.0⏎    if
-a force | 80 |  | is it a force? Return an acceleration; the car reaches 4343.2 m/s
-    return 2.0⏎    if -> return 4000.0⏎    if
-no number of a car | 50 |  | expected at most 1e+06
-    return 2.0⏎    if -> return 1e308⏎    if
-too fast | 85 |  | m/s, but only 15 m/s are allowed
-    if t < 7.0 -> if t < 9.0
-backwards | 85 |  | the car drives backwards
-    return 0.0 -> return -1.0
-too short | 50 |  | returned None; expected a finite number
-    return 2.0 * ( -> return None if t > 50.0 else 2.0 * (
-no command | 50 | raise | command is not written yet (TODO)
-    if t < 7.0: -> raise NotImplementedError⏎    if t < 7.0:
-friction by no mass | 80 |  | friction is multiplied by the mass
-    friction, half[1] -> 2000 * friction, 2000 * half[1]
-swapped | 82 |  | drag and friction are swapped
-    return [drag, half[0], friction, half[1] -> return [friction, half[1], drag, half[0]
-milliseconds | 81 |  | the delay is in milliseconds
-    delay, half[2] -> 1000 * delay, 1000 * half[2]
-the delay ignored | 59 |  | delay is always 0
-    delay = delays[k] - p[1] / (2 * p[0]) -> delay = 0.0
-a guess | 40 |  | delay is always 0.1
-    return [drag, half[0], friction, half[1], delay -> return [2e-4, half[0], 0.09, half[1], 0.1
-no friction | 49 |  | friction is always 0
-    -moving -> 0.0 * moving
-    np.linalg.inv -> np.linalg.pinv
-drag that grows with v | 65 |  | drag is wrong
-    smooth**2 -> smooth
-one standard deviation | 84 |  | is it one standard deviation?
-    1.96 * -> 1.0 *
-intervals ten times as wide | 80 |  | too wide
-    1.96 * -> 19.6 *
-no interval | 75 |  | return intervals above 0
-    1.96 * -> 0.0 *
-three numbers | 40 | def estimate | six finite numbers
-    return [drag, half[0], friction, half[1], delay, half[2]] -> return [drag, friction, delay]
-a missing colon | 0 | def command | syntax error
-    def command(t): -> def command(t)
-""")
+PROGRAMS = read_programs('wrong_estimates.txt')
 RUBRIC = load('identify')
 
 
 @pytest.mark.parametrize('name', PROGRAMS)
-def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
+def test_a_wrong_estimate_gets_its_points_sentence_and_line(tmp_path: Path, name: str) -> None:
     program = PROGRAMS[name]
     points = points_of(program, replaced(RIGHT, *program.changes), RUBRIC, tmp_path)
     assert points == pytest.approx(program.points, abs=1.5)

@@ -21,74 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-PROGRAMS = read_programs("""
-right | 90 |  | the signs are right
-e_y's sign in both | 86 | e_y = -(y | e_y of straight_errors has the wrong sign
-    e_y = (y - y_0) * cos(psi_0) - -> e_y = -(y - y_0) * cos(psi_0) +
-    e_y = radius - side * distance -> e_y = side * distance - radius
-e_psi's sign in both | 86 | e_psi = wrap(psi_0 | e_psi of straight_errors has the wrong sign
-    wrap(psi - psi_0) -> wrap(psi_0 - psi)
-    wrap(psi - heading) -> wrap(heading - psi)
-e_psi not wrapped | 87 | e_psi = psi | e_psi of straight_errors is not wrapped
-    wrap(psi - psi_0) -> psi - psi_0
-    wrap(psi - heading) -> psi - heading
-errors in degrees | 87 | e_psi = | e_psi of straight_errors is in degrees
-    wrap(psi - psi_0) -> wrap(psi - psi_0) * 180 / pi
-    wrap(psi - heading) -> wrap(psi - heading) * 180 / pi
-steady in degrees | 84 | delta = | steady returns degrees
-    sqrt(1 - sine**2)) -> sqrt(1 - sine**2)) * 180 / pi
-    e_psi = -asin(sine) -> e_psi = -asin(sine) * 180 / pi
-    delta, e_steady = steady(k) -> delta, e_steady = (pi / 180 * each for each in steady(k))
-the sign of steady's e_psi | 82 | e_psi = asin | e_psi of steady has the wrong sign
-    -asin(sine) -> asin(sine)
-    e_psi - e_steady -> e_psi + e_steady
-e_y's sign in Lane | 82 | steer = | is the sign of e_y right?
-    - self.k_y -> + self.k_y
-e_psi's sign in Lane | 82 | steer = | is the sign of e_psi right?
-    - self.k_psi -> + self.k_psi
-the curvature's sign | 82 | k = | is the sign of the curvature right?
-    k = curvature(0.0) -> k = -curvature(0.0)
-no feedforward | 76 | steer = | the curvature has no effect
-    steer = delta - self.k_y * e_y - self.k_psi * e -> steer = -self.k_y * e_y - self.k_psi * e_psi
-e_psi to 0 | 83 |  | in a turn e_psi must be the one of steady
-    e = e_psi - e_steady -> e = e_psi
-degrees in Lane | 75 | steer = | is it in degrees?
-    return steer -> steer = steer * 180 / pi⏎        return steer
-e_psi alone | 74 | steer = | e_y has no effect
-    - self.k_y * e_y -> + 0.0
-e_y alone | 73 | steer = | e_psi has no effect
-    - self.k_psi * e -> + 0.0
-a late curvature | 80 | k = | the curvature is read 4 m too late
-    curvature(0.0) -> curvature(-4.0)
-always at the limit | 75 | steer = | the gains are too large
-    return steer -> steer = 30 * steer⏎        return steer
-gains too large | 75 | steer = | the gains are too large
-    - self.k_y * e_y - self.k_psi * e -> - 30 * (self.k_y * e_y + self.k_psi * e)
-a weak law | 74 | steer = | the gain of e_y is too small
-    self.k_y = 0.22 -> self.k_y = 0.02
-a bias | 85 | steer = | a mirrored e_y must give the opposite angle
-    steer = delta -> steer = 0.02 + delta
-nothing | 35 |  | the steering angle is the same
-    return steer -> return 0.0
-pure pursuit | 87 |  | the signs are right
-    k = curvature(0.0) -> PURE_PURSUIT
-Stanley | 85 |  | the signs are right
-    k = curvature(0.0) -> STANLEY
-a PID on e_y | 73 |  | the curvature has no effect
-    self.k_psi = 0.95 -> self.before = None
-    k = curvature(0.0) -> PID
-the template's Lane | 35 | raise | is not written yet (TODO)
-    k = curvature(0.0) -> raise NotImplementedError⏎        k = 0.0
-a function for the class | 35 |  | lane.py defines no Lane
-    class Lane: -> class Steering:
-a missing colon | 0 | class Lane | syntax error
-    class Lane: -> class Lane
-a misspelt function | 75 |  | lane.py defines no steady
-    def steady( -> def steadi(
-    steady(k) -> steadi(k)
-curvature as a number | 35 | sine = | is a call missing
-    k = curvature(0.0) -> k = curvature
-""")
+PROGRAMS = read_programs('wrong_lanes.txt')
 
 #: What stands in the table for longer texts.
 TEXTS = {
@@ -120,7 +53,7 @@ def text_of(name: str) -> str:
 
 
 @pytest.mark.parametrize('name', PROGRAMS)
-def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
+def test_a_wrong_lane_gets_its_points_sentence_and_line(tmp_path: Path, name: str) -> None:
     program, text = PROGRAMS[name], text_of(name)
     # What is wrong in a function alone does not change the drives.
     drives = name == 'right' or text.partition('class ')[2] != RIGHT.partition('class ')[2]

@@ -30,64 +30,7 @@ from barc_sim.vehicle.track import Track
 if TYPE_CHECKING:
     from barc_sim.lab.judge import Finding
 
-PROGRAMS = read_programs("""
-right | 90 |  | right in all 10 cases
-no root | 78 |  | sqrt is missing
-    min(144.0, 3.5 / abs(k)) -> min(144.0, (3.5 / k)**2)
-a straight | 70 | v2 = | ZeroDivisionError
-    if k else 144.0 -> if True else 144.0
-the turns alone | 78 |  | the speeds keep only the limits in turns
-    range(2 * n) -> range(0)
-    range(2 * n, 0, -1) -> range(0)
-not closed | 78 |  | the lap is closed
-    range(2 * n):  # forwards -> range(n - 1):  # forwards
-    range(2 * n, 0, -1) -> range(n - 1, 0, -1)
-speeds of another track | 78 |  | profile is wrong. The largest error: profile(curvatures, step=
-    return [v**0.5 for v in v2] -> return [v**0.5 for v in v2[::-1]]
-a constant speed | 70 |  | profile is always 5: is it computed
-    return [v**0.5 -> return [5.0
-a mean speed | 70 |  | profile is always the same in a call
-    return [v**0.5 for v in v2] -> return [(sum(v2) / len(v2))**0.5] * len(v2)
-the centre line | 56 |  | on the centre line
-    n = bounded(J, bends, half)⏎    return -> n = 0.0 * x⏎    return
-the other side | 50 |  | positive is to the left
-    return n⏎⏎⏎def predict -> return -n⏎⏎⏎def predict
-out of bounds | 85 |  | m beyond its bounds
-    return n⏎⏎⏎def predict -> return 1.05 * n⏎⏎⏎def predict
-a kink | 60 |  | it bends most at point 7
-    return n⏎⏎⏎def predict -> n[6] += 0.5⏎    return n⏎⏎⏎def predict
-a zigzag | 50 |  | no car can follow them
-    return n⏎⏎⏎def predict -> return [half * (-1)**k for k in range(120)]⏎⏎⏎def predict
-no line | 45 | raise | line is not written yet (TODO)
-    x, y, psi = np.array -> raise NotImplementedError⏎    x, y, psi = np.array
-a model that is not written | 65 | raise | predict is not written yet (TODO)
-    d = 0.1 * speed -> raise NotImplementedError
-no half step | 84 | b1 = | d**2 / (2 * L) is missing in b1
-    + d**2 / (2 * L) -> + 0.0
-the wrong way | 84 | return | steering to the left (u > 0) turns the car to the left
-    b1, d / L] -> -b1, -d / L]
-another model | 84 |  | predict is wrong. The largest error
-    b1, d / L] -> 0.7 * b1 + d, d / L]
-half of H | 81 |  | H is half of what it must be
-    np.append(H -> np.append(H / 2
-half of H with another model | 75 |  | H is half of what it must be
-    b1, d / L] -> 0.7 * b1 + d, d / L]
-    np.append(H -> np.append(H / 2
-half of H with the wrong way | 75 |  | H is half of what it must be
-    b1, d / L] -> -b1, -d / L]
-    np.append(H -> np.append(H / 2
-an unknown H with another model | 75 |  | program is wrong. The largest error
-    b1, d / L] -> 0.7 * b1 + d, d / L]
-    H += 2.0 * -> H += 2.3 *
-a model of its own in program | 84 |  | predict is wrong. The largest error
-    b1, d / L] -> 0.7 * b1 + d, d / L]
-    = predict(speed) -> = 1.0, 0.1 * speed, 0.0, 1.0, 0.05 * speed + speed**2 / 600, speed / 30
-a huge model | 65 |  | predict is always 1e+300
-    return [1.0, d, 0.0, 1.0, b1, d / L] -> return [1e300] * 6
-    np.append(H, g) -> np.ones(110)
-a missing bracket | 0 | def profil | syntax error
-    def profile(curvatures, step): -> def profil(curvatures
-""")
+PROGRAMS = read_programs('wrong_lines.txt')
 RUBRIC = load('raceline')
 #: The first function of each group of criteria.
 GROUPS = {'speed': 'def profile', 'line': 'def bounded', 'mpc': 'def predict'}
@@ -101,7 +44,7 @@ def part_of(text: str, group: str) -> str:
 
 
 @pytest.mark.parametrize('name', PROGRAMS)
-def test_points_sentence_and_line(tmp_path: Path, name: str) -> None:
+def test_a_wrong_line_gets_its_points_sentence_and_line(tmp_path: Path, name: str) -> None:
     program = PROGRAMS[name]
     text = replaced(TEXT, *program.changes)
     # What is wrong in one function alone changes nothing of the others' criteria.
@@ -154,7 +97,7 @@ def test_a_line_beyond_the_edges_is_refused() -> None:
 
 
 @pytest.mark.parametrize('command', ['check', 'grade'])
-def test_without_daqp_one_sentence_says_what_to_install(
+def test_without_daqp_one_sentence_names_the_package_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
     (tmp_path / 'raceline.py').write_text(TEXT, encoding='utf-8')

@@ -240,7 +240,7 @@ def follow(
         (lambda t: (1.0, 5.0**t), 4.3, 'gets faster and faster: a sign is wrong, or a gain'),
     ],
 )
-def test_a_car_that_never_arrives_is_given_up(
+def test_a_run_ends_if_the_car_never_arrives(
     motion: Callable[[float], Motion], gave_up: float, does: str
 ) -> None:
     t, failure = follow(motion)
@@ -258,13 +258,13 @@ def test_a_car_that_never_arrives_is_given_up(
         (lambda _: (LAB, 0.0), {}),
     ],
 )
-def test_a_car_on_its_way_is_not(
+def test_a_car_that_makes_progress_does_not_end_the_run(
     motion: Callable[[float], Motion], options: dict[str, float]
 ) -> None:
     assert follow(motion, **options) == (inf, '')  # type: ignore[arg-type]
 
 
-def test_a_car_may_stand_where_its_reference_became_zero() -> None:
+def test_a_car_that_stops_at_reference_zero_does_not_end_the_run() -> None:
     def motion(t: float) -> Motion:
         return (8.0 * min(t, 5.0), 0.0 if t > 5.0 else 8.0)
 
@@ -350,7 +350,7 @@ def test_a_controller_without_a_number_brings_the_car_nowhere() -> None:
     assert len(closed_loop(controller=pid, max_duration=0.2)) == 11
 
 
-def test_a_car_with_a_model_of_ones_own_or_a_track_has_no_fast_path() -> None:
+def test_a_car_with_a_users_model_or_a_track_has_no_fast_path() -> None:
     assert not Plant(model=lambda *_, **__: (0.0,) * 4).has_fast_path
     assert not Plant(track=Track.named('oval')).has_fast_path
     assert not Plant(sensor_delay=0.04).has_fast_path

@@ -90,7 +90,7 @@ def test_noise_reaches_the_law_and_the_log_has_the_true_place() -> None:
     assert np.corrcoef(np.diff(across.servo), np.diff(across.e_ey))[0, 1] < -0.9
 
 
-def test_a_law_of_ones_own_begins_anew_in_each_run() -> None:
+def test_a_users_law_is_fresh_in_each_run() -> None:
     class Integral:
         def __init__(self) -> None:
             self.sum = 0.0
@@ -152,7 +152,7 @@ def test_a_car_beyond_the_edge_ends_the_run() -> None:
     assert (len(log.lap_times), log.best) == (0, np.inf)
 
 
-def test_a_road_counts_along_the_track_anew_in_each_lap() -> None:
+def test_a_road_on_a_track_repeats_in_each_lap() -> None:
     road = Road((0.0, 60.0, 100.0), (0.0, 4.0, 0.0))
     log = lap(track='oval', laps=2, road=road)
     on_hill = (log.s % Track.named('oval').length >= 60.0) & (

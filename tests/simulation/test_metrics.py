@@ -238,7 +238,7 @@ def test_the_last_lap_can_be_the_best_once_the_run_has_ended() -> None:
     assert live.best is None  # of one lap
 
 
-def test_settings_of_a_moment_are_left_out() -> None:
+def test_settings_that_change_at_once_are_left_out() -> None:
     """A preset changes one gain after the other, and is chosen before the next lap begins."""
     settings = LapSettings()
     first, second = {'kp': 2.0, 'ki': 0.0}, {'kp': 4.0, 'ki': 8.0}

@@ -62,7 +62,7 @@ def test_a_command_without_a_stamp_answers_every_state_until_one_with_a_stamp_co
 
 
 @pytest.mark.parametrize('stamp', [-5, 10, 19, 21, 10**18])
-def test_what_came_before_it_or_comes_after_it_cannot_keep_the_answer_out(stamp: int) -> None:
+def test_the_answer_to_a_state_is_used_in_any_order_with_other_commands(stamp: int) -> None:
     commands = Commands()
     commands.store(STOP, stamp=20, present=20, t=0.0)
     assert not commands.store(GO, stamp, present=20, t=0.0)
@@ -73,7 +73,7 @@ def test_what_came_before_it_or_comes_after_it_cannot_keep_the_answer_out(stamp:
     assert (commands.latest, commands.answered) == (GO, True)
 
 
-def test_what_answers_no_state_makes_none_due_where_commands_come_as_they_please() -> None:
+def test_unstamped_and_late_commands_do_not_mix_up_unsynchronised_steps() -> None:
     commands = Commands()
     commands.store(GO, stamp=0, present=20, t=0.0)
     commands.store(STOP, stamp=99, present=20, t=0.0)
@@ -415,7 +415,7 @@ def test_time_stands_still_while_paused(factor: float) -> None:
     assert engine.deadlines == bool(factor)
 
 
-def test_pause_is_no_lost_time() -> None:
+def test_a_pause_counts_as_no_missed_deadline_or_slip() -> None:
     engine = started()
     engine.stepper.pause(on=True)
     engine.now += 100.0
@@ -441,7 +441,7 @@ def test_a_pause_leaves_stamps_behind_until_a_reset() -> None:
 
 
 @pytest.mark.parametrize('factor', [0.0, 0.5, 4.0])
-def test_stamps_at_another_pace_continue_whatever_the_wall_clock_says(factor: float) -> None:
+def test_stamps_at_another_pace_do_not_depend_on_the_wall_clock(factor: float) -> None:
     engine = started(realtime_factor=factor)
     engine.wall += 10**10
     engine.answer()

@@ -86,7 +86,7 @@ def test_a_log_without_noise_gives_the_delay_exactly() -> None:
     assert str(found['motor_delay']).startswith('0.053 ± ')
 
 
-def test_the_labs_own_resistance_cannot_be_told() -> None:
+def test_the_labs_resistance_is_too_small_to_be_identified() -> None:
     """It is a hundred times too small, and the hills are known."""
     found = identify(simulate(noise=0.05, delay=0.1, distance=80.0))
     assert found['motor_delay'].value == pytest.approx(0.1, abs=0.002)
@@ -104,7 +104,7 @@ def test_a_delay_that_no_command_shows_is_named() -> None:
 
 
 @pytest.mark.slow
-def test_a_car_at_rest_shows_nothing() -> None:
+def test_a_car_at_rest_gives_no_estimates() -> None:
     found = identify(simulate(speed_reference=0.0, road='flat', distance=0.0, max_duration=10.0))
     assert [*map(str, found.estimates.values())] == ['-'] * 3
     assert 'no measured signal depends on it alone' in ''.join(found.remarks)
@@ -160,7 +160,7 @@ def test_intervals_of_95_percent_hold_the_truth_that_often() -> None:
         assert sum(inside) >= 16, name
 
 
-def test_a_log_of_another_car_says_that_the_model_is_not_enough() -> None:
+def test_a_log_of_another_car_gives_a_warning_on_the_model() -> None:
     """Its motor is limited, which no parameter here says."""
     plant = Plant(road=Road.flat(), noise=NoiseLevels(v_x=0.03), motor=Actuator(limit=1.0))
     log = closed_loop(plant, PRBS(), distance=1e9, max_duration=4.0)
@@ -188,7 +188,7 @@ def test_speeds_in_another_order_are_refused(law: PRBS | Steps) -> None:
         identify(log)
 
 
-def test_a_steady_drive_with_a_noisy_sensor_is_no_jump() -> None:
+def test_noise_in_a_steady_drive_does_not_count_as_a_jump() -> None:
     log = simulate(road='flat', noise=0.3, kp=0.1, ki=0.0, kd=0.0, distance=40.0)
     steady = log.map(lambda column: column[200:])
     assert identify(steady).estimates
@@ -202,7 +202,7 @@ def test_a_value_beyond_all_cars_is_refused(name: str) -> None:
         identify(log)
 
 
-def test_a_ramp_of_the_command_is_no_switch() -> None:
+def test_a_ramp_of_the_command_does_not_count_as_a_switch() -> None:
     """A command that was lost while a PID accelerates the car lay between its neighbours."""
     motor = Actuator(delay=0.06, lag=0.1)
     plant = Plant(vehicle=CAR, noise=NoiseLevels(v_x=0.02), seed=101, motor=motor)
@@ -260,7 +260,7 @@ def test_commands_act_from_their_own_time_on(states: int, commands: int) -> None
         assert abs(found[name].value - true) < 2.0 * found[name].interval, name
 
 
-def test_a_slow_motor_under_gentle_commands_is_no_wrong_minimum() -> None:
+def test_a_slow_motor_under_gentle_commands_is_estimated_right() -> None:
     """The error has another minimum at a long delay, without lag and with negative drag."""
     pid = PID(kp=2.0, ki=0.5, kd=0.0)
     pid.output_min, pid.output_max = -8.0, 8.0

@@ -32,7 +32,7 @@ def rastrigin(places: Floats) -> Floats:
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_the_least_of_many_minima_is_found(seed: int) -> None:
+def test_the_search_finds_the_lowest_of_many_minima(seed: int) -> None:
     found = search(rastrigin, LOW, HIGH, LOW, seed=seed, population=128, generations=200)
     assert found.gains == pytest.approx([1.0] * 3, abs=0.01)
     assert found.cost == rastrigin(found.gains[np.newaxis])[0]
@@ -70,7 +70,7 @@ def test_infinite_costs_are_passed_by() -> None:
     assert 0.0 < found.gains[0] < 0.01
 
 
-def test_it_ends_where_all_cost_the_same() -> None:
+def test_the_search_ends_where_all_costs_are_equal() -> None:
     found = search(lambda places: np.zeros(len(places)), LOW, HIGH, LOW, population=24)
     assert found.evaluations == 24
 
@@ -132,7 +132,7 @@ def test_runs_that_take_long_have_the_noise_of_simulate_to_their_end() -> None:
 
 
 @pytest.mark.parametrize('seed', [[1.5], [-1], ['a'], [2**60]])
-def test_a_seed_that_is_none_is_refused(seed: Sequence[object]) -> None:
+def test_an_impossible_seed_is_refused(seed: Sequence[object]) -> None:
     with pytest.raises(UserError, match='seed'):
         sweep(noise=0.1, seed=seed)
 
@@ -175,6 +175,8 @@ class WithoutGains:
         ({'controller': WithoutGains()}, 'the controller has no gains to sweep'),
     ],
 )
-def test_gains_that_are_none_are_refused(gains: dict[str, Any], complaint: str) -> None:
+def test_gains_that_a_controller_cannot_have_are_refused(
+    gains: dict[str, Any], complaint: str
+) -> None:
     with pytest.raises(UserError, match=complaint):
         sweep(**gains)

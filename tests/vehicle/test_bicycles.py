@@ -222,7 +222,7 @@ def test_slow_or_reversing_car_is_the_kinematic_one(integrator: str, v: float) -
     assert dynamic[1] == motion(dynamic[0], 0.3, ODD)
 
 
-def test_car_that_speeds_up_goes_over_without_a_jump() -> None:
+def test_car_that_speeds_up_changes_to_tyres_without_a_jump() -> None:
     bicycle = bicycle_of('dynamic', 'rk4', CAR)
     seen = [found[3:] for _, found in driven(bicycle, BicycleState(v=2.9), Command(1.0, 0.1), 200)]
     assert seen[0][0] < 3.0 < seen[-1][0]

@@ -57,7 +57,7 @@ def test_several_threads_can_compile_loops_at_once(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.skipif(not is_compiled(), reason='needs the extra fast')
-def test_a_cache_that_cannot_be_written_is_done_without(
+def test_laws_compile_without_a_writable_cache(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blocked = tmp_path / 'file'
@@ -67,7 +67,7 @@ def test_a_cache_that_cannot_be_written_is_done_without(
 
 
 @pytest.mark.skipif(not is_compiled(), reason='needs the extra fast')
-def test_a_line_in_a_terminal_says_that_laws_are_compiled(
+def test_a_terminal_shows_a_line_while_laws_are_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))

@@ -73,7 +73,7 @@ def test_live_parameters_change_a_car_that_drives() -> None:
     assert car.model.is_ideal
 
 
-def test_a_limit_of_0_is_none() -> None:
+def test_a_limit_of_0_means_no_limit() -> None:
     assert plant(DEFAULTS).waiting.motor == [0.0]
     car = plant(DEFAULTS | {'motor_delay': 0.04})
     assert not car.model.is_ideal

@@ -376,7 +376,9 @@ def own_model(*arguments: float, **keywords: float) -> list[float]:
         ),
     ],
 )
-def test_what_does_not_go_together_is_refused(options: dict[str, Any], sentence: str) -> None:
+def test_options_that_contradict_each_other_are_refused(
+    options: dict[str, Any], sentence: str
+) -> None:
     with pytest.raises(UserError, match=sentence):
         Plant(**options)
 

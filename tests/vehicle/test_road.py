@@ -217,7 +217,9 @@ def test_a_file_names_what_it_is_over(tmp_path: Path) -> None:
         ('time_s,force_n\n0,0\nnan,0\n', "line 3, 'nan,0', must be 2 finite numbers"),
     ],
 )
-def test_a_file_that_is_no_profile_is_refused(tmp_path: Path, text: str, complaint: str) -> None:
+def test_a_profile_file_with_wrong_contents_is_refused(
+    tmp_path: Path, text: str, complaint: str
+) -> None:
     file = tmp_path / 'gust.csv'
     file.write_text(text, encoding='utf-8')
     with pytest.raises(UserError, match=r"gust.csv'") as refusal:
@@ -227,7 +229,7 @@ def test_a_file_that_is_no_profile_is_refused(tmp_path: Path, text: str, complai
         force('nowhere.csv')
 
 
-def test_what_a_function_returns_is_in_the_limits() -> None:
+def test_a_disturbance_beyond_its_limits_is_refused() -> None:
     assert force(lambda t, x: 2.0 * t + x)(3.0, 4.0) == 10.0
     with pytest.raises(UserError, match=r'disturbance after 3.000 s, at 4.000 m: 1e\+09 is not'):
         force(lambda *_: 1e9)(3.0, 4.0)

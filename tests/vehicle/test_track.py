@@ -82,7 +82,7 @@ def test_an_arc_is_a_circle_and_s_grows_over_the_finish_line() -> None:
     assert near > track.length
 
 
-def test_an_open_track_goes_on_beyond_its_ends() -> None:
+def test_an_open_track_continues_beyond_its_ends() -> None:
     track = Track((10.0, 5.0 * pi), (0.0, 0.1), start=Pose(1.0, 2.0, 0.5))
     assert not track.is_closed
     for s in (-4.0, 3.0, 12.0, 30.0):
@@ -221,7 +221,7 @@ def test_a_bend_that_is_too_sharp_is_named(tmp_path: Path) -> None:
         Track.named(str(file))
 
 
-def test_what_is_no_track_is_refused() -> None:
+def test_a_wrong_description_of_a_track_is_refused() -> None:
     with pytest.raises(UserError, match="track 'M' is neither 'L', 'oval', 'circle', 'figure-eig"):
         Track.of('M')
     with pytest.raises(UserError, match='1 lengths and 2 curvatures: expected the same'):

@@ -144,7 +144,7 @@ def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller:
     assert one == again != other
 
 
-def test_what_is_not_there_is_skipped_without_marks(lab: Lab, model: str) -> None:
+def test_a_missing_file_is_skipped_and_gets_no_points(lab: Lab, model: str) -> None:
     findings = HILLS.judge(lab(model))
     assert [finding.skipped for finding in findings] == [False] * 4 + [True] * 9
     assert {finding.message for finding in findings[4:8]} == {'there is no controller.py'}

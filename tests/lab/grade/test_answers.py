@@ -62,7 +62,7 @@ def test_no_module_in_reach_has_the_answers(folder: Callable[..., Path]) -> None
     assert code.printed.splitlines() == ['[]'] * 4
 
 
-def test_a_model_that_is_grabbed_gets_no_points(folder: Callable[..., Path]) -> None:
+def test_code_that_looks_for_barc_sims_model_gets_no_points(folder: Callable[..., Path]) -> None:
     tries = '\n'.join(
         f'try:\n    exec({code!r})\n    print("grabbed")\nexcept BaseException as error:\n'
         '    print(type(error))'

@@ -140,7 +140,9 @@ def asked(
         return [*confined.rows('bikeFE', [ROW])]
 
 
-def test_it_cannot(folder: Callable[..., Path]) -> None:
+def test_confined_code_cannot_read_write_connect_or_start_processes(
+    folder: Callable[..., Path],
+) -> None:
     folder('neighbour', bike_model=BIKE_FE)
     attempts = ''.join(
         f'try:\n    {code}\n    print("done")\n'
@@ -158,7 +160,7 @@ def test_it_cannot(folder: Callable[..., Path]) -> None:
 
 
 @pytest.mark.parametrize(('code', 'reason'), FATAL.values(), ids=FATAL)
-def test_it_harms_only_itself_where_it_tries_to(
+def test_code_that_breaks_its_process_gets_an_error(
     folder: Callable[..., Path], code: str, reason: str
 ) -> None:
     with pytest.raises(UserError, match=reason):
@@ -166,7 +168,9 @@ def test_it_harms_only_itself_where_it_tries_to(
 
 
 @pytest.mark.parametrize(('code', 'reason'), STUBBORN.values(), ids=STUBBORN)
-def test_it_is_ended_where_it_resists(folder: Callable[..., Path], code: str, reason: str) -> None:
+def test_code_that_resists_its_time_limit_is_ended(
+    folder: Callable[..., Path], code: str, reason: str
+) -> None:
     with pytest.raises(UserError, match=reason):
         asked(folder, code, limits=BRIEF)
 
@@ -197,7 +201,7 @@ def test_each_of_a_few_slow_calls_has_its_own_time(folder: Callable[..., Path]) 
         assert len(code.rows('bikeFE', [ROW] * 5)) == 5
 
 
-def test_it_may(folder: Callable[..., Path]) -> None:
+def test_confined_code_can_use_python_and_numpy(folder: Callable[..., Path]) -> None:
     code = '\n'.join(ALLOWED.values())
     # A busy machine, which has none of the modules compiled, takes long.
     patient = ProcessLimits(call=60.0, wait=100.0)
@@ -205,7 +209,7 @@ def test_it_may(folder: Callable[..., Path]) -> None:
 
 
 @pytest.mark.parametrize('abi', [1, 3])
-def test_it_cannot_on_older_kernels_either(
+def test_confined_code_is_refused_the_same_on_older_kernels(
     folder: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, abi: int
 ) -> None:
     real = process.abi()
@@ -228,7 +232,7 @@ def test_it_cannot_on_older_kernels_either(
     assert (tmp_path / 'student' / 'helper.py').read_text() == 'ANSWER = 42'
 
 
-def test_it_sees_the_same_order_of_sets_each_time(folder: Callable[..., Path]) -> None:
+def test_sets_have_the_same_order_in_each_process(folder: Callable[..., Path]) -> None:
     text = BIKE_FE.replace('[1.0', '[hash("speed") % 1e6')
     path = folder(bike_model=text)
     answers = set()
@@ -239,7 +243,7 @@ def test_it_sees_the_same_order_of_sets_each_time(folder: Callable[..., Path]) -
     assert len(answers) == 1
 
 
-def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
+def test_a_closed_process_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=BIKE_FE)
     before = [*Path('/proc/self/fd').iterdir()]
 
@@ -255,7 +259,7 @@ def test_unconfined_only_the_limits_hold(folder: Callable[..., Path]) -> None:
         assert confined.rows('bikeFE', [ROW]) == [(1.0, 2.0, 3.0, 4.0)]
 
 
-def test_a_kernel_without_landlock_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_without_landlock_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     # A number that no kernel gives to a system call.
     monkeypatch.setattr('barc_sim.lab.confined.child._CREATE_RULESET', 100_000)
 

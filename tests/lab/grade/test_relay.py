@@ -129,7 +129,7 @@ CONFINED = (
 
 @pytest.mark.usefixtures('confinement')
 @pytest.mark.parametrize('kind', CONFINED)
-def test_a_confined_relay_gets_the_same(tmp_path: Path, kind: str) -> None:
+def test_a_confined_relay_gets_the_same_points(tmp_path: Path, kind: str) -> None:
     (tmp_path / 'relay.py').write_text(WORKS[kind].text, encoding='utf-8')
     settings = Settings(criteria=tuple(RELAY))
     findings = HILLS.judge_folder(tmp_path, settings, ProcessLimits()).findings
@@ -137,7 +137,7 @@ def test_a_confined_relay_gets_the_same(tmp_path: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize('kind', WORKS)
-def test_points_and_sentence(kind: str) -> None:
+def test_a_relay_gets_its_points_and_sentence(kind: str) -> None:
     expected = WORKS[kind]
     found = {each.criterion: each for each in findings_on('relay', expected.text)}
     faults = [each.message for each in found.values() if not each.passed]

@@ -94,6 +94,6 @@ def test_half_a_pair_becomes_an_escape() -> None:
         b'{"serial": 7, "error": "' + b'x' * 5000 + b'"}',
     ],
 )
-def test_what_is_no_reply_is_refused(line: bytes) -> None:
+def test_a_reply_of_another_shape_is_refused(line: bytes) -> None:
     with pytest.raises(ValueError, match=r'\w'):
         parsed(line, 7)

@@ -41,7 +41,7 @@ def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Gr
     )
 
 
-def test_gradescope_is_told_each_criterion() -> None:
+def test_gradescopes_results_have_each_criterion() -> None:
     content = json.loads(report.gradescope(grade()))
 
     assert content['score'] == 8.25
@@ -60,7 +60,7 @@ def test_gradescope_is_told_each_criterion() -> None:
     assert second['status'] == 'passed'
 
 
-def test_the_html_report_says_what_is_hostile_and_does_not_do_it() -> None:
+def test_the_html_report_shows_hostile_text_without_running_it() -> None:
     text = report.page(grade(HOSTILE, drawn=False))
 
     assert text.count(str(escape(HOSTILE))) == 6
@@ -118,7 +118,7 @@ def test_no_cell_is_a_formula_wherever_a_spreadsheet_splits_the_line(
     assert not [cell for cell in cells if cell.strip('"\' ').startswith(sign) and "'" not in cell]
 
 
-def test_no_mean_is_of_100_for_some_and_of_120_for_others() -> None:
+def test_the_mean_of_task_3_is_separate() -> None:
     ada, eve = grade_of('ada', 1.0), grade_of('eve', 3.0, third=4.0)
     gus = grade_of('gus', 0.0, third=-1.0)
 

@@ -66,7 +66,9 @@ def test_criteria_that_are_left_out_or_worth_nothing_do_not_count(tmp_path: Path
         ('seed: !!python/object:os.system 1', 'is not YAML'),
     ],
 )
-def test_what_is_wrong_is_said(tmp_path: Path, text: str, message: str) -> None:
+def test_a_wrong_rubric_is_refused_with_file_and_cause(
+    tmp_path: Path, text: str, message: str
+) -> None:
     with pytest.raises(UserError) as error:
         loaded(tmp_path, text)
 

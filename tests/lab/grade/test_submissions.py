@@ -125,7 +125,7 @@ def test_a_folder_of_one_archive_is_a_class_of_one(tmp_path: Path) -> None:
     assert find(tmp_path) == [path]
 
 
-def test_where_there_is_none_is_said(tmp_path: Path) -> None:
+def test_a_path_without_a_submission_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match='is not a submission and contains none'):
         find(tmp_path)
     with pytest.raises(UserError, match=r"there is no folder '.*nowhere': name one submission"):
@@ -163,7 +163,7 @@ def test_a_folder_gives_its_own_files_and_a_note_on_what_is_none(
 
 
 @pytest.mark.parametrize('is_archive', [False, True])
-def test_of_too_many_files_those_at_the_top_are_taken(tmp_path: Path, *, is_archive: bool) -> None:
+def test_of_too_many_files_the_top_ones_are_read(tmp_path: Path, *, is_archive: bool) -> None:
     names = [f'a/b/{i}' for i in range(MAX_ENTRIES + 1)] + ['controller.py']
     path = tmp_path / 'eve.zip'
     if is_archive:
@@ -213,7 +213,7 @@ def test_an_archive_is_read_from_where_its_files_are_and_nothing_leads_out(tmp_p
     ('eve.rar', b'', 'a single .rar file cannot be graded: hand in a .zip'),
     ('controller.py', b'class PID: pass', 'a single .py file cannot be graded: hand in a .zip'),
 ])  # fmt: skip
-def test_what_cannot_be_graded_has_a_remark(
+def test_a_file_that_cannot_be_graded_has_a_note(
     tmp_path: Path, name: str, data: bytes, note: str
 ) -> None:
     (tmp_path / name).write_bytes(data)
@@ -284,7 +284,7 @@ def test_files_that_cannot_be_written_are_left_out(
     assert note in ' '.join(submission.notes)
 
 
-def test_a_broken_member_is_told_of(tmp_path: Path) -> None:
+def test_a_damaged_file_of_an_archive_is_named(tmp_path: Path) -> None:
     path = zipped(tmp_path / 'eve.zip', **{'controller.py': b'x' * 1000})
     data = bytearray(path.read_bytes())
     data[45:50] = b'\xff' * 5

@@ -68,7 +68,7 @@ def test_the_references_own_folder_drives_the_reference_bit_for_bit(reference: P
         assert np.array_equal(getattr(log, name), getattr(expected, name), equal_nan=True), name
 
 
-def test_what_is_beyond_the_limit_is_cut_and_told(controller: UserController) -> None:
+def test_an_output_beyond_the_limit_is_cut_and_marked_saturated(controller: UserController) -> None:
     controller.output_min, controller.output_max = -8.0, 8.0
     assert controller.acc_calculate(8.0, 0.0, 0.02) == 8.0
     assert controller.saturated
@@ -107,7 +107,7 @@ def test_commands_are_cut_to_the_cars_limits(tmp_path: Path) -> None:
     assert driver.command(1.1, 0.0) == (8.0, 0.5)
 
 
-def test_the_brake_is_not_up_to_the_relay(tmp_path: Path) -> None:
+def test_the_brake_works_with_any_relay(tmp_path: Path) -> None:
     driver = UserDriver(written(tmp_path, 'relay.py', 'relay = lambda x, z: (4, 0)'))
     driver.receive(FULL_BRAKE, 1.0)
     assert driver.command(1.1, 10.0).motor == -8.0

@@ -36,7 +36,7 @@ def test_a_helper_that_is_imported_late_is_the_folders_own(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize('helpers', ['', '1 / 0'])
-def test_nothing_is_left_behind(tmp_path: Path, helpers: str) -> None:
+def test_loading_leaves_no_module_or_path_behind(tmp_path: Path, helpers: str) -> None:
     before, path, finders = set(sys.modules), list(sys.path), list(sys.meta_path)
     own = folder(tmp_path, main='import helpers', helpers=helpers)
     with pytest.raises(ZeroDivisionError) if helpers else nullcontext():
@@ -56,7 +56,7 @@ def test_a_module_of_that_name_elsewhere_stays_what_it_is(
     assert sys.modules['helpers'] is elsewhere
 
 
-def test_modules_may_import_one_another(tmp_path: Path) -> None:
+def test_modules_can_import_each_other(tmp_path: Path) -> None:
     own = folder(
         tmp_path, main='import helpers', helpers='import main\ndef f(): return main.helpers'
     )

@@ -208,7 +208,7 @@ def controller(tmp_path: Path, text: str) -> Callable[..., UserObject]:
 
 
 @pytest.mark.parametrize('dt', ['dt', 'dt=None', '*, dt', 'gain=2, dt=None'])
-def test_dt_is_told_to_those_who_take_it(tmp_path: Path, dt: str) -> None:
+def test_a_controller_that_takes_dt_gets_dt(tmp_path: Path, dt: str) -> None:
     text = PID.replace('speed_current):', f'speed_current, {dt}):')
     text = text.replace('return self.proportional', 'return dt  #')
     assert controller(tmp_path, text)(1.0, 1.0, 1.0).acc_calculate(8.0, 7.0, 0.02) == 0.02
@@ -269,7 +269,7 @@ def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
     assert len(both.sources) == 4
 
 
-def test_what_is_printed_goes_where_it_is_wanted(
+def test_printed_text_goes_to_the_given_output(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = lab(

@@ -121,7 +121,7 @@ rospy.spin()
 )  # fmt: skip
 # The end of its time may reach a function that the test's own process calls at a collection.
 @pytest.mark.filterwarnings('ignore::pytest.PytestUnraisableExceptionWarning')
-def test_what_is_wrong_is_a_sentence(
+def test_each_fault_of_a_relay_program_has_one_sentence(
     load: Load, text: str, sentence: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('barc_sim.lab.user_code.relay_program._BUDGET', 0.5)

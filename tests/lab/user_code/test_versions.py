@@ -126,7 +126,7 @@ def test_random_numbers_give_the_same_points_each_time(tmp_path: Path) -> None:
     assert 'random numbers' in first[0].message
 
 
-def test_a_heading_may_be_wrapped(tmp_path: Path) -> None:
+def test_a_wrapped_heading_is_right(tmp_path: Path) -> None:
     path = tmp_path / 'bike_model.py'
     wrapped = (
         'psi_next = (psi_next + 3.141592653589793) % (2 * 3.141592653589793) - 3.141592653589793'
