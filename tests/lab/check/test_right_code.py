@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import CONTROLLER, MODEL, replaced
 
-from barc_sim.lab.confined.process import JudgedCode, Limits
+from barc_sim.lab.confined.process import JudgedCode, ProcessLimits
 from barc_sim.lab.judge import Functions, Settings
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.relay import LABELS as RELAY
-from barc_sim.lab.law import Law, Situation
+from barc_sim.lab.law import Law, LawSituation
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -154,9 +154,9 @@ def test_a_missing_file_is_skipped_and_gets_no_points(lab: Lab, model: str) -> N
 
 def test_a_function_that_returns_one_number_is_judged(tmp_path: Path) -> None:
     (tmp_path / 'identify.py').write_text('def command(t):\n    return 2.0 * t\n')
-    situation = Situation('any time', ['command'], {'t': (0.0, 60.0)})
+    situation = LawSituation('any time', ['command'], {'t': (0.0, 60.0)})
     law = Law({'command': '2.0 * t'}, (), {'command': (situation,)})
     functions = Functions(law, {'command': ('command',)}, {'command': 'stop.command'}, count=10)
-    with JudgedCode(tmp_path, Limits(confined=False)) as code:
+    with JudgedCode(tmp_path, ProcessLimits(confined=False)) as code:
         findings, _ = functions.judge(code, seed=0)
     assert [each.message for each in findings] == ['right in all 10 cases']
