@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from command_line import barc
 from terminal_session import READY, Session
-from user_files import IDENTIFY, LANE, MODEL, RACELINE
+from user_files import IDENTIFY, LANE, MODEL, RACELINE, user_text
 
 from barc_sim.bags.reader import newest, read
 from barc_sim.lab.labs.identify import car_of
@@ -23,20 +23,7 @@ from barc_sim.lab.labs.identify import car_of
 if TYPE_CHECKING:
     from pathlib import Path
 
-CONTROLLER = """\
-class PID:
-    def __init__(self, kp, ki, kd):
-        self.kp, self.ki, self.kd = kp, ki, kd
-        self.sum = 0.0
-        self.before = None
-
-    def acc_calculate(self, speed_reference, speed_current):
-        error = speed_reference - speed_current
-        self.sum += error * 0.02
-        rate = 0.0 if self.before is None else (speed_current - self.before) / 0.02
-        self.before = speed_current
-        return self.kp * error + self.ki * self.sum - self.kd * rate
-"""
+CONTROLLER = user_text('pid_of_journey.py')
 CALL = '\n\npid = PID(kp=10, ki=20, kd=0.1)\n'
 RELAY = 'def relay(linear_x, angular_z):\n    return [8.0 * linear_x, 0.3 * angular_z]\n'
 ENGINE = ('--engine', 'local', '--realtime-factor')

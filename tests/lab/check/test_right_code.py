@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from user_files import CONTROLLER, MODEL, replaced
+from user_files import CONTROLLER, MODEL, replaced, user_text
 
 from barc_sim.lab.confined.process import JudgedCode, ProcessLimits
 from barc_sim.lab.judge import Functions, Settings
@@ -23,23 +23,7 @@ if TYPE_CHECKING:
 
     Lab = Callable[..., LocalCode]
 
-NUMPY_MODEL = """\
-import numpy as np
-
-
-class Car:
-    g = 9.8
-    lengths = np.array([1.5, 1.5])
-
-
-def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts, car=Car()):
-    l_f, l_r = car.lengths
-    beta = np.arctan(np.tan(d_f) * l_r / (l_f + l_r))
-    F_ext = -m * car.g * np.sin(theta) - a0 * v * np.abs(v) - np.copysign(Ff, v)
-    rate = np.array([v * np.cos(psi + beta), v * np.sin(psi + beta), v / l_r * np.sin(beta),
-                     a + F_ext / m])
-    return np.array([x, y, psi, v]) + ts * rate
-"""
+NUMPY_MODEL = user_text('numpy_model.py')
 
 MODELS = {
     'list': ('', ''),
@@ -51,25 +35,7 @@ MODELS = {
     'a print': ('    beta =', '    print(v)\n    beta ='),
 }
 
-ON_MEASUREMENT = """\
-class PID:
-    def __init__(self, kp, ki, kd, dt=0.02, limit=8.0):
-        self.gains = kp, ki, kd
-        self.integral = self.last = 0.0
-        self.limit = limit
-
-    def acc_calculate(self, speed_reference, speed_current, dt):
-        kp, ki, kd = self.gains
-        e = speed_reference - speed_current
-        out = kp * e + self.integral - kd * (speed_current - self.last) / dt
-        self.last = speed_current
-        if -self.limit < out < self.limit:
-            self.integral += ki * e * dt
-        return min(max(out, -self.limit), self.limit)
-
-
-pid = PID(30, 200, 0.1)
-"""
+ON_MEASUREMENT = user_text('pid_on_measurement.py')
 
 CONTROLLERS = {
     'plain': ('', ''),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from relays import ROS_2
+from user_files import user_text
 
 from barc_sim.lab.confined.process import JudgedCode, ProcessLimits
 from barc_sim.lab.grade.grade import grade, load
@@ -19,25 +20,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.usefixtures('confinement')
 
 #: Prints each module, open file and folder of barc_sim that could have the answers.
-LOOK = """
-import gc, os, sys
-
-def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
-    rooms = ('vehicle', 'control', 'simulation', 'lab.judge', 'lab.labs', 'lab.grade')
-    rooms = tuple(f'barc_sim.{room}' for room in rooms)
-    print([name for name in sys.modules if name.startswith(rooms)])
-    modules = [str(getattr(each, '__module__', '')) for each in gc.get_objects()]
-    print([name for name in modules if name.startswith(rooms)])
-    print([path for path in sys.path if os.path.isdir(path) and 'barc_sim' in os.listdir(path)])
-    links = []
-    for number in range(3, 64):
-        try:
-            links.append(os.readlink(f'/proc/self/fd/{number}'))
-        except OSError:
-            pass
-    print([path for path in links if path.startswith('/')])
-    return [1.0, 2.0, 3.0, 4.0]
-"""
+LOOK = user_text('look_for_answers.py')
 #: Each gives the answers to whoever can run it.
 GRABS = (
     "import sys; bikeFE = sys.modules['barc_sim.vehicle.bike_model'].bikeFE",

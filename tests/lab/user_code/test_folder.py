@@ -10,6 +10,7 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import user_text
 
 from barc_sim.lab.user_code.folder import AbsentModuleError, Folder, OutOfTime, TimeBudget
 
@@ -99,34 +100,7 @@ def test_a_dataclass_with_annotations_as_text_can_be_made(tmp_path: Path) -> Non
     assert own.load(own.path / 'main.py').A().x == 1
 
 
-ROS_1 = """\
-#!/usr/bin/env python
-import rospy
-from barc.msg import ECU, Z_DynBkMdl
-from labs.msg import *
-from std_msgs.msg import Float64
-from .bike_model import bikeFE
-from . import input_map
-import matplotlib.pyplot as plt
-from math import sin
-
-rospy.init_node('x')
-
-def clock():
-    return rospy.get_time() - 1.0
-
-class PID(rospy.SubscribeListener):
-    pass
-
-def main():
-    while not rospy.is_shutdown():
-        rospy.sleep(1.0)
-
-try:
-    main()
-except rospy.ROSInterruptException:
-    pass
-"""
+ROS_1 = user_text('ros_1_program.py')
 
 
 def test_the_labs_files_for_ros_1_are_loaded_as_they_are(tmp_path: Path) -> None:
