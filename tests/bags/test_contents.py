@@ -83,7 +83,7 @@ def test_the_messages_of_any_recorder_are_read_in_order(path: Path) -> None:
     )
 
 
-def test_a_bag_is_read_as_often_as_one_likes(ours: Path) -> None:
+def test_a_bag_can_be_read_several_times(ours: Path) -> None:
     contents = Contents(ours)  # `barc play --loop` does it for hours
     assert {sum(1 for _ in contents.messages()) for _ in range(60)} == {440}
 
@@ -97,7 +97,7 @@ def test_info_prints_what_is_in_it(path: Path) -> None:
     assert 'Duration:  3.990000000 s' in out
 
 
-def test_without_a_name_the_newest_bag_is_meant(
+def test_info_without_a_path_describes_the_newest_bag(
     ours: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / 'bags').symlink_to(ours.parent)
@@ -130,7 +130,7 @@ def test_chunks_of_each_compression_are_read(tmp_path: Path, compression: Compre
     assert [message.received for message in Contents(tmp_path).messages()] == [*range(100)]
 
 
-def test_what_is_kept_is_bounded_for_all_files_of_a_bag(
+def test_topics_and_metadata_in_memory_are_bounded_over_all_files(
     parts: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('barc_sim.bags.bounds.MAX_KEPT', 20_000)
@@ -146,7 +146,7 @@ def test_what_is_kept_is_bounded_for_all_files_of_a_bag(
         Contents(tmp_path)
 
 
-def test_a_message_that_unpacks_to_too_much_is_left_as_it_is(tmp_path: Path) -> None:
+def test_a_message_that_unpacks_to_too_much_stays_compressed(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path)
     bomb = zstandard.compress(bytes(40 << 20))
     writer.write([BagMessage(topic('/a', 'std_msgs/msg/Header'), bomb, 1, 1, 1)])
@@ -208,7 +208,7 @@ def converted(
 
 
 @pytest.mark.parametrize('compression', [None, 'zstd'])
-def test_a_bag_of_sqlite3_is_named_with_what_converts_it(
+def test_the_error_for_an_sqlite3_bag_has_the_command_that_converts_it(
     parts: list[Path],
     tmp_path: Path,
     converted: Callable[[Path], tuple[str, dict[str, int]]],
@@ -318,7 +318,9 @@ def test_the_conversion_of_a_bag_without_definitions_works_as_printed(
     assert counts == {'/marker': 1, '/ecu': 1}
 
 
-def test_a_file_that_is_no_sqlite3_is_named_with_its_conversion(tmp_path: Path) -> None:
+def test_the_error_for_an_invalid_sqlite3_file_has_the_command_that_converts_it(
+    tmp_path: Path,
+) -> None:
     file = tmp_path / 'a.db3'
     file.write_bytes(b'no database')
     assert f'--src {file} --dst NEW --dst-storage mcap`' in refused('info', str(file))

@@ -79,7 +79,7 @@ def test_a_topic_becomes_a_csv_file(robot: Path, tmp_path: Path) -> None:
         assert [row['ranges'] for row in csv.DictReader(file)][1] == '[0.0, 1.0]'
 
 
-def test_topics_of_like_names_get_tables_of_their_own(tmp_path: Path) -> None:
+def test_topics_with_similar_names_get_separate_tables(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path)
     topics = ('/a-b', '/a_b', '/A_b', '/a/b', '/a.b', '/' + 'é' * 300)
     for k, name in enumerate(topics):
@@ -108,7 +108,9 @@ def test_events_of_a_service_become_a_table(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-def test_what_cannot_be_converted_is_one_sentence(robot: Path, tmp_path: Path) -> None:
+def test_a_bag_that_cannot_be_converted_is_refused_in_one_sentence(
+    robot: Path, tmp_path: Path
+) -> None:
     (tmp_path / 'link').symlink_to(tmp_path / 'victim')
     for output in (tmp_path, tmp_path / 'link'):
         assert refused('convert', str(robot), '-o', str(output)).endswith('name a new --output')
@@ -253,7 +255,7 @@ def recovered(path: Path) -> Path:
     return output
 
 
-def test_a_killed_runs_bag_becomes_whole(killed: Path) -> None:
+def test_recover_completes_the_bag_of_a_killed_run(killed: Path) -> None:
     whole = recovered(killed)
     assert [message.number for message in messages(whole)] == list(range(1000))
     information = yaml.safe_load((whole / 'metadata.yaml').read_text())
@@ -284,7 +286,9 @@ def test_a_damaged_chunk_is_left_out(killed: Path, place: int, flip: int, left: 
     assert count == left if left else 0 < count < 1000
 
 
-def test_full_disk_leaves_nothing_behind(killed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recover_on_a_full_disk_leaves_no_directory(
+    killed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object) -> None:
         raise OSError(28, 'No space left on device')
 

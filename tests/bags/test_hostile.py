@@ -234,7 +234,7 @@ print(code, used.ru_maxrss << 10, used.ru_utime + used.ru_stime)
 
 
 @pytest.mark.parametrize(('write', 'sentence'), CASES)
-def test_a_hostile_bag_ends_soon_in_a_result_or_a_sentence(
+def test_a_hostile_bag_soon_gives_a_result_or_one_sentence(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     write: Callable[[Path], None],

@@ -74,7 +74,7 @@ def test_missed_commands_are_read_back(tmp_path: Path, log: Log) -> None:
     assert_same(bag.read(written(tmp_path, late)), late)
 
 
-def test_terms_that_are_no_pids_are_read_back_by_name(tmp_path: Path) -> None:
+def test_terms_of_other_controllers_are_read_back_by_name(tmp_path: Path) -> None:
     expected = closed_loop(controller=LQR(output_min=-8.0, output_max=8.0), distance=25.0)
     assert [*expected.own_terms] == [*LQR.terms]
     assert_same(bag.read(written(tmp_path, expected)), expected)
@@ -109,7 +109,7 @@ def test_a_run_on_a_track_is_read_back_with_the_places(tmp_path: Path, law: type
     ],
     ids=lambda text: text[:50],
 )
-def test_a_strangers_track_that_is_none_is_unknown(tmp_path: Path, text: str) -> None:
+def test_an_invalid_track_in_a_bag_counts_as_unknown(tmp_path: Path, text: str) -> None:
     log = closed_loop(Plant(track=Track.named('oval')), distance=1.0, lane=LaneLQR())
     assert isinstance(log, TrackLog)
     assert log.track
@@ -154,7 +154,7 @@ def test_a_term_may_have_the_name_of_a_tracks_column_on_a_road(
     assert_same(bag.read(written(tmp_path, expected)), expected)
 
 
-def test_of_several_cars_one_has_to_be_named(tmp_path: Path, log: Log) -> None:
+def test_a_bag_of_several_cars_is_read_by_namespace(tmp_path: Path, log: Log) -> None:
     path = written(tmp_path, log, '/car2', '')
     with pytest.raises(UserError, match=r'several cars, /, /car2: name one, as in --namespace /'):
         bag.read(path)
@@ -168,7 +168,7 @@ def test_info_is_the_newest_metadata(run: Path) -> None:
     assert bag.info(run) == {'command': 'acc', 'kp': '31.0', 'missed': '0'}
 
 
-def test_an_unfinished_bag_is_read_as_far_as_it_goes(
+def test_an_unfinished_bag_is_read_up_to_its_last_whole_record(
     tmp_path: Path, log: Log, caplog: pytest.LogCaptureFixture
 ) -> None:
     writer = start(tmp_path / 'run')
@@ -205,7 +205,7 @@ def test_the_bag_written_to_last_is_the_newest(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('root', ['.', 'missing'])
-def test_without_a_bag_the_folder_is_named(
+def test_the_error_without_a_bag_names_the_folder(
     tmp_path: Path, root: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -228,7 +228,7 @@ def test_without_a_bag_the_folder_is_named(
     ],
 )
 @pytest.mark.parametrize('read', [bag.read, bag.info])
-def test_what_is_no_bag_is_named(
+def test_the_error_names_a_path_that_is_not_a_bag(
     tmp_path: Path, read: Callable[[Path], object], make: Callable[[Path], object], sentence: str
 ) -> None:
     path = tmp_path / 'bag'
@@ -238,7 +238,7 @@ def test_what_is_no_bag_is_named(
         read(path)
 
 
-def test_a_topic_of_that_name_and_another_type_is_no_car(tmp_path: Path) -> None:
+def test_a_topic_with_another_type_than_the_state_is_not_a_car(tmp_path: Path) -> None:
     writer = start(tmp_path / 'run')
     topic = Topic(
         name='/z_vhcl',
@@ -298,7 +298,7 @@ def test_rows_are_in_the_order_of_the_stamps_whatever_the_order_of_the_file() ->
     assert log.t.tolist() == [0.0, 0.02, 0.04]
 
 
-def test_every_topic_finds_its_state_by_the_stamp() -> None:
+def test_messages_belong_to_the_state_with_their_stamp() -> None:
     samples = {STATE: [state(k) for k in range(4)]}
     for topic, fields in TOPICS.items():
         if topic != STATE:
@@ -313,7 +313,7 @@ def test_every_topic_finds_its_state_by_the_stamp() -> None:
         np.testing.assert_array_equal(values, [np.nan, 10.0, np.nan, 30.0])
 
 
-def test_places_that_belong_to_no_state_are_no_run_on_a_track() -> None:
+def test_track_states_without_a_state_make_no_track_log() -> None:
     place = Sample(0, 0, (1.0,) * len(TOPICS['track_vhcl']))
     assert type(join({STATE: [state(0)], 'track_vhcl': [place]})) is Log
 
@@ -372,7 +372,7 @@ def test_a_state_without_a_record_had_no_deadline() -> None:
 
 
 @pytest.mark.parametrize(('far', 'refused'), [(0.9e9, False), (1.1e9, True)])
-def test_a_car_farther_off_than_a_run_can_be_is_refused(
+def test_a_car_too_far_from_the_start_is_refused(
     tmp_path: Path, log: Log, far: float, *, refused: bool
 ) -> None:
     path = written(tmp_path, replace(log, y=np.full(len(log), far)))
@@ -380,7 +380,7 @@ def test_a_car_farther_off_than_a_run_can_be_is_refused(
         bag.read(path)
 
 
-def test_more_terms_than_a_controller_has_are_refused() -> None:
+def test_more_than_64_terms_are_refused() -> None:
     samples = Samples(0)
     samples.add(1, 1, (), dict.fromkeys(map(str, range(64)), 0.0))
     with pytest.raises(ValueError, match='terms'):

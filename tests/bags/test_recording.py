@@ -43,7 +43,7 @@ def test_a_folder_without_write_permission_is_named(
         check_root(tmp_path / 'bags')
 
 
-def test_what_the_system_refuses_is_one_sentence(
+def test_a_directory_that_the_system_refuses_is_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
@@ -54,7 +54,7 @@ def test_what_the_system_refuses_is_one_sentence(
         make_directory(None, tmp_path / 'bags')
 
 
-def test_a_link_to_nothing_is_no_folder_for_bags(tmp_path: Path) -> None:
+def test_a_broken_link_is_refused_as_a_folder_for_bags(tmp_path: Path) -> None:
     (tmp_path / 'bags').symlink_to(tmp_path / 'gone')
     with pytest.raises(UserError, match=r'\(File exists\): name another folder'):
         make_directory(None, tmp_path / 'bags')

@@ -66,7 +66,7 @@ def test_each_car_has_a_table_whatever_its_name(tmp_path: Path, log: Log) -> Non
     assert sorted(path.name for path in tmp_path.iterdir()) == ['bag', 'out']
 
 
-def test_a_topic_of_that_name_keeps_its_table(tmp_path: Path, log: Log) -> None:
+def test_a_topic_with_the_name_of_the_runs_table_keeps_its_own(tmp_path: Path, log: Log) -> None:
     (tmp_path / 'bag').mkdir()
     writer = BagWriter(tmp_path / 'bag')
     fill(writer, log)
@@ -78,7 +78,7 @@ def test_a_topic_of_that_name_keeps_its_table(tmp_path: Path, log: Log) -> None:
     assert 'motor' in columns(folder / 'run_.csv')
 
 
-def test_what_is_no_run_has_no_table(tmp_path: Path) -> None:
+def test_a_bag_without_a_run_gets_no_table(tmp_path: Path) -> None:
     (tmp_path / 'bag').mkdir()
     writer = BagWriter(tmp_path / 'bag')
     writer.write([BagMessage(VALUE, bytes([0, 1, 0, 0, *bytes(8)]), 1, 1, 1)])

@@ -175,7 +175,7 @@ def appender(file: Path) -> Iterator[AtomicAppender]:
     appender.close()
 
 
-def test_block_that_does_not_fit_changes_nothing_and_can_be_tried_again(
+def test_a_block_that_does_not_fit_leaves_the_file_as_it_was_and_can_be_retried(
     appender: AtomicAppender, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     appender.write(b'abc')

@@ -93,7 +93,7 @@ def test_messages_are_written_in_order_of_reception(
 
 
 @pytest.mark.parametrize('messages', [3, 5000], ids=['less than a chunk', 'several chunks'])
-def test_what_the_disk_refuses_to_the_end_is_counted(
+def test_messages_that_the_disk_refuses_until_the_end_are_counted(
     idle: WriterThread,
     tmp_path: Path,
     source: Source,
@@ -164,7 +164,7 @@ def test_messages_of_a_removed_bag_are_lost(
 
 
 @pytest.mark.parametrize('share', [0.0, 0.5, 0.9, 2.0])
-def test_what_another_process_truncates_is_lost_and_the_rest_is_read(
+def test_messages_that_another_process_truncates_count_as_lost_and_the_rest_is_read(
     idle: WriterThread, source: Source, failures: list[str], tmp_path: Path, share: float
 ) -> None:
     file = tmp_path / 'run' / 'run_0.mcap'

@@ -337,7 +337,7 @@ def test_a_name_that_looks_like_a_shortened_one_is_shortened_itself(tmp_path: Pa
     assert forged.name.startswith(long.name[:50])
 
 
-def test_what_is_entered_while_a_class_is_graded_stays(tmp_path: Path) -> None:
+def test_entries_made_during_grading_are_kept(tmp_path: Path) -> None:
     entered = tmp_path / 'ada' / BY_HAND
     done = Grade('ada', Rubric({}), (), files={'report.html': b'1'})
 
@@ -377,7 +377,7 @@ _HOSTILE_CODE = {
 @pytest.mark.slow
 @pytest.mark.timeout(1200)  # 45 gradings
 @pytest.mark.usefixtures('graded')  # where code can be confined
-def test_the_honest_half_of_a_class_gets_what_it_gets_alone(tmp_path: Path) -> None:
+def test_honest_submissions_get_the_same_points_in_a_class_as_alone(tmp_path: Path) -> None:
     folder, out = tmp_path / 'class', tmp_path / 'grades'
     for name, files in (_HONEST | _HOSTILE_CODE).items():
         (folder / name).mkdir(parents=True)

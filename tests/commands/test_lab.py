@@ -163,7 +163,7 @@ def test_a_folder_has_the_templates_and_how_to_go_on_is_printed(
 
 
 @pytest.mark.parametrize('name', TEMPLATES)
-def test_nothing_is_written_over(tmp_path: Path, name: str) -> None:
+def test_no_file_is_overwritten(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text('mine')
     assert f'already has {name}' in refused('new', str(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == [name]

@@ -122,7 +122,7 @@ def test_a_file_that_is_none_is_refused_by_all() -> None:
 
 @pytest.mark.parametrize('name', sorted(LIMITS.keys() - {'disturbance'}))  # which takes a file, too
 @pytest.mark.parametrize('value', [nan, -inf, '1', None, True, [1.0]])
-def test_no_field_takes_what_is_no_number(name: str, value: object) -> None:
+def test_every_field_refuses_a_value_that_is_not_a_number(name: str, value: object) -> None:
     why = sentence(Scenario, {name: value})
     assert ' is not a ' in why
     if name != 'laps':  # of `lap`

@@ -155,7 +155,9 @@ def test_what_cannot_be_done_is_one_sentence(
 
 @pytest.mark.parametrize('command', ['plot', 'replay'])
 @pytest.mark.parametrize('name', ['missing', 'empty', 'empty.mcap', 'foreign.mcap'])
-def test_a_bag_that_is_none_is_refused_in_a_line(tmp_path: Path, command: str, name: str) -> None:
+def test_a_path_that_is_not_a_bag_is_refused_in_one_line(
+    tmp_path: Path, command: str, name: str
+) -> None:
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'empty.mcap').touch()
     (tmp_path / 'foreign.mcap').write_text('not a bag')

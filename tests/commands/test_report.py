@@ -100,7 +100,7 @@ def test_the_users_code_is_shown_line_by_line(tmp_path: Path) -> None:
     assert (bag / 'report.html').read_text().count('<span class="line">') == 4
 
 
-def test_whatever_others_have_written_is_text(tmp_path: Path) -> None:
+def test_texts_from_others_are_escaped(tmp_path: Path) -> None:
     keys = ('command', 'kp', 'platform', 'failure', 'road')
     bag = make(
         tmp_path / EVIL.replace('/', '').replace('"', ''),
@@ -141,7 +141,7 @@ def test_laps_of_a_track_name_it_and_the_steering_law(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('graph', ['[]', '{"nodes": 1}'])
-def test_a_graph_that_means_nothing_is_left_out(tmp_path: Path, graph: str) -> None:
+def test_an_invalid_graph_is_left_out(tmp_path: Path, graph: str) -> None:
     bag = make(tmp_path / 'bag', closed_loop(distance=1.0), {'graph': graph})
     assert 'The graph was not recorded.' in page_of(bag).text
 
@@ -152,7 +152,7 @@ def test_numbers_that_no_run_reaches_are_left_out(tmp_path: Path) -> None:
     page_of(make(tmp_path / 'bag', log))
 
 
-def test_the_page_goes_where_it_is_wanted(tmp_path: Path) -> None:
+def test_the_page_is_written_to_the_requested_path(tmp_path: Path) -> None:
     bag, path = make(tmp_path / 'bag', closed_loop(distance=1.0)), tmp_path / 'page.html'
     assert printed('report', str(bag), '-o', str(path)) == f'{path}\n'
     assert path.is_file()

@@ -179,7 +179,9 @@ STRANGE: dict[bytes, dict[str, str]] = {
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)  # 60 gradings
-def test_twenty_of_a_class_of_forty_get_what_they_get_alone(tmp_path: Path) -> None:
+def test_twenty_submissions_get_the_same_points_in_a_class_of_forty_as_alone(
+    tmp_path: Path,
+) -> None:
     try:
         check(ProcessLimits())
     except UserError as error:

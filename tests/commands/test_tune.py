@@ -73,7 +73,7 @@ def test_of_several_roads_each_has_a_table_and_a_line(tmp_path: Path) -> None:
     ]
 
 
-def test_an_own_controller_is_tuned(tmp_path: Path) -> None:
+def test_a_users_controller_is_tuned(tmp_path: Path) -> None:
     path = tmp_path / 'my controller.py'
     path.write_text(
         'class PID:\n'

@@ -379,7 +379,7 @@ def test_runs_on_different_courses_cannot_be_compared(others: list[Log], sentenc
         plot(lap(track='oval', laps=1), *others)
 
 
-def test_a_plot_goes_into_axes_that_are_given(log: Log) -> None:
+def test_plot_draws_into_the_users_axes(log: Log) -> None:
     left, right = Figure().subplots(1, 2)
     assert log.plot(log, ax=right) is right.figure
     assert (len(left.get_lines()), len(right.get_lines())) == (0, 4)

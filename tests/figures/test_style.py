@@ -99,7 +99,7 @@ def test_the_road_of_a_run_is_the_one_that_it_drove_on() -> None:
         np.testing.assert_allclose(road.horizontal(s), lab.horizontal(s), atol=0.03)
 
 
-def test_where_no_road_was_recorded_there_is_none_and_the_last_grade_goes_on() -> None:
+def test_a_run_without_grades_has_no_road_and_the_last_grade_continues() -> None:
     log = closed_loop()
     assert driven_road(replace(log, theta_deg=np.full(len(log), np.nan))) is None
     theta_deg = log.theta_deg.copy()

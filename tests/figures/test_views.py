@@ -198,7 +198,7 @@ def test_drives_by_hand_are_seen_from_above_and_others_from_the_side(by_hand: Lo
     assert isinstance(drawn(uphill), SideView)
 
 
-def test_what_is_unknown_is_a_dash_and_a_single_state_is_shown(hills: Log, by_hand: Log) -> None:
+def test_unknown_readings_are_a_dash_and_a_single_state_is_drawn(hills: Log, by_hand: Log) -> None:
     unknown = np.full(len(hills), np.nan)
     for log in (replace(hills, motor=unknown), by_hand.map(lambda column: column[:1])):
         view = drawn(log)
@@ -224,7 +224,7 @@ def test_a_film_shows_first_and_last_state_and_lasts_as_long_as_the_run(fps: int
     assert np.diff(times)[:-1] == pytest.approx(1 / fps)
 
 
-def test_a_frame_is_what_drawing_everything_anew_gives(view: SideView) -> None:
+def test_a_frame_equals_a_full_redraw(view: SideView) -> None:
     quick = [image.copy() for image in frames(view, [0.0, 3.3, 1.0])]
     for artist in view.artists:
         artist.set_animated(False)

@@ -41,7 +41,7 @@ def table(data: bytes) -> dict[str, Any]:
     return dict(zip(COLUMNS, columns, strict=True))
 
 
-def test_what_never_came_is_nan_and_the_measurement_counts_as_true() -> None:
+def test_values_without_a_message_are_nan_and_the_measurement_counts_as_true() -> None:
     row = add(Feed(), message(1, x=3.0, y=4.0, psi=0.5, v_x=6.0, v_y=8.0))
     assert (row['x'], row['y'], row['psi'], row['speed']) == (3.0, 4.0, 0.5, 6.0)
     for name in ('theta_deg', 'elevation', 'motor', 'servo', 'reference', 'integral'):

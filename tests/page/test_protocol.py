@@ -91,7 +91,7 @@ def test_requests_are_understood(message: str, request_: object) -> None:
 
 
 @pytest.mark.parametrize('message', MALFORMED, ids=lambda message: repr(message)[:40])
-def test_what_no_page_sends_is_refused(message: str | bytes) -> None:
+def test_a_request_that_no_page_sends_is_refused(message: str | bytes) -> None:
     with pytest.raises(RequestError):
         parse(message)
 

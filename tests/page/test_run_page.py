@@ -329,7 +329,7 @@ def joined(*logs: Log) -> Log:
 
 
 @in_browser
-def test_a_finger_pans(log: Log, played: Played) -> None:
+def test_a_finger_moves_the_chart(log: Log, played: Played) -> None:
     with played(log, width=740, height=360, touch=True) as tab:
         tab.click('#play')
         _seek(tab, 20.0)
@@ -451,7 +451,7 @@ CASES: dict[str, list[tuple[str, DriverInput | str, float, bool]]] = {
 
 
 @pytest.mark.parametrize('steps', CASES.values(), ids=CASES)
-def test_whose_keys_count_and_when_the_car_must_brake(
+def test_one_page_drives_and_the_car_brakes_without_its_driver(
     steps: list[tuple[str, DriverInput | str, float, bool]],
 ) -> None:
     drivers = DriverArbiter()

@@ -338,7 +338,7 @@ def test_close_sends_the_last_message_and_frees_the_port(server: ViewServer) -> 
     server.close()
 
 
-def test_an_address_that_cannot_be_had_is_named() -> None:
+def test_the_error_names_an_address_that_cannot_be_used() -> None:
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(UserError, match=f'on port {port} of .127.0.0.1.*--view-port'):
