@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from itertools import product
+from math import sin
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,14 @@ from matplotlib.figure import Figure
 from barc_sim.control.lane import LaneLQR
 from barc_sim.errors import UserError
 from barc_sim.figures import style
-from barc_sim.learning.preview import row_at
-from barc_sim.learning.tasks import AHEAD, TASKS
-from barc_sim.simulation.closed_loop import lap
+from barc_sim.learning.preview import AHEAD, row_at
+from barc_sim.learning.tasks import TASKS, DrivingTask
+from barc_sim.simulation.closed_loop import lap, simulate
 from barc_sim.simulation.scenario import Scenario
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle
-from barc_sim.vehicle.plant import Actuator, NoiseLevels
-from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.plant import Actuator, NoiseLevels, Sensor
+from barc_sim.vehicle.road import Profile, Road
 from barc_sim.vehicle.track import Track
 
 gymnasium = pytest.importorskip('gymnasium', reason='needs the extra gym')
@@ -34,12 +35,21 @@ COURSE = slice(220, 360)  #: the rows of a picture that have the course and the 
 IDS = {name: f'barc_sim/{name}-v0' for name in ('Hills', 'Lane', 'Race')}
 NOISE = NoiseLevels(s=0.02, ey=0.02, epsi=0.01, v_x=0.05)
 RANGES = {'mass': (1000.0, 3000.0), 'delay': (0.0, 0.1), 'noise': (0.0, 0.1), 'l_r': (1.0, 2.0)}
+
+
+def wind(t: float, s: float) -> float:
+    """Return a force [N] that changes over time and place."""
+    return 500.0 * sin(t) + s
+
+
 OPTIONS: dict[str, dict[str, Any]] = {
     'plain': {},
     'noise': {'noise': NOISE},
     'delay': {'delay': 0.05, 'speed': 7.0},
     'ranges': {'ranges': RANGES, 'vehicle': Vehicle(air_drag_coeff=1.0)},
     'dynamic': {'dynamics': 'dynamic', 'noise': 0.1, 'ts': 0.01},
+    'late': {'sensor_delay': 0.05, 'noise': NOISE, 'ranges': {'disturbance': (-900.0, 900.0)}},
+    'actuators': {'integrator': 'rk4', 'motor': Actuator(delay=0.03, lag=0.1), 'disturbance': wind},
     'tyres': {'dynamics': 'dynamic', 'ranges': {'front_stiffness': (8e4, 1.5e5)}, 'delay': 0.033},
 }
 ELSEWHERE: dict[str, dict[str, Any]] = {
@@ -53,6 +63,17 @@ ELSEWHERE: dict[str, dict[str, Any]] = {
     },
 }
 OPEN = Track((30.0, 20.0), (0.0, 0.05))
+GUST = Profile('time_s', (0.0, 0.2, 0.2), (0.0, 2000.0, 0.0))
+SCENARIO = Scenario(
+    track='oval',
+    road=Road((0.0, 30.0), (5.0, -3.0)),
+    vehicle=Vehicle(mass=1500.0),
+    servo=Actuator(lag=0.2),
+    noise=NOISE,
+    disturbance=GUST,
+    speed_reference=7.0,
+    max_duration=5.0,
+)
 INFO = ('s', 'e_y', 'lap', 'lap_time')
 CASES = [(name, options) for name in IDS for options in (*OPTIONS.values(), ELSEWHERE[name])]
 
@@ -80,7 +101,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 
 
 @pytest.mark.parametrize(('name', 'mode'), [*product(IDS, (None, 'rgb_array')), ('Lane', 'human')])
-def test_gymnasium_accepts_each_picture(name: str, mode: str, shown: list[Figure]) -> None:
+def test_gymnasium_accepts_each_render_mode(name: str, mode: str, shown: list[Figure]) -> None:
     env = gymnasium.make(IDS[name], render_mode=mode, ts=0.01)
     check_env(env.unwrapped)
     assert env.metadata['render_fps'] == 100
@@ -126,7 +147,9 @@ def test_a_window_shows_each_step_until_it_is_closed(shown: list[Figure]) -> Non
     env.close()
 
 
-def test_no_display_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_display_a_warning_says_so_and_the_environment_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(style, 'window', lambda *_: None)
     env = gymnasium.make(IDS['Hills'], render_mode='human')
     with pytest.warns(UserWarning, match='there is no display, so no window opens'):
@@ -136,7 +159,8 @@ def test_no_display_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def actions_of(shape: tuple[int, ...], steps: int) -> Any:  # noqa: ANN401 (arrays)
     """Yield smooth random actions, some beyond their bounds."""
-    random, action = np.random.default_rng(0), np.zeros(shape)
+    random = np.random.default_rng(0)
+    action = np.zeros(shape)
     for _ in range(steps):
         action = 0.9 * action + 0.2 * random.standard_normal(shape)
         yield action.astype(np.float32)
@@ -145,26 +169,27 @@ def actions_of(shape: tuple[int, ...], steps: int) -> Any:  # noqa: ANN401 (arra
 def rows(result: Any) -> list[Any]:  # noqa: ANN401 (of reset or step)
     """Return the numbers of all cars, each as an array."""
     *values, info = result
-    times = np.array([len(each) + sum(each) for each in info.get('lap_times', [()])])
+    times = np.array([len(laps) + sum(laps) for laps in info.get('lap_times', [()])])
     return [*values, times, *(info[name] for name in INFO if name in info)]
 
 
 def assert_same(name: str, options: dict[str, Any], cars: int, steps: int) -> int:
     """Assert that a batch is its cars one by one; return how many episodes have ended."""
-    kinds = {'max_episode_steps': 200, **options}
-    batch, single = (
-        gymnasium.make_vec(IDS[name], cars, vectorization_mode=mode, **kinds)
-        for mode in ('vector_entry_point', 'sync')
-    )
+    kinds = {'num_envs': cars, 'max_episode_steps': 200, **options}
+    batch = gymnasium.make_vec(IDS[name], vectorization_mode='vector_entry_point', **kinds)
+    single = gymnasium.make_vec(IDS[name], vectorization_mode='sync', **kinds)
     assert batch.metadata['autoreset_mode'] == single.metadata['autoreset_mode']
     actions = [*actions_of(batch.action_space.shape, steps)]
-    firsts = [rows(env.reset(seed=3)) for env in (batch, single)]
-    for ours, theirs in zip(*firsts, strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-    ours, theirs = ([rows(env.step(action)) for action in actions] for env in (batch, single))
-    for left, right in zip(zip(*ours, strict=True), zip(*theirs, strict=True), strict=True):
+    for left, right in zip(rows(batch.reset(seed=3)), rows(single.reset(seed=3)), strict=True):
         np.testing.assert_array_equal(left, right)
-    return int(np.array([each[2] | each[3] for each in ours]).sum())
+    ends = 0
+    for action in actions:
+        ours = rows(batch.step(action))
+        theirs = rows(single.step(action))
+        for left, right in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(left, right)
+        ends += int((ours[2] | ours[3]).sum())
+    return ends
 
 
 @pytest.mark.parametrize(('name', 'options'), CASES)
@@ -187,7 +212,7 @@ def test_a_batch_without_numba_is_its_cars(monkeypatch: pytest.MonkeyPatch) -> N
     for module in (batch, environments):
         monkeypatch.setattr(module, 'is_compiled', lambda: False)
     monkeypatch.setattr(environments, 'compiled_for', lambda loop, *_: loop)
-    for name, options in CASES[3::4]:
+    for name, options in CASES[3::5]:
         assert_same(name, options, 2, 60)
 
 
@@ -213,9 +238,9 @@ def test_the_noise_has_the_levels_that_are_given() -> None:
     kinds: dict[str, Any] = {'vectorization_mode': 'vector_entry_point', 'noise': NOISE}
     env = gymnasium.make_vec(IDS['Lane'], 2000, track='oval', **kinds)
     observation, _ = env.reset(seed=1, options={'s': 10.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 6.0})
-    means, levels = observation.mean(axis=0)[:3], observation.std(axis=0)[:3]
-    np.testing.assert_allclose(means, [0.0, 0.0, 6.0], atol=0.005)
-    np.testing.assert_allclose(levels, [NOISE.ey, NOISE.epsi, NOISE.v_x], rtol=0.1)
+    observed = observation[:, :3]
+    np.testing.assert_allclose(observed.mean(axis=0), [0.0, 0.0, 6.0], atol=0.005)
+    np.testing.assert_allclose(observed.std(axis=0), [NOISE.ey, NOISE.epsi, NOISE.v_x], rtol=0.1)
 
 
 def drive(env: Any, lane: LaneLQR, steps: int) -> list[tuple[float, float]]:  # noqa: ANN401
@@ -234,7 +259,7 @@ def drive(env: Any, lane: LaneLQR, steps: int) -> list[tuple[float, float]]:  # 
 
 
 @pytest.mark.parametrize('dynamics', ['kinematic', 'dynamic'])
-def test_a_law_drives_the_trajectory_of_a_run(dynamics: str) -> None:
+def test_a_steering_law_drives_the_trajectory_of_a_run(dynamics: str) -> None:
     log = lap(LaneLQR(), 'oval', speed=8.0, laps=1, e_y=1.0, dynamics=dynamics, delay=0.05)
     env = gymnasium.make(IDS['Lane'], track='oval', speed=8.0, dynamics=dynamics, delay=0.05)
     rows = drive(env, LaneLQR(), len(log) - 1)
@@ -244,7 +269,8 @@ def test_a_law_drives_the_trajectory_of_a_run(dynamics: str) -> None:
 def test_a_lap_ends_no_episode_and_the_edge_does() -> None:
     env = gymnasium.make(IDS['Lane'], track='circle')
     env.reset(options={'s': 0.0, 'e_y': 2.9, 'e_psi': 0.5})
-    rewards, over = [], False
+    rewards = []
+    over = False
     while not over:
         _, reward, over, truncated, info = env.step([0.0])
         rewards.append(reward)
@@ -268,25 +294,24 @@ def test_only_whole_laps_are_timed(mode: str) -> None:
 
 
 def test_what_is_ahead_is_that_of_road_and_track() -> None:
-    road, track = (
-        Road((0.0, 3.0, 50.0), (5.0, -3.0, 1.0)),
-        Track((10.0, 7.0, 9.0), (0.1, 0.0, -0.1)),
-    )
     s = np.linspace(-30.0, 90.0, 977)
     places = np.array([s + d for d in AHEAD])
-    of_road, of_track = TASKS['Hills'](road=road).ahead, TASKS['Lane'](track=track).ahead
-    closed, lap = TASKS['Lane'](track='L').ahead, Track.named('L')
-    for ahead, values in (
-        (of_road, np.radians(road.grade_deg(places))),
-        (of_track, track.curvature(places)),
-        (closed, lap.curvature(places)),
-    ):
-        found = [ahead(place) for place in s.tolist()]
-        np.testing.assert_array_equal(np.transpose(found), values)
-        near = 0
-        for place, row in zip(s.tolist(), found, strict=True):
-            near = row_at(ahead.table, place, near)
-            assert ahead.table.rows[near] == row
+    road = Road((0.0, 3.0, 50.0), (5.0, -3.0, 1.0))
+    assert_ahead(TASKS['Hills'](road=road), s, np.radians(road.grade_deg(places)))
+    is_open = Track((10.0, 7.0, 9.0), (0.1, 0.0, -0.1))
+    for track in (is_open, Track.named('L')):
+        assert_ahead(TASKS['Lane'](track=track), s, track.curvature(places))
+
+
+def assert_ahead(task: DrivingTask, s: Any, values: Any) -> None:  # noqa: ANN401 (arrays)
+    """Assert that these values are ahead of each place, for one car and in the law of a batch."""
+    rows = [task.ahead(place) for place in s.tolist()]
+    np.testing.assert_array_equal(np.transpose(rows), values)
+    table = task.ahead.table
+    near = 0
+    for place, row in zip(s.tolist(), rows, strict=True):
+        near = row_at(table, place, near)
+        assert table.rows[near] == row
 
 
 @pytest.mark.parametrize(
@@ -308,7 +333,9 @@ def test_what_is_ahead_is_that_of_road_and_track() -> None:
         ({'ranges': {'front_stiffness': (1.0, 1e8)}, 'dynamics': 'dynamic'}, 'steps of 0.02 s'),
     ],
 )
-def test_what_cannot_be_is_refused_in_a_sentence(options: dict[str, Any], message: str) -> None:
+def test_an_option_that_makes_no_sense_is_refused_in_a_sentence(
+    options: dict[str, Any], message: str
+) -> None:
     with pytest.raises(UserError, match=message):
         gymnasium.make(IDS['Lane'], **options)
 
@@ -328,14 +355,48 @@ def test_a_scenario_is_the_options_of_an_environment(name: str, mode: str) -> No
         np.testing.assert_array_equal(*(env.step(action)[0] for env in envs))
 
 
+@pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
+@pytest.mark.parametrize('delay', [0.0, 0.05])
+def test_a_seed_gives_the_measurements_of_a_run_with_this_seed(mode: str, delay: float) -> None:
+    options: dict[str, Any] = {'noise': NOISE, 'sensor_delay': delay}
+    logs = [simulate(seed=seed, distance=20.0, **options) for seed in (5, 6)]
+    steps = min(map(len, logs))
+    assert steps > 130  # more than two blocks of noise
+    env = gymnasium.make_vec(IDS['Hills'], 2, vectorization_mode=mode, **options)
+    speeds = [env.reset(seed=5, options={'s': 0.0, 'v': 0.0})[0][:, 1]]
+    for k in range(steps - 1):
+        actions = np.array([[log.motor[k] / 8.0] for log in logs])
+        speeds.append(env.step(actions)[0][:, 1])
+    expected = np.column_stack([log.v_x[:steps] for log in logs])
+    np.testing.assert_array_equal(speeds, expected)
+
+
+@pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
+def test_the_start_of_a_seed_does_not_change_its_noise(mode: str) -> None:
+    observed = []
+    for ranges in ({}, {'mass': (1000.0, 3000.0)}):
+        for noise in (0.0, NOISE):
+            env = gymnasium.make_vec(
+                IDS['Hills'], 2, vectorization_mode=mode, noise=noise, ranges=ranges
+            )
+            observed.append(env.reset(seed=4)[0][:, 1])
+    exact, noisy, exact_of_ranges, noisy_of_ranges = observed
+    errors = Sensor(NOISE, 4).draw(1)[0, 3], Sensor(NOISE, 5).draw(1)[0, 3]
+    np.testing.assert_array_equal(noisy, exact + errors)
+    np.testing.assert_array_equal(noisy_of_ranges, exact_of_ranges + errors)
+    np.testing.assert_array_equal(exact, exact_of_ranges)
+
+
 @pytest.mark.parametrize(
     ('scenario', 'message'),
     [
         (Scenario(track='L', kp=1.0), 'has kp, which is no option of Lane-v0: leave it out'),
-        (Scenario(track='L', integrator='rk4'), 'has integrator, which is no option of Lane-v0'),
+        (Scenario(track='L', seed=3), 'has seed, which is no option of Lane-v0: leave it out'),
+        (Scenario(track='L', e_y=1.0), 'has e_y, which is no option of Lane-v0: leave it out'),
         (Scenario(), 'Lane-v0 needs a track'),
         (Scenario(track='L', speed_reference=-1.0), 'speed_reference: -1 is not a number from'),
-        ({'track': 'L'}, 'must be of type Scenario, such as Scenario'),
+        ('L', 'must be of type Scenario, such as Scenario'),
+        ({'colour': 'red'}, "scenario: 'colour' must be one of road, track"),
     ],
 )
 def test_a_scenario_that_makes_no_environment_is_refused(scenario: object, message: str) -> None:
@@ -398,9 +459,9 @@ def test_environments_are_pickled_and_continue_alike(name: str) -> None:
         after = pickle.loads(pickle.dumps(env))  # noqa: S301
         action = np.full_like(env.action_space.sample(), 0.1)
         for _ in range(70):
-            seen, *_ = env.step(action)
-            np.testing.assert_array_equal(before.step(action)[0], seen)
-            np.testing.assert_array_equal(after.step(action)[0], seen)
+            observation, *_ = env.step(action)
+            np.testing.assert_array_equal(before.step(action)[0], observation)
+            np.testing.assert_array_equal(after.step(action)[0], observation)
     assert after.unwrapped is not env
 
 
@@ -411,31 +472,38 @@ def test_environments_are_pickled_and_continue_alike(name: str) -> None:
         {'servo': Actuator(lag=0.2), 'noise': NOISE},
         {'track': Track.named('oval'), 'road': Road((0.0, 30.0), (5.0, -3.0))},
         {'dynamics': 'dynamic', 'lateral': LateralParameters(yaw_inertia=3000.0)},
+        {'motor': Actuator(lag=0.2, limit=5.0), 'disturbance': GUST, 'integrator': 'rk4'},
+        {'scenario': SCENARIO},
     ],
 )
 def test_a_specification_in_json_makes_the_same_environment(options: dict[str, Any]) -> None:
+    from_json = gymnasium.envs.registration.EnvSpec.from_json
     env = gymnasium.make(IDS['Race'], **options)
-    text = env.spec.to_json()
-    again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(text))
+    again = gymnasium.make(from_json(env.spec.to_json()))
     action = np.array([0.2, 0.1], np.float32)
-    for each in (env, again):
-        each.reset(seed=3)
+    np.testing.assert_array_equal(env.reset(seed=3)[0], again.reset(seed=3)[0])
     for _ in range(20):
         np.testing.assert_array_equal(env.step(action)[0], again.step(action)[0])
 
 
+def test_a_specification_of_a_batch_in_json_makes_the_same_batch() -> None:
+    kinds: dict[str, Any] = {'vectorization_mode': 'vector_entry_point', 'scenario': SCENARIO}
+    batch = gymnasium.make_vec(IDS['Race'], 2, **kinds)
+    spec = gymnasium.envs.registration.EnvSpec.from_json(batch.spec.to_json())
+    again = gymnasium.make_vec(spec, 2)
+    np.testing.assert_array_equal(batch.reset(seed=3)[0], again.reset(seed=3)[0])
+
+
 def test_a_batch_takes_a_seed_for_each_car() -> None:
     """As Gymnasium's own vector environments do; None leaves a car's generator as it is."""
-    made = [
+    envs = [
         gymnasium.make_vec(IDS['Lane'], 3, vectorization_mode=mode)
         for mode in ('sync', 'vector_entry_point')
     ]
-    batch = made[1]
     for seed in ([5, 1, 8], [2, None, None], 4, None):
-        seen = [env.reset(seed=seed)[0] for env in made]
-        np.testing.assert_array_equal(*seen)
+        np.testing.assert_array_equal(*[env.reset(seed=seed)[0] for env in envs])
     with pytest.raises(UserError, match='must be one number, or one for each of 3 cars'):
-        batch.reset(seed=[1, 2])
+        envs[1].reset(seed=[1, 2])
 
 
 def test_an_environment_without_a_wrapper_needs_a_reset_first() -> None:
