@@ -24,7 +24,7 @@ from barc_sim.learning.tasks import (
     observe,
     reward,
 )
-from barc_sim.vehicle.bicycles import Bicycle, LateralParameters, Slip
+from barc_sim.vehicle.bicycles import Bicycle, LateralParameters, Slip, slip_of, store_slip
 from barc_sim.vehicle.bike_model import BicycleState, Vehicle
 from barc_sim.vehicle.law import is_compiled, law
 from barc_sim.vehicle.plant import (
@@ -62,7 +62,8 @@ _SIGNALS = len(NoiseLevels._fields)
 
 #: The numbers of each car: its plant, its controller, and its parameters.
 _FLOATS = (
-    *('x', 'y', 'psi', 'v', 'beta', 'psi_dot'),
+    *BicycleState._fields,
+    *Slip._fields,
     *('motor', 'servo'),  # of the actuators
     *('s', 'e_y', 'e_psi', 'curvature'),
     *('began', 'finished'),
@@ -208,7 +209,7 @@ def state_of(car: Car) -> PlantState:
     """Return the state of a car's plant."""
     return PlantState(
         BicycleState(car.x, car.y, car.psi, car.v),
-        Slip(car.beta, car.psi_dot),
+        slip_of(car),
         Command(car.motor, car.servo),
         Frenet(car.s, car.e_y, car.e_psi, car.curvature),
         LapState(car.lap, car.began, car.is_whole, car.finished),
@@ -225,8 +226,7 @@ def store(car: Car, now: PlantState) -> None:
     car.y = now.state.y
     car.psi = now.state.psi
     car.v = now.state.v
-    car.beta = now.slip.beta
-    car.psi_dot = now.slip.psi_dot
+    store_slip(car, now.slip)
     car.motor = now.acting.motor
     car.servo = now.acting.servo
     car.s = now.frenet.s

@@ -17,7 +17,7 @@ from barc_sim.interfaces.records import Command, MeasurementError
 from barc_sim.simulation.log import log_of
 from barc_sim.simulation.many_runs import rooms_for, scores_of_many
 from barc_sim.simulation.scores import Driven, Scores, first_states, score
-from barc_sim.vehicle.bicycles import Bicycle, Slip, bicycle_step
+from barc_sim.vehicle.bicycles import NO_SLIP, Bicycle, bicycle_step
 from barc_sim.vehicle.bike_model import BicycleState, motion, step, surroundings
 from barc_sim.vehicle.law import compiled, is_compiled, law
 from barc_sim.vehicle.plant import Actuator, actuate, with_arrays, with_error, with_force
@@ -136,7 +136,7 @@ def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> i
     is_euler = course.is_euler
     inclines = course.inclines
     state = course.start
-    slip = Slip(0.0, 0.0)
+    slip = NO_SLIP
     value = course.value
     dt = FIRST_DT
     stretch = 0

@@ -16,9 +16,9 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.interfaces.records import Command
 from barc_sim.vehicle.bicycles import (
+    NO_SLIP,
     Bicycle,
     LateralParameters,
-    Slip,
     bicycle_motion,
     bicycle_of,
     bicycle_step,
@@ -228,7 +228,7 @@ def drive_steered(
     [rad]; between two steps the steering angle is `present` [rad].
     """
     state = BicycleState(0.0, 0.0, 0.0, v)
-    slip = Slip(0.0, 0.0)
+    slip = NO_SLIP
     for k in range(len(present)):
         seen = bicycle_motion(bicycle, state, slip, present[k])
         v_x[k] = seen.v_x

@@ -25,7 +25,7 @@ ch. II.1.
 from __future__ import annotations
 
 from math import atan2, copysign, cos, sin, sqrt
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.interfaces.parameters import limited
@@ -75,6 +75,22 @@ class Slip(NamedTuple):
 
     beta: float = 0.0  #: [rad] from the vehicle's axis to its velocity
     psi_dot: float = 0.0  #: [rad/s]
+
+
+NO_SLIP = Slip()
+
+
+@law
+def slip_of(record: Any) -> Slip:  # noqa: ANN401 (a record of an array)
+    """Return the slip in the fields of a record of an array, which `store_slip` has stored."""
+    return Slip(record.beta, record.psi_dot)
+
+
+@law
+def store_slip(record: Any, slip: Slip) -> None:  # noqa: ANN401 (as above)
+    """Store the slip in the fields of a record, which have the names of those of `Slip`."""
+    record.beta = slip.beta
+    record.psi_dot = slip.psi_dot
 
 
 class Bicycle(NamedTuple):

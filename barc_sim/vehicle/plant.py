@@ -21,6 +21,7 @@ from barc_sim.interfaces.records import (
     VehicleState,
 )
 from barc_sim.vehicle.bicycles import (
+    NO_SLIP,
     Bicycle,
     LateralParameters,
     Slip,
@@ -468,7 +469,7 @@ class PlantState(NamedTuple):
     """The state of the car, its actuators, and its place."""
 
     state: BicycleState
-    slip: Slip = Slip()
+    slip: Slip = NO_SLIP
     acting: Command = Command()  #: the present values of the actuators
     frenet: Frenet = Frenet(0.0, 0.0, 0.0, 0.0)  #: the pose on the track
     laps: LapState = LapState()
@@ -499,7 +500,7 @@ def start(model: PlantModel, state: BicycleState, near: float, is_whole: bool) -
         laps = LapState(max(floor(frenet.s / line.length), 0), 0.0, is_whole, nan)
 
     stretch = stretch_at(model.inclines.starts, on_road(model, state.x, frenet.s), 0)
-    return PlantState(state, Slip(0.0, 0.0), Command(0.0, 0.0), frenet, laps, 0, segment, stretch)
+    return PlantState(state, NO_SLIP, Command(0.0, 0.0), frenet, laps, 0, segment, stretch)
 
 
 @law
