@@ -376,7 +376,7 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         self._begin(np.arange(n), options)
         self._step_all()
         self._over = np.zeros(n, np.bool_)
-        return self._columns.observations.copy(), self._info()
+        return self._columns.observations, self._info()
 
     def _seeds(self, seed: Seeds) -> Sequence[int | None]:
         """Return a seed for each car, or None."""
@@ -455,20 +455,24 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         UserError
             if they are not an action of each car.
         """
-        columns = self._columns
-        if columns is None:
+        if self._columns is None:
             raise _not_reset('step')
-        columns.actions[:] = self.task.action_rows(actions, self.num_envs)
+        # The caller keeps the arrays of the step before.
+        columns = self._columns._replace(
+            actions=self.task.action_rows(actions, self.num_envs),
+            observations=np.empty_like(self._columns.observations),
+            rewards=np.empty(self.num_envs),
+            over=np.empty(self.num_envs, np.bool_),
+        )
+        self._columns = columns
         restarted = np.flatnonzero(self._over)
         if len(restarted):
             self._begin(restarted)
         self._step_all()
 
-        terminated = columns.over.copy()
         truncated = columns.cars['steps'] >= self._max_steps
-        self._over = terminated | truncated
-        observations = columns.observations.copy()
-        return observations, columns.rewards.copy(), terminated, truncated, self._info()
+        self._over = columns.over | truncated
+        return columns.observations, columns.rewards, columns.over, truncated, self._info()
 
     def _step_all(self) -> None:
         """Take a step with each car, or begin its new episode; measure all."""

@@ -481,9 +481,10 @@ def beside_segment(segment: Segment, x: float, y: float) -> tuple[float, float]:
     dy = y - segment.y
     ahead = dx * segment.cosine + dy * segment.sine
     across = dy * segment.cosine - dx * segment.sine
+    if not segment.curvature:
+        return segment.start + ahead, across
     e_y, turned = beside_arc(segment.curvature, ahead, across)
-    if segment.curvature:
-        ahead = (segment.half + wrapped(turned - segment.half)) / segment.curvature
+    ahead = (segment.half + wrapped(turned - segment.half)) / segment.curvature
     return segment.start + ahead, e_y
 
 
