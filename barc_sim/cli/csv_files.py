@@ -25,7 +25,10 @@ _SEPARATOR = 'sep='  # Excel's first line, as in `sep=;`
 def rows_of(text: str) -> list[list[str]]:
     r"""Return the rows of a CSV text, without blank ones; the first row shows the delimiter.
 
-    ValueError: a quotation mark is not closed, or there are too many cells.
+    Raises
+    ------
+    ValueError
+        A quotation mark is not closed, or there are too many cells.
 
     Examples
     --------
@@ -58,7 +61,13 @@ def rows_of(text: str) -> list[list[str]]:
 def read_rows(path: Path) -> list[list[str]]:
     """Return the rows of a CSV file, as `rows_of` does.
 
-    UserError: it is no regular file, or too large; ValueError: it is no CSV text; OSError: it
-    cannot be read.
+    Raises
+    ------
+    UserError
+        It is no regular file, or too large.
+    ValueError
+        It is no CSV text.
+    OSError
+        It cannot be read.
     """
     return rows_of(decoded(read_regular(path, MAX_CSV)))

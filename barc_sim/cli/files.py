@@ -54,8 +54,20 @@ def _check_regular(path: Path, status: os.stat_result) -> None:
 def open_regular(path: Path, *, follow: bool = True) -> BinaryIO:
     """Open a regular file for reading; this never waits, unlike the opening of a named pipe.
 
-    `follow` allows a link: only for a file that the user names, not for a file in a folder that
-    somebody else has made. UserError: it is no regular file; OSError: it cannot be read.
+    Parameters
+    ----------
+    path
+        The file.
+    follow
+        Whether it may be a link: only where the user names the file, not in a folder that somebody
+        else has made.
+
+    Raises
+    ------
+    UserError
+        It is no regular file.
+    OSError
+        It cannot be read.
     """
     # Checked before the opening, which can act on a device, and after it, for a change meanwhile.
     _check_regular(path, path.stat(follow_symlinks=follow))
@@ -148,7 +160,12 @@ def _close_folder(place: _Place) -> None:
 def read_regular(path: Path, limit: int, *, follow: bool = True) -> bytes:
     """Return the bytes of a regular file, opened as by `open_regular`.
 
-    UserError: it is not a regular file, or has more than `limit` bytes; OSError: it cannot be read.
+    Raises
+    ------
+    UserError
+        It is not a regular file, or has more than `limit` bytes.
+    OSError
+        It cannot be read.
     """
     with open_regular(path, follow=follow) as file:
         data = file.read(limit + 1)
@@ -160,7 +177,10 @@ def read_regular(path: Path, limit: int, *, follow: bool = True) -> bytes:
 def decoded(data: bytes) -> str:
     r"""Return the text of a file in UTF-8, in UTF-16 with a byte order mark, or in Windows-1252.
 
-    ValueError: it is no text.
+    Raises
+    ------
+    ValueError
+        It is no text.
 
     Examples
     --------
@@ -184,8 +204,19 @@ def decoded(data: bytes) -> str:
 def replacing(path: Path, *, sync: bool = False) -> Iterator[Path]:
     """Give a new, empty file beside `path`, which replaces it when the block succeeds.
 
-    If the block fails, `path` is unchanged, and the new file is removed. With `sync`, the data is
-    on the disk before the replacement. OSError: the new file cannot be made, or writing fails.
+    If the block fails, `path` is unchanged, and the new file is removed.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    sync
+        Whether the data is on the disk before the replacement.
+
+    Raises
+    ------
+    OSError
+        The new file cannot be made, or writing fails.
     """
     part = path.with_name(f'.{token_hex(8)}{path.suffix}')
     os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | _flags('O_NOFOLLOW'), 0o666))
@@ -217,9 +248,11 @@ def target(name: str, formats: Sequence[str]) -> Path:
     """Return the path `name` to save to; UserError unless it ends in one of `formats` (`png`)."""
     path = Path(name)
     if path.suffix.lower().lstrip('.') not in formats:
-        *others, last = (f'.{suffix}' for suffix in formats)
-        wanted = f'{", ".join(others)} or {last}' if others else last
-        raise UserError(f'cannot save {name!r}: the name must end in {wanted}')
+        endings = [f'.{suffix}' for suffix in formats]
+        expected = endings[-1]
+        if len(endings) > 1:
+            expected = f'{", ".join(endings[:-1])} or {expected}'
+        raise UserError(f'cannot save {name!r}: the name must end in {expected}')
     if path.is_dir():
         raise UserError(f'cannot save {name!r}: there is a folder of that name')
     return path

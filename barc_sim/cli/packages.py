@@ -9,9 +9,21 @@ from barc_sim.errors import UserError
 
 
 def extra(module: str, user: str, name: str) -> Any:  # noqa: ANN401 (a module)
-    """Import and return an optional package's module; UserError: it is not installed.
+    """Import and return an optional package's module.
 
-    `user` is what needs it, and `name` the extra of barc_sim that installs it.
+    Parameters
+    ----------
+    module
+        The module's full name.
+    user
+        What needs it, for the error.
+    name
+        The extra of barc_sim that installs it.
+
+    Raises
+    ------
+    UserError
+        It is not installed.
     """
     try:
         return import_module(module)

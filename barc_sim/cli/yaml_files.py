@@ -87,7 +87,12 @@ _Loader.add_implicit_resolver(
 
 
 def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)
-    """Return the value of YAML; ValueError: it is invalid, too long or deep, or has many aliases.
+    """Return the value of YAML.
+
+    Raises
+    ------
+    ValueError
+        It is invalid, too long or deep, or has many aliases.
 
     Examples
     --------
@@ -105,7 +110,13 @@ def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)
 def read_yaml(path: Path) -> Any:  # noqa: ANN401 (any YAML)
     """Return the value of a YAML file.
 
-    UserError: it is no regular file, or too large; ValueError: it cannot be loaded; OSError: it
-    cannot be read.
+    Raises
+    ------
+    UserError
+        It is no regular file, or too large.
+    ValueError
+        It cannot be loaded.
+    OSError
+        It cannot be read.
     """
     return from_yaml(decoded(read_regular(path, 4 * MAX_YAML)))

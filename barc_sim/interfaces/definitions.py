@@ -16,7 +16,7 @@ from barc_sim.cli.parser import did_you_mean
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from rosbags.typesys.store import Typestore
 
@@ -50,9 +50,13 @@ def definition(type_name: str) -> str:
     dependency once, under a line of 80 `=` and its name as `MSG: std_msgs/Header`. A type without
     fields has the field that it has in CDR; other readers need it.
 
-    LookupError: a type is not installed.
+    Raises
+    ------
+    LookupError
+        A type is not installed.
     """
-    paths, seen = installed(), {type_name}
+    paths = installed()
+    expanded = {type_name}
 
     def expand(name: str) -> str:
         package = name.partition('/')[0]
@@ -62,8 +66,8 @@ def definition(type_name: str) -> str:
         text = _with_field(paths[full].read_text(encoding='utf-8'))
         names = set(_FIELD_TYPE.findall(text)) - PRIMITIVES
         for dependency in sorted(each if '/' in each else f'{package}/{each}' for each in names):
-            if dependency not in seen:
-                seen.add(dependency)
+            if dependency not in expanded:
+                expanded.add(dependency)
                 text += f'\n{DELIMITER}\nMSG: {dependency}\n{expand(dependency)}'
         return text
 
@@ -98,23 +102,43 @@ def _files(prefixes: str) -> dict[str, Path]:
 
 
 def find_type(name: str) -> str:
-    """Return the full name of a type, given as `ECU`, `barc_interfaces/ECU` or in full."""
+    """Return the full name of a type.
+
+    Parameters
+    ----------
+    name
+        The type, as `ECU`, `barc_interfaces/ECU` or in full.
+
+    Raises
+    ------
+    UserError
+        There is no type of this name, or there are several.
+    """
     types = installed()
     if name in types:
         return name
+
     matches = [full for full in types if name in _short_names(full)]
     ours = [full for full in matches if full.startswith(f'{_OURS}/')]
-    if len(ours or matches) == 1:
-        return (ours or matches)[0]
+    candidates = ours or matches
+    if len(candidates) == 1:
+        return candidates[0]
     if matches:
         raise UserError(f'{name!r} is the name of several types: name one of {", ".join(matches)}')
-    names = {short for full in types for short in (*_short_names(full), full)}
-    same = [each for each in names if each.lower() == name.lower()]
-    hint = f': did you mean {same[0]}?' if same else did_you_mean(name, names)
-    listed = ', '.join(_short_names(full)[0] for full in types if full.startswith(f'{_OURS}/'))
-    raise UserError(
-        f'there is no message, service or action {name!r}{hint or f": {_OURS} has {listed}"}'
-    )
+    raise UserError(f'there is no message, service or action {name!r}{_hint(name, types)}')
+
+
+def _hint(name: str, types: Iterable[str]) -> str:
+    """Return the end of the sentence: a similar name, or all types of ours."""
+    names = set(types)
+    for full in types:
+        names.update(_short_names(full))
+    for known in names:
+        if known.lower() == name.lower():
+            return f': did you mean {known}?'
+
+    ours = [_short_names(full)[0] for full in types if full.startswith(f'{_OURS}/')]
+    return did_you_mean(name, names) or f': {_OURS} has {", ".join(ours)}'
 
 
 def _short_names(full: str) -> tuple[str, str]:

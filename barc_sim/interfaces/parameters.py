@@ -21,23 +21,27 @@ _Record = TypeVar('_Record', bound=tuple[Any, ...])
 
 
 class ParameterDeclaration(NamedTuple):
-    """A parameter of a node; `between` bounds a number, ends included, and so keeps NaN out."""
+    """What describes a parameter of a node, or a field of a record."""
 
     name: str
     default: float | str | bool
-    description: str
-    between: tuple[float, float] = ANY
-    read_only: bool = False
+    description: str  #: its meaning, with the unit in brackets
+    between: tuple[float, float] = ANY  #: bounds of a number, ends included; they keep NaN out
+    read_only: bool = False  #: whether it is fixed for a run
 
     @property
     def unit(self) -> str:
         """The unit, which stands in brackets in the description; empty without one."""
-        unit = re.search(r'\[([^]]+)\]', self.description)
-        return unit[1] if unit else ''
+        match = re.search(r'\[([^]]+)\]', self.description)
+        return match[1] if match else ''
 
     def check(self, value: object, name: str = '') -> None:
         """Raise UserError if `value`, given as the argument `name`, is not `between` the bounds."""
-        if self.between != ANY and (why := not_between(value, *self.between)):
+        if self.between == ANY:
+            return
+        low, high = self.between
+        why = not_between(value, low, high)
+        if why:
             raise UserError(f'{name or self.name}: {why}')
 
 
@@ -48,9 +52,10 @@ def parameters_of(record: type[Any]) -> list[ParameterDeclaration]:
     `Annotated[kind, parameter]`, which shares meaning and limits of another parameter.
     """
     if is_dataclass(record):
-        defaults = {each.name: each.default for each in fields(record)}
+        defaults = {field.name: field.default for field in fields(record)}
     else:
         defaults = record._field_defaults
+
     return [
         _parameter(name, defaults[name], *hint.__metadata__)
         for name, hint in get_type_hints(record, include_extras=True).items()
@@ -80,10 +85,10 @@ def limited(record: type[_Record]) -> type[_Record]:
     make.__annotations__ = get_type_hints(record)  # what `help` shows
 
     def new(cls: type[_Record], *values: Any, **named: Any) -> _Record:  # noqa: ANN401 (any field)
-        made: _Record = make(cls, *values, **named)
+        checked: _Record = make(cls, *values, **named)
         for row in rows:
-            row.check(getattr(made, row.name))
-        return made
+            row.check(getattr(checked, row.name))
+        return checked
 
     new.__wrapped__ = make  # type: ignore[attr-defined]
     record.__new__ = new  # type: ignore[assignment]
