@@ -39,7 +39,7 @@ from barc_sim.control.speed import (
     with_speed_gains,
 )
 from barc_sim.interfaces.records import Command, VehicleState
-from barc_sim.simulation.many_runs import scores_of_many
+from barc_sim.simulation.many_runs import scores_of_many, usual_states
 from barc_sim.simulation.scores import (
     Driven,
     DrivenOnTrack,
@@ -87,7 +87,6 @@ if TYPE_CHECKING:
 #: [m/s] beyond which a run on a track ends at once: an unstable loop has no bound.
 RUNAWAY = 1000.0
 GAINS = 3  #: of a controller at most
-_MARGIN = 1.2  #: times the states of a car that drives at its reference
 
 
 class Conditions(NamedTuple):
@@ -311,22 +310,27 @@ class Drive:
         self._score_drives = compiled(score_drives)
         self._laws = laws
         self._states = steps + 1
-        self._usual = round(_MARGIN * distance / (_slowest(reference) * plant.ts))
+        self._usual = usual_states(distance, _slowest(reference), plant.ts)
         self._sensor = plant.sensor
         self._width = len(Scores._fields)
         if plant.track:
             self._width += len(LaneScores._fields)
 
-        has_profile = isinstance(reference, SpeedProfile)
-        profile = reference.columns if isinstance(reference, SpeedProfile) else _NO_PROFILE
+        profile = _NO_PROFILE
+        speed = nan
+        if isinstance(reference, SpeedProfile):
+            profile = reference.columns
+        else:
+            speed = float(reference)
+
         model = plant.model
         if is_compiled():
             model = with_arrays(model)
             profile = ProfileColumns(
-                np.array(profile.lengths, np.float64),
-                np.array(profile.limits, np.float64),
-                np.array(profile.squares, np.float64),
-                float(profile.along),
+                lengths=np.array(profile.lengths, np.float64),
+                limits=np.array(profile.limits, np.float64),
+                squares=np.array(profile.squares, np.float64),
+                along=float(profile.along),
             )
         late_steps, late_share = in_steps(plant.sensor.delay, plant.ts)
         self._conditions = Conditions(
@@ -338,8 +342,8 @@ class Drive:
             is_late=plant.sensor.delay > 0.0,
             late_steps=late_steps,
             late_share=float(late_share),
-            reference=nan if isinstance(reference, SpeedProfile) else float(reference),
-            has_profile=has_profile,
+            reference=speed,
+            has_profile=isinstance(reference, SpeedProfile),
             profile=profile,
             distance=float(distance),
             period_ns=plant.period_ns,
@@ -377,6 +381,7 @@ class Drive:
         )
 
     def _score_runs(self, gains: Floats, normals: Floats, states: int) -> Floats:
+        """Return the scores of some of the runs, as `scores_of_many` takes them."""
         scores = np.empty((len(gains), len(Scores._fields) + len(LaneScores._fields)))
         rows: Column = normals if is_compiled() else normals.tolist()
         self._score_drives(self._conditions, self._laws, gains, rows, self._rooms(states), scores)

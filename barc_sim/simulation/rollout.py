@@ -15,7 +15,7 @@ import numpy as np
 from barc_sim.control.speed import FIRST_DT, PidGains, PidMemory, pid
 from barc_sim.interfaces.records import Command, MeasurementError
 from barc_sim.simulation.log import log_of
-from barc_sim.simulation.many_runs import rooms_for, scores_of_many
+from barc_sim.simulation.many_runs import rooms_for, scores_of_many, usual_states
 from barc_sim.simulation.scores import Driven, Scores, first_states, score
 from barc_sim.vehicle.bicycles import NO_SLIP, Bicycle, bicycle_step
 from barc_sim.vehicle.bike_model import BicycleState, motion, step, surroundings
@@ -249,7 +249,8 @@ def scores_of_gains(
         score_group(with_noise, gains, float(limit), trace, scores)
         return scores
 
-    return scores_of_many(score_runs, plant.sensor, gains, width, steps + 1, seeds)
+    usual = usual_states(distance, reference, plant.ts)
+    return scores_of_many(score_runs, plant.sensor, gains, width, steps + 1, seeds, usual)
 
 
 def pid_log(plant: Plant, controller: PID, reference: float, distance: float, steps: int) -> Log:
