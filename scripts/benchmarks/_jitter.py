@@ -75,7 +75,8 @@ class Clock:
         now = time.perf_counter()
         thread = self._thread
         if not hasattr(thread, 'file'):
-            thread.file, thread.waited = os.open('/proc/thread-self/schedstat', os.O_RDONLY), 0.0
+            thread.file = os.open('/proc/thread-self/schedstat', os.O_RDONLY)
+            thread.waited = 0.0
         waited = int(os.pread(thread.file, 100, 0).split()[1]) * 1e-9
         self.ticks.append((now, waited - thread.waited, time.process_time(), self.counted))
         thread.waited = waited
@@ -103,7 +104,8 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
         ((now - before - _PERIOD) * 1e3, waited * 1e3)
         for (before, *_), (now, waited, *_) in pairwise(ticks)
     ]
-    (began, _, before, first), (ended, _, after, last) = ticks[0], ticks[-1]
+    began, _, before, first = ticks[0]
+    ended, _, after, last = ticks[-1]
     return {
         'ticks': len(gaps),
         'core': (after - before) / (ended - began) * 100.0,

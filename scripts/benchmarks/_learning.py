@@ -33,7 +33,9 @@ def main(task: dict[str, Any]) -> dict[str, float]:
 
 def measure(task: dict[str, Any], clock: Any, mode: str = 'vector_entry_point') -> float:  # noqa: ANN401
     """Return how many steps of a car there are in a second of a clock."""
-    name, cars, options = task['name'], task['cars'], task['options']
+    name = task['name']
+    cars = task['cars']
+    options = task['options']
     if not name.startswith('barc_sim/'):
         import highway_env  # noqa: F401, PLC0415 (registers)
     if cars == 1:
@@ -47,7 +49,8 @@ def measure(task: dict[str, Any], clock: Any, mode: str = 'vector_entry_point') 
     for action in actions[:2]:  # to warm up
         env.step(action)
     env.reset(seed=0)
-    steps, began = 0, clock()
+    steps = 0
+    began = clock()
     while (took := clock() - began) < task['seconds']:
         for action in actions:
             _, _, terminated, truncated, _ = env.step(action)

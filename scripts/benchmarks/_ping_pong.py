@@ -76,7 +76,8 @@ class Rounds:
             self._begun = now + _WARM_UP
         elif not self._processor and now > self._begun:
             self._times.clear()
-            self._begun, self._processor = now, time.process_time()
+            self._begun = now
+            self._processor = time.process_time()
             self._counted = self._counting
         elif self._processor and now > self._begun + self._seconds:
             print(json.dumps(self._figures(now - self._begun)), flush=True)

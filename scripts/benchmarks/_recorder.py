@@ -58,7 +58,8 @@ def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
         time.sleep(1.0)  # the run's start is not what is measured
         threads = (t.ident for t in threading.enumerate() if t.name == 'recorder' and t.ident)
         clock = next(map(time.pthread_getcpuclockid, threads), None)
-        began, processor = time.perf_counter(), time.process_time()
+        began = time.perf_counter()
+        processor = time.process_time()
         own = time.clock_gettime(clock) if clock else 0.0
         run.clock.ticks.clear()
         sent.append(_flood(task))

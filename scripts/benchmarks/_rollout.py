@@ -36,7 +36,9 @@ class LabPid:
     """The PID as students of the lab write it."""
 
     def __init__(self, kp: float, ki: float, kd: float) -> None:
-        self.kp, self.ki, self.kd = kp, ki, kd
+        self.kp = kp
+        self.ki = ki
+        self.kd = kd
         self.integral = self.previous = 0.0
 
     def acc_calculate(self, reference: float, speed: float64) -> float64:
@@ -60,7 +62,12 @@ def lab_bike_fe(
     theta: float64,
 ) -> tuple[float64, float64, float64, float64]:
     """Return the next state, with NumPy's functions for single numbers."""
-    a0, m, friction, ts, l_f, l_r = 0.01308, 2000.0, 0.01711, 0.02, 1.5, 1.5
+    a0 = 0.01308
+    m = 2000.0
+    friction = 0.01711
+    ts = 0.02
+    l_f = 1.5
+    l_r = 1.5
     beta = arctan(l_r / (l_f + l_r) * tan(d_f))
     external = -m * 9.8 * sin(theta) - a0 * v**2 - friction
     return (
@@ -73,7 +80,8 @@ def lab_bike_fe(
 
 def lab_loop() -> int:
     """Drive 180 m the lab's way; return the steps."""
-    pid, road = LabPid(KP, 20.0, KD), Road.lab()
+    pid = LabPid(KP, 20.0, KD)
+    road = Road.lab()
     x = y = psi = v = float64(0.0)
     steps = 0
     while x < Scenario.distance:

@@ -48,14 +48,16 @@ def measure(options: argparse.Namespace) -> Found:
 def _drive(cars: str, distance: int) -> dict[str, float]:
     command = [sys.executable, '-m', 'barc_sim', 'acc', '--quiet', '--cars', cars]
     with tempfile.TemporaryDirectory() as folder:
-        began, before = time.monotonic(), getrusage(RUSAGE_CHILDREN)
+        began = time.monotonic()
+        before = getrusage(RUSAGE_CHILDREN)
         done = subprocess.run(  # noqa: S603 (our own)
             [*command, '--distance', str(distance), '--bag-dir', folder],
             check=False,
             capture_output=True,
             text=True,
         )
-        took, after = time.monotonic() - began, getrusage(RUSAGE_CHILDREN)
+        took = time.monotonic() - began
+        after = getrusage(RUSAGE_CHILDREN)
         if done.returncode:
             raise UserError(f'{cars} cars failed: {done.stderr}')
         metadata = info(next(Path(folder).iterdir()))

@@ -24,7 +24,8 @@ _CASES: dict[str, dict[str, Any]] = {
     '20 x 500/s of 50 B': {'topics': 20, 'rate': 500, 'size': 50},
     '1 x 30/s of 1 MB': {'topics': 1, 'rate': 30, 'size': 1_000_000},
 }
-_OURS, _NONE = 'barc_sim', 'no recorder'
+_OURS = 'barc_sim'
+_NONE = 'no recorder'
 _ROSBAG2 = {'rosbag2': None, 'rosbag2, depth 10,000': 10_000}
 QUICK = ('--repeat', '1', '--seconds', '1', '--case', '1 x 10,000/s of 50 B')
 

@@ -66,7 +66,8 @@ def _drive(task: dict[str, Any]) -> dict[str, float]:
     from barc_sim.nodes.view import ViewNode  # noqa: PLC0415
     from barc_sim.ros.process import ros  # noqa: PLC0415
 
-    case, words = task['case'], ['--distance', str(task['distance'])]
+    case = task['case']
+    words = ['--distance', str(task['distance'])]
     with tempfile.TemporaryDirectory() as folder, ros([]), StopSignals() as stop:
         run = TimedRun('--bag-dir', folder, *words)
         view = None if case == _CASES[0] else run.run.add(ViewNode)

@@ -45,11 +45,13 @@ def channels(chance: Random, *, whole: bool) -> bytes:
     writer.start('ros2', _WHOLE if whole else '')
     schemas = [0]
     for _ in range(chance.randint(0, 5)):
-        name, encoding = chance.choice(_NAMES), chance.choice(_SCHEMAS)
+        name = chance.choice(_NAMES)
+        encoding = chance.choice(_SCHEMAS)
         schemas.append(writer.register_schema(name, encoding, chance.choice(_TEXTS)))
     for number in range(chance.randint(1, 8)):
         metadata = dict(chance.choice(_METADATA), number=str(number))
-        topic, encoding = chance.choice(_TOPICS), chance.choice(_MESSAGES)
+        topic = chance.choice(_TOPICS)
+        encoding = chance.choice(_MESSAGES)
         channel = writer.register_channel(topic, encoding, chance.choice(schemas), metadata)
         for sequence in range(chance.randint(1, 20)):
             received = chance.choice((0, 10**18, 10**18 + sequence, 2**63))

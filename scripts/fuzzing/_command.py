@@ -76,7 +76,8 @@ def _child(words: list[str], folder: Path, prepare: Callable[[], None], output: 
 
 def _wait(child: int, live: float | None) -> int | None:
     """Return the exit code of a process, minus the signal that ended it; None where it hangs."""
-    began, asked = time.monotonic(), live is None
+    began = time.monotonic()
+    asked = live is None
     while (since := time.monotonic() - began) < _PATIENCE:
         pid, status = os.waitpid(child, os.WNOHANG)
         if pid:

@@ -60,7 +60,8 @@ def table(found: dict[str, list[Trial]]) -> str:
     lines[0] += f'{"most s":>8}{"most MiB":>10}'
     for name, some in rows:
         counts = [sum(each.outcome == outcome for each in some) for outcome in _OUTCOMES]
-        seconds, most = max(e.seconds for e in some), max(e.mebibytes for e in some)
+        seconds = max(e.seconds for e in some)
+        most = max(e.mebibytes for e in some)
         line = f'{name:22}{len(some):8}' + ''.join(f'{count:11}' for count in counts)
         lines.append(f'{line}{seconds:8.2f}{most:10.0f}')
     return '\n'.join(lines)

@@ -72,7 +72,8 @@ class Record:
             return {}
 
     def _fields(self) -> dict[str, bytes]:
-        found, at = {}, 0
+        found = {}
+        at = 0
         for name, code in FIELDS[self.kind].items():
             if code == 'r':
                 size = len(self.body) - at
@@ -138,7 +139,8 @@ def pack_chunk(chunk: Record, compression: bytes, *, checked: bool) -> None:
 
 def assemble(found: list[Record], *, finished: bool) -> bytes:
     """Return the file; a `finished` one gets a footer that leads to its summary."""
-    content, start = bytearray(MAGIC), 0
+    content = bytearray(MAGIC)
+    start = 0
     for record in found:
         if (
             finished

@@ -28,8 +28,12 @@ _ADDRESSES = 4 << 30  # bytes; more is refused to a process
 _AT_ONCE = 250  # files of one process
 
 #: What can become of a file, or of a command.
-RESULT, SENTENCE = 'result', 'sentence'
-TRACEBACK, HANG, MEMORY, ESCAPE = 'traceback', 'hang', 'memory', 'escape'
+RESULT = 'result'
+SENTENCE = 'sentence'
+TRACEBACK = 'traceback'
+HANG = 'hang'
+MEMORY = 'memory'
+ESCAPE = 'escape'
 
 
 class Trial(NamedTuple):

@@ -44,13 +44,18 @@ if TYPE_CHECKING:
     from random import Random
 
 #: Shares of bags: damaged wherever, finished, and with a footer that leads to the summary.
-_ANYWHERE, _FINISHED, _MENDED = 0.2, 0.7, 0.8
+_ANYWHERE = 0.2
+_FINISHED = 0.7
+_MENDED = 0.8
 #: Shares of bags: with other definitions of messages, and in a folder of more than plain files.
-_DEFINED, _SURROUNDED = 0.3, 0.2
+_DEFINED = 0.3
+_SURROUNDED = 0.2
 #: Shares of bags: with channels of other encodings, and of these: not damaged.
-_FOREIGN, _WHOLE = 0.3, 0.5
+_FOREIGN = 0.3
+_WHOLE = 0.5
 #: Shares of fields: with a wrong length, and of chunks: with a checksum that is right.
-_LYING, _CHECKED = 0.2, 0.8
+_LYING = 0.2
+_CHECKED = 0.8
 _MOST = 16 << 20  # bytes that a record is repeated to
 
 _FIELD = re.compile(r'(\s*)([\w/]+)(\S*)(\s+)(\w+)(.*)')

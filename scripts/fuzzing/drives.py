@@ -77,10 +77,13 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
     period = 1.0 / chance.choice((10.0, 20.0, 33.0, 50.0, 100.0) if kind == 'rates' else (50.0,))
     t = np.arange(0.0, _DURATION - 0.1, period)
     v = np.interp(t, log.t, log.v_x) + random.normal(0.0, _NOISE, len(t))
-    at, motor = log.t[:-1], log.motor[:-1]
+    at = log.t[:-1]
+    motor = log.motor[:-1]
     changes = np.flatnonzero(np.abs(np.diff(motor, prepend=np.inf)) > 0.0)
-    at, motor = at[changes], motor[changes]
-    states, commands = (t, v), (at, motor)
+    at = at[changes]
+    motor = motor[changes]
+    states = (t, v)
+    commands = (at, motor)
     match kind:
         case 'gaps':
             states, commands = _with_gaps(states, commands, chance)
@@ -91,7 +94,8 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
             states = t + random.normal(0.0, chance.choice((1e-3, 0.02, 0.5)), len(t)), v
         case 'clock':
             tick = chance.choice((0.01, 0.1, 1.0, 100.0))
-            states, commands = (np.floor(t / tick) * tick, v), (np.floor(at / tick) * tick, motor)
+            states = (np.floor(t / tick) * tick, v)
+            commands = (np.floor(at / tick) * tick, motor)
         case 'values':
             odd = random.random(len(t)) < chance.choice((0.001, 0.1, 1.0))
             states = t, np.where(odd, chance.choice(_VALUES), v)

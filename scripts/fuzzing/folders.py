@@ -295,7 +295,9 @@ def _try(command: str, traps: Sequence[_Trap], surroundings: _Surroundings) -> T
         caught = place / 'caught'
         if caught.exists():
             names = ' '.join(caught.read_text(encoding='ascii').split())
-            outcome, why = ESCAPE, f'{names} has run'
+            outcome = ESCAPE
+            why = f'{names} has run'
         elif not why and (ended.code, _made(command, place)) != (exit_code, made):
-            outcome, why = ESCAPE, f'another result: exit code {ended.code}\n{ended.text[-2000:]}'
+            outcome = ESCAPE
+            why = f'another result: exit code {ended.code}\n{ended.text[-2000:]}'
     return Trial(-1, '', outcome, seconds, 0.0, why and f'barc {command}: {why}')

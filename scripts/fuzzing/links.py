@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 _ROOT = Path(barc_sim.__file__).parents[1]
 _RUN = 'acc -q --distance 5 --realtime-factor max'
-_BAG, _KILLED = 'bags/run', 'bags/killed'
+_BAG = 'bags/run'
+_KILLED = 'bags/killed'
 #: The commands, and how often each is drawn: a slow one less.
 _COMMANDS = {
     f'plot {_BAG}': 4,
@@ -195,7 +196,8 @@ def _try(number: int, command: str, name: str, kind: str, place: Place) -> Trial
     if name not in (*command.split(), 'bags', 'out') and not name.startswith('home/'):
         harm |= after.keys() - before.keys()
     if harm:
-        outcome, why = ESCAPE, f'{title}: changed {sorted(harm)} outside'
+        outcome = ESCAPE
+        why = f'{title}: changed {sorted(harm)} outside'
     return Trial(number, kind, outcome, time.monotonic() - began, 0.0, why)
 
 

@@ -102,7 +102,8 @@ def _rows(columns: list[str], chance: Random) -> list[list[float]]:
         ]
     size = 10.0 ** chance.uniform(-3.0, 5.0)
     laps = chance.choice((0.5, 0.95, 1.0, 1.0, 1.05, 1.5, 3.0))
-    lobes, depth = chance.randint(1, 9), chance.choice((0.0, 0.1, 0.5, 1.2))
+    lobes = chance.randint(1, 9)
+    depth = chance.choice((0.0, 0.1, 0.5, 1.2))
     noise = size * chance.choice((0.0, 0.0, 1e-4, 1e-2))
     rows = []
     for k in range(n):

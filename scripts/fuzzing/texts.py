@@ -127,7 +127,8 @@ def _table(chance: Random) -> str:
             row += [cell] * chance.choice((1, 2, 3_000))
     if sum(len(cell) for row in rows for cell in row) < 1_000:  # noqa: PLR2004 (else too much)
         rows *= chance.choice((1, 1, 1, 5_000))
-    delimiter, end = chance.choice((',', ';', '\t', '|')), chance.choice(('\n', '\r\n', '\r', ''))
+    delimiter = chance.choice((',', ';', '\t', '|'))
+    end = chance.choice(('\n', '\r\n', '\r', ''))
     first = chance.choice(('', '', '', 'sep=;\n', '\n\n', '#', '\ufeff'))
     return first + ''.join(f'{delimiter.join(row)}{end}' for row in rows)
 

@@ -79,7 +79,8 @@ def _name(chance: Random) -> str:
 
 def _zip(chance: Random) -> bytes:
     """Return a .zip of generated records, of any method, flag, size, name and extra field."""
-    files, directory = b'', b''
+    files = b''
+    directory = b''
     entries = [*_FILES.items()] if chance.random() < 0.5 else []  # noqa: PLR2004 (half)
     entries += [
         (_name(chance), chance.choice((b'', b'kp = 1\n', bytes(5_000))))

@@ -27,7 +27,8 @@ class _Watched(Plant):
     memory: tuple[int, ...] = ()
 
     def observe(self) -> Observation:
-        seen, kind = super().observe(), type(self)
+        seen = super().observe()
+        kind = type(self)
         kind.seen += 1
         kind.not_finite += not all(map(isfinite, (*seen.true, *seen.acting)))
         kind.speed = max(kind.speed, abs(seen.true.v_x))

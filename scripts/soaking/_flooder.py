@@ -81,7 +81,8 @@ def _matched(sends: list[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
 
 def _flood(sends: list[tuple[Any, Any]], rate: float, seconds: float) -> dict[str, float]:
     turns = cycle(sends)
-    began, sent = time.perf_counter(), 0
+    began = time.perf_counter()
+    sent = 0
     while (passed := time.perf_counter() - began) < seconds:
         for _ in range(int(passed * rate) - sent):
             publisher, pool = next(turns)

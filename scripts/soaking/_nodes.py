@@ -83,7 +83,9 @@ class Witness(Node):
     def __init__(self) -> None:
         """Subscribe, and publish ten times a second."""
         super().__init__('witness')
-        self.speed, self.stamp, self.states = 0.0, 0, 0
+        self.speed = 0.0
+        self.stamp = 0
+        self.states = 0
         self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.DEFAULT)
         self._twist_pub = self.create_publisher(Twist, topics.CMD_VEL, qos.DEFAULT)
         self.create_timer(0.1, self._drive_ahead)
@@ -92,7 +94,8 @@ class Witness(Node):
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         self.states += 1
-        self.speed, self.stamp = state.v_x, to_nanoseconds(state.header.stamp)
+        self.speed = state.v_x
+        self.stamp = to_nanoseconds(state.header.stamp)
 
     def _drive_ahead(self) -> None:
         self._twist_pub.publish(Twist(linear=Vector3(x=1.0)))

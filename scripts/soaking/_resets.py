@@ -55,7 +55,8 @@ class _Drives(Node):
 
     def _on_step(self, t: float, seen: Observation) -> None:
         if t == 0.0:
-            self._count, self._hash = 0, hashlib.sha256()
+            self._count = 0
+            self._hash = hashlib.sha256()
         self._count += 1
         if self._count > _STATES:  # until the reset is done
             return

@@ -24,7 +24,8 @@ _TAKE_TERMINAL = 'import fcntl, os, sys, termios; fcntl.ioctl(0, termios.TIOCSCT
 _EXECUTE = 'os.execv(sys.executable, [sys.executable, *sys.argv[1:]])'
 _TICK = 0.005
 _PATIENCE = 30.0  #: [s]
-_HIDE, _SHOW = b'\x1b[?25l', b'\x1b[?25h'
+_HIDE = b'\x1b[?25l'
+_SHOW = b'\x1b[?25h'
 
 
 class Session:

@@ -30,7 +30,9 @@ _MODES = ('acc', 'teleop')
 _PATIENCE = 60.0  #: [s]
 _MIB = 1 << 20
 #: Beyond, the simulator refuses a command; faster, no such command can have made the car.
-_SPEED, _MOTOR, _SERVO = 200.0, 100.0, 1.5
+_SPEED = 200.0
+_MOTOR = 100.0
+_SERVO = 1.5
 #: [MiB] after the first third; the recorder's and the page's buffers breathe.
 _GROWTH = 30.0
 

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 SHORT = 'each node once'
 _COMMANDERS = ('controller', 'relay')
 _OTHERS = ('vehicle_simulator', 'bag_recorder', 'view')
-_MOVING, _STANDING = 0.5, 1e-6  #: [m/s]
+_MOVING = 0.5  #: [m/s]
+_STANDING = 1e-6  #: [m/s]
 _PATIENCE = 30.0  #: [s]
 _STATES = 25  #: to receive after the kill of a node that the car does not need
 
@@ -113,7 +114,8 @@ class _Ordeal:
         if name == self._commander and self._chance.random() < 0.7:  # noqa: PLR2004
             self.standing.append(self._expect('stands', self._stands))
         # A state of the simulator before, not yet taken, is older than this.
-        began, signs = time.time_ns(), self._signs(name)
+        began = time.time_ns()
+        signs = self._signs(name)
         self._nodes.start(name)
         if name in _COMMANDERS:
             self.driving.append(

@@ -40,8 +40,10 @@ def soak(options: argparse.Namespace) -> list[Figure]:
     if done.returncode:
         raise UserError(f'the resets ended with code {done.returncode}: {done.stderr}')
     found = json.loads(done.stdout)
-    seconds, memory = found['seconds'][1:], found['memory']  # the first has the start in it
-    first, last = median(seconds[:tenth]), median(seconds[-tenth:])
+    seconds = found['seconds'][1:]
+    memory = found['memory']  # the first has the start in it
+    first = median(seconds[:tenth])
+    last = median(seconds[-tenth:])
     return [
         Figure('resets', len(seconds), least=count),
         Figure('different trajectories', len(set(found['digests'])), most=1),
