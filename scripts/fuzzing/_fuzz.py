@@ -10,7 +10,7 @@ import argparse
 import importlib
 import os
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -38,33 +38,45 @@ def main(args: list[str] | None = None) -> int:
     os.environ.setdefault('ROS_DOMAIN_ID', str(100 + os.getpid() % 100))  # beside other work
     kind: Any = importlib.import_module(options.kind)
     kind.original()  # before the processes begin, which share it
-    found: dict[str, list[Trial]] = defaultdict(list)
-    failed = 0
+    trials_by_damage: dict[str, list[Trial]] = defaultdict(list)
+    failures = 0
     numbers = range(options.first, options.first + options.n)
-    tried = kind.trials(options.seed, numbers) if hasattr(kind, 'trials') else None
-    for trial in tried or trials(kind, options.seed, numbers):
-        found[trial.damaged].append(trial)
-        if trial.outcome not in (RESULT, SENTENCE):
-            failed += 1
-            print(f'{trial.number}: {trial.outcome}: {trial.why}', file=sys.stderr, flush=True)
-            if options.save and not tried:
-                _save(kind, options.seed, trial.number, options.save)
-    print(table(found))
-    return 1 if failed else 0
+    runs_by_itself = hasattr(kind, 'trials')
+    if runs_by_itself:
+        attempts = kind.trials(options.seed, numbers)
+    else:
+        attempts = trials(kind, options.seed, numbers)
+
+    for trial in attempts:
+        trials_by_damage[trial.damaged].append(trial)
+        if trial.outcome in (RESULT, SENTENCE):
+            continue
+        failures += 1
+        print(f'{trial.number}: {trial.outcome}: {trial.why}', file=sys.stderr, flush=True)
+        if options.save and not runs_by_itself:
+            _save(kind, options.seed, trial.number, options.save)
+    print(table(trials_by_damage))
+    return 1 if failures else 0
 
 
-def table(found: dict[str, list[Trial]]) -> str:
+def table(trials_by_damage: dict[str, list[Trial]]) -> str:
     """Return a row for each kind of damage, and their sum."""
-    rows = [*sorted(found.items()), ('all', [each for some in found.values() for each in some])]
-    lines = [f'{"damaged":22}{"files":>8}' + ''.join(f'{name + "s":>11}' for name in _OUTCOMES)]
-    lines[0] += f'{"most s":>8}{"most MiB":>10}'
-    for name, some in rows:
-        counts = [sum(each.outcome == outcome for each in some) for outcome in _OUTCOMES]
-        seconds = max(e.seconds for e in some)
-        most = max(e.mebibytes for e in some)
-        line = f'{name:22}{len(some):8}' + ''.join(f'{count:11}' for count in counts)
-        lines.append(f'{line}{seconds:8.2f}{most:10.0f}')
+    heading = f'{"damaged":22}{"files":>8}' + ''.join(f'{name + "s":>11}' for name in _OUTCOMES)
+    lines = [f'{heading}{"max s":>8}{"max MiB":>10}']
+    everything: list[Trial] = []
+    for name, of_damage in sorted(trials_by_damage.items()):
+        lines.append(_row(name, of_damage))
+        everything += of_damage
+    lines.append(_row('all', everything))
     return '\n'.join(lines)
+
+
+def _row(name: str, of_damage: list[Trial]) -> str:
+    outcomes = Counter(trial.outcome for trial in of_damage)
+    counts = ''.join(f'{outcomes[outcome]:11}' for outcome in _OUTCOMES)
+    max_seconds = max(trial.seconds for trial in of_damage)
+    max_mebibytes = max(trial.mebibytes for trial in of_damage)
+    return f'{name:22}{len(of_damage):8}{counts}{max_seconds:8.2f}{max_mebibytes:10.0f}'
 
 
 def _save(kind: Any, seed: int, number: int, folder: Path) -> None:  # noqa: ANN401 (a module)
