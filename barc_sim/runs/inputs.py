@@ -35,7 +35,7 @@ _OF_SPEED = (*PID.gains, 'gain', 'controller_type', 'reference', 'speed', 'speed
 _OF_CONTROLLER = (*_DRIVING, *_OF_TRACK, 'policy', 'acceleration_limit', 'reference')
 
 
-class Laws(NamedTuple):
+class RunLaws(NamedTuple):
     """What decides in place of barc_sim's own laws; None: barc_sim's own."""
 
     speed: Any = None
@@ -50,7 +50,7 @@ class Inputs(NamedTuple):
     user_code: UserCode
     policy: Policy | None = None  #: drives instead of a controller
 
-    def new_laws(self) -> Laws:
+    def new_laws(self) -> RunLaws:
         """Return the laws of a car, which belong to it alone."""
         code = self.user_code
         speed: Any = None
@@ -60,11 +60,11 @@ class Inputs(NamedTuple):
             speed = UserController(code)
 
         if not self.track:
-            return Laws(speed=copy(self.policy) or speed)
+            return RunLaws(speed=copy(self.policy) or speed)
         lane: Any = copy(self.policy)
         if lane is None and code.lane:
             lane = UserLane(code)
-        return Laws(speed=speed, lane=lane)
+        return RunLaws(speed=speed, lane=lane)
 
 
 def read_inputs(options: Namespace) -> Inputs:
