@@ -325,9 +325,9 @@ class DrivingTask:
             servo=STEERING_LIMIT,
         )
         bounds = self.limits._asdict()
-        own = [bounds[name] for name in (*self.measured, *self.actions)]
-        self._own = [0.0] * len(own)
-        self.high = np.array([*own, *[self._max_ahead] * len(AHEAD)])
+        bounds_of_signals = [bounds[name] for name in (*self.measured, *self.actions)]
+        self._signals = [0.0] * len(bounds_of_signals)
+        self.high = np.array([*bounds_of_signals, *[self._max_ahead] * len(AHEAD)])
         self.rules = Rules(
             task=self.number,
             limits=self.limits,
@@ -417,8 +417,8 @@ class DrivingTask:
 
     def observe(self, signals: CarSignals, ahead: Column) -> Floats:
         """Return the observation of a car, shape (numbers,); `ahead` is as `Preview` returns it."""
-        observe(self.rules, signals, self._own)
-        return np.array([*self._own, *ahead])
+        observe(self.rules, signals, self._signals)
+        return np.array([*self._signals, *ahead])
 
 
 def _varied(record: Any, drawn: Mapping[str, float]) -> Any:  # noqa: ANN401 (a NamedTuple)
