@@ -97,11 +97,15 @@ class GraphObserver:
         """Wait for another node; then call `read` until its result no longer changes; return it."""
         if not self._wait_for_first(self.nodes):
             raise UserError(f'no node is running in {self._domain}: start a run first')
-        end, before = time.monotonic() + _FIRST_TIMEOUT, None
-        while (now := read()) != before and time.monotonic() < end:
-            before = now
+        end = time.monotonic() + _FIRST_TIMEOUT
+        result = read()
+        while time.monotonic() < end:
             self.pause(_STABLE_PERIOD)
-        return now
+            before = result
+            result = read()
+            if result == before:
+                break
+        return result
 
     def topics(self) -> dict[str, str]:
         """Return the types of the present topics by name, sorted."""
@@ -147,8 +151,10 @@ def print_messages(observer: GraphObserver, name: str, count: int | None) -> Non
     publishers = observer.node.get_publishers_info_by_topic(topic)
     qos = request(publishers, _DEPTH)
     if not publishers:  # the weakest QoS matches any later one
-        qos.reliability, qos.durability = ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE
-    finished, left = Future(), count
+        qos.reliability = ReliabilityPolicy.BEST_EFFORT
+        qos.durability = DurabilityPolicy.VOLATILE
+    finished = Future()
+    left = count
 
     def on_message(message: Any) -> None:  # noqa: ANN401 (generated classes)
         nonlocal left

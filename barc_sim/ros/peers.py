@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+# UDP ports of the ROS domains (RTPS 2.3, 9.6.1.1).
+FIRST_PORT = 7400
+PORTS_PER_DOMAIN = 250
 # Parts of a Fast DDS identifier (GID).
 _PROCESS = slice(8)  #: vendor, host, half of the process's number, a random number
 _PARTICIPANT = slice(12)
@@ -77,25 +80,33 @@ def claim(node: Node, topic: str) -> socket.socket:
 def others_here(domain: int) -> bool:
     """Return whether another process of this machine takes part in the ROS domain.
 
-    Each domain has its own range of UDP ports in DDS (RTPS 2.3, 9.6.1.1).
+    Each domain has its own range of UDP ports in DDS.
     """
-    first = 7400 + 250 * domain
+    first = FIRST_PORT + PORTS_PER_DOMAIN * domain
+    ports = range(first, first + PORTS_PER_DOMAIN)
     own_files = {str(f.readlink()) for f in Path('/proc/self/fd').iterdir() if f.is_symlink()}
+
     for line in Path('/proc/net/udp').read_text(encoding='ascii').splitlines()[1:]:
-        _, address, *_, inode = line.split()[:10]
-        port = int(address.rpartition(':')[2], 16)
-        if first <= port < first + 250 and f'socket:[{inode}]' not in own_files:
+        columns = line.split()
+        local_address = columns[1]
+        inode = columns[9]
+        port = int(local_address.rpartition(':')[2], 16)
+        if port in ports and f'socket:[{inode}]' not in own_files:
             return True
     return False
 
 
 def _topic_in_use(node: Node, topic: str) -> UserError:
     """Return the error of a second publisher of `topic`."""
-    name, dds = node.resolve_topic_name(topic), has_dds()
-    here = f' in ROS domain {node.context.get_domain_id()}' if dds else ''
+    name = node.resolve_topic_name(topic)
+    where = ''
+    or_domain = ''
+    if has_dds():
+        where = f' in ROS domain {node.context.get_domain_id()}'
+        or_domain = ' or a ROS_DOMAIN_ID'
     return UserError(
-        f'another simulator publishes {name}{here}: give this one a namespace '
-        f'(--ros-args -r __ns:=/car2){" or a ROS_DOMAIN_ID" if dds else ""} of its own'
+        f'another simulator publishes {name}{where}: give this one a namespace '
+        f'(--ros-args -r __ns:=/car2){or_domain} of its own'
     )
 
 

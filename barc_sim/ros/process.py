@@ -22,6 +22,7 @@ from barc_sim.cli.files import open_regular
 from barc_sim.cli.process import StopSignals, check_limits
 from barc_sim.errors import UserError
 from barc_sim.ros.executor import QuickExecutor
+from barc_sim.ros.peers import FIRST_PORT, PORTS_PER_DOMAIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, MutableMapping
@@ -48,7 +49,6 @@ _SILENT_LOG = '<log><use_default>FALSE</use_default></log>'
 _SHARED_MEMORY = Path('/dev/shm')  # noqa: S108 (where Fast DDS has it)
 _LOCK = re.compile(r'fastrtps_[0-9a-f]{16}_el')
 _PORT = re.compile(r'(?:sem\.)?fastrtps_port(\d+)(?:_el|_mutex)?')
-_PORTS_PER_DOMAIN, _FIRST_PORT = 250, 7400  # of RTPS 2.3, 9.6.1.1
 _MIN_SHARED_MEMORY = 1 << 20  #: [B] for the segment of a participant, and its ports
 
 
@@ -65,12 +65,14 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     domain = os.environ.get('ROS_DOMAIN_ID', '')
     if domain.isdecimal() and int(domain[:9]) > _MAX_DOMAIN:
         raise UserError(f'ROS_DOMAIN_ID is {domain}: choose one from 0 to {_MAX_DOMAIN}')
+
     if network:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     # No settings of Fast DDS from the working directory, which can be anyone's.
     os.environ.setdefault('SKIP_DEFAULT_XML_FILE', '1')
     use_profiles()
+
     check_ports(int(domain) if domain.isdecimal() else 0)
     sweep()
     if sys.stderr.isatty():
@@ -165,7 +167,7 @@ def check_ports(domain: int, folder: Path = _SHARED_MEMORY) -> None:
     """Raise UserError for a file of a ROS domain's ports that Fast DDS would wait for."""
     for file in folder.glob('*fastrtps_port*'):
         port = _PORT.fullmatch(file.name)
-        if not port or (int(port[1]) - _FIRST_PORT) // _PORTS_PER_DOMAIN != domain:
+        if not port or (int(port[1]) - FIRST_PORT) // PORTS_PER_DOMAIN != domain:
             continue
         with suppress(OSError):  # it has been removed
             if not stat.S_ISREG(file.lstat().st_mode):

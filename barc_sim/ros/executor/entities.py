@@ -68,10 +68,11 @@ class Entry:
         """
         module = str(getattr(getattr(self.entity, 'callback', None), '__module__', None))
         scopes = [frame.f_globals for frame, _ in walk_tb(error.__traceback__)]
-        ours = all(str(scope.get('__name__')).startswith(_OURS) for scope in scopes)
-        ours = ours and (while_taking or module.startswith(_OURS))
-        if not (ours and isinstance(error, Exception)):
+        is_ours = all(str(scope.get('__name__')).startswith(_OURS) for scope in scopes)
+        is_ours = is_ours and (while_taking or module.startswith(_OURS))
+        if not (is_ours and isinstance(error, Exception)):
             return False
+
         name = getattr(self.entity, 'topic', type(self.entity).__name__)
         self.node.get_logger().warning(
             f'dropped data for {name!r} that rclpy cannot handle: {type(error).__name__}: {error}',
@@ -86,17 +87,19 @@ def entry_of(entity: Any, kind: str, node: Node) -> Entry:  # noqa: ANN401 (see 
     begin = lambda: group.can_execute(entity) and group.beginning_execution(entity)  # noqa: E731
     end = partial(group.ending_execution, entity)
     if type(group) is MutuallyExclusiveCallbackGroup:  # faster than its own methods
-        begin, end = partial(_claim, group, entity), partial(setattr, group, '_active_entity', None)
-    take = next(take for each, take in _TAKES.items() if isinstance(entity, each))
+        begin = partial(_claim, group, entity)
+        end = partial(setattr, group, '_active_entity', None)
+    take = next(take for kind_of, take in _TAKES.items() if isinstance(entity, kind_of))
     handle = '_EventHandler__event' if isinstance(entity, EventHandler) else 'handle'
     return Entry(entity, kind, node, getattr(entity, handle, entity), take, begin, end)
 
 
 def _claim(group: MutuallyExclusiveCallbackGroup, entity: object) -> bool:
     with group._lock:
-        if free := group._active_entity is None:
+        is_free = group._active_entity is None
+        if is_free:
             group._active_entity = entity
-        return free
+        return is_free
 
 
 def _take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
@@ -115,7 +118,8 @@ def _take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
 
 def _take_service(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
     """Take a request or a response; rclpy's own way does not return whether there was one."""
-    entity, handle = entry.entity, entry.handle
+    entity = entry.entity
+    handle = entry.handle
     with handle:
         if entry.kind == 'services':
             message, header = handle.service_take_request(entity.srv_type.Request)

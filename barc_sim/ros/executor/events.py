@@ -122,14 +122,17 @@ class Events:
 
         A deadline of 0 means that an entry is ready: do not wait.
         """
-        now, ready_before = time.monotonic(), len(self.ready)
+        now = time.monotonic()
+        ready_before = len(self.ready)
         for entry, counted in self._in_memory.items():
-            if arrived := entry.in_memory.value - counted:
+            arrived = entry.in_memory.value - counted
+            if arrived:
                 self._in_memory[entry] += arrived
                 self.queue(entry, arrived)
                 deadline = 0.0
         if not deadline and now < self.poll_due and now < self._next_due:
             return now
+
         self.poll_due = now + _POLL_PERIOD
         descriptors = self._descriptors.ready()
         self._polls_at_once += 1
@@ -138,15 +141,15 @@ class Events:
             self._count_in_descriptors()
             descriptors = self._descriptors.wait(min(deadline, self._next_due, now + _CHECK_PERIOD))
             now = time.monotonic()
+
         for descriptor in descriptors:
             self._queue_counted(descriptor)
             if self._polls_at_once > _BUSY_POLLS:
                 self._count_in_memory(descriptor)
         if now >= self._next_due:
-            self._schedule([each for each, due in self._due.items() if due <= now])
-        if len(self.ready) - ready_before > 1:  # in rclpy's order
-            new = [self.ready.pop() for _ in range(len(self.ready) - ready_before)][::-1]
-            self.ready.extend(sorted(new, key=lambda entry: KINDS.index(entry.kind)))
+            self._schedule([timer for timer, due in self._due.items() if due <= now])
+        self._sort_new(len(self.ready) - ready_before)
+
         self.context_ended = not self._context.handle.ok()
         if self.context_ended or now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD
@@ -154,11 +157,21 @@ class Events:
             self.recheck_due = True
         return now
 
+    def _sort_new(self, count: int) -> None:
+        """Bring the last entries that are ready into the order in which rclpy executes kinds."""
+        if count > 1:
+            new = [self.ready.pop() for _ in range(count)]
+            new.reverse()
+            new.sort(key=lambda entry: KINDS.index(entry.kind))
+            self.ready.extend(new)
+
     def _queue_counted(self, descriptor: int) -> None:
         """Queue the entries whose arrivals a descriptor has counted."""
-        if count := self._descriptors.take_count(descriptor):
+        count = self._descriptors.take_count(descriptor)
+        if count:
             for entry in self._counted[descriptor]:
                 self.queue(entry, count)
+
         if descriptor == self._wakeup:
             while self._signalled:
                 entry = self._signalled.popleft()
@@ -170,7 +183,8 @@ class Events:
         """Count an entity's arrivals in memory, if it has a descriptor of its own."""
         for entry in self._counted[descriptor]:
             if descriptor != self._shared:
-                entry.in_memory, self._in_memory[entry] = _counters[descriptor], 0
+                entry.in_memory = _counters[descriptor]
+                self._in_memory[entry] = 0
                 private.set_listener(entry, entry.in_memory)
                 self._queue_counted(descriptor)
 
@@ -179,7 +193,8 @@ class Events:
         while self._in_memory:
             entry, counted = self._in_memory.popitem()
             private.set_listener(entry, entry.descriptor)
-            if left := entry.in_memory.value - counted:
+            left = entry.in_memory.value - counted
+            if left:
                 os.eventfd_write(entry.descriptor, left)
             entry.in_memory.value = 0
 
@@ -189,6 +204,7 @@ class Events:
             left = None
             with suppress(InvalidHandle), entry.handle:
                 left = entry.handle.time_until_next_call()
+
             self._due[entry] = inf
             if left is not None and left <= 0:
                 if not entry.pending:  # otherwise it waits for its group already
@@ -207,6 +223,7 @@ class Events:
             for entity in getattr(node, kind)
             if not getattr(entity.callback_group, 'polled', False)
         }
+
         for entity in self._entries.keys() - present.keys():
             self._remove(self._entries[entity])
             del self._entries[entity]
@@ -242,6 +259,7 @@ class Events:
         """Listen to an entity for which the middleware has arrivals."""
         entity = entry.entity
         arrived = getattr(entity, '_arrived', 0)  # its last executor did not take them
+
         if isinstance(entity, EventHandler):
             had_event = note_reported(entry)
             if arrived:
@@ -255,6 +273,7 @@ class Events:
         else:
             entry.on_taken = self._resume_wait
             self._waiter.add(entry)
+
         if arrived:
             self.queue(entry, arrived)
 
@@ -276,7 +295,8 @@ class Events:
                 descriptor = counter()
                 private.set_listener(entry, descriptor)
                 self._leave(entry)
-                entry.descriptor, self._counted[descriptor] = descriptor, [entry]
+                entry.descriptor = descriptor
+                self._counted[descriptor] = [entry]
                 self._descriptors.add(descriptor)
 
     def _leave(self, entry: Entry) -> None:
@@ -310,6 +330,7 @@ class Events:
                 self._leave(entry)
                 entity._arrived = entry.pending  # for its next executor
                 entity._reported = entry.reported
+
         with suppress(ValueError):  # it is not queued
             self.ready.remove(entry)
 

@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 
     from barc_sim.ros.executor.entities import Call, Entry
 
-#: [s] between two checks of a spin whether all threads are in callbacks; of a spin in a callback.
-_CHECK_PERIOD, _CHECK_PERIOD_INSIDE = 0.5, 0.01
+#: [s] between two checks of a spin whether all threads are in callbacks.
+_CHECK_PERIOD = 0.5
+_CHECK_PERIOD_INSIDE = 0.01  #: [s] the same, of a spin within a callback
 #: [s] without a spin after which a thread that stands by ends.
 _LINGER = 0.05
 
@@ -97,17 +98,21 @@ class QuickExecutor(MultiThreadedExecutor):
         # For one thread rclpy advises SingleThreadedExecutor, which here is no better.
         super().__init__(2 if num_threads == 1 else num_threads, context=context)
         self._executor = ThreadPoolExecutor(num_threads)  # only its size is used
-        self._max_threads = num_threads
+
         self._events = Events(self.context)
         self._pending_tasks = Tasks(self._events)  # rclpy's `_tasks` is of another type
         self._on_future_done = WhenDone(self._events.wake)
+
         self._spins: set[Spin] = set()  # spins that are not over
         self._spins_for_one: list[Spin] = []  # spins whose one callback is to come
         self._never_done = Future()  # of spins without a future
+
+        self._max_threads = num_threads
         self._threads: set[Thread] = set()  # daemons, so that a program can end while they spin
         self._standing_by = 0  # number of threads that neither lead nor call a callback
         self._lock = RLock()  # of `_threads` and `_standing_by`
         self._leadership = Leadership()
+
         self._uses_wait_set = False  # whether rclpy's methods wait, in a wait set
         notify_of_triggers(self._guard, self._on_change)
         self._closed = False
@@ -121,13 +126,14 @@ class QuickExecutor(MultiThreadedExecutor):
             super().__del__()
 
     def _close(self) -> None:
-        closed, self._closed = getattr(self, '_closed', True), True
-        if not closed:
-            while not self._leadership.take():
-                time.sleep(1e-4)
-            self._events.close()
-            self._leadership.close()
-            self._pending_tasks.cancel_coroutines()
+        if getattr(self, '_closed', True):  # its constructor may have failed
+            return
+        self._closed = True
+        while not self._leadership.take():
+            time.sleep(1e-4)
+        self._events.close()
+        self._leadership.close()
+        self._pending_tasks.cancel_coroutines()
 
     def _on_change(self) -> None:
         """Refresh the nodes' entities, unless a polling thread does it."""
@@ -232,15 +238,17 @@ class QuickExecutor(MultiThreadedExecutor):
         self._is_shutdown = True
         self._end_spins()
         self.wake()  # for `wait_for_ready_callbacks`
+
         with self._lock:
             threads = list(self._threads)
         if current_thread() not in threads:  # else the last thread closes
-            end = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+            end = _deadline(timeout_sec)
             for thread in threads:
                 thread.join(None if end == inf else max(0.0, end - time.monotonic()))
             if any(thread.is_alive() for thread in threads):
                 return False
             self._close()
+
         while self._events.failures:  # no spin is left to raise them
             traceback.print_exception(self._events.failures.popleft())
         return bool(super().shutdown(timeout_sec))
@@ -252,11 +260,12 @@ class QuickExecutor(MultiThreadedExecutor):
 
         Within a callback this thread is one of the pool, and leads if no other thread does.
         """
-        deadline = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        deadline = _deadline(timeout_sec)
         future = future or self._never_done
         spin = Spin(future, deadline, SpinPhase.ONE_TO_COME if once else SpinPhase.MANY)
         inside = current_thread() in self._threads
         period = _CHECK_PERIOD_INSIDE if inside else _CHECK_PERIOD
+
         if self._uses_wait_set:
             self._use_events()
         if not once:  # calls of `spin_once` continue one round of tasks
@@ -264,6 +273,7 @@ class QuickExecutor(MultiThreadedExecutor):
         future.add_done_callback(self._on_future_done)
         self._spins.add(spin)
         self._is_spinning = True  # for rclpy's `is_spinning`
+
         try:
             self._events.wake()
             self._start_stand_by()
@@ -272,8 +282,9 @@ class QuickExecutor(MultiThreadedExecutor):
                 if inside and self._leadership.take():
                     self._lead(spin)
                 elif not spin.over.wait(max(1e-3, min(period, deadline - time.monotonic()))):
-                    leading = self._standing_by or not self._leadership.free
-                    self._end_spins(expired=-inf if leading else time.monotonic())
+                    # Otherwise all threads are in callbacks, and none sees the deadline pass.
+                    can_lead = self._standing_by or not self._leadership.free
+                    self._end_spins(expired=-inf if can_lead else time.monotonic())
         finally:
             self._spins.discard(spin)
             self._is_spinning = bool(self._spins)
@@ -321,8 +332,10 @@ class QuickExecutor(MultiThreadedExecutor):
                     if self._is_shutdown and not self._threads:
                         self._close()
                     break
-                if waited := not self._spins:
+                waited = not self._spins
+                if waited:
                     self._leadership.wake_stand_by(_LINGER)  # another spin may follow
+
             if self._leadership.take_over(wanted=not waited):
                 self._start_stand_by(instead=1)
                 self._lead()
@@ -332,7 +345,8 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def _lead(self, within: Spin | None = None) -> None:
         """Poll and execute until all spins, or the one `within` a callback, are over."""
-        events, tasks = self._events, self._pending_tasks
+        events = self._events
+        tasks = self._pending_tasks
         events.recheck_due = True
         events.poll_due = 0.0
         executed = True
@@ -346,9 +360,12 @@ class QuickExecutor(MultiThreadedExecutor):
                     if events.recheck_due:
                         continue
                     executed = True
-                now = events.poll(0 if tasks.ready or (executed and events.ready) else deadline)
+
+                is_busy = tasks.ready or (executed and events.ready)
+                now = events.poll(0 if is_busy else deadline)
                 tasks.polled = True
                 executed = not events.context_ended and self._execute_ready()
+
                 if tasks.ready or now >= deadline:
                     events.recheck_due = True
                 if now >= deadline and not (tasks.ready and self._spins_for_one):
@@ -365,9 +382,11 @@ class QuickExecutor(MultiThreadedExecutor):
         Returns the earliest deadline [s] of the spins; None: all spins, or the one `within`, are
         over.
         """
-        events, tasks = self._events, self._pending_tasks
+        events = self._events
+        tasks = self._pending_tasks
         events.recheck_due = False
         self._end_spins()
+
         spins = list(self._spins)
         if not spins or (within and within.over.is_set()):
             return None
@@ -394,12 +413,16 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def _execute_ready(self) -> bool:
         """Execute each entry that is ready once; return whether any was executed."""
-        events, executed = self._events, False
+        events = self._events
+        executed = False
         for _ in range(len(events.ready)):
             entry = events.ready.popleft()
             if not entry.begin():
                 events.ready.append(entry)
-            elif call := self._take(entry):
+                continue
+
+            call = self._take(entry)
+            if call:
                 executed = True
                 self._run(entry, call)
                 if events.recheck_due:  # the spin may be over
@@ -437,9 +460,11 @@ class QuickExecutor(MultiThreadedExecutor):
         """
         callback, args = call
         claimed = entry
-        spins_for_one, self._spins_for_one = self._spins_for_one, []
+        spins_for_one = self._spins_for_one
+        self._spins_for_one = []
         for spin in spins_for_one:
             spin.phase = SpinPhase.ONE_RUNS
+
         lent = self._leadership.lend(entry is not None and entry.is_slow)
         try:
             result = callback(*args)
@@ -452,6 +477,7 @@ class QuickExecutor(MultiThreadedExecutor):
         finally:
             if claimed:  # after `fail`: the spin ends before the next callback of the group
                 claimed.end()
+
         for spin in spins_for_one:
             spin.phase = SpinPhase.ONE_RAN
             self._events.recheck_due = True
@@ -461,6 +487,13 @@ class QuickExecutor(MultiThreadedExecutor):
         if not leads:
             self._events.wake()  # its group is free
             raise _Lost
+
+
+def _deadline(timeout_sec: float | None) -> float:
+    """Return the end of a timeout [s]; without one, or with a negative one, infinity."""
+    if timeout_sec is None or timeout_sec < 0:
+        return inf
+    return time.monotonic() + timeout_sec
 
 
 async def _finish(entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:

@@ -53,7 +53,9 @@ _COUNTS = (
     'num_events',
 )
 
-_library, _returning = cache(ctypes.PyDLL), cache(PYFUNCTYPE)  # each makes classes
+# Each makes classes at a call: once is enough.
+_library = cache(ctypes.PyDLL)
+_returning = cache(PYFUNCTYPE)
 _pointer_in = PYFUNCTYPE(c_void_p, py_object, c_char_p)(('PyCapsule_GetPointer', ctypes.pythonapi))
 
 #: The private names that are needed, by module and class: each an attribute, or used in a method.
@@ -114,7 +116,8 @@ def missing() -> list[str]:
         try:
             for name in LISTENERS.values():
                 _setter(name)
-            _ = _counting_functions(), _library('librcl.so').rcl_take
+            _counting_functions()
+            getattr(_library('librcl.so'), 'rcl_take')  # noqa: B009 (it is missing where it raises)
             for opened in (os.eventfd(0), ctypes.CDLL(None).timerfd_create(1, 0)):
                 os.close(opened)
             select.epoll().close()
@@ -129,8 +132,8 @@ def _lacks(path: str, name: str) -> bool:
         owner = resolve_name(path)
     except (ImportError, AttributeError):
         return True
-    methods = [getattr(each, 'fset', each) for each in vars(owner).values()]
-    codes = [each.__code__ for each in methods if hasattr(each, '__code__')]
+    methods = [getattr(member, 'fset', member) for member in vars(owner).values()]
+    codes = [method.__code__ for method in methods if hasattr(method, '__code__')]
     return not (hasattr(owner, name) or any(name in code.co_names for code in codes))
 
 
@@ -152,15 +155,18 @@ def set_listener(entry: Any, counter: int | c_int32 | None) -> bool:  # noqa: AN
     listener was removed, no thread is in it any more. It is set twice: an arrival during the first
     call may be missed, and the second call counts it.
     """
-    name = next((name for each, name in LISTENERS.items() if isinstance(entry.entity, each)), '')
+    names = (name for kind, name in LISTENERS.items() if isinstance(entry.entity, kind))
+    name = next(names, '')
     if not name:
         return False
+
     listener: tuple[Any, Any] = None, None
     to_descriptor, to_memory = _counting_functions()
     if isinstance(counter, int):
         listener = to_descriptor, counter
     elif counter is not None:
         listener = to_memory, ctypes.byref(counter)
+
     with suppress(InvalidHandle), entry.handle:  # destroyed
         if any(_setter(name)(entry.handle.pointer, *listener) for _ in range(2)):
             _library('librcutils.so').rcutils_reset_error()
@@ -188,7 +194,9 @@ def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]
     convert = _returning(py_object)(_pointer_in(kind._CONVERT_TO_PY, None))
     struct = c_void_p(create())
     finalize(struct, destroy, c_void_p(struct.value)).atexit = False  # daemons use it until then
-    handle, take = subscription.handle, _library('librcl.so').rcl_take
+
+    take = _library('librcl.so').rcl_take
+    handle = subscription.handle
     pointer = c_void_p(handle.pointer)
 
     def take_message() -> tuple[Any] | None:

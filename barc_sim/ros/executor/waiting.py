@@ -17,24 +17,31 @@ from functools import partial
 from struct import pack
 
 _MAX_EVENTS = 64  # of one poll
-#: The length of a struct epoll_event and the descriptor's place in it, in integers of four bytes:
-#: only x86-64 packs it without gaps. Then the number of the system call sched_setattr.
-_LENGTH, _PLACE, _SCHED_SETATTR = (3, 1, 314) if platform.machine() == 'x86_64' else (4, 2, 274)
-_MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
+_IS_X86_64 = platform.machine() == 'x86_64'
+# The length of a struct epoll_event and the descriptor's place in it, in integers of four bytes:
+# only x86-64 packs it without gaps.
+_LENGTH = 3 if _IS_X86_64 else 4
+_PLACE = 1 if _IS_X86_64 else 2
+_SCHED_SETATTR = 314 if _IS_X86_64 else 274  # number of the system call
+_CLOCK_MONOTONIC = 1
+_TFD_TIMER_ABSTIME = 1
 
-#: [s] After a wait shorter than `_SHORT`, the next wait polls for `_SPIN` before it sleeps: a
-#: halted core takes 50 us to wake up, longer than another process needs for its answer.
-_SPIN, _SHORT = 40e-6, 0.25e-3
+# After a wait shorter than `_SHORT`, the next wait polls for `_SPIN` before it sleeps: a halted
+# core takes 50 us to wake up, longer than another process needs for its answer.
+_SHORT = 0.25e-3  #: [s]
+_SPIN = 40e-6  #: [s]
 #: [s] after which a callback counts as lasting: another thread polls meanwhile.
 LASTING = 1e-3
-#: Minimum [s] between two settings of the timer, after a pause and while busy: a virtual machine
-#: takes 20 us for one.
-_PUT_OFF, _PUT_OFF_BUSY = 0.5e-3, 2e-3
+# A virtual machine takes 20 us to set the timer.
+_PUT_OFF = 0.5e-3  #: [s] minimum between two settings of the timer, after a pause
+_PUT_OFF_BUSY = 2e-3  #: [s] the same, while calls follow one another
 
 _LIBC = ctypes.PyDLL(None)  # keeps the interpreter's lock
 _spare: list[int] = []  # eventfds that nothing uses
 _spare_timers: list[int] = []
-_epoll_wait, _read = _LIBC.epoll_wait, _LIBC.read  # without `argtypes`, which cost 0.3 us
+# Without `argtypes`, which cost 0.3 us.
+_epoll_wait = _LIBC.epoll_wait
+_read = _LIBC.read
 _set_timer = _LIBC.timerfd_settime
 _ppoll = ctypes.CDLL(None).ppoll  # releases the lock; `select`'s functions round to milliseconds
 
@@ -58,7 +65,8 @@ class Descriptors:
         self._number = self._epoll.fileno()
         self._events = (ctypes.c_int32 * (_LENGTH * _MAX_EVENTS))()
         self._count = ctypes.c_uint64()
-        self._at_events, self._at_count = ctypes.byref(self._events), ctypes.byref(self._count)
+        self._at_events = ctypes.byref(self._events)
+        self._at_count = ctypes.byref(self._count)
         polled = ctypes.create_string_buffer(pack('ihh', self._number, select.POLLIN, 0))
         self._poll = partial(_ppoll, polled, ctypes.c_ulong(1))
         self._short = False  # whether the last wait was short
@@ -73,7 +81,8 @@ class Descriptors:
 
     def wait(self, deadline: float) -> list[int]:
         """Wait for a readable descriptor or the deadline [s]; return the readable descriptors."""
-        now = start = time.monotonic()
+        start = time.monotonic()
+        now = start
         spin_until = min(deadline, start + _SPIN) if self._short else start
         while now < spin_until and not self._poll(_timespec(0.0), None):
             now = time.monotonic()
@@ -122,7 +131,10 @@ class Leadership:
     def __init__(self) -> None:
         self.free = [0.0]  #: when it was lent [s]; empty while a thread leads
         self._lent = 0.0  # [s] when it was lent
-        self._timer = _spare_timers.pop() if _spare_timers else _LIBC.timerfd_create(_MONOTONIC, 0)
+        if _spare_timers:
+            self._timer = _spare_timers.pop()
+        else:
+            self._timer = _LIBC.timerfd_create(_CLOCK_MONOTONIC, 0)
         os.set_inheritable(self._timer, False)  # raises OSError if no timer could be opened
         self._put_off = 0.0  # [s] when the timer may be set again
 
@@ -161,7 +173,8 @@ class Leadership:
     def take_over(self, *, wanted: bool) -> bool:
         """Take it from a callback that lasts; otherwise wait until another try makes sense."""
         if wanted and self.free:
-            if (left := self._lent + LASTING - time.monotonic()) <= 0:
+            left = self._lent + LASTING - time.monotonic()
+            if left <= 0:
                 return self.take()
             self.wake_stand_by(left)
         os.read(self._timer, 8)
@@ -175,7 +188,7 @@ class Leadership:
         now = time.monotonic()
         due = bytes(16) + _timespec(now + seconds)
         self._put_off = now + put_off  # no other thread runs from here to the end of the call
-        _set_timer(self._timer, _ABSOLUTE, due, None)
+        _set_timer(self._timer, _TFD_TIMER_ABSTIME, due, None)
 
     def close(self) -> None:
         """Give it up for good, once no thread stands by."""

@@ -68,10 +68,13 @@ def _modules() -> dict[str, ModuleType]:
         names |= vars(import_module(f'{__name__}.{source}'))
     kinds = packages()
     modules: dict[str, ModuleType] = {}
-    for name in (*_NAMES, *(kind.partition('.')[0] for kind in kinds), *kinds):
+    roots = [kind.partition('.')[0] for kind in kinds]
+    for name in (*_NAMES, *roots, *kinds):
         module = modules.setdefault(name, _StandIn(name))
-        module.__path__, module.__spec__ = [], ModuleSpec(name, None, is_package=True)
+        module.__path__ = []
+        module.__spec__ = ModuleSpec(name, None, is_package=True)
         vars(module).update({word: names[word] for word in _NAMES.get(name, '').split()})
+
         parent, _, child = name.rpartition('.')
         if parent:
             setattr(modules[parent], child, module)

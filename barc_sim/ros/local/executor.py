@@ -50,13 +50,17 @@ class World:
     arguments: Any  #: of `--ros-args`
 
     def __init__(self, *, simulated: bool = False) -> None:
-        self.simulated, self.now_ns = simulated, 0
-        self.now: Callable[[], int] = (lambda: self.now_ns) if simulated else time.monotonic_ns
+        self.simulated = simulated
+        self.now_ns = 0
+        self.now: Callable[[], int] = self._simulated_now if simulated else time.monotonic_ns
         self.date: Callable[[], int] = self.now if simulated else time.time_ns
         self.nodes: list[Any] = []
         self.log_levels: dict[str, int] = {}
         #: Runs while a program waits: the nodes around the program, such as the simulator.
         self.around: Executor | None = None
+
+    def _simulated_now(self) -> int:
+        return self.now_ns
 
     def ok(self) -> bool:
         return self.is_ok
@@ -122,14 +126,17 @@ class Logger:
     """Writes to stderr and, for a node, to `/rosout`."""
 
     def __init__(self, name: str, world: World, rosout: Any = None) -> None:
-        self.name, self._world, self.rosout = name, world, rosout
+        self.name = name
+        self._world = world
+        self.rosout = rosout
         self._last: dict[tuple[Any, int], float] = {}  # [s] of the last log, by line of code
 
     def set_level(self, level: int) -> None:
         self._world.log_levels[self.name] = level
 
     def get_effective_level(self) -> LoggingSeverity:
-        name, levels = self.name, self._world.log_levels
+        name = self.name
+        levels = self._world.log_levels
         while name and not levels.get(name):
             name = name.rpartition('.')[0]
         return LoggingSeverity(levels.get(name) or LoggingSeverity.INFO)
@@ -144,12 +151,15 @@ class Logger:
     ) -> bool:
         if self._world.is_silent or severity < self.get_effective_level():
             return False
+
         frame = sys._getframe(1)  # noqa: SLF001 (the caller)
-        place, now = (frame.f_code, frame.f_lineno), self._world.now() / SECOND
+        place = (frame.f_code, frame.f_lineno)
+        now = self._world.now() / SECOND
         last = self._last.get(place)
         if last is not None and (once or now < last + throttle_duration_sec):
             return False
         self._last[place] = now
+
         sec, nanosec = divmod(self._world.date(), SECOND)
         time = f'{sec}.{nanosec:09d}'
         print(f'[{severity.name}] [{time}] [{self.name}]: {message}', file=sys.stderr, flush=True)  # noqa: T201
@@ -157,8 +167,10 @@ class Logger:
             log = message_type('rcl_interfaces/msg/Log')(
                 level=severity, name=self.name, msg=message
             )
-            log.stamp.sec, log.stamp.nanosec = sec, nanosec
-            log.file, log.function = frame.f_code.co_filename, frame.f_code.co_name
+            log.stamp.sec = sec
+            log.stamp.nanosec = nanosec
+            log.file = frame.f_code.co_filename
+            log.function = frame.f_code.co_name
             log.line = frame.f_lineno
             self.rosout.publish(log)
         return True
@@ -231,7 +243,8 @@ class Time(Duration):
 
 class Clock:
     def __init__(self, *, clock_type: Any = ClockType.SYSTEM_TIME) -> None:
-        self.clock_type, self._world = clock_type, current()
+        self.clock_type = clock_type
+        self._world = current()
 
     def now(self) -> Time:
         steady = self.clock_type == ClockType.STEADY_TIME
@@ -252,7 +265,9 @@ class Timer:
     queue = None  #: a timer receives no messages
 
     def __init__(self, node: Any, period: int, callback: Any) -> None:
-        self.node, self.callback, self.timer_period_ns = node, not_async(callback), period
+        self.node = node
+        self.callback = not_async(callback)
+        self.timer_period_ns = period
         self.due = inf  #: [ns]; infinity: it is cancelled
         self._now = node.context.now
 
@@ -263,10 +278,17 @@ class Timer:
 
     def run(self) -> None:
         """Call the callback, unless the timer was reset or cancelled meanwhile."""
-        now, period = self._now(), self.timer_period_ns
-        if now >= self.due:
-            self._set(self.due + period * (1 + (now - self.due) // period) if period else now)
-            self.callback()
+        now = self._now()
+        if now < self.due:
+            return
+
+        period = self.timer_period_ns
+        due = now
+        if period:
+            late_periods = (now - self.due) // period
+            due = self.due + period * (1 + late_periods)
+        self._set(due)
+        self.callback()
 
     def reset(self) -> None:
         self._set(self._now() + self.timer_period_ns)
@@ -294,7 +316,8 @@ class Future:
         return self._result
 
     def set_result(self, result: Any) -> None:
-        self._result, self.is_done = result, True
+        self._result = result
+        self.is_done = True
         while self._callbacks:
             self._callbacks.pop(0)(self)
 
@@ -314,7 +337,8 @@ class Executor:
         self._nodes: list[Any] = []
         self.ready: deque[Any] = deque()
         self._soonest: float = 0  #: [ns] No timer is due before this time.
-        self._is_shutdown = self.waits = False
+        self._is_shutdown = False
+        self.waits = False
         self.awake = threading.Event()
 
     def __enter__(self) -> Executor:  # noqa: PYI034 (Self is newer than Python 3.10)
@@ -337,7 +361,7 @@ class Executor:
     def remove_node(self, node: Any) -> None:
         if node in self._nodes:
             self._nodes.remove(node)
-            self.ready = deque(each for each in self.ready if each.node is not node)
+            self.ready = deque(receiver for receiver in self.ready if receiver.node is not node)
             node.executor = None
 
     def check_timers(self, due: float) -> None:
@@ -350,7 +374,7 @@ class Executor:
         """Return when the next callback is due [ns]; infinity: none is."""
         if self.ready:
             return self.world.now()
-        self._soonest = min((each.due for each in self._timers()), default=inf)
+        self._soonest = min((timer.due for timer in self._timers()), default=inf)
         return self._soonest
 
     def _timers(self) -> list[Timer]:
@@ -363,6 +387,7 @@ class Executor:
             timers = sorted(self._timers(), key=lambda timer: timer.due)
             self.ready += [timer for timer in timers if timer.due <= now]
             self._soonest = min((timer.due for timer in timers if timer.due > now), default=inf)
+
         if self.ready:
             receiver = self.ready.popleft()
             if receiver.queue is None:
@@ -370,6 +395,7 @@ class Executor:
             elif receiver.queue:
                 receiver.callback(receiver.queue.popleft())
             return True
+
         self.waits = True
         try:
             self._wait(min(self.next_due(), until))
@@ -398,10 +424,14 @@ class Executor:
         self._spin(Future(), timeout_sec, once=True)
 
     def _spin(self, future: Future, timeout: float | None, *, once: bool = False) -> None:
-        forever = timeout is None or timeout < 0
-        until = inf if forever else self.world.now() + int((timeout or 0) * SECOND)
+        until = inf
+        if timeout is not None and timeout >= 0:
+            until = self.world.now() + int(timeout * SECOND)
         while self.world.is_ok and not self._is_shutdown and not future.is_done:
-            if (self.run_once(until) and once) or (until != inf and self.world.now() >= until):
+            has_called = self.run_once(until)
+            if has_called and once:
+                return
+            if until != inf and self.world.now() >= until:
                 return
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:

@@ -128,7 +128,8 @@ class _Field:
     """Makes, checks and copies the values of one field."""
 
     def __init__(self, owner: str, name: str, kind: Nodetype, of: Any) -> None:
-        self.name, self._is_fixed = name, kind == Nodetype.ARRAY
+        self.name = name
+        self._is_fixed = kind == Nodetype.ARRAY
         self._is_many = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
         self._bound: int
         (kind, of), self._bound = of if self._is_many else ((kind, of), 0)

@@ -97,22 +97,27 @@ class _Entity:
     def __init__(
         self, node: Node, name: str, kind: Any, qos: QoSProfile, callback: Any = None
     ) -> None:
-        self.node, self.kind, self.qos_profile = node, kind, qos
+        self.node = node
+        self.kind = kind
+        self.qos_profile = qos
         self.callback = not_async(callback)
-        self.topic_name = self.service_name = name
-        self.node_name, self.node_namespace = node.get_name(), node.get_namespace()
-        package, sort, *_ = kind.__module__.split('.')
-        self.topic_type = f'{package}/{sort}/{kind.__name__}'
+        self.topic_name = name
+        self.service_name = name
+        self.node_name = node.get_name()
+        self.node_namespace = node.get_namespace()
+        package, interface_kind = kind.__module__.split('.')[:2]
+        self.topic_type = f'{package}/{interface_kind}/{kind.__name__}'
         self.endpoint_gid = [*id(self).to_bytes(16, 'little')]
         self.queue: deque[Any] = deque(maxlen=qos.length)
 
     def offer(self, arrival: Any, number: int = 0) -> None:
         """Queue an arrival, in any thread; a full queue drops its oldest one."""
         del number
-        queue, executor = self.queue, self.node.executor
-        full = len(queue) == queue.maxlen
+        queue = self.queue
+        executor = self.node.executor
+        is_full = len(queue) == queue.maxlen
         queue.append(arrival)
-        if executor is not None and not full:
+        if executor is not None and not is_full:
             executor.ready.append(self)
             if executor.waits:
                 executor.awake.set()
@@ -131,8 +136,9 @@ class Publisher(_Entity):
         self.number += 1
         if self.qos_profile.is_latched:
             self.queue.append((msg.__copy__(), self.number))
-        for each in self.subscriptions:
-            each.offer(msg.__serialize__() if each.raw else msg.__copy__(), self.number)
+        for subscription in self.subscriptions:
+            copy = msg.__serialize__() if subscription.raw else msg.__copy__()
+            subscription.offer(copy, self.number)
 
     def get_subscription_count(self) -> int:
         return len(self.subscriptions)
@@ -200,11 +206,13 @@ class Node(NodeParameters):
         if not self.context.is_ok:
             raise NotInitializedException('rclpy.init() has not been called: cannot create node')
         self.default_callback_group = CallbackGroup()
+
         remap = self.context.arguments.remap
         name = _checked(node_name)
         self._name = remap('', '__node', '__name') or name
         space = (remap(self._name, '__ns') or namespace or '').strip('/')
         self._namespace = f'/{_checked(space) if space else ""}'
+
         self.publishers: list[Publisher] = []
         self.subscriptions: list[Subscription] = []
         self.services: list[_Entity] = []
@@ -212,12 +220,14 @@ class Node(NodeParameters):
         self.timers: list[Timer] = []
         self.guards: list[GuardCondition] = []
         self.context.nodes.append(self)
+
         self._clock = Clock(clock_type=ClockType.ROS_TIME)
         name = self.get_fully_qualified_name()
         self._logger = Logger(name.strip('/').replace('/', '.'), self.context)
         if enable_rosout:
             log = message_type('rcl_interfaces/msg/Log')
             self._logger.rosout = self.create_publisher(log, '/rosout', LATCHED)
+
         event = message_type('rcl_interfaces/msg/ParameterEvent')
         events = self.create_publisher(event, '/parameter_events', 1000)
         overrides = self.context.arguments.of(name)
@@ -288,7 +298,8 @@ class Node(NodeParameters):
         raw: bool = False,
     ) -> Subscription:
         del callback_group
-        name, qos = self.resolve_topic_name(topic), _as_profile(qos_profile)
+        name = self.resolve_topic_name(topic)
+        qos = _as_profile(qos_profile)
         new = Subscription(self, name, msg_type, qos, callback)
         new.raw = raw
         return self.connect(new)
@@ -304,7 +315,8 @@ class Node(NodeParameters):
         return new
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **_: Any) -> _Entity:
-        name, qos = self.resolve_service_name(srv_name), qos_profile_system_default
+        name = self.resolve_service_name(srv_name)
+        qos = qos_profile_system_default
         answer = not_async(callback)
 
         def on_request(arrival: tuple[Any, Client, Future]) -> None:
@@ -315,7 +327,8 @@ class Node(NodeParameters):
         return self.services[-1]
 
     def create_client(self, srv_type: Any, srv_name: str, **_: Any) -> Client:
-        name, qos = self.resolve_service_name(srv_name), qos_profile_system_default
+        name = self.resolve_service_name(srv_name)
+        qos = qos_profile_system_default
         self.clients.append(Client(self, name, srv_type, qos, _complete))
         return self.clients[-1]
 
@@ -379,8 +392,9 @@ class Node(NodeParameters):
         topics: dict[str, set[str]] = {}
         for node in self.context.nodes:
             if not of or (node.get_name(), node.get_namespace()) == of:
-                for each in (each for kind in kinds for each in getattr(node, kind)):
-                    topics.setdefault(each.topic_name, set()).add(each.topic_type)
+                for kind in kinds:
+                    for entity in getattr(node, kind):
+                        topics.setdefault(entity.topic_name, set()).add(entity.topic_type)
         return [(name, sorted(types)) for name, types in sorted(topics.items())]
 
     get_topic_names_and_types = partialmethod(_types, ('publishers', 'subscriptions'))

@@ -170,7 +170,8 @@ class Parameter:
     Type: ClassVar[Any] = Type
 
     def __init__(self, name: str, type_: Any = None, value: Any = None) -> None:
-        self.name, self.value = name, value
+        self.name = name
+        self.value = value
         self.type_ = type_ or Type.from_parameter_value(value)
 
     @classmethod
@@ -204,7 +205,8 @@ class NodeParameters:
     create_service: Any
 
     def __init__(self, events: Any, overrides: dict[str, Any]) -> None:
-        self._events, self._overrides = events, overrides
+        self._events = events
+        self._overrides = overrides
         self._parameters: dict[str, Parameter] = {}
         self._descriptors: dict[str, Any] = {}
         self._on_set: list[Callable[[list[Parameter]], Any]] = []
@@ -216,7 +218,9 @@ class NodeParameters:
         descriptor = descriptor or _interface('ParameterDescriptor')()
         if value is None or isinstance(value, Type) or descriptor.dynamic_typing:
             raise ValueError(f'parameter {name!r} without a value or of any type {LACKS}')
-        descriptor.name, descriptor.type = name, Type.from_parameter_value(value).value
+        descriptor.name = name
+        descriptor.type = Type.from_parameter_value(value).value
+
         value = self._overrides.get(name, value)
         parameter = Parameter(name, value=value)
         result = self._set(parameter, descriptor)
@@ -266,7 +270,9 @@ class NodeParameters:
             result = callback([parameter])
             if not result.successful:
                 return result
-        self._parameters[name], self._descriptors[name] = parameter, descriptor
+        self._parameters[name] = parameter
+        self._descriptors[name] = descriptor
+
         event = _interface('ParameterEvent')(node=self.get_fully_qualified_name())
         event.stamp = self.get_clock().now().to_msg()
         kind = event.new_parameters if declared else event.changed_parameters
@@ -288,9 +294,9 @@ class NodeParameters:
         self.create_service(kind, '~/set_parameters', self._on_set_request)
 
     def _on_set_request(self, request: Any, response: Any) -> Any:
-        for each in request.parameters:
+        for requested in request.parameters:
             try:
-                (result,) = self.set_parameters([Parameter.from_parameter_msg(each)])
+                (result,) = self.set_parameters([Parameter.from_parameter_msg(requested)])
             except ParameterNotDeclaredException as error:
                 result = _result(str(error))
             response.results.append(result)
@@ -299,12 +305,17 @@ class NodeParameters:
 
 def _fault(parameter: Parameter, descriptor: Any) -> str:
     """Return why a parameter cannot have its value, or ''."""
-    name, value, kind = parameter.name, parameter.value, parameter.type_
+    name = parameter.name
+    value = parameter.value
+    kind = parameter.type_
     if kind.value != descriptor.type:
         return f"Wrong parameter type, expected '{Type(descriptor.type)}' got '{kind}'"
     is_whole = kind is Type.INTEGER
-    for allowed in descriptor.integer_range if is_whole else descriptor.floating_point_range:
-        low, high, mark = allowed.from_value, allowed.to_value, '.' * is_whole
+    ranges = descriptor.integer_range if is_whole else descriptor.floating_point_range
+    mark = '.' if is_whole else ''  # as rclpy's sentences have it
+    for allowed in ranges:
+        low = allowed.from_value
+        high = allowed.to_value
         if not low <= value <= high:
             return f'Parameter {name} out of range{mark} Min: {low}, Max: {high}, value: {value}'
     return ''
