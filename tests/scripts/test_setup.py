@@ -37,8 +37,9 @@ def checkout(tmp_path: Path) -> Path:
         shutil.copytree(ROOT / name, copy / name)
     for name in ('setup.cfg', 'setup.py', 'package.xml', 'pyproject.toml'):
         shutil.copy(ROOT / name, copy)
-    (copy / 'barc_sim' / 'commands').mkdir(parents=True)
-    shutil.copy(ROOT / 'barc_sim' / 'commands' / '__init__.py', copy / 'barc_sim' / 'commands')
+    for name in ('barc_sim/commands/__init__.py', 'barc_sim/interfaces/nodes.py'):
+        (copy / name).parent.mkdir(parents=True)
+        shutil.copy(ROOT / name, copy / name)
     return copy
 
 
