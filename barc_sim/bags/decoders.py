@@ -61,7 +61,7 @@ class Decoder:
         return self._store.deserialize_cdr(data, self._type)
 
 
-class StateSample(NamedTuple):
+class LogSample(NamedTuple):
     """What a message contributes to a log."""
 
     stamp: int  #: [ns] of the state that it belongs to
@@ -69,8 +69,8 @@ class StateSample(NamedTuple):
     terms: Mapping[str, float]  #: of a controller, by name
 
 
-class StateDecoder:
-    """Decodes the messages of a topic for a log.
+class LogDecoder:
+    """Decodes the messages of any topic that a log is made of.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class StateDecoder:
         self.topic = PID_STATE if name == CONTROLLER_STATE else name
         self._fields = list(TOPICS[self.topic])
 
-    def decode(self, data: bytes) -> StateSample:
+    def decode(self, data: bytes) -> LogSample:
         """Return the sample of a message; an exception: `data` is damaged."""
         message = self._decoder.decode(data)
         terms = {} if self._prefix is None else self._terms_of(message, self._prefix)
@@ -103,7 +103,7 @@ class StateDecoder:
             else:
                 # A bag of an earlier version may lack a field.
                 values.append(getattr(message, field, np.nan))
-        return StateSample(to_nanoseconds(message.header.stamp), values, terms)
+        return LogSample(to_nanoseconds(message.header.stamp), values, terms)
 
     @staticmethod
     def _terms_of(message: Any, prefix: str) -> dict[str, float]:  # noqa: ANN401

@@ -53,7 +53,7 @@ _QOS_OF = {ROSOUT: {'durability': 'transient_local', 'lifespan': {'sec': 10, 'ns
 
 
 class BagMessage(NamedTuple):
-    """A message to write."""
+    """A message of a bag, as the reader yields it."""
 
     topic: Topic
     data: bytes  #: in CDR, with its header
@@ -62,7 +62,8 @@ class BagMessage(NamedTuple):
     number: int  #: the publisher's count
 
 
-#: The fields of a `BagMessage`, without the 0.3 us that a `BagMessage` takes to make.
+#: A message to write: the fields of a `BagMessage` in its order, as a plain tuple. A recorder makes
+#: thousands of them a second, and a `BagMessage` takes 0.3 us longer to make.
 MessageFields = tuple[Topic, bytes, int, int, int]
 
 

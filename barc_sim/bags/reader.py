@@ -14,7 +14,7 @@ import numpy as np
 
 from barc_sim.bags import bounds
 from barc_sim.bags.contents import Contents
-from barc_sim.bags.decoders import Decoder, StateDecoder
+from barc_sim.bags.decoders import Decoder, LogDecoder
 from barc_sim.bags.parameters import EVENT_TYPE, ParameterHistory
 from barc_sim.bags.recording import TRACK_NAME
 from barc_sim.bags.samples import TOPICS, Samples, decision_times, join
@@ -96,7 +96,7 @@ class Bag:
     path: Path
     info: dict[str, str] = field(default_factory=dict)  #: the run's metadata
     attachments: dict[str, bytes] = field(default_factory=dict)  #: by name
-    #: The messages, by namespace and topic.
+    #: The messages by the namespace of a car, such as `/car1`, and then by the name of a topic.
     samples: defaultdict[str, dict[str, Samples]] = field(default_factory=lambda: defaultdict(dict))
     parameters: ParameterHistory = field(default_factory=ParameterHistory)  #: of all nodes
 
@@ -243,7 +243,7 @@ class _Sinks:
     def __init__(self, bag: Bag) -> None:
         self._bag = bag
         self._sinks: dict[int, _Sink | None] = {}  # by identity of the topic
-        self._decoders: dict[tuple[str, ...], Decoder | StateDecoder | None] = {}
+        self._decoders: dict[tuple[str, ...], Decoder | LogDecoder | None] = {}
 
     def sink_of(self, topic: Topic) -> _Sink | None:
         """Return the sink of a topic; None if its messages are not read."""
@@ -260,6 +260,7 @@ class _Sinks:
 
         decoder = self._decoder_of(topic, name, is_event=is_event)
         if decoder is None:
+            # It refuses each message, so that `load` counts it as undecodable.
             return _UndecodableSink()
         if isinstance(decoder, Decoder):
             return _ParameterSink(self._bag.parameters, decoder)
@@ -267,24 +268,24 @@ class _Sinks:
         car = self._bag.samples[namespace or '/']
         if decoder.topic not in car:
             car[decoder.topic] = Samples(len(TOPICS[decoder.topic]))
-        return _StateSink(car[decoder.topic], decoder)
+        return _LogSink(car[decoder.topic], decoder)
 
     def _decoder_of(
         self, topic: Topic, name: str, *, is_event: bool
-    ) -> Decoder | StateDecoder | None:
+    ) -> Decoder | LogDecoder | None:
         """Return the decoder of equal topics; None: their definition cannot be read."""
         key = (name, topic.message_encoding, topic.definition)
         if key not in self._decoders and len(self._decoders) < bounds.MAX_SCHEMAS:
             self._decoders[key] = None
             with suppress(Exception):  # damage may raise anything
-                self._decoders[key] = Decoder(topic) if is_event else StateDecoder(name, topic)
+                self._decoders[key] = Decoder(topic) if is_event else LogDecoder(name, topic)
         return self._decoders.get(key)
 
 
-class _StateSink:
-    """Adds messages to the samples of a car."""
+class _LogSink:
+    """Adds the messages of a log topic, such as `ecu`, to the samples of a car."""
 
-    def __init__(self, samples: Samples, decoder: StateDecoder) -> None:
+    def __init__(self, samples: Samples, decoder: LogDecoder) -> None:
         self._samples = samples
         self._decoder = decoder
 

@@ -20,10 +20,13 @@ if TYPE_CHECKING:
 _LATEST = 2**64 - 1  #: [ns]
 #: The log's column for each field that is read, by topic.
 TOPICS = {topic: columns for topic in LOG_TYPES if (columns := columns_of(topic))}
+#: The topics in the order in which they fill the log. `ecu` and `applied_command` fill the same
+#: columns: the simulator's record of the command comes last, and replaces the answer.
+_FILLING_ORDER = (*(topic for topic in TOPICS if topic != APPLIED_COMMAND), APPLIED_COMMAND)
 
 
 class Samples:
-    """The messages of a topic, in the order of the bag; a message's place is its index in it.
+    """The messages of a topic, in the order of the bag; a message's index is its place in it.
 
     Parameters
     ----------
@@ -35,7 +38,7 @@ class Samples:
         self._pack = Struct(f'<qQ{width}d').pack
         self._packed = bytearray()
         self._type = np.dtype([('stamp', '<i8'), ('published', '<u8'), ('values', '<f8', width)])
-        #: The places of the messages that have a term, and its values there, by the term's name.
+        #: The indices of the messages that have a term, and its values there, by the term's name.
         self._terms: dict[str, tuple[array[int], array[float]]] = {}
 
     def add(
@@ -59,7 +62,7 @@ class Samples:
         ValueError
             There are too many terms.
         """
-        place = len(self)
+        index = len(self)
         packed = self._pack(stamp, published, *values)
         new_terms = terms.keys() - self._terms.keys()
         if len(self._terms) + len(new_terms) > bounds.MAX_TERMS:
@@ -69,8 +72,8 @@ class Samples:
         for name, value in terms.items():
             if name not in self._terms:
                 self._terms[name] = (array('q'), array('d'))
-            places, values_of_term = self._terms[name]
-            places.append(place)
+            indices, values_of_term = self._terms[name]
+            indices.append(index)
             values_of_term.append(value)
 
     def __len__(self) -> int:
@@ -83,7 +86,7 @@ class Samples:
         return np.frombuffer(self._packed, self._type)
 
     def first(self) -> NDArray[np.intp]:
-        """Return the place of the first published message of each stamp, in order of the stamps."""
+        """Return the index of the first published message of each stamp, in order of the stamps."""
         rows = self.rows
         # Of two messages that were published at the same time, the later one in the bag counts.
         order = np.lexsort((-np.arange(len(rows)), rows['published'], rows['stamp']))
@@ -91,41 +94,41 @@ class Samples:
         return order[first_of_stamp]
 
     def at(self, stamps: NDArray[np.int64]) -> NDArray[np.intp]:
-        """Return the place of the first message with each of `stamps`; -1 without a message."""
+        """Return the index of the first message with each of `stamps`; -1 without a message."""
         first = self.first()
         if not len(first):
             return np.full(len(stamps), -1)
 
         present = self.rows['stamp'][first]
-        index = np.minimum(np.searchsorted(present, stamps), len(present) - 1)
-        return np.where(present[index] == stamps, first[index], -1)
+        nearest = np.minimum(np.searchsorted(present, stamps), len(present) - 1)
+        return np.where(present[nearest] == stamps, first[nearest], -1)
 
-    def values(self, places: NDArray[np.intp]) -> Floats:
-        """Return the fields of the messages at `places`, shape `(fields, n)`; NaN at -1."""
+    def values(self, indices: NDArray[np.intp]) -> Floats:
+        """Return the fields of the messages at `indices`, shape `(fields, n)`; NaN at -1."""
         values = self.rows['values']
         unknown = np.full(values.shape[1], np.nan)
-        columns: Floats = np.vstack([values, unknown])[places].T
+        columns: Floats = np.vstack([values, unknown])[indices].T
         return columns
 
-    def terms(self, places: NDArray[np.intp]) -> dict[str, Floats]:
-        """Return the terms of the messages at `places`; NaN where a message has no such term."""
+    def terms(self, indices: NDArray[np.intp]) -> dict[str, Floats]:
+        """Return the terms of the messages at `indices`; NaN where a message has no such term."""
         columns = {}
-        for name, (places_of_term, values) in self._terms.items():
-            # The last element is for the place -1.
+        for name, (indices_of_term, values) in self._terms.items():
+            # The last element is for the index -1.
             column = np.full(len(self) + 1, np.nan)
-            column[np.array(places_of_term)] = values
-            if np.isin(places, places_of_term).any():
-                columns[name] = column[places]
+            column[np.array(indices_of_term)] = values
+            if np.isin(indices, indices_of_term).any():
+                columns[name] = column[indices]
         return columns
 
 
 def join(samples: Mapping[str, Samples]) -> Log:
     """Return the log of a car.
 
-    Topics are joined on the stamp of the state that each message belongs to. The simulator's record
-    of the command that acts comes before the answer that a controller published; a state without
-    a record had no deadline. In a bag without records, the times of publication decide which
-    command acted.
+    Topics are joined on the stamp of the state that each message belongs to. The commands are those
+    that the simulator applied: its record on `applied_command` replaces the answer that a
+    controller published on `ecu`. A state without a record had no deadline: the log has its answer.
+    In a bag without any record, the times of publication decide which command was applied.
 
     Parameters
     ----------
@@ -134,20 +137,20 @@ def join(samples: Mapping[str, Samples]) -> Log:
     """
     states = samples[STATE].rows[samples[STATE].first()]
     stamps = states['stamp']
-    places = {topic: of_topic.at(stamps) for topic, of_topic in samples.items()}
+    indices = {topic: of_topic.at(stamps) for topic, of_topic in samples.items()}
     missed = np.ones(len(stamps), np.bool_)
     if ECU in samples:
-        acting = _acting_commands(samples[ECU].rows, places[ECU], states['published'])
-        places[ECU] = acting.places
-        missed = acting.missed
+        applied = _applied_commands(samples[ECU].rows, indices[ECU], states['published'])
+        indices[ECU] = applied.indices
+        missed = applied.missed
 
     columns: dict[str, Any] = {'t': (stamps - stamps[0]) / 1e9}
-    for topic, names in TOPICS.items():
+    for topic in _FILLING_ORDER:
+        names = TOPICS[topic]
         if topic in samples:
-            rows = samples[topic].values(places[topic])
+            rows = samples[topic].values(indices[topic])
         else:
             rows = np.full((len(names), len(stamps)), np.nan)
-        # A column of two topics, such as a command, has the value of the later one.
         for name, row in zip(names.values(), rows, strict=True):
             columns[name] = np.where(np.isnan(row), columns.get(name, np.nan), row)
     if APPLIED_COMMAND not in samples:
@@ -155,7 +158,7 @@ def join(samples: Mapping[str, Samples]) -> Log:
 
     terms: dict[str, Floats] = {}
     for topic, of_topic in samples.items():
-        terms |= of_topic.terms(places[topic])
+        terms |= of_topic.terms(indices[topic])
 
     is_on_track = np.isfinite(columns['s']).any()
     kind = TrackLog if is_on_track else Log
@@ -163,28 +166,28 @@ def join(samples: Mapping[str, Samples]) -> Log:
     return log_of_columns(kind, terms | declared)
 
 
-class _ActingCommands(NamedTuple):
-    """The command that acted from each state on, by times of publication, shape `(n,)`."""
+class _AppliedCommands(NamedTuple):
+    """The command applied from each state on, by times of publication, shape `(n,)`."""
 
-    places: NDArray[np.intp]  #: of the command; -1 if none acted
+    indices: NDArray[np.intp]  #: of the command; -1 if none was applied
     missed: Flags  #: whether the answer to the state was missing or late
 
 
-def _acting_commands(
+def _applied_commands(
     commands: NDArray[np.void], answers: NDArray[np.intp], published: NDArray[np.uint64]
-) -> _ActingCommands:
-    """Return which command acted from each state on.
+) -> _AppliedCommands:
+    """Return which command was applied from each state on.
 
     A state's deadline is the publication of the next state. If its answer is missing or late, the
-    latest command before the deadline acts. A command without a stamp answers no state, so nothing
-    is missed while it acts.
+    latest command before the deadline is applied. A command without a stamp answers no state, so
+    nothing is missed while it is applied.
 
     Parameters
     ----------
     commands
         The messages with commands.
     answers
-        The place of the command that answers each state; -1 without one, shape `(n,)`.
+        The index of the command that answers each state; -1 without one, shape `(n,)`.
     published
         The time of publication of each state [ns], shape `(n,)`.
     """
@@ -196,8 +199,8 @@ def _acting_commands(
     is_late = np.append(commands['published'][answers[:-1]] >= published[1:], False)
     unanswered = (answers < 0) | is_late
     without_stamp = (latest >= 0) & (commands['stamp'][latest] == 0)
-    return _ActingCommands(
-        places=np.where(unanswered, latest, answers),
+    return _AppliedCommands(
+        indices=np.where(unanswered, latest, answers),
         missed=unanswered & ~without_stamp,
     )
 
@@ -225,7 +228,7 @@ def _earlier(
     """Return the publication of the message with each stamp, if it is earlier than in `times`."""
     if samples is None:
         return times
-    places = samples.at(stamps)
-    # The last element is for the place -1.
+    indices = samples.at(stamps)
+    # The last element is for the index -1.
     published: NDArray[np.uint64] = np.append(samples.rows['published'], np.uint64(_LATEST))
-    return np.minimum(published[places], times)
+    return np.minimum(published[indices], times)
