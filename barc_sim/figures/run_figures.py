@@ -37,7 +37,7 @@ from barc_sim.figures.style import (
     driven_road,
     limits,
     speed_limits,
-    use_measurement,
+    with_zero_for_unknown_errors,
 )
 from barc_sim.figures.track_figure import OTHER, draw_table, track_figure
 from barc_sim.simulation import metrics
@@ -89,7 +89,8 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
 
     Several runs are compared: each has a line, and a row in a table of their errors. With `ax`,
     Matplotlib's axes, only the speed is drawn, in these axes. For a run on a track the figure has
-    the path, and errors, speed and steering over a lap; of several, the best laps.
+    the path, and errors, speed and steering over a lap; of several, the best laps. A drive by hand
+    has the figure of any run on a road; `barc plot` draws its path from above.
 
     Parameters
     ----------
@@ -129,9 +130,9 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     for index, label in enumerate(labels[: len(logs)]):
         names[index] = label
     if ax is not None:
-        for curve in _run_lines([use_measurement(log) for log in logs], names):
-            _draw_speed(ax, curve)
-            _draw_reference(ax, curve.log, '', 0.8)
+        for line in _run_lines([with_zero_for_unknown_errors(log) for log in logs], names):
+            _draw_speed(ax, line)
+            _draw_reference(ax, line.log, '', 0.8)
         ax.set_xlabel(_POSITION)
         ax.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
         return ax.figure
@@ -154,8 +155,8 @@ class _Line(NamedTuple):
 
     log: Log
     name: str  #: in the legend
-    speed: str  #: colour of the line in the chart of speed and error
-    command: str  #: colour
+    speed_color: str  #: in the charts of speed and error
+    command_color: str
     width: float = 1.4  #: [pt] of the speed's line
     dashes: Any = '-'
 
@@ -163,8 +164,8 @@ class _Line(NamedTuple):
 class _LapLines(NamedTuple):
     """The laps of a run that has several."""
 
-    curves: list[_Line]  #: the others, the last one, and the best one
-    shown: Log  #: the best lap
+    lines: list[_Line]  #: the others, the last one, and the one in front
+    front: Log  #: the lap in front: the best one, or the only one
     rows: list[tuple[str, ...]]  #: of the table, its headings first
     colors: dict[int, str]  #: of rows of the table
 
@@ -198,21 +199,22 @@ def speed_figure(
     figure
         The empty figure to draw on, whose size is set; by default a new one.
     """
-    run = use_measurement(log)
-    laps = _laps_of(run)
-    curves = laps.curves if laps else [_Line(run, 'speed', BLUE, GREEN, 2.0)]
-    shown = laps.shown if laps else run
+    run = with_zero_for_unknown_errors(log)
+    laps = _lap_lines(run)
+    lines = laps.lines if laps else [_Line(run, 'speed', BLUE, GREEN, 2.0)]
+    front = laps.front if laps else run
     figure = figure or Figure()
     charts = _add_charts(figure, [run], len(laps.rows) if laps else 0)
 
-    for curve in curves:
-        _draw_curve(charts, curve)
-        _draw_grade(charts.grade, curve.log, MUTED)
+    for line in lines:
+        _draw_line(charts, line)
+        _draw_grade(charts.grade, line.log, MUTED)
     _draw_reference(charts.speed, _broken(run), 'reference', 1.2)
-    _add_details(run, shown, charts)
+    _add_details(run, front, charts)
     if laps and charts.table:
         draw_table(charts.table, laps.rows, _TABLE_WIDTHS[: len(laps.rows[0])], laps.colors)
     if not laps:
+        # The errors of the raw log: a state whose true speed is unknown does not count.
         figure.supxlabel(_caption(log), x=0.99, ha='right', fontsize=9, color=MUTED)
 
     _finish(figure, charts, [run])
@@ -259,27 +261,27 @@ def comparison_figure(
         _check_tracks(logs)
         return track_figure(*on_track, labels=labels, title=title, settings=settings, figure=figure)
 
-    runs = [use_measurement(log) for log in logs]
-    curves = _run_lines(runs, labels)
+    runs = [with_zero_for_unknown_errors(log) for log in logs]
+    lines = _run_lines(runs, labels)
     figure = figure or Figure()
     charts = _add_charts(figure, runs, 1 + len(runs))
 
-    for curve in curves:
-        _draw_curve(charts, curve)
-    _draw_references(charts.speed, [curve.log for curve in curves])
+    for line in lines:
+        _draw_line(charts, line)
+    _draw_references(charts.speed, [line.log for line in lines])
     longest = max(runs, key=lambda run: float(np.ptp(run.distance)))
     if all(_has_slopes_of(run, longest) for run in runs):
         _draw_grade(charts.grade, longest, MUTED)
         _shade(charts.grade, longest)
     else:
-        for curve in curves:
-            _draw_grade(charts.grade, curve.log, curve.speed)
+        for line in lines:
+            _draw_grade(charts.grade, line.log, line.speed_color)
     ends = [end for run in runs if _has_error(run) for end in speed_limits(run)]
     if ends:
         charts.speed.set_ylim(min(ends), max(ends))
     if charts.table:
         rows = [_row_of(label, log) for label, log in zip(labels, logs, strict=True)]
-        colors = {row: curve.speed for row, curve in enumerate(curves, start=1)}
+        colors = {row: line.speed_color for row, line in enumerate(lines, start=1)}
         draw_table(charts.table, [ROW_HEADINGS, *rows], _COMPARISON_WIDTHS, colors)
 
     _finish(figure, charts, runs)
@@ -379,22 +381,22 @@ def _add_charts(figure: Figure, runs: Sequence[Log], rows: int) -> _Charts:
     )
 
 
-def _draw_curve(charts: _Charts, curve: _Line) -> None:
+def _draw_line(charts: _Charts, line: _Line) -> None:
     """Draw speed, error and command of a run or lap."""
-    log = curve.log
-    _draw_speed(charts.speed, curve)
+    log = line.log
+    _draw_speed(charts.speed, line)
     if charts.error:
         # During the run-up it is too large for the chart.
         values = np.where(log.distance >= metrics.RUN_UP, log.speed_error, np.nan)
-        charts.error.plot(log.distance, values, color=curve.speed, lw=1.4, ls=curve.dashes)
+        charts.error.plot(log.distance, values, color=line.speed_color, lw=1.4, ls=line.dashes)
     charts.command.step(
         log.distance,
         log.motor,
         where='post',
         marker=_marker(log),
         lw=1.2,
-        ls=curve.dashes,
-        color=curve.command,
+        ls=line.dashes,
+        color=line.command_color,
     )
 
 
@@ -448,8 +450,8 @@ def _add_heading(axes: Axes, title: str, settings: str) -> None:
     axes.set_title(title, loc='left', pad=above, fontsize=14, fontweight='bold')
 
 
-def _laps_of(run: Log) -> _LapLines | None:
-    """Return the laps of a run; None if it has only one."""
+def _lap_lines(run: Log) -> _LapLines | None:
+    """Return the lines of the laps of a run; None if it has only one lap."""
     laps, numbers = laps_of(run)
     if not laps.finished:
         return None
@@ -457,7 +459,7 @@ def _laps_of(run: Log) -> _LapLines | None:
     last = laps.current
     number_of_state = np.array(numbers)
 
-    def log_of(number: int) -> Log:
+    def lap_log(number: int) -> Log:
         return run.map(lambda column: column[number_of_state == number])
 
     # The best lap is drawn last, over the others.
@@ -467,13 +469,13 @@ def _laps_of(run: Log) -> _LapLines | None:
     if best.number == last.number:
         roles.append('last')
     name = f'lap {best.number + 1}, {" and ".join(roles)}'
-    best_log = log_of(best.number)
-    curves = [_Line(best_log, name, BLUE, BLUE, 2.0)]
+    best_log = lap_log(best.number)
+    lines = [_Line(best_log, name, BLUE, BLUE, 2.0)]
     colors = {best.number: BLUE}
 
     if last.number != best.number:
         name = f'lap {last.number + 1}, last'
-        curves.insert(0, _Line(log_of(last.number), name, VERMILLION, VERMILLION))
+        lines.insert(0, _Line(lap_log(last.number), name, VERMILLION, VERMILLION))
         colors[last.number] = VERMILLION
 
     others = set(numbers) - colors.keys()
@@ -481,7 +483,7 @@ def _laps_of(run: Log) -> _LapLines | None:
         is_other = np.isin(number_of_state, list(others))
         log = _broken(run.map(lambda column: column[is_other]))
         name = 'other lap' if len(others) == 1 else 'other laps'
-        curves.insert(0, _Line(log, name, OTHER, OTHER, 1.0))
+        lines.insert(0, _Line(log, name, OTHER, OTHER, 1.0))
 
     headings: tuple[str, ...] = metrics.ROAD_LAP_HEADINGS
     rows = [lap.cells for lap in laps.rows]
@@ -497,7 +499,7 @@ def _laps_of(run: Log) -> _LapLines | None:
         for row, lap in enumerate(laps.rows, start=1)
         if lap.number in colors
     }
-    return _LapLines(curves, best_log, [headings, *rows], color_of_row)
+    return _LapLines(lines, best_log, [headings, *rows], color_of_row)
 
 
 def _name_position(axes: Axes, *logs: Log) -> None:
@@ -508,7 +510,11 @@ def _name_position(axes: Axes, *logs: Log) -> None:
 
 
 def run_figure(log: Log, info: Mapping[str, str], title: str, figure: Figure | None) -> Figure:
-    """Draw a run with its metadata: over the road, on its track, or from above if by hand."""
+    """Draw a run with its metadata: over the road, on its track, or from above if by hand.
+
+    `plot` draws without metadata, and never from above: all its runs on roads are drawn over the
+    position, so that any of them can be compared.
+    """
     if isinstance(log, TrackLog):
         return track_figure(log, title=title, settings=settings(info, log), figure=figure)
     if is_by_hand(log):
@@ -617,16 +623,16 @@ def _broken(log: Log) -> Log:
     return log.map(with_gaps)
 
 
-def _draw_speed(axes: Axes, curve: _Line) -> None:
+def _draw_speed(axes: Axes, line: _Line) -> None:
     """Draw the true speed."""
-    log = curve.log
+    log = line.log
     axes.plot(
         log.distance,
         log.speed,
-        label=curve.name,
-        color=curve.speed,
-        lw=curve.width,
-        ls=curve.dashes,
+        label=line.name,
+        color=line.speed_color,
+        lw=line.width,
+        ls=line.dashes,
         marker=_marker(log),
     )
 
@@ -634,8 +640,15 @@ def _draw_speed(axes: Axes, curve: _Line) -> None:
 def _draw_reference(axes: Axes, log: Log, name: str, width: float) -> None:
     """Draw the reference, if there is one."""
     if not np.all(np.isnan(log.reference)):
-        line: dict[str, Any] = {'color': INK, 'lw': width, 'ls': DASHES, 'marker': _marker(log)}
-        axes.plot(log.distance, log.reference, label=name, **line)
+        axes.plot(
+            log.distance,
+            log.reference,
+            label=name,
+            color=INK,
+            lw=width,
+            ls=DASHES,
+            marker=_marker(log),
+        )
 
 
 def _has_error(log: Log) -> bool:
@@ -643,19 +656,19 @@ def _has_error(log: Log) -> bool:
     return bool(np.isfinite(log.speed_error[log.distance >= metrics.RUN_UP]).any())
 
 
-def _add_details(log: Log, shown: Log, charts: _Charts) -> None:
-    """Add the details of a single run; ground and measured speed are those of the `shown` lap."""
+def _add_details(log: Log, front: Log, charts: _Charts) -> None:
+    """Add the details of a single run; ground and measured speed are those of the `front` lap."""
     speed = charts.speed
     command = charts.command
-    if np.any(shown.e_v_x):
+    if np.any(front.e_v_x):
         speed.plot(
-            shown.distance, shown.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured', zorder=1.9
+            front.distance, front.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured', zorder=1.9
         )
     if np.min(log.speed) < 0.0:
         speed.axhline(0.0, color=GREY, lw=0.8)
     if _has_error(log):
         speed.set_ylim(*speed_limits(log))
-    _shade(charts.grade, shown)
+    _shade(charts.grade, front)
     if log.missed.any():
         _mark_missed(command, log)
 
@@ -697,7 +710,7 @@ def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> 
     figure
         The empty figure to draw on, whose size is set; by default a new one.
     """
-    log = use_measurement(log)
+    log = with_zero_for_unknown_errors(log)
     _, lap_numbers = laps_of(log)
     is_reset = np.diff(lap_numbers) > 0
     speed = _TimeChart('Speed [m/s]', _without_jumps(log.speed, is_reset), BLUE)
@@ -759,7 +772,11 @@ def _headings(log: Log, is_reset: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def is_by_hand(log: Log) -> bool:
-    """Return whether a run was driven by hand on the flat, so that a view from above fits."""
+    """Return whether a run seems to be driven by hand on the flat, so that a view from above fits.
+
+    A log does not have its controller, so this is a guess: no speed was to be held, and the road
+    had no elevation. It is also true of a controller without a reference, on the flat.
+    """
     return bool(np.isnan(log.reference).all() and not np.nan_to_num(log.elevation).any())
 
 

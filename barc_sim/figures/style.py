@@ -99,10 +99,11 @@ def style_sheet() -> str:
     return '\n'.join([':root {', *variables, '}', *classes, ''])
 
 
-def use_measurement(log: _Log) -> _Log:
-    """Return the log with zero for unknown measurement errors: the measurement counts as true.
+def with_zero_for_unknown_errors(log: _Log) -> _Log:
+    """Return the log with zero for unknown measurement errors, for figures.
 
-    Errors are unknown at the end of a killed run, and if the simulator publishes none.
+    They draw the measurement where the true value is unknown: at the end of a killed run, and if
+    the simulator publishes no errors.
     """
     errors = ('e_s', 'e_ey', 'e_epsi', 'e_v_x', 'e_v_y', 'e_psi_dot')
     return replace(log, **{name: np.nan_to_num(getattr(log, name)) for name in errors})

@@ -27,7 +27,7 @@ from barc_sim.figures.style import (
     VERMILLION,
     limits,
     speed_limits,
-    use_measurement,
+    with_zero_for_unknown_errors,
 )
 from barc_sim.simulation.metrics import LAP_HEADINGS, lap_settings_of, track_laps_of
 
@@ -168,7 +168,7 @@ def track_figure(
     figure
         The empty figure to draw on, whose size is set; by default a new one.
     """
-    runs = [use_measurement(log) for log in logs]
+    runs = [with_zero_for_unknown_errors(log) for log in logs]
     results = [_laps_of(run) for run in runs]
     track = next((run.track for run in runs if run.track), None)
 

@@ -37,7 +37,7 @@ from barc_sim.figures.style import (
     limits,
     reading,
     speed_limits,
-    use_measurement,
+    with_zero_for_unknown_errors,
 )
 from barc_sim.figures.track_figure import draw_course
 from barc_sim.simulation.log import TrackLog
@@ -149,7 +149,7 @@ class RunView(ABC):
     def read(self, log: Log) -> None:
         """Show this run from now on, with the same fixed parts."""
         self.duration = float(log.t[-1])  #: [s] from the run's first state to its last
-        self._log = use_measurement(log)
+        self._log = with_zero_for_unknown_errors(log)
         self.charted = self._log.speed
         # A return to the start begins a lap: nothing is drawn between the two states.
         _, numbers = laps_of(self._log)

@@ -19,7 +19,7 @@ from barc_sim.bags.graph import NodeGraph
 from barc_sim.figures.files import save
 from barc_sim.figures.graph_figure import graph_figure
 from barc_sim.figures.run_figures import drive_figure, is_by_hand, speed_figure, terms_figure
-from barc_sim.figures.style import use_measurement
+from barc_sim.figures.style import with_zero_for_unknown_errors
 from barc_sim.figures.track_figure import track_figure
 from barc_sim.lab.pages import data_url, render
 from barc_sim.lab.user_code.code import attached
@@ -157,7 +157,7 @@ def _drawable(log: Log) -> Log:
             return column
         return np.where(np.abs(column) < _MAX_VALUE, column, np.nan)
 
-    return use_measurement(log.map(drawable))
+    return with_zero_for_unknown_errors(log.map(drawable))
 
 
 class _Figure(NamedTuple):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.figures.style import use_measurement
+from barc_sim.figures.style import with_zero_for_unknown_errors
 from barc_sim.interfaces.stamps import NANOSECONDS, to_nanoseconds
 from barc_sim.interfaces.topics import (
     CONTROLLER_STATE,
@@ -253,7 +253,7 @@ def _controller_values(message: Any, *, has_names: bool) -> tuple[float, ...]:  
 
 def rows_of(log: Log) -> bytes:
     """Return the rows of a whole run."""
-    completed = use_measurement(log)
+    completed = with_zero_for_unknown_errors(log)
     x, y, heading = completed.true_pose
     columns = completed.columns() | {
         't': completed.t,

@@ -14,7 +14,13 @@ import numpy as np
 import pytest
 from palette import READERS, contrast, difference
 
-from barc_sim.figures.style import COLOURS, driven_road, limits, reading, use_measurement
+from barc_sim.figures.style import (
+    COLOURS,
+    driven_road,
+    limits,
+    reading,
+    with_zero_for_unknown_errors,
+)
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
@@ -81,7 +87,7 @@ def test_the_measurement_stands_for_a_truth_that_is_unknown() -> None:
     log = closed_loop(Plant(noise=NoiseLevels(s=0.1, v_x=0.1)), distance=1.0)
     e_s, e_v_x = log.e_s.copy(), log.e_v_x.copy()
     e_s[-1] = e_v_x[-1] = np.nan
-    shown = use_measurement(replace(log, e_s=e_s, e_v_x=e_v_x))
+    shown = with_zero_for_unknown_errors(replace(log, e_s=e_s, e_v_x=e_v_x))
     assert (shown.distance[-1], shown.speed[-1]) == (log.x[-1], log.v_x[-1])
     assert np.array_equal(shown.distance[:-1], log.distance[:-1])
     assert np.array_equal(shown.speed[:-1], log.speed[:-1])
