@@ -10,6 +10,7 @@ from collections import Counter
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
+from barc_sim.bags.messages import BagMessage
 from barc_sim.bags.recording import short_of_space
 from barc_sim.bags.writer import CHANGED
 from barc_sim.interfaces.stamps import leading_time
@@ -30,7 +31,8 @@ _MANY = 100
 #: [s] between the ends of two chunks. A kill loses the messages of this time and of one poll.
 _CHUNK_PERIOD = 0.1
 
-_RECEIVED = itemgetter(2)
+#: Returns the time of reception of a message.
+_RECEIVED = itemgetter(BagMessage._fields.index('received'))
 
 
 class WriterThread:

@@ -1,4 +1,35 @@
-"""The node `bag_recorder`: records every selected topic into a bag."""
+"""The node `bag_recorder`: records every selected topic into a bag.
+
+How a message comes into the bag; the arrows are the way of the message::
+
+    with ROS                                       without ROS
+    --------                                       -----------
+    publisher                                      publisher, in its thread
+       |  DDS                                         |
+       v                                              v
+    subscription without a callback                _RecordedSubscription.offer
+    (polled.subscribe)                                |
+       |  rcl, by Taker.take                          |
+       v                                              v
+    RecordedTopic.take                             a queue that all topics share
+       |  each message once; counts losses            |
+       v                                              v
+    TopicSubscriptions.take                        LocalSubscriptions.take
+    (ros/recording)                                (ros/local/recording.py)
+       |                                              |
+       +----------------------+-----------------------+
+                              |  every 0.1 s, in the recorder's thread
+                              v
+                        WriterThread: sorts by reception, applies `/clock`
+                        (bags/writer_thread.py)
+                              |
+                              v
+                        BagWriter.write: chunks of an MCAP file
+                        (bags/writer.py)
+
+The carrier of the run makes the subscriptions (`Carrier.new_subscriptions`). An executor spins this
+node only for its timer, which discovers topics, and for its services.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +130,7 @@ class BagRecorder(Node):
         self._is_announced = False
 
         # Before the parameters are declared, to record their events.
-        self._topics = carrier.new_subscriptions(self, recording)
+        self._source = carrier.new_subscriptions(self, recording)
         self.discover()
 
         bag_dir = BAG_DIR._replace(default=str(directory or 'bags'))
@@ -108,12 +139,12 @@ class BagRecorder(Node):
         check_space(path or root, recording.reserve)
         self._writer = BagWriter(make_directory(path, root), metadata=self._metadata)
         self._thread = WriterThread(
-            self._writer, self._topics.take, recording.reserve, self._on_failure
+            self._writer, self._source.take, recording.reserve, self._on_failure
         )
         self._thread.use_sim_time = recording.use_sim_time
         self._thread.waits_for_clock = recording.use_sim_time
         self._thread.writes_clock = recording.wants(CLOCK)
-        self._topics.call_when_full(self._thread.write_now)
+        self._source.call_when_full(self._thread.write_now)
         self._thread.start()
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
@@ -154,7 +185,7 @@ class BagRecorder(Node):
         subscription may send one message and end.
         """
         for name, message_type in topics.items():
-            self._topics.expect(self.resolve_topic_name(name), message_type)
+            self._source.expect(self.resolve_topic_name(name), message_type)
 
     def _on_failure(self, failure: str) -> None:
         self.get_logger().error(failure)
@@ -178,13 +209,13 @@ class BagRecorder(Node):
 
         A message that could not be written counts as lost by the recorder.
         """
-        lost = self._topics.lost()
+        lost = self._source.lost()
         for topic, count in self._thread.unwritten.items():
             lost[topic] = lost.get(topic, {}) | {self._own_name: count}
         return Missing(
             lost=lost,
-            unknown=self._topics.unknown(),
-            left_out=dict(self._topics.left_out),
+            unknown=self._source.unknown(),
+            left_out=dict(self._source.left_out),
             before_clock=self._thread.before_clock,
         )
 
@@ -208,14 +239,14 @@ class BagRecorder(Node):
 
     def discover(self) -> None:
         """Subscribe to each selected topic with a new publisher since the last call."""
-        self._topics.discover()
+        self._source.discover()
 
     def close(self) -> None:
         """Record the waiting messages and finish the bag; a second call does nothing."""
         if not self._writer.closed:
             self._add_graph()
         self._thread.close(self._losses)
-        self._topics.close()
+        self._source.close()
 
     def _losses(self) -> dict[str, str]:
         """Return the entries of the bag's metadata about missing messages."""

@@ -141,7 +141,11 @@ class VehicleSimulator(Node):
         self._gate = StartGate(self, wall, self.stepper.start, wait=pace.wait_for_controller)
 
     def _make_messages(self) -> None:
-        """Make each message once: new ones for each state would cost time. All share one stamp."""
+        """Make each message once: new ones for each state would cost time.
+
+        All share the stamp `_stamp`, which is that of the latest state: only `publish_state`
+        changes it. What is published until the next state has this stamp, too.
+        """
         map_frame, car_frame = frames(self)
         self._stamp = Time()
         on_map = Header(stamp=self._stamp, frame_id=map_frame)
@@ -190,12 +194,15 @@ class VehicleSimulator(Node):
             self.on_step(t, seen)
 
     def publish_applied(self, command: Command, stamp_ns: int, *, missed: bool) -> None:
-        """Publish the command that acts from the state with this stamp [ns] on."""
+        """Publish the command that is applied from the latest state on.
+
+        The message shares the stamp of this state, `stamp_ns` [ns], with all others.
+        """
         if self._applied_pub in self._subscribed.at(stamp_ns):
             self._applied.motor = float(command.motor)
             self._applied.servo = float(command.servo)
             self._applied.missed = missed
-            self._applied_pub.publish(self._applied)  # the latest state's stamp is in its header
+            self._applied_pub.publish(self._applied)
 
     def run_deadlines(self, *, on: bool) -> None:
         """Call `Stepper.pass_deadline` every period from now on, or no longer."""

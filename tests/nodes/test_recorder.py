@@ -326,7 +326,7 @@ def test_a_publisher_that_replaces_another_between_two_searches_is_recorded(
 ) -> None:
     first = stranger.create_publisher(Float64, 'value', 10)
     wait_for(lambda: recorder.discover() or first.get_subscription_count() == 1)
-    wait_for(lambda: recorder.discover() or recorder._topics._topics['/value'].publishers == 1)  # noqa: SLF001
+    wait_for(lambda: recorder.discover() or recorder._source._topics['/value'].publishers == 1)  # noqa: SLF001
     stranger.destroy_publisher(first)
     second = stranger.create_publisher(Float64, 'value', BEST_EFFORT)
     infos = recorder.get_publishers_info_by_topic

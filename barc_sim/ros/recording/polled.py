@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
     from rclpy.subscription import Subscription
 
-#: Fields of rmw_message_info_t: times of publication and reception, number, and the publisher's
-#: GID, which rclpy's own take omits.
+#: Fields of rmw_message_info_t in its order: times of publication and reception, number, and the
+#: publisher's GID, which rclpy's own take omits.
 _INFO = Struct('=qqQ16x16s')
 _MAX_INFO = 256  # bytes: another rmw may write more than Fast DDS
 _NO_MESSAGE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
@@ -25,9 +25,10 @@ _NO_MESSAGE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
 class PolledCallbackGroup(CallbackGroup):
     """Keeps its subscriptions out of every executor's wait set.
 
-    A wake-up for each message would cost 4 % of a core at 50 Hz with 7 topics; polling all of them
-    every 50 ms costs about 1 %, and nothing runs between a state and the command that answers it.
-    DDS stamps the time of reception, so a late poll loses nothing.
+    A wake-up for each message would cost 4 % of a core at 50 Hz with 7 topics. Polling all of them
+    costs about 1 % even every 50 ms, and `WriterThread` polls every 0.1 s; nothing runs between a
+    state and the command that answers it. DDS stamps the time of reception, so a late poll loses
+    nothing.
     """
 
     polled = True  #: QuickExecutor ignores them, too
@@ -95,8 +96,9 @@ class Taker:
     ) -> list[tuple[bytes, int, int, int, bytes]]:
         """Return at most `maximum` of the messages that wait in `subscription`.
 
-        Each has its CDR, the times of publication and reception [ns], and the publisher's number
-        for it and GID. RuntimeError: rcl has failed.
+        Each has its CDR, and then the fields of rmw_message_info_t in its order: the times of
+        publication and reception [ns], the publisher's number for it, and the publisher's GID.
+        RuntimeError: rcl has failed.
         """
         # Names of its own for each: attributes would be looked up again for each message.
         take = self._take

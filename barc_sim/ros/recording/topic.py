@@ -53,6 +53,7 @@ class RecordedTopic:
         for index, subscription in enumerate(self.subscriptions):
             numbers: defaultdict[bytes, list[int]] = defaultdict(list)
             taken = taker.take(subscription, maximum)
+            # The taker returns the fields in the order of rmw; a bag has the reception first.
             for data, published, received, number, publisher in taken:
                 if route.setdefault(publisher, index) == index:
                     numbers[publisher].append(number)
