@@ -19,9 +19,9 @@ if (
 
 if __name__ == '__main__':
     # Before the other imports, so that Ctrl-C ends them silently.
-    from barc_sim.run import main as start
+    import barc_sim.run
 
-    sys.exit(start())
+    sys.exit(barc_sim.run.main())
 
 import argparse
 from importlib import import_module
@@ -68,7 +68,11 @@ def run(name: str, words: Sequence[str]) -> int | None:
 def functions(
     name: str,
 ) -> tuple[Callable[[Parser], None], Callable[[argparse.Namespace], int | None]]:
-    """Import the module of a command; return its `add_arguments` and its `run`."""
+    """Import the module of a command; return its `add_arguments` and its `run`.
+
+    `commands/__init__.py` has the rules for their names: those of `acc` are `add_arguments_acc` and
+    `run_acc` in `commands/drive.py`.
+    """
     module = import_module(f'barc_sim.commands.{SHARED.get(name, name)}')
     suffix = f'_{name}' if name in SHARED else ''
     return getattr(module, f'add_arguments{suffix}'), getattr(module, f'run{suffix}')

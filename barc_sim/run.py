@@ -1,4 +1,7 @@
-"""The start of `barc`, also as `python -m barc_sim.run COMMAND`; `runs/` composes the runs.
+"""The start of `barc`, also as `python -m barc_sim.run COMMAND`: sets the signals of the process.
+
+`__main__` then finds the command, whose module is in `commands/`; those that drive compose their
+nodes with `runs/`.
 
 It imports little: until a command begins there is nothing to end in order, so Ctrl-C ends the
 process at once, without Python's traceback.
@@ -24,9 +27,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if hasattr(signal, 'pthread_sigmask'):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
 
-    from barc_sim import __main__ as commands  # noqa: PLC0415
+    import barc_sim.__main__  # noqa: PLC0415
 
-    return commands.main(argv)
+    return barc_sim.__main__.main(argv)
 
 
 if __name__ == '__main__':

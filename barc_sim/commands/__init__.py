@@ -1,4 +1,4 @@
-"""The commands of `barc`, listed here; the other rooms do their work.
+"""The commands of `barc`, listed here; the other packages do their work.
 
 A command is a module of its name with two functions: `add_arguments(parser)` describes the command
 and its options, and `run(options)` returns the exit code (None: 0) and raises UserError. Where
@@ -42,7 +42,7 @@ GROUPS = {
     },
 }
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
-#: The modules that several commands share, by command.
+#: The module of each command that shares one with others; `__main__.functions` imports it.
 SHARED = dict.fromkeys(GROUPS['drive'], 'drive')
 SHARED |= dict.fromkeys(('plot', 'replay'), 'figures')
 SHARED |= dict.fromkeys(('new', 'report', 'submit'), 'lab')

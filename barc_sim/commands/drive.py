@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError
-from importlib import import_module
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,11 +30,11 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
     from barc_sim.control.speed import Tunable
+    from barc_sim.runs.inputs import Inputs
 
 _MAX_CARS = 100
 #: Of the simulator on a road.
 _PARAMETERS = {each.name: each for each in parameters(Scenario.distance)}
-_MODULES = {'acc': 'cruise_control', 'teleop': 'teleop'}  #: in `runs`
 
 
 def add_arguments_acc(parser: Parser) -> None:
@@ -123,18 +122,21 @@ def add_arguments_acc(parser: Parser) -> None:
 
 
 def run_acc(options: Namespace) -> int:
-    """Drive, and return the exit code."""
+    """Drive with the cruise control, and return the exit code."""
     with StopSignals() as stop:
-        from barc_sim.runs.engine import choose_engine  # noqa: PLC0415 (slow: not for --help)
-        from barc_sim.runs.inputs import read_inputs  # noqa: PLC0415
+        inputs = _start(options)
+        from barc_sim.runs import cruise_control  # noqa: PLC0415 (imports rclpy)
 
-        options.engine = choose_engine(options)
-        inputs = read_inputs(options)
-        run = import_module(f'barc_sim.runs.{_MODULES[options.mode]}')  # ROS's, or what stands in
-        return int(run.drive(options, inputs, stop))
+        return cruise_control.drive(options, inputs, stop)
 
 
-run_teleop = run_acc
+def _start(options: Namespace) -> Inputs:
+    """Choose the engine, and read the inputs of a run; nothing has imported rclpy before."""
+    from barc_sim.runs.engine import choose_and_install_engine  # noqa: PLC0415 (not for --help)
+    from barc_sim.runs.inputs import read_inputs  # noqa: PLC0415
+
+    options.engine = choose_and_install_engine(options)
+    return read_inputs(options)
 
 
 def add_arguments_teleop(parser: Parser) -> None:
@@ -149,6 +151,15 @@ def add_arguments_teleop(parser: Parser) -> None:
     run_options.add_arguments(parser, 'model', 'relay', road='flat', view='web')
     accept_ros_args(parser)
     parser.shorten_help(*run_options.USUAL)
+
+
+def run_teleop(options: Namespace) -> int:
+    """Drive by hand, and return the exit code."""
+    with StopSignals() as stop:
+        inputs = _start(options)
+        from barc_sim.runs import teleop  # noqa: PLC0415 (imports rclpy)
+
+        return teleop.drive(options, inputs, stop)
 
 
 def _add_track_options(parser: Parser) -> None:

@@ -1,6 +1,7 @@
 """Chooses the engine of a run, ROS 2 or `ros/local` in its place, and starts it.
 
-It is chosen once, before rclpy is imported. The nodes are given its `Carrier`.
+It is chosen once, before rclpy is imported, so that the nodes import either ROS's rclpy or what
+stands in for it under the same name. The run and its recorder are given its `Carrier`.
 """
 
 from __future__ import annotations
@@ -23,8 +24,11 @@ LOCAL = 'local'
 _ROS_OPTIONS = {'no_controller': False, 'no_relay': False, 'network': False}
 
 
-def choose_engine(options: Namespace) -> str:
-    """Return the engine of a run, `ros` or `local`; put the latter in place of rclpy.
+def choose_and_install_engine(options: Namespace) -> str:
+    """Return the engine of a run, `ros` or `local`.
+
+    `local` is also installed: from now on `import rclpy`, and our messages, import the stand-ins of
+    `ros/local`, which are put into `sys.modules`.
 
     UserError: an option needs ROS, and ROS is not installed or not chosen.
     """
