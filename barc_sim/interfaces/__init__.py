@@ -1,4 +1,4 @@
-"""What rooms agree on: topics, services, QoS, stamps, records of messages, parameters and nodes.
+"""What all packages share: topics, services, QoS, stamps, messages, parameters and nodes.
 
 It needs no ROS. The definitions of our messages are in `barc_interfaces/msg`; those of other
 packages that a run without ROS needs are in `msg`.

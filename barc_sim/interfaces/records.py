@@ -44,7 +44,9 @@ class Surroundings(NamedTuple):
     The forces are positive forwards; their sum is F_ext.
     """
 
-    theta: float  #: [deg] incline of the road
+    #: [deg] incline of the road, as in the lab's message; the laws in `vehicle` have theta in
+    #: radians, and a log names its column `theta_deg`
+    theta: float
     elevation: float  #: [m]
     friction: float  #: [N]
     drag: float  #: [N]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-# The topics that a log is made of.
+# The topics that a log is made of. The names `ecu`, `z_vhcl` and `ez_vhcl`, and those of their
+# messages, are the ME131 lab's. `z_vhcl` is the measurement z of the vehicle. Its type ZDynBkMdl
+# has the state of the dynamic bicycle model, and the kinematic one uses it, too. EZ: error of z.
 STATE = 'z_vhcl'
 STATE_ERROR = 'ez_vhcl'
 #: the true place on the track, where there is one
