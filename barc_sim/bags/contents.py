@@ -12,7 +12,7 @@ from barc_sim.bags import bounds
 from barc_sim.bags.bounds import Budget
 from barc_sim.bags.mcap_files import McapFile, files, unpacked
 from barc_sim.bags.messages import Topic
-from barc_sim.bags.recording import Span
+from barc_sim.bags.metadata import Span
 from barc_sim.cli.yaml_files import from_yaml
 
 if TYPE_CHECKING:

@@ -18,7 +18,8 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.msg import normalize_msgtype
 
 from barc_sim.bags.contents import Contents
-from barc_sim.bags.recording import make_directory, selected
+from barc_sim.bags.directory import make_directory
+from barc_sim.bags.recording_settings import selected
 from barc_sim.bags.schemas import types_of
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError

@@ -15,8 +15,8 @@ import numpy as np
 from barc_sim.bags import bounds
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.decoders import Decoder, LogDecoder
+from barc_sim.bags.metadata import TRACK_NAME
 from barc_sim.bags.parameters import EVENT_TYPE, ParameterHistory
-from barc_sim.bags.recording import TRACK_NAME
 from barc_sim.bags.samples import TOPICS, Samples, decision_times, join
 from barc_sim.errors import UserError
 from barc_sim.interfaces.nodes import CONTROLLER, SIMULATOR

@@ -34,7 +34,7 @@ from mcap.records import (
 )
 from zstandard import ZstdCompressor
 
-from barc_sim.bags.recording import METADATA_NAME, Span, information, to_yaml, write_metadata
+from barc_sim.bags.metadata import METADATA_NAME, Span, information, to_yaml, write_metadata
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

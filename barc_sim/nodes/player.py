@@ -22,7 +22,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from barc_sim.bags.bounds import MAX_GAP
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.messages import CDR
-from barc_sim.bags.recording import selected
+from barc_sim.bags.recording_settings import selected
 from barc_sim.errors import UserError, escaped
 from barc_sim.interfaces.topics import CLOCK
 from barc_sim.nodes.latched_messages import LatchedMessages

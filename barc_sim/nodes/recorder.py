@@ -41,13 +41,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from barc_sim.bags.recording import (
-    BAG_DIR,
-    Missing,
-    Recording,
-    check_space,
-    make_directory,
-)
+from barc_sim.bags.directory import check_space, make_directory
+from barc_sim.bags.losses import Missing
+from barc_sim.bags.recording_settings import BAG_DIR, Recording
 from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.interfaces import services

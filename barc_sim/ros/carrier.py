@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from barc_sim.bags.messages import MessageFields
-    from barc_sim.bags.recording import Recording
+    from barc_sim.bags.recording_settings import Recording
 
 
 class RecorderSubscriptions(Protocol):

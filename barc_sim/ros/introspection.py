@@ -18,7 +18,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.task import Future
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
-from barc_sim.bags.recording import to_yaml
+from barc_sim.bags.metadata import to_yaml
 from barc_sim.cli.parser import did_you_mean, show
 from barc_sim.cli.process import StopSignals
 from barc_sim.cli.yaml_files import from_yaml

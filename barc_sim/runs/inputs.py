@@ -6,7 +6,7 @@ from copy import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.bags.recording import check_root
+from barc_sim.bags.directory import check_root
 from barc_sim.control.cruise_control import DEFAULT_LANE, DEFAULT_TYPE, LANE_TYPES, TYPES
 from barc_sim.control.speed import PID, set_gains
 from barc_sim.errors import UserError

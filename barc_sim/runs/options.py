@@ -10,7 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.bags.recording import Recording
+from barc_sim.bags.recording_settings import Recording
 from barc_sim.cli.parser import MAX_PORT, number, whole
 from barc_sim.cli.process import is_at_desktop
 from barc_sim.lab.files import FILES

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from barc_sim import __version__
-from barc_sim.bags.recording import track_file
+from barc_sim.bags.metadata import track_file
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder

@@ -15,7 +15,7 @@ from made_bags import fill, make
 from barc_sim.bags import bounds
 from barc_sim.bags import reader as bag
 from barc_sim.bags.messages import BagMessage, Topic
-from barc_sim.bags.recording import TRACK_NAME, track_file
+from barc_sim.bags.metadata import TRACK_NAME, track_file
 from barc_sim.bags.samples import TOPICS, Samples
 from barc_sim.bags.samples import join as join_samples
 from barc_sim.bags.writer import BagWriter

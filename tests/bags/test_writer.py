@@ -24,7 +24,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags.messages import BagMessage, Topic
-from barc_sim.bags.recording import METADATA_NAME, to_yaml
+from barc_sim.bags.metadata import METADATA_NAME, to_yaml
 from barc_sim.bags.writer import CHUNK_SIZE, AtomicAppender, BagWriter
 from barc_sim.errors import UserError
 

@@ -17,7 +17,7 @@ from std_msgs.msg import Float64MultiArray, String
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.graph import NodeGraph
-from barc_sim.bags.recording import to_yaml
+from barc_sim.bags.metadata import to_yaml
 from barc_sim.figures.graph_figure import lines
 from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.ros.introspection import plain

@@ -34,7 +34,7 @@ from std_srvs.srv import Trigger
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.graph import NodeGraph
-from barc_sim.bags.recording import Recording
+from barc_sim.bags.recording_settings import Recording
 from barc_sim.errors import UserError
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.ros.executor import QuickExecutor

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 
 import pytest
 
-from barc_sim.bags.recording import Recording
+from barc_sim.bags.recording_settings import Recording
 from barc_sim.runs.options import add_recording_options, recording
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from barc_sim.bags.messages import MessageFields
-    from barc_sim.bags.recording import Recording
+    from barc_sim.bags.recording_settings import Recording
     from barc_sim.ros.local.node import Node
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
     from barc_sim.bags.messages import MessageFields
-    from barc_sim.bags.recording import Recording
+    from barc_sim.bags.recording_settings import Recording
 
 _NAMELESS = '_NODE_NAME_UNKNOWN_'  #: of a node that rmw does not know yet
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rclpy.qos import ReliabilityPolicy
 
-from barc_sim.bags.recording import Losses
+from barc_sim.bags.losses import Losses
 from barc_sim.ros.recording.polled import undelivered
 
 if TYPE_CHECKING:

@@ -8,14 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from barc_sim.bags.recording import (
-    UNNUMBERED,
-    Losses,
-    Missing,
-    check_root,
-    check_space,
-    make_directory,
-)
+from barc_sim.bags.directory import check_root, check_space, make_directory
+from barc_sim.bags.losses import UNNUMBERED, Losses, Missing
 from barc_sim.errors import UserError
 
 
