@@ -125,9 +125,9 @@ def run_acc(options: Namespace) -> int:
     """Drive with the cruise control, and return the exit code."""
     with StopSignals() as stop:
         inputs = _start(options)
-        from barc_sim.runs import cruise_control  # noqa: PLC0415 (imports rclpy)
+        from barc_sim.runs import acc  # noqa: PLC0415 (imports rclpy)
 
-        return cruise_control.drive(options, inputs, stop)
+        return acc.drive(options, inputs, stop)
 
 
 def _start(options: Namespace) -> Inputs:

@@ -11,8 +11,8 @@ from _jitter import Clock
 from barc_sim.__main__ import parse
 from barc_sim.ros.carrier import DdsCarrier
 from barc_sim.ros.process import new_executor
+from barc_sim.runs.acc import add_car
 from barc_sim.runs.composition import Run
-from barc_sim.runs.cruise_control import add_car
 from barc_sim.runs.inputs import read_inputs
 from barc_sim.runs.terminal import Display
 

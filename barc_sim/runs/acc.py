@@ -1,4 +1,4 @@
-"""The cruise-control run: the PID holds a speed over the hills, or on a track.
+"""The run of `barc acc`: the cruise control holds a speed over the hills, or on a track.
 
 It reads from top to bottom: make the nodes, add them to one executor, spin, close.
 """
