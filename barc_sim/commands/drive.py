@@ -124,13 +124,13 @@ def add_arguments_acc(parser: Parser) -> None:
 def run_acc(options: Namespace) -> int:
     """Drive with the cruise control, and return the exit code."""
     with StopSignals() as stop:
-        inputs = _start(options)
+        inputs = _prepare(options)
         from barc_sim.runs import acc  # noqa: PLC0415 (imports rclpy)
 
         return acc.drive(options, inputs, stop)
 
 
-def _start(options: Namespace) -> Inputs:
+def _prepare(options: Namespace) -> Inputs:
     """Choose the engine, and read the inputs of a run; nothing has imported rclpy before."""
     from barc_sim.runs.engine import choose_and_install_engine  # noqa: PLC0415 (not for --help)
     from barc_sim.runs.inputs import read_inputs  # noqa: PLC0415
@@ -156,7 +156,7 @@ def add_arguments_teleop(parser: Parser) -> None:
 def run_teleop(options: Namespace) -> int:
     """Drive by hand, and return the exit code."""
     with StopSignals() as stop:
-        inputs = _start(options)
+        inputs = _prepare(options)
         from barc_sim.runs import teleop  # noqa: PLC0415 (imports rclpy)
 
         return teleop.drive(options, inputs, stop)

@@ -27,8 +27,9 @@ How a message comes into the bag; the arrows are the way of the message::
                         BagWriter.write: chunks of an MCAP file
                         (bags/writer.py)
 
-The carrier of the run makes the subscriptions (`Carrier.new_subscriptions`). An executor spins this
-node only for its timer, which discovers topics, and for its services.
+The carrier of the run makes the subscriptions (`Carrier.new_subscriptions`). Without ROS, a
+publisher also writes in its own thread when the queue is long (`call_when_full`). An executor spins
+this node only for its timer, which discovers topics, and for its services.
 """
 
 from __future__ import annotations
