@@ -27,14 +27,15 @@ HALF_TRACK = 0.86  #: [m] from the centre line to a wheel
 WHEEL_RADIUS = 0.36  #: [m]
 WHEEL_WIDTH = 0.26  #: [m]
 
-#: A function with the arguments and the result of `bikeFE`.
+#: A function with the arguments and the result of `bikeFE`: a user's model.
 Model = Callable[..., Sequence[float]]
 
 
 class Vehicle(NamedTuple):
     """The vehicle's parameters; the defaults are the lab's.
 
-    Each has its meaning and its limits, which `limited` checks.
+    Each has its meaning and its limits. `vehicle/bicycles.py` applies `limited`, which makes the
+    constructor check them, so that this module has nothing but the equations.
 
     Examples
     --------
@@ -120,7 +121,8 @@ def bikeFE(  # noqa: N802 (the lab's name)
 ) -> list[float]:
     """Return `[x, y, psi, v]` one forward-Euler step of `ts` seconds later.
 
-    It is `step` with the lab's arguments.
+    It is `step` with the lab's arguments. A run calls `step`, not this function: as the `model` of
+    a plant or a scenario, `bikeFE` stands for no model of the user's.
 
     Parameters
     ----------

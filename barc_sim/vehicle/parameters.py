@@ -143,6 +143,7 @@ class PlantOptions:
         force, disturbance = self._forces()
         motor, servo = self._actuators()
 
+        # `__post_init__` has read road and track: `of` returns them as they are, for the types.
         plant = Plant(
             road=None if self.road is None else Road.of(self.road),
             vehicle=self.vehicle,

@@ -2,13 +2,16 @@
 
 Actuators delay, limit and lag a command; each is off by default. The sensor adds noise, and can
 measure late.
+
+`acting` is always the present value of the actuators, which moves the car. The command that the
+simulator holds is another thing: it is the input of the actuators, and with a delay it does not act
+yet.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from math import copysign, cos, expm1, floor, inf, isnan, nan, sin
-from operator import mul
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from barc_sim.errors import UserError
@@ -89,6 +92,7 @@ def actuator_response(
     lag = actuator.lag
     rate = actuator.rate
     error = target - value
+    # The lag alone changes the value by error / lag: faster than `rate` where there is an excess.
     excess = abs(error)
     if lag:
         excess -= rate * lag
@@ -101,6 +105,8 @@ def actuator_response(
     error = target - ramp_end
     decayed = -expm1(-remaining / lag) if lag else 1.0
     mean_of_decay = target - error * decayed * lag / remaining
+
+    # The mean over the step weighs the means of ramp and decay by their durations.
     ramp_share = ramp / t
     mean = ramp_share * 0.5 * (value + ramp_end) + (1.0 - ramp_share) * mean_of_decay
     return target - error * (1.0 - decayed), mean
@@ -126,7 +132,7 @@ def actuate(
     target = limit_command(actuator, newer)
     if not early:
         value, mean = actuator_response(actuator, value, target, ts)
-        return value, mean + 0.0
+        return value, mean + 0.0  # -0.0 becomes 0.0, as in the sum below
     first = limit_command(actuator, older)
     value, early_mean = actuator_response(actuator, value, first, early * ts)
     value, late_mean = actuator_response(actuator, value, target, (1.0 - early) * ts)
@@ -230,7 +236,9 @@ class Sensor:
     is remembered.
 
     The generator is NumPy's PCG64. Every measurement takes six of its normal numbers: the noise of
-    one signal does not depend on whether another has any.
+    one signal does not depend on whether another has any. A live sensor draws the numbers of 64
+    measurements at a time, as a call of the generator takes much longer than a number. `draw` and
+    `normals` return the same numbers for a whole run at once.
     """
 
     def __init__(
@@ -291,7 +299,7 @@ class Sensor:
         self._past.clear()
 
     def _measure_late(self, true: VehicleState) -> tuple[VehicleState, MeasurementError]:
-        """Return the motion of before as measured, and its error."""
+        """Return the motion of `delay` seconds ago as measured, and its error now."""
         newer = self._before(true, self._whole)
         older = self._before(true, self._whole + 1)
         measured = motion_between(newer, older, self._share)
@@ -309,7 +317,7 @@ class Sensor:
         """Return the noise of the next measurement."""
         if not self._normals:
             self._normals = self._draw_normals(_BLOCK)[::-1].tolist()
-        return MeasurementError(*map(mul, self.noise, self._normals.pop()))
+        return error_of(self.noise, self._normals.pop())
 
     def draw_from(self, generator: np.random.Generator) -> None:
         """Take the noise of the next measurements from this generator."""
@@ -359,7 +367,8 @@ def with_error(
 ) -> VehicleState:
     """Return the motion as measured, with cosine and sine of the heading.
 
-    A log passes records of arrays.
+    They rotate the position's error from the vehicle's frame into that of the road. A log passes
+    records of arrays.
     """
     return VehicleState(
         true.x + error.s * cos_psi + error.ey * -sin_psi,
@@ -487,7 +496,7 @@ class Queues(NamedTuple):
 
 @law
 def start(model: PlantModel, state: BicycleState, near: float, is_whole: bool) -> PlantState:
-    """Return the plant at the start of a run, at rest but for the car's speed.
+    """Return the plant at the start of a run: everything but the car's speed is at rest.
 
     On a track the car is near s = `near` [m], and its first lap may count as a whole one.
     """
@@ -510,10 +519,15 @@ def with_force(motor: float, force: float, vehicle: Vehicle) -> float:
 
 
 @law
-def take_command(
+def move_actuators(
     model: PlantModel, now: PlantState, queues: Queues, command: Command, force: float
 ) -> tuple[Command, Command]:
-    """Return the actuators after a step, and their means in it, with that of a force [N]."""
+    """Return the actuators' values after a step with a command, and what moves the car in the step.
+
+    In a step acceleration and steering angle are constant: each is the mean of its actuator's
+    values. A force [N] on the car adds force / mass to the mean acceleration, and leaves the
+    actuators as they are.
+    """
     if model.is_ideal:
         acting = command
         mean = command
@@ -575,7 +589,7 @@ def advance(
     model: PlantModel, now: PlantState, queues: Queues, command: Command, force: float
 ) -> PlantState:
     """Return the plant after a step with a command, and with a force [N] on the car."""
-    acting, mean = take_command(model, now, queues, command, force)
+    acting, mean = move_actuators(model, now, queues, command, force)
     state, slip = bicycle_step(
         model.bicycle, now.state, now.slip, mean, model.inclines, now.stretch, model.ts
     )
@@ -593,7 +607,12 @@ _NO_LINE = CentreLine((), (), 0.0, is_closed=False)
 
 
 class Plant:
-    """The car on its road or track; `vehicle` may be replaced between steps."""
+    """The car on its road or track; `vehicle` may be replaced between steps.
+
+    The attribute `model` is the car without what changes in a run, a `PlantModel`. The argument of
+    the same name is a user's step function in place of the bicycle, and its default, `bikeFE`,
+    stands for none.
+    """
 
     def __init__(
         self,
@@ -619,8 +638,8 @@ class Plant:
         On a `track` the road, by default flat, gives the hills along it, the same in each lap.
 
         In a step acceleration and steering angle are constant: the mean of the actuators' values.
-        So is the force on the car, positive forwards: `force` [N] plus `disturbance`. UserError: a
-        name is unknown, arguments contradict one another, or the step is too long.
+        The force on the car, positive forwards, is constant, too: `force` [N] plus `disturbance`.
+        UserError: a name is unknown, arguments contradict one another, or the step is too long.
         """
         motor = motor or Actuator()
         servo = servo or Actuator()
@@ -632,6 +651,7 @@ class Plant:
         self.force = force
         self.disturbance = disturbance
         self.lap_times: tuple[float, ...] = ()  #: [s] of the laps that were driven whole
+        # By default the bicycle makes the steps: `bikeFE` itself is not called.
         self._own_model = None if model is bikeFE else model
 
         car = bicycle_of(dynamics, integrator, vehicle, lateral)
@@ -730,7 +750,12 @@ class Plant:
 
     @property
     def has_fast_path(self) -> bool:
-        """Whether laws move the car straight ahead along its road."""
+        """Whether the loop of `simulation/rollout.py` can drive the car from here.
+
+        That loop has neither steering nor a track, nor a sensor that measures late, and takes no
+        user's model. So the car must head along its road with its wheels straight, and no steering
+        command may wait in the queue: it would turn the wheels later.
+        """
         return (
             self.has_laws
             and not (self.track or self.sensor.delay)
@@ -787,7 +812,7 @@ class Plant:
         if self.disturbance:
             force += self.disturbance(now.steps * model.ts, self.distance)
         if self._own_model:
-            acting, mean = take_command(model, now, self._queues, command, force)
+            acting, mean = move_actuators(model, now, self._queues, command, force)
             theta = model.inclines.thetas[now.stretch]
             vehicle = model.bicycle.vehicle
             state = model_step(self._own_model, now.state, mean, theta, vehicle, model.ts)

@@ -492,7 +492,7 @@ def beside_segment(segment: Segment, x: float, y: float) -> tuple[float, float]:
 def nearest(line: CentreLine, x: float, y: float) -> float:
     """Return s [m] of the point of the centre line that is nearest to a point on the map.
 
-    Of points that are equally near, but for rounding, it is the first.
+    If several points are equally near except for rounding, it is the first of them.
     """
     near = 0.0
     minimum = inf

@@ -21,8 +21,8 @@ from barc_sim.vehicle.plant import (
     act,
     actuator_response,
     channel_of,
+    move_actuators,
     queue_room,
-    take_command,
     with_error,
 )
 from barc_sim.vehicle.road import Road
@@ -59,7 +59,7 @@ def drive(actuator: Actuator, commands: list[float], ts: float = TS) -> list[tup
 def test_actuators_that_are_off_do_what_is_commanded(motor: float, servo: float) -> None:
     command = Command(motor, servo)
     plant = Plant()
-    acting, held = take_command(plant.model, plant.now, plant.waiting, command, 0.0)
+    acting, held = move_actuators(plant.model, plant.now, plant.waiting, command, 0.0)
     # As text: not even the sign of a zero may change.
     assert repr(acting) == repr(held) == repr(command)
 
