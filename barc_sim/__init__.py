@@ -43,10 +43,29 @@ Laps of a track, in place of the road: ``oval``, ``circle``, ``figure-eight``, o
     >>> print(f'{log.best:.2f} s')
     28.97 s
 
-Where to look: the equations of the vehicle are in `vehicle/bike_model.py` (`resistance`, `bikeFE`),
-those of the PID in `control/speed.py`. `simulation/stepper.py` (`pass_deadline`) decides whether a
-run missed a deadline, and `bags/reader.py` (`join`) does the same for a bag. `lab/labs/` judges a
-user's model and PID; `bike.txt` and `pid.txt` list the mistakes that it names.
+Where to look: the equations of the vehicle are in `vehicle/bike_model.py` (`resistance`, `step`),
+those of the PID in `control/speed.py` (`pid`). `Stepper.decide` in `simulation/stepper.py` decides
+whether a run missed a deadline; for a bag without a record of it, `join` in `bags/samples.py` does.
+`lab/labs/` judges a user's model and PID; `bike.txt` and `pid.txt` list the mistakes that it names.
+
+The way of a state, from the model to the plot of a run with ROS:
+
+1. `commands/drive.py` chooses the engine, and `runs/cruise_control.py` makes the nodes of the run.
+2. `nodes/start_gate.py` waits for a controller, and starts the `Stepper` of
+   `simulation/stepper.py`.
+3. `Plant.observe` in `vehicle/plant.py` measures the state.
+4. `nodes/simulator.py` (`publish_state`) publishes it.
+5. `nodes/controller.py` passes it to `CruiseControl` in `control/cruise_control.py`, whose pilot
+   (`control/pilots.py`) answers with a command.
+6. `Stepper.take_command` stores the command. The step follows at once or at the deadline.
+7. `Plant.advance` makes the step: actuators, force, then the bicycle of `vehicle/bicycles.py` on
+   its road or track. Back to 3.
+8. `nodes/recorder.py` takes all messages, and `bags/writer.py` writes them to the bag.
+9. `bags/reader.py` decodes them, and `bags/samples.py` (`join`) makes the `Log` of
+   `simulation/log.py`.
+10. `figures/run_figures.py` draws the log.
+
+`simulate` needs no messages: the loops that `simulation/__init__.py` lists make the same log.
 """
 
 from __future__ import annotations
@@ -112,7 +131,7 @@ _EXPORTS = {
     'Scenario': ('simulation.scenario', 'Scenario'),
     'Stanley': ('control.lane', 'Stanley'),
     'Track': ('vehicle.track', 'Track'),
-    'Vehicle': ('vehicle.bicycles', 'Vehicle'),
+    'Vehicle': ('vehicle.bicycles', 'Vehicle'),  # of bike_model.py; bicycles.py adds its limits
     'identify': ('tuning.identification', 'identify'),
     'lap': ('simulation.closed_loop', 'lap'),
     'plot': ('figures.run_figures', 'plot'),

@@ -122,6 +122,10 @@ def reference_of(given: object) -> Signal:
 class CruiseControl:
     """A pilot with its parameters; its dt is the difference of the states' stamps.
 
+    The speed to hold is the parameter `speed_reference`, a number that `refer` sets. If the
+    parameter `reference` names a file, or a track has a speed profile, the speed to hold is a
+    function of time and position instead. The method `reference` returns its present value.
+
     Attributes
     ----------
     speed

@@ -3,6 +3,18 @@
 The class of a pilot says what it decides: `SpeedPilot` the acceleration, `LanePilot` the steering,
 `PlanPilot` the steering and a speed of its own, `LaneKeeping` both, with a pilot for each. Users'
 objects become pilots in `as_pilot` and `as_lane_pilot`.
+
+The way from a state to a command, each line called by the one above::
+
+    Controller node     on_state        takes the message of a state
+    CruiseControl       take_state      checks it, and finds dt from the stamps
+    Navigator           situation       finds the place on the track, and the speed to hold
+    Pilot               command         of a SpeedPilot, or on a track of a LaneKeeping
+    speed controller    acc_calculate   such as a PID: an object that a user can replace
+    law                 pid             the equation, which compiled loops call, too
+
+`CruiseControl` calls both `Navigator.situation` and then `Pilot.command`. On a track, `LaneKeeping`
+also calls a `LanePilot`, whose steering law has `steer_calculate`.
 """
 
 from __future__ import annotations

@@ -162,7 +162,7 @@ class PidMemory(NamedTuple):
 
 
 class PidTerms(NamedTuple):
-    """The output of a PID, and the terms that it is the sum of, but for the integral."""
+    """The output of a PID and two terms of its sum; the integral term is in `PidMemory`."""
 
     output: float  #: [m/s²] within the limits
     proportional: float  #: [m/s²]

@@ -2,6 +2,11 @@
 
 `simulate` takes a user's options or a `Scenario`, `closed_loop` a plant and a controller.
 `Progress` ends the run of a car that never arrives.
+
+The loop here drives any plant with any pilot. The most common run, which is also the default of
+`simulate`, does not need it: a PID drives straight along a road (`Plant.has_fast_path`). For that
+run `closed_loop` calls `rollout.pid_log`, whose shorter loop gives the same log. The package's
+docstring lists all loops.
 """
 
 from __future__ import annotations
@@ -124,7 +129,7 @@ def simulate(
     delay
         [s] from a command to its effect.
     sensor_delay
-        [s] age of a measurement at its stamp: the state that is published is that of before.
+        [s] age of a measurement at its stamp: the published state is this much older.
     disturbance
         [N] force on the car, positive forwards: a number, a function of the time since the start
         [s] and the position along the road [m], or the path of a CSV file with the columns
@@ -340,6 +345,8 @@ def closed_loop(
     lane: LaneController | Pilot | None = None,
 ) -> Log:
     """Drive a plant with a controller, and return the log.
+
+    A plain `PID` straight along a road takes the shorter loop of `rollout`, for the same log.
 
     Parameters
     ----------

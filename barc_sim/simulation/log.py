@@ -75,8 +75,9 @@ def _takes_own_terms(kind: _Kind) -> _Kind:
 class Log:
     """The log of a run: a row per state `k`; every array has shape `(n,)`, SI units, radians.
 
-    A value that the run did not have is NaN, such as a term without a controller, or a command that
-    did not arrive. The bag reader, the live page and `to_frame` derive from these declarations.
+    A number that the run did not have is NaN, such as a term without a controller, or a command
+    that did not arrive. A flag cannot be NaN: it is False, such as `saturated` without a
+    controller. The bag reader, the live page and `to_frame` derive from these declarations.
 
     Examples
     --------
@@ -103,7 +104,8 @@ class Log:
     e_v_x: Annotated[Floats, Column('m/s', 'longitudinal speed error', STATE_ERROR)]
     e_v_y: Annotated[Floats, Column('m/s', 'lateral speed error', STATE_ERROR)]
     e_psi_dot: Annotated[Floats, Column('rad/s', 'yaw rate error', STATE_ERROR)]
-    # The command that acts from state k on: the answer to it, or if that is late, the last one.
+    # The command that the simulator holds from state k on: the answer to the state, or if that is
+    # late, the last one. It is the input of the actuators, whose values are in no column.
     motor: Annotated[Floats, Column('m/s²', 'acceleration command', APPLIED_COMMAND)]
     servo: Annotated[Floats, Column('rad', 'steering angle command', APPLIED_COMMAND)]
     missed: Annotated[Flags, Column('', 'whether no command answered in time', APPLIED_COMMAND)]
@@ -206,7 +208,7 @@ class Log:
         self, *others: Log, labels: Sequence[str] = (), ax: Axes | None = None
     ) -> Figure | SubFigure:
         """Draw this run, and others in the same figure: `barc_sim.plot`."""
-        import barc_sim  # noqa: PLC0415 (what a user imports lies above all rooms)
+        import barc_sim  # noqa: PLC0415 (it imports this module)
 
         return barc_sim.plot(self, *others, labels=labels, ax=ax)
 
@@ -298,7 +300,10 @@ _FLAGS = {'missed', 'saturated', 'steer_saturated'}
 
 def columns_of(topic: str) -> dict[str, str]:
     """Return the columns that a topic's messages hold: names by field."""
-    if topic == ECU:  # acts, unless it is late
+    # The columns of the command are declared for APPLIED_COMMAND, the simulator's record. A bag
+    # without that record has the commands of the controller only, on ECU: they fill the same
+    # columns.
+    if topic == ECU:
         return {'motor': 'motor', 'servo': 'servo'}
     columns = TrackLog.declared.items()
     return {column.field: name for name, column in columns if column.topic == topic}

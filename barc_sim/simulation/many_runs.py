@@ -53,7 +53,7 @@ def scores_of_many(
     score_runs
         scores some of the runs; several threads call it.
     sensor
-        of all runs, but for their seeds.
+        of all runs, which differ in their seeds only.
     gains
         of each run, shape `(n, gains)`.
     width

@@ -364,7 +364,10 @@ class LapSettings:
         self._laps: dict[int, list[Setting]] = {}
 
     def add(self, lap: int, t: float, values: Mapping[str, float]) -> None:
-        """Take the settings at a state of a lap, at `t` [s]; states without a change may lack."""
+        """Take the settings at a state of a lap, at `t` [s].
+
+        States at which nothing changed can be left out.
+        """
         settings = self._laps.setdefault(lap, [])
         if settings and settings[-1].values == values:
             settings[-1] = settings[-1]._replace(end=t)

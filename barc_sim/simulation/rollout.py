@@ -1,8 +1,8 @@
 """The drive of a car straight along its road under a PID: one loop, in Python or compiled.
 
-`pid_log` makes the log of one run, and `scores_of_gains` the scores of many. The loop calls the
-laws that `Plant` and `PID` call, in the same order: its states are those of `closed_loop` to the
-last bit.
+`pid_log` makes the log of one run, for `closed_loop`, and `scores_of_gains` the scores of many, for
+sweeps. The loop calls the laws that `Plant` and `PID` call, in the same order: its states are those
+of the loop in `closed_loop` to the last bit.
 """
 
 from __future__ import annotations

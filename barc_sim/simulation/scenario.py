@@ -49,8 +49,12 @@ class Scenario(PlantOptions):
     lane: LaneController | Pilot | None = None
     speed_reference: Annotated[float, SPEED] = SPEED_REFERENCE
     reference: str | PathLike[str] | Signal | None = None
-    distance: Annotated[float, 'end of a lap, on a track of the run [m]; 0: none', 0.0, 1e6] = 180.0
-    laps: Annotated[int, 'number of laps, on a track flying; 0: no end', 0, 10**6] = 0
+    distance: Annotated[
+        float, 'where each lap of a road ends, or a run on a track [m]; 0: nowhere', 0.0, 1e6
+    ] = 180.0
+    laps: Annotated[
+        int, 'number of laps, without a stop between them on a track; 0: no end', 0, 10**6
+    ] = 0
     max_duration: Annotated[float, 'simulated time [s]', 0.0, 1e5] = 600.0
 
     def __post_init__(self) -> None:
@@ -80,8 +84,8 @@ class Scenario(PlantOptions):
 
     @property
     def end(self) -> float:
-        """Where the run, on a road each lap, ends [m]; inf: nowhere."""
-        track = Track.of(self.track) if self.track else None
+        """The position [m] at which each lap of a road ends, or a run on a track; inf: none."""
+        track = Track.of(self.track) if self.track else None  # as it is: it has been read
         laps = self.laps * track.length if track else 0.0
         return min(self.distance or inf, laps or inf)
 
@@ -92,7 +96,10 @@ class Scenario(PlantOptions):
         return {name: gain for name, gain in gains.items() if gain is not None}
 
     def signal(self) -> Signal | None:
-        """Return the speed to hold [m/s] over time and place; None: it is `speed_reference`."""
+        """Return `reference` as a function: the speed to hold [m/s] over time and position.
+
+        None: there is none, and the speed to hold is the number `speed_reference`.
+        """
         return None if self.reference is None else reference_of(self.reference)
 
 

@@ -261,7 +261,7 @@ class Stepper:
     stamp_lag
         Time [s] by which the latest stamp in real time was behind the wall clock; 0 at other paces.
     distance
-        End of a lap, or on a track of the run [m]; inf: none.
+        Position [m] at which each lap of a road ends, or a run on a track; inf: none.
     laps
         Laps driven to their end, without those that a reset has cut short.
     """
