@@ -2,6 +2,10 @@
 
 `Pace` has the deadlines, `Commands` the command that holds. Nothing here imports ROS or starts a
 thread or timer: the node `vehicle_simulator` passes events to `Stepper`, and is its `StepperHost`.
+
+The command that holds, which the topic `applied_command` has, is the input of the plant for a step:
+the answer to the state, or without an answer the command before. The values of the actuators,
+`Plant.acting`, are another thing: they follow this command, and with a delay they do so later.
 """
 
 from __future__ import annotations
@@ -61,19 +65,20 @@ class Pace:
         return late <= PUNCTUAL * self.period
 
 
+NO_STAMP = 0  #: [ns] the stamp of a command that answers whatever state is present
+
+
 class Commands:
     """The commands that a simulator has received since its start.
 
-    A command answers the state with the same stamp. It replaces the command that holds, unless it
-    is older or the present state is answered already. So neither a late command nor one with a
-    stamp in the future can displace the answer.
+    A command answers the state with the same stamp, or without a stamp, the present state. It
+    replaces the command that holds, unless it is older or the present state is answered already.
+    So neither a late command nor one with a stamp in the future can displace the answer.
 
     Attributes
     ----------
     latest
         The command that holds; None before the first one.
-    answered
-        Whether it answers the present state: it has the same stamp, or no stamp at all.
     timeout
         [s] Commands count as lost when none arrives for longer than this; inf: never.
     """
@@ -86,33 +91,41 @@ class Commands:
         """
         self.timeout = timeout or inf
         self.latest: Command | None = None
-        self._unsynchronised = bool(timeout)
-        self.answered = self._unsynchronised
-        self._answered_by_stamp = False  # answered by a command with the present state's stamp
+        self._unsynchronised = bool(timeout)  # no state waits: commands have no stamps
+        self._answered_by_stamp = False  # a command has the present state's stamp
         self._latest_state = 0  # [ns] stamp of the state that `latest` belongs to
-        self._received = -inf
+        self._received = -inf  # [s] when `latest` arrived
+
+    @property
+    def answered(self) -> bool:
+        """Whether the present state need not wait for a command."""
+        return self._unsynchronised or self._answered_by_stamp
 
     def store(self, command: Command, stamp: int, present: int, t: float) -> bool:
         """Store a `command` that arrived at `t` [s] in the state `present` [ns]; it holds now.
 
         Return False if its `stamp` [ns] is out of order: another command holds.
         """
-        state = min(stamp, present) if stamp else present  # that it belongs to
-        if state < self._latest_state or (self._answered_by_stamp and stamp not in (0, present)):
+        has_stamp = stamp != NO_STAMP
+        is_answer = stamp == present
+        # A stamp in the future counts as the present one.
+        belongs_to = min(stamp, present) if has_stamp else present
+
+        is_older = belongs_to < self._latest_state
+        would_displace_answer = self._answered_by_stamp and has_stamp and not is_answer
+        if is_older or would_displace_answer:
             return False
 
         self.latest = command
-        self._latest_state = state
+        self._latest_state = belongs_to
         self._received = t
-        self._answered_by_stamp = stamp == present
-        if self._answered_by_stamp or stamp == 0:
-            self._unsynchronised = stamp == 0
-        self.answered = self._unsynchronised or self._answered_by_stamp
+        self._answered_by_stamp = is_answer
+        if is_answer or not has_stamp:
+            self._unsynchronised = not has_stamp
         return True
 
     def next_step(self) -> None:
         """Wait for the answer to the next state."""
-        self.answered = self._unsynchronised
         self._answered_by_stamp = False
 
     def start_timeout(self, t: float) -> None:
@@ -183,9 +196,10 @@ class StepperHost(Protocol):
         """Publish the state `t` [s] after the start, with its stamp [ns]."""
 
     def publish_applied(self, command: Command, stamp_ns: int, *, missed: bool) -> None:
-        """Publish the command that acts from the state with this stamp [ns] on.
+        """Publish the command that holds from the state with this stamp [ns] on.
 
-        `missed`: no command answered the state by its deadline, so that the last one holds.
+        That is the latest state that was published. `missed`: no command answered it by its
+        deadline, so that the last one holds.
         """
 
     def run_deadlines(self, *, on: bool) -> None:
@@ -240,11 +254,11 @@ class Stepper:
     FINISHED   reset, place                                 STARTING
     =========  ===================  ======================  =====================================
 
-    A step publishes the command that acts, and the next state. From a state at or beyond `distance`
-    it ends the lap: the next lap begins as after a reset, and the last one leads to FINISHED; so
-    does any step after `end`. If commands are lost, the car brakes. STARTING begins with a new
-    plant, at the start or where `place` puts it, and no command. Other events change nothing in a
-    phase, except that a command is stored for the next step.
+    A step publishes the command that holds, and the next state. From a state at or beyond
+    `distance` it ends the lap: the next lap begins as after a reset, and the last one leads to
+    FINISHED; so does any step after `end`. If commands are lost, the car brakes. STARTING begins
+    with a new plant, at the start or where `place` puts it, and no command. Other events change
+    nothing in a phase, except that a command is stored for the next step.
 
     Stamps begin with the wall clock, and grow by one period a step, also over a reset. In real time
     (`realtime_factor` 1) a pause or a slip leaves them `stamp_lag` behind the wall clock; a reset
@@ -270,7 +284,7 @@ class Stepper:
         self,
         scenario: Scenario,
         options: StepperOptions,
-        outputs: StepperHost,
+        host: StepperHost,
         *,
         clock: Callable[[], float] = time.monotonic,
         wall_clock: Callable[[], int] = time.time_ns,
@@ -310,7 +324,7 @@ class Stepper:
         self._timeout = options.command_timeout
         self._braking = options.timeout_braking
         self._in_real_time = factor == 1.0
-        self._outputs = outputs
+        self._host = host
         self._clock = clock
         self._wall_clock = wall_clock
         self._period_ns = round(self._plant.ts * NANOSECONDS)
@@ -349,7 +363,7 @@ class Stepper:
         return self._pace.period if self._pace else None
 
     def start(self) -> None:
-        """Publish the first state, and let time run unless it is paused."""
+        """Publish the first state, before which there is none, and run unless paused."""
         self.phase = Phase.PAUSED if self.paused else Phase.RUNNING
         self.stamp = self.stamp + self._period_ns if self.stamp else self._wall_clock()
         if self._in_real_time:
@@ -372,7 +386,7 @@ class Stepper:
                 f'{command.motor}, {command.servo}'
             )
 
-        if stamp not in (0, self.stamp):
+        if stamp not in (NO_STAMP, self.stamp):
             self._check_stamp(stamp)
         if not self._commands.store(command, stamp, self.stamp, self._clock()):
             return out_of_order(stamp, self.stamp)
@@ -393,7 +407,7 @@ class Stepper:
             self._step()
         else:  # the answer may have arrived, but not been delivered
             self._undecided = 'punctual' if punctual else 'late'
-            self._outputs.defer_decision()
+            self._host.defer_decision()
 
     def decide(self) -> None:
         """Step, or let a late deadline slip, once all commands that have arrived are delivered."""
@@ -410,7 +424,7 @@ class Stepper:
                 self._pace.slipped += 1
                 return
             self.missed += 1
-            self._outputs.warn(
+            self._host.warn(
                 lambda: (
                     f'missed deadlines: {self.missed} so far; no command answers state '
                     f'{self.states - 1} in time, and the last one holds'
@@ -501,40 +515,49 @@ class Stepper:
 
     def _step(self, *, missed: bool = False) -> None:
         """Take the step to the next state, or do what was requested in its place."""
-        timed_out = self._commands.timed_out(self._clock())
-        command = self._braking_command() if timed_out else self._commands.latest or Command()
+        is_lost = self._commands.timed_out(self._clock())
+        command = self._command_to_hold(is_lost=is_lost)
         # Also where no step follows: then the records of a run are as many as its missed commands.
-        self._outputs.publish_applied(command, self.stamp, missed=missed)
+        self._host.publish_applied(command, self.stamp, missed=missed)
 
         request = self._request
         self._request = None
         if request == 'reset':
             self._restart()
             return
-        plant = self._plant
-        if self._ends or plant.distance >= self.distance:
+        if self._ends or self._plant.distance >= self.distance:
             self._end_lap()
             return
 
-        if self._is_retuned:
-            self._is_retuned = False
-            self._scenario.retune(plant)
-        if timed_out:
-            self._outputs.warn(
+        if is_lost:
+            self._host.warn(
                 lambda: f'no command for {self._timeout:g} s: the car brakes',
                 'timeout',
             )
+        self._advance(command)
 
-        plant.advance(command)
+    def _command_to_hold(self, *, is_lost: bool) -> Command:
+        """Return the command for the next step: the latest one.
+
+        While commands are lost, it is the driver's brake, with the steering of the latest one.
+        """
+        latest = self._commands.latest or Command()
+        if not is_lost:
+            return latest
+        # Half of what would stop the car in the relay's period.
+        motor = max(-self._braking, min(-10.0 * self._plant.state.v, self._braking))
+        return latest._replace(motor=motor)
+
+    def _advance(self, command: Command) -> None:
+        """Move the car by a step with a command, and publish the next state."""
+        if self._is_retuned:
+            self._is_retuned = False
+            self._scenario.retune(self._plant)
+
+        self._plant.advance(command)
         self._commands.next_step()
         self.stamp += self._period_ns
         self._publish()
-
-    def _braking_command(self) -> Command:
-        """Return the command while commands are lost: the driver's brake, steering as before."""
-        # Half of what would stop the car in the relay's period.
-        motor = max(-self._braking, min(-10.0 * self._plant.state.v, self._braking))
-        return (self._commands.latest or Command())._replace(motor=motor)
 
     def _end_lap(self) -> None:
         """Begin the next lap, or end the run after the last."""
@@ -547,13 +570,13 @@ class Stepper:
                 return
         self.phase = Phase.FINISHED
         self._stop_deadlines()
-        self._outputs.finish()
+        self._host.finish()
 
     def _publish(self) -> None:
         if self._in_real_time:
             self.stamp_lag = max((self._wall_clock() - self.stamp) / NANOSECONDS, 0.0)
         t = (self.states - self._first_state) * self._plant.ts
-        self._outputs.publish_state(t, self._plant.observe(), self.stamp)
+        self._host.publish_state(t, self._plant.observe(), self.stamp)
         self.states += 1
 
     def _check_stamp(self, stamp: int) -> None:
@@ -572,7 +595,7 @@ class Stepper:
             f'commands arrive stamped {away:+.3g} s from the state: copy its header, or leave the '
             'stamp 0'
         )
-        self._outputs.warn(lambda: warning, 'stamps of commands')
+        self._host.warn(lambda: warning, 'stamps of commands')
 
     def _restart(self, reason: str = RESET) -> None:
         if self.phase is Phase.FINISHED:
@@ -590,13 +613,13 @@ class Stepper:
             reason = f'reset: the car is at x {start.x:.2f} m, y {start.y:.2f} m'
         self._commands = Commands(self._timeout)
         self._first_state = self.states
-        self._outputs.prepare_start(reason)
+        self._host.prepare_start(reason)
 
     def _start_deadlines(self) -> None:
         if self._pace and self.phase is Phase.RUNNING:
             self._pace.begin(self._clock())
-            self._outputs.run_deadlines(on=True)
+            self._host.run_deadlines(on=True)
 
     def _stop_deadlines(self) -> None:
         self._undecided = None
-        self._outputs.run_deadlines(on=False)
+        self._host.run_deadlines(on=False)
