@@ -39,8 +39,8 @@ _SIGNALS = len(MeasurementError._fields)
 _SPEED = MeasurementError._fields.index('v_x')
 
 
-class Course(NamedTuple):
-    """A run along a road, but for its controller; columns of numbers are lists or arrays."""
+class StraightRun(NamedTuple):
+    """A run straight along a road, without its controller; columns are lists or arrays."""
 
     inclines: Inclines
     bicycle: Bicycle
@@ -51,7 +51,7 @@ class Course(NamedTuple):
     early: float  #: share of a step for which the older of two commands acts
     waiting: Column  #: [m/s²] commands before the run that have not acted, the oldest first
     start: BicycleState
-    value: float  #: [m/s²] of the motor at the start
+    motor_value: float  #: [m/s²] of the motor at the start
     reference: float  #: [m/s] speed to hold
     distance: float  #: [m] at which the run ends
     ts: float  #: [s] of a step
@@ -68,21 +68,23 @@ class Trace(NamedTuple):
     v: Column  #: [m/s]
     speed: Column  #: [m/s] as a log with noise has it: measured minus error
     reference: Column  #: [m/s]
-    commands: Column  #: [m/s²] behind those that wait at the start
+    commands: Column  #: [m/s²] those that wait at the start, then those of the states
     proportional: Column  #: [m/s²]
     integral: Column  #: [m/s²] after the command
     derivative: Column  #: [m/s²]
     saturated: Column  #: 1 where a limit cut the command
 
 
-def course_of(plant: Plant, reference: float, distance: float, *, is_array: bool = False) -> Course:
+def run_of(
+    plant: Plant, reference: float, distance: float, *, is_array: bool = False
+) -> StraightRun:
     """Return the run of a plant that `has_fast_path`, from its present state, without noise.
 
     `is_array` makes arrays of the columns, for a compiled loop; Python is faster with lists.
     """
     model = with_arrays(plant.model) if is_array else plant.model
     waiting = plant.waiting.motor
-    return Course(
+    return StraightRun(
         inclines=model.inclines,
         bicycle=model.bicycle,
         is_euler=not (model.bicycle.is_dynamic or model.bicycle.is_rk4),
@@ -92,7 +94,7 @@ def course_of(plant: Plant, reference: float, distance: float, *, is_array: bool
         early=model.motor.early,
         waiting=np.array(waiting, np.float64) if is_array else waiting,
         start=BicycleState._make(map(float, plant.state)),
-        value=float(plant.acting.motor),
+        motor_value=float(plant.acting.motor),
         reference=float(reference),
         distance=float(distance),
         ts=model.ts,
@@ -101,13 +103,13 @@ def course_of(plant: Plant, reference: float, distance: float, *, is_array: bool
     )
 
 
-def with_errors(course: Course, errors: Floats) -> Course:
+def with_errors(run: StraightRun, errors: Floats) -> StraightRun:
     """Return a run with these errors [m/s] of the measured speed."""
-    is_array = isinstance(course.errors, np.ndarray)
-    return course._replace(errors=errors if is_array else errors.tolist())
+    is_array = isinstance(run.errors, np.ndarray)
+    return run._replace(errors=errors if is_array else errors.tolist())
 
 
-def trace_of(course: Course, states: int, *, is_array: bool = False) -> Trace:
+def trace_of(run: StraightRun, states: int, *, is_array: bool = False) -> Trace:
     """Return a trace with room for this number of states."""
 
     def column(room: int) -> Column:
@@ -118,9 +120,9 @@ def trace_of(course: Course, states: int, *, is_array: bool = False) -> Trace:
         y=column(states),
         psi=column(states),
         v=column(states),
-        speed=column(states if len(course.errors) else 0),
+        speed=column(states if len(run.errors) else 0),
         reference=column(states),
-        commands=column(len(course.waiting) + states),
+        commands=column(len(run.waiting) + states),
         proportional=column(states),
         integral=column(states),
         derivative=column(states),
@@ -129,34 +131,34 @@ def trace_of(course: Course, states: int, *, is_array: bool = False) -> Trace:
 
 
 @law
-def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> int:
+def drive(run: StraightRun, gains: PidGains, memory: PidMemory, trace: Trace) -> int:
     """Drive until the distance is reached or the trace is full; return the number of states."""
-    bicycle = course.bicycle
+    bicycle = run.bicycle
     vehicle = bicycle.vehicle
-    is_euler = course.is_euler
-    inclines = course.inclines
-    state = course.start
+    is_euler = run.is_euler
+    inclines = run.inclines
+    state = run.start
     slip = NO_SLIP
-    value = course.value
+    motor_value = run.motor_value
     dt = FIRST_DT
     stretch = 0
     commands = trace.commands
-    wait = len(course.waiting)
+    wait = len(run.waiting)
     for k in range(wait):
-        commands[k] = course.waiting[k]
-    is_noisy = len(course.errors) > 0
-    reference = course.reference
+        commands[k] = run.waiting[k]
+    is_noisy = len(run.errors) > 0
+    reference = run.reference
     room = len(trace.v)
 
     count = 0
     while True:
         measured = state.v
         if is_noisy:
-            error = course.errors[count]
+            error = run.errors[count]
             measured += error
             trace.speed[count] = measured - error
         memory, terms = pid(memory, gains, reference, measured, dt)
-        dt = course.dt
+        dt = run.dt
 
         trace.x[count] = state.x
         trace.y[count] = state.y
@@ -169,36 +171,41 @@ def drive(course: Course, gains: PidGains, memory: PidMemory, trace: Trace) -> i
         trace.derivative[count] = terms.derivative
         trace.saturated[count] = terms.saturated
         count += 1
-        if state.x >= course.distance or count == room:
+        if state.x >= run.distance or count == room:
             return count
 
-        motor = terms.output
-        if not course.is_ideal:
+        mean_motor = terms.output
+        if not run.is_ideal:
+            # With a delay of w whole steps, w + 1 commands wait at the start: the command of
+            # state k is at k + w + 1. The step from state k = count - 1 takes that of k - w, which
+            # is at k + 1 = count, and in its early part the one before.
             older = commands[count - 1]
             newer = commands[count]
-            value, motor = actuate(course.motor, value, older, newer, course.early, course.ts)
-        if course.force:
-            motor = with_force(motor, course.force, vehicle)
-        held = Command(motor, 0.0)
+            motor_value, mean_motor = actuate(
+                run.motor, motor_value, older, newer, run.early, run.ts
+            )
+        if run.force:
+            mean_motor = with_force(mean_motor, run.force, vehicle)
+        mean = Command(mean_motor, 0.0)
         stretch = stretch_at(inclines.starts, state.x, stretch)
         if is_euler:  # a shorter way in Python, to the same law
-            state = step(state, held, inclines.thetas[stretch], vehicle, course.ts)
+            state = step(state, mean, inclines.thetas[stretch], vehicle, run.ts)
         else:
-            state, slip = bicycle_step(bicycle, state, slip, held, inclines, stretch, course.ts)
+            state, slip = bicycle_step(bicycle, state, slip, mean, inclines, stretch, run.ts)
 
 
-def score_all(course: Course, gains: Floats, limit: float, trace: Trace, scores: Floats) -> None:
+def score_all(run: StraightRun, gains: Floats, limit: float, trace: Trace, scores: Floats) -> None:
     """Drive with each of the gains, shape `(n, 3)`, and store the scores, shape `(n, 4)`."""
-    speed = trace.speed if len(course.errors) > 0 else trace.v
-    wait = len(course.waiting)
+    speed = trace.speed if len(run.errors) > 0 else trace.v
+    wait = len(run.waiting)
     for i in range(len(gains)):
         of_run = PidGains(gains[i, 0], gains[i, 1], gains[i, 2], -limit, limit)
-        count = drive(course, of_run, PidMemory(0.0, nan), trace)
+        count = drive(run, of_run, PidMemory(0.0, nan), trace)
         of_speed = Scores(inf, inf, inf, inf)
-        if trace.x[count - 1] >= course.distance:
+        if trace.x[count - 1] >= run.distance:
             motor = trace.commands[wait:]
             driven = Driven(trace.x, speed, trace.reference, motor)
-            first = first_states(course.inclines, driven, count, inf)
+            first = first_states(run.inclines, driven, count, inf)
             of_speed = score(driven, count, first)
         scores[i, 0] = of_speed.rms_error
         scores[i, 1] = of_speed.max_error
@@ -239,11 +246,11 @@ def scores_of_gains(
     """
     is_array = is_compiled()
     width = len(Scores._fields)
-    course = course_of(plant, reference, distance, is_array=is_array)
+    run = run_of(plant, reference, distance, is_array=is_array)
     score_group = compiled(score_all)
 
     def score_runs(gains: Floats, normals: Floats, states: int) -> Floats:
-        with_noise = with_errors(course, normals[:, _SPEED] * plant.sensor.noise.v_x)
+        with_noise = with_errors(run, normals[:, _SPEED] * plant.sensor.noise.v_x)
         trace = trace_of(with_noise, states, is_array=is_array)
         scores = np.empty((len(gains), width))
         score_group(with_noise, gains, float(limit), trace, scores)
@@ -257,15 +264,15 @@ def pid_log(plant: Plant, controller: PID, reference: float, distance: float, st
     """Return the log of `closed_loop` for a plant that `has_fast_path`, without changing either."""
     gains = controller.law_gains
     memory = controller.memory
-    without_noise = course_of(plant, reference, distance)
+    without_noise = run_of(plant, reference, distance)
     for states in rooms_for(steps + 1):
         errors = _errors(plant, states)
-        course = with_errors(without_noise, errors[:, _SPEED])
-        trace = trace_of(course, states)
-        count = drive(course, gains, memory, trace)
+        run = with_errors(without_noise, errors[:, _SPEED])
+        trace = trace_of(run, states)
+        count = drive(run, gains, memory, trace)
         if count < states:
             break
-    return _log_of(plant, course, trace, errors[:count], count)
+    return _log_of(plant, run, trace, errors[:count], count)
 
 
 def _errors(plant: Plant, states: int) -> Floats:
@@ -276,14 +283,14 @@ def _errors(plant: Plant, states: int) -> Floats:
 
 
 @np.errstate(over='ignore', invalid='ignore')  # as with floats
-def _log_of(plant: Plant, course: Course, trace: Trace, errors: Floats, count: int) -> Log:
+def _log_of(plant: Plant, run: StraightRun, trace: Trace, errors: Floats, count: int) -> Log:
     """Return the log of a run of `count` states."""
     zero: Any = np.zeros(count)
     error: Any = MeasurementError(zero, zero, zero, zero, zero, zero)
     if errors.size:
         error = MeasurementError._make(errors.T)
 
-    wait = len(course.waiting)
+    wait = len(run.waiting)
     rows = trace._replace(commands=trace.commands[wait:])
     column = Trace._make(np.array(values[:count]) for values in rows)
     states = BicycleState(column.x, column.y, column.psi, column.v)

@@ -14,9 +14,9 @@ from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.simulation.rollout import (
     Trace,
-    course_of,
     drive,
     pid_log,
+    run_of,
     scores_of_gains,
     trace_of,
     with_errors,
@@ -94,11 +94,11 @@ def test_the_log_of_a_rollout_is_that_of_the_general_loop(
 def states(plant: Plant, values: dict[str, float], *, is_array: bool) -> Trace:
     """Return the states of a run, of a compiled loop if they are arrays."""
     errors = plant.sensor.draw(STEPS) if plant.sensor.is_noisy else np.empty((0, 6))
-    course = course_of(plant, 8.0, 40.0, is_array=is_array)
-    course = with_errors(course, errors[:, 3].copy())
-    trace = trace_of(course, STEPS, is_array=is_array)
-    run = compiled(drive) if is_array else drive
-    run(course, PidGains(**values, output_min=-8.0, output_max=8.0), PidMemory(), trace)
+    run = run_of(plant, 8.0, 40.0, is_array=is_array)
+    run = with_errors(run, errors[:, 3].copy())
+    trace = trace_of(run, STEPS, is_array=is_array)
+    loop = compiled(drive) if is_array else drive
+    loop(run, PidGains(**values, output_min=-8.0, output_max=8.0), PidMemory(), trace)
     return trace
 
 
