@@ -58,8 +58,8 @@ class _Place(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SegmentErrors:
-    """The speed error over consecutive states on the same grade."""
+class StretchErrors:
+    """The speed error over a stretch of the road: consecutive states on the same grade."""
 
     start: float  #: [m] along the road, of its first state
     end: float  #: [m] of its last state
@@ -84,10 +84,10 @@ class Summary:
     max_error: float  #: [m/s] maximum absolute error
     rms_error_after_run_up: float  #: [m/s] beyond `RUN_UP`
     max_error_after_run_up: float  #: [m/s]
-    overshoot: float  #: of the first segment's speed, as a share of the reference
-    settling_time: float  #: [s] until the speed stays within `SETTLING_BAND` on the first segment
+    overshoot: float  #: of the speed on the first stretch, as a share of the reference
+    settling_time: float  #: [s] until the speed stays within `SETTLING_BAND` on the first stretch
     missed_deadlines: int
-    stretches: tuple[SegmentErrors, ...]
+    stretches: tuple[StretchErrors, ...]
 
 
 def summary(log: Log) -> Summary:
@@ -126,14 +126,14 @@ def _summary(
     unknown = np.isnan(theta_deg)
     changes = (theta_deg[1:] != theta_deg[:-1]) & ~(unknown[1:] & unknown[:-1])
     starts = [0, *(np.flatnonzero(changes) + 1).tolist(), len(t)]
-    segments = [slice(*ends) for ends in pairwise(starts)] if len(t) else []
+    stretches = [slice(*ends) for ends in pairwise(starts)] if len(t) else []
 
     rms_error, max_error = _figures(errors)
     rms_after_run_up, max_after_run_up = _figures(errors[distance >= RUN_UP])
     overshoot = nan
     settling_time = nan
-    if segments:
-        first = segments[0]
+    if stretches:
+        first = stretches[0]
         overshoot, settling_time = _step_response(t[first], speed[first], reference[first])
     return Summary(
         rms_error=rms_error,
@@ -144,13 +144,13 @@ def _summary(
         settling_time=settling_time,
         missed_deadlines=missed_deadlines,
         stretches=tuple(
-            SegmentErrors(
+            StretchErrors(
                 float(distance[each][0]),
                 float(distance[each][-1]),
                 float(theta_deg[each][0]),
                 *_figures(errors[each]),
             )
-            for each in segments
+            for each in stretches
         ),
     )
 

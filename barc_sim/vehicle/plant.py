@@ -483,8 +483,8 @@ class PlantState(NamedTuple):
     frenet: Frenet = Frenet(0.0, 0.0, 0.0, 0.0)  #: the pose on the track
     laps: LapState = LapState()
     steps: int = 0  #: since it was placed
-    segment: int = 0  #: of the track, where the car is
-    stretch: int = 0  #: of the road, where the car is
+    segment: int = 0  #: number of the track's segment of constant curvature where the car is
+    stretch: int = 0  #: number of the road's stretch of constant grade where the car is
 
 
 class Queues(NamedTuple):

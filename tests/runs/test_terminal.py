@@ -16,7 +16,7 @@ import pytest
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.runs.terminal import Display, cruise_line, drive_line, print_summary
-from barc_sim.simulation.metrics import SegmentErrors, Summary
+from barc_sim.simulation.metrics import StretchErrors, Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -173,8 +173,8 @@ def test_table_has_a_row_per_stretch_and_the_other_figures(capsys: Capture) -> N
             settling_time=1.004,
             missed_deadlines=3,
             stretches=(
-                SegmentErrors(0.0, 19.9, 0.0, 2.7, 8.0),
-                SegmentErrors(20.1, 39.9, -10.0, 0.01, 0.04),
+                StretchErrors(0.0, 19.9, 0.0, 2.7, 8.0),
+                StretchErrors(20.1, 39.9, -10.0, 0.01, 0.04),
             ),
         ),
         'missed deadlines 3, clock slips 2',

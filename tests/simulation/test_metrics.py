@@ -16,7 +16,7 @@ from barc_sim.simulation.log import COLUMNS, Log
 from barc_sim.simulation.metrics import (
     Laps,
     LapSettings,
-    SegmentErrors,
+    StretchErrors,
     Summary,
     changes_of,
     lap_settings_of,
@@ -139,9 +139,9 @@ def test_stretches_are_the_runs_of_states_on_one_grade() -> None:
         )
     )
     assert totals.stretches == (
-        SegmentErrors(start=0.0, end=1.0, theta_deg=0.0, rms_error=sqrt(0.5), max_error=1.0),
-        SegmentErrors(start=3.0, end=4.5, theta_deg=10.0, rms_error=sqrt(12.5), max_error=4.0),
-        SegmentErrors(start=6.0, end=6.0, theta_deg=0.0, rms_error=0.0, max_error=0.0),
+        StretchErrors(start=0.0, end=1.0, theta_deg=0.0, rms_error=sqrt(0.5), max_error=1.0),
+        StretchErrors(start=3.0, end=4.5, theta_deg=10.0, rms_error=sqrt(12.5), max_error=4.0),
+        StretchErrors(start=6.0, end=6.0, theta_deg=0.0, rms_error=0.0, max_error=0.0),
     )
 
 
@@ -166,7 +166,7 @@ def test_run_of_one_state_has_all_figures() -> None:
         overshoot=0.0,
         settling_time=0.0,
         missed_deadlines=1,
-        stretches=(SegmentErrors(12.0, 12.0, 0.0, 2.0, 2.0),),
+        stretches=(StretchErrors(12.0, 12.0, 0.0, 2.0, 2.0),),
     )
 
 
