@@ -50,16 +50,16 @@ whether a run missed a deadline; for a bag without a record of it, `join` in `ba
 
 The way of a state, from the model to the plot of a run with ROS:
 
-1. `commands/drive.py` chooses the engine, and `runs/cruise_control.py` makes the nodes of the run.
-2. `nodes/start_gate.py` waits for a controller, and starts the `Stepper` of
-   `simulation/stepper.py`.
+1. `commands/drive.py` chooses the engine, and a module of `runs/` makes the nodes of the run.
+2. `nodes/start_gate.py` waits for a controller. Then the `Stepper` of `simulation/stepper.py` has
+   the first state published: there is none before.
 3. `Plant.observe` in `vehicle/plant.py` measures the state.
 4. `nodes/simulator.py` (`publish_state`) publishes it.
 5. `nodes/controller.py` passes it to `CruiseControl` in `control/cruise_control.py`, whose pilot
    (`control/pilots.py`) answers with a command.
 6. `Stepper.take_command` stores the command. The step follows at once or at the deadline.
 7. `Plant.advance` makes the step: actuators, force, then the bicycle of `vehicle/bicycles.py` on
-   its road or track. Back to 3.
+   its road or track. The next state follows at 3.
 8. `nodes/recorder.py` takes all messages, and `bags/writer.py` writes them to the bag.
 9. `bags/reader.py` decodes them, and `bags/samples.py` (`join`) makes the `Log` of
    `simulation/log.py`.

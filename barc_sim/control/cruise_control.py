@@ -66,11 +66,11 @@ LANE_TYPES: Mapping[str, type[LaneLaw]] = {
     'sine-steer': SineSteer,
 }
 DEFAULT_LANE = 'lqr'
-#: The gains of all of them, by name.
+#: The gains of all speed controllers in `TYPES`, by name.
 GAINS: Mapping[str, Gain] = {
     name: gain for controller in TYPES.values() for name, gain in controller.gains.items()
 }
-#: The terms of all of them, by name.
+#: The terms of all speed controllers in `TYPES`, by name.
 TERMS: Mapping[str, str] = {
     name: meaning for controller in TYPES.values() for name, meaning in controller.terms.items()
 }

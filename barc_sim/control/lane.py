@@ -349,7 +349,7 @@ PURSUIT = 3
 
 
 class LaneGains(NamedTuple):
-    """One of the steering laws here with its gains; those of the others have no effect."""
+    """One of the steering laws here; only the gains of this law have an effect."""
 
     kind: int  #: STRAIGHT_AHEAD, REGULATOR, STANLEY or PURSUIT
     lqr: LaneLqrGains

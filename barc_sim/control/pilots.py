@@ -90,7 +90,7 @@ class Pilot(ABC):
         if values:
             raise UserError(f'{", ".join(values)}: this pilot has no gains')
 
-    def limit(self, acceleration: float) -> None:  # noqa: B027 (as above)
+    def limit(self, acceleration: float) -> None:  # noqa: B027 (a pilot may have no limit)
         """Limit the commanded acceleration [m/s²], either way."""
 
     def term(self, name: str) -> float:  # noqa: ARG002 (it has none)
@@ -267,7 +267,7 @@ class LaneKeeping(Pilot):
 
     @property
     def follows_reference(self) -> bool:
-        """Whether the acceleration is that of a pilot that follows it."""
+        """Whether a pilot that follows the reference decides the acceleration."""
         return self.speed.follows_reference and not self._plans_speed
 
     @property

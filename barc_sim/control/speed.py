@@ -39,8 +39,8 @@ class Controller(Protocol):
 
     Parameters of the node `controller`, `--gain`, the page's sliders, the log's columns, the
     messages in the bag and the plots follow from `gains` and `terms`. Each name in them is an
-    attribute of the controller, too: a gain may be set at any time, a term is that of the latest
-    call. `acc_calculate` keeps its output within `[output_min, output_max]`.
+    attribute of the controller, too: a gain may be set at any time, and a term has its value of the
+    latest call. `acc_calculate` keeps its output within `[output_min, output_max]`.
     """
 
     gains: Mapping[str, Gain]
@@ -469,7 +469,7 @@ class LQR:
 
 
 class SpeedGains(NamedTuple):
-    """One of the speed laws here with its gains; those of the other law have no effect."""
+    """One of the speed laws here; only the gains of this law have an effect."""
 
     is_lqr: bool  #: otherwise it is the PID
     pid: PidGains

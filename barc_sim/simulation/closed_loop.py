@@ -142,8 +142,9 @@ def simulate(
         A function with the arguments and the result of `bikeFE`; `l_f`, `l_r` and `g` are passed
         if it has parameters of these names.
     reference
-        In place of `speed_reference`: a function of time and measured position, as above, or the
-        path of a CSV file with the columns `time_s,speed_mps` or `distance_m,speed_mps`.
+        In place of `speed_reference`: a function of the time since the start [s] and the measured
+        position [m], or the path of a CSV file with the columns `time_s,speed_mps` or
+        `distance_m,speed_mps`.
     speed_reference, distance, max_duration
         [m/s], [m], [s]: the run ends at `distance` (0: it does not), or after `max_duration` of
         simulated time.
@@ -238,9 +239,10 @@ def drive_scenario(scenario: Scenario) -> Log:
 def chosen_scenario(
     scenario: Scenario | None, of_arguments: Scenario, default: Scenario | None = None
 ) -> Scenario:
-    """Return `scenario`, or else the one `of_arguments`.
+    """Return `scenario`, or if it is None, the one `of_arguments`.
 
-    UserError: both are given, as `of_arguments` is not the `default`, that of no arguments.
+    `default` is the scenario of a call without arguments. UserError: arguments were passed beside
+    `scenario`, so that `of_arguments` differs from `default`.
     """
     if scenario is None:
         return of_arguments

@@ -115,11 +115,11 @@ class Laws(NamedTuple):
 
 
 class Rooms(NamedTuple):
-    """What a run overwrites: the queues of the actuators, and its states."""
+    """The memory that runs overwrite: the queues of the actuators, and columns of states."""
 
     queues: Queues
     motions: Column  #: the latest true ones of a late sensor, a row for each
-    curvatures: Column  #: [1/m] `POINTS` of them
+    curvatures: Column  #: [1/m] `POINTS` values
     driven: Driven
     on_track: DrivenOnTrack
 
@@ -136,7 +136,7 @@ def must_end(v_x: float, e_y: float, width: float) -> bool:
 
 @law
 def drive(conditions: Conditions, laws: Laws, normals: Column, rooms: Rooms) -> int:
-    """Drive until the run ends, or the rooms are full; return the number of states.
+    """Drive until the run ends, or the columns are full; return the number of states.
 
     `normals` has a row of normal numbers for each state; it is empty without noise.
     """
@@ -295,7 +295,7 @@ class Drive:
     distance
         [m] at which a run ends.
     steps
-        after which a run ends that has not arrived.
+        after which a run ends even if it has not arrived.
     """
 
     def __init__(
@@ -388,7 +388,7 @@ class Drive:
         return scores[:, : self._width]
 
     def _rooms(self, states: int) -> Rooms:
-        """Return rooms for this number of states."""
+        """Return the memory for this number of states."""
 
         def column(room: int) -> Column:
             return np.zeros(room) if is_compiled() else [0.0] * room
@@ -416,7 +416,7 @@ def _slowest(reference: float | SpeedProfile) -> float:
 def laws_of(speed: Pilot, lane: Pilot, limit: float) -> Laws | None:
     """Return the laws of two pilots with their gains, and accelerations within ±`limit` [m/s²].
 
-    None: the loop does not have the law of one of them.
+    None: one of the pilots has a law that the loop does not have.
     """
     of_speed: SpeedGains | None = None
     if type(speed) is SpeedPilot:

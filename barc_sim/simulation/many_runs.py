@@ -59,7 +59,7 @@ def scores_of_many(
     width
         number of scores.
     states
-        after which a run ends that has not arrived.
+        after which a run ends even if it has not arrived.
     seeds
         of the noise of each run, shape `(n,)`; by default the sensor's for all.
     usual
@@ -118,7 +118,7 @@ def _jobs(sensor: Sensor, count: int, seeds: Ints | None, workers: int) -> list[
 
 
 def rooms_for(states: int, usual: int = 0) -> Iterator[int]:
-    """Yield numbers of states, from those of a usual run up to `states`."""
+    """Yield how many states to make room for: first for a usual run, at last for `states`."""
     room = min(states, max(usual, _USUAL))
     yield room
     while room < states:

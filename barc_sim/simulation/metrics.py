@@ -164,9 +164,10 @@ def _figures(errors: Floats) -> tuple[float, float]:
 
 
 def rms(values: Floats) -> float:
-    """Return the root mean square, whose sum is made in the order of the values.
+    """Return the root mean square.
 
-    So it is the same on every machine, and that of a loop.
+    The squares are added in the order of the values: so the result is the same on every machine,
+    and the same as that of a loop over the values.
     """
     sums = np.add.accumulate(np.square(values))
     return sqrt(float(sums[-1]) / len(values))
@@ -353,7 +354,7 @@ class Setting(NamedTuple):
 
 
 class LapSettings:
-    """Takes the settings at the states of a run, such as gains; gives those of each lap.
+    """Collects the settings at the states of a run, such as gains, for each lap.
 
     Settings that held for less than 0.25 s of a lap are left out, unless no other held longer: a
     preset changes one gain after the other, and is chosen just before the next lap begins.
@@ -403,8 +404,8 @@ def settings_text(settings: Sequence[Mapping[str, float]]) -> str:
 def settings_of(log: Log) -> dict[str, Floats]:
     """Return the gains of a recorded run over time, by name, and what else was changed in it.
 
-    They are the gains of the speed controller, or on a track those of the steering law; of many
-    gains, only those that were changed.
+    They are the gains of the speed controller, or on a track of the steering law. If there are
+    many gains, only changed ones are returned.
     """
     gains = {}
     changed = {}

@@ -235,7 +235,7 @@ def scores_of_gains(
     reference, distance
         [m/s], [m]
     steps
-        after which a run ends that has not arrived.
+        after which a run ends even if it has not arrived.
     seeds
         of the noise of each run, shape `(n,)`; by default the plant's for all.
 

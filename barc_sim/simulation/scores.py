@@ -1,7 +1,7 @@
-"""The scores of a run: laws over the states that a loop has stored, and the same of a log.
+"""The scores of a run: by laws over the states that a loop has stored, or from a log.
 
-Their sums are made in the order of the states, as `metrics.summary` makes them: the scores of a
-loop are those of the run's log to the last bit.
+Both add up numbers in the order of the states, as `metrics.summary` does: the scores of a loop
+and the scores of the run's log are equal to the last bit.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def first_states(inclines: Inclines, driven: Driven, count: int, lap: float) -> 
 def score(driven: Driven, count: int, first: int) -> Scores:
     """Return the scores of a run of `count` states that has arrived.
 
-    The `first` ones are those of the step response.
+    The `first` states are the step response.
     """
     along = driven.along
     speed = driven.speed
@@ -144,7 +144,7 @@ def score_lane(driven: DrivenOnTrack, count: int, period_ns: int) -> LaneScores:
 def scores_of_log(log: Log, end: float) -> tuple[float, ...]:
     """Return the fields of `Scores` of a run that should arrive at `end` [m].
 
-    On a track those of `LaneScores` follow.
+    On a track the fields of `LaneScores` follow.
     """
     of_speed = Scores()
     of_lane = LaneScores()

@@ -87,8 +87,8 @@ def slip_of(record: Any) -> Slip:  # noqa: ANN401 (a record of an array)
 
 
 @law
-def store_slip(record: Any, slip: Slip) -> None:  # noqa: ANN401 (as above)
-    """Store the slip in the fields of a record, which have the names of those of `Slip`."""
+def store_slip(record: Any, slip: Slip) -> None:  # noqa: ANN401 (a record of an array)
+    """Store the slip in a record, which has a field for each field of `Slip`."""
     record.beta = slip.beta
     record.psi_dot = slip.psi_dot
 

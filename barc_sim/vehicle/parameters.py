@@ -239,7 +239,7 @@ def _limits(record: Any) -> list[ParameterDeclaration]:  # noqa: ANN401 (a class
 
 
 def _with_options(model: Model) -> Model:
-    """Return `model` with those of the arguments `l_f`, `l_r` and `g` that it takes."""
+    """Return a model that drops the arguments `l_f`, `l_r` and `g` which `model` does not take."""
     if model is bikeFE:
         return model
     parameters = inspect.signature(model).parameters.values()

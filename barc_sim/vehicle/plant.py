@@ -173,7 +173,7 @@ def act(
 ) -> tuple[float, float]:
     """Return an actuator's value after its step number `k` with a command, and its mean.
 
-    `queue` is a ring of the latest commands: that of step `k` is at `k` modulo its length.
+    `queue` is a ring of the latest commands: the command of step `k` is at `k` modulo its length.
     """
     room = len(queue)
     queue[k % room] = command
@@ -226,9 +226,9 @@ _NO_ERROR = MeasurementError()
 class Sensor:
     """Measures a motion late, and adds white Gaussian noise; one seed gives the same noise.
 
-    Without a delay the measurement y_k of state k is that of the state x_k itself. With a delay of
-    n whole steps and a share r of a step it is that of the time t_k - delay, on the line between
-    two states:
+    Without a delay the measurement y_k of state k is x_k plus noise. With a delay of n whole steps
+    and a share r of a step, the state at the time t_k - delay is measured, on the line between two
+    states:
 
         y_k = x_(k-n) + r · (x_(k-n-1) - x_(k-n)) + noise_k
 
@@ -514,7 +514,7 @@ def start(model: PlantModel, state: BicycleState, near: float, is_whole: bool) -
 
 @law
 def with_force(motor: float, force: float, vehicle: Vehicle) -> float:
-    """Return an acceleration [m/s²] with that of a force [N] on the car, other than 0."""
+    """Return an acceleration [m/s²] plus what a force [N] other than 0 adds to it."""
     return motor + force / vehicle.mass
 
 

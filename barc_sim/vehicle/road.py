@@ -55,7 +55,7 @@ class Inclines(NamedTuple):
     """
 
     starts: Any  #: [m] of the stretches
-    thetas: Any  #: [rad] of them
+    thetas: Any  #: [rad] of the stretches
     is_held: bool = False  #: a step has the incline of the place where it began, as on a track
 
 
