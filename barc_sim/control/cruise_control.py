@@ -122,7 +122,7 @@ def reference_of(given: object) -> Signal:
 class CruiseControl:
     """A pilot with its parameters; its dt is the difference of the states' stamps.
 
-    The speed to hold is the parameter `speed_reference`, a number that `refer` sets. If the
+    The speed to hold is the parameter `speed_reference`, a number that `hold_speed` sets. If the
     parameter `reference` names a file, or a track has a speed profile, the speed to hold is a
     function of time and position instead. The method `reference` returns its present value.
 
@@ -223,7 +223,7 @@ class CruiseControl:
             return None
         return speed_profile(track, speed, across, along)
 
-    def refer(self, speed: float) -> None:
+    def hold_speed(self, speed: float) -> None:
         """Hold `speed` [m/s] from now on, unless it is refused."""
         try:
             SPEED.check(speed)

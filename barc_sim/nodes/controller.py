@@ -120,7 +120,7 @@ class CruiseController(Node):
         self.control.configure({parameter.name: parameter.value for parameter in parameters})
 
     def _on_speed(self, message: Float64) -> None:
-        self.control.refer(message.data)
+        self.control.hold_speed(message.data)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.control.reset()

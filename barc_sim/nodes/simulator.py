@@ -216,10 +216,10 @@ class VehicleSimulator(Node):
         """Call `Stepper.decide` after the commands that have arrived are delivered."""
         self._deferred.trigger()
 
-    def prepare_start(self, why: str) -> None:
-        """Log `why`, reset the nodes that command, and start after that."""
+    def prepare_start(self, reason: str) -> None:
+        """Log `reason`, reset the nodes that command, and start after that."""
         self._gate.restart()
-        self.get_logger().info(why)
+        self.get_logger().info(reason)
 
     def finish(self) -> None:
         """End the run; may be called from any thread."""

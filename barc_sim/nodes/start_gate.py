@@ -33,7 +33,7 @@ _RESET_TIMEOUT = 0.5  #: [s] to wait for the answers to the resets
 
 
 class StartGate:
-    """Delays the first step until a controller publishes `ecu` and has been reset.
+    """Delays the first state until a controller publishes `ecu` and has been reset.
 
     The reset is needed because the controller may have driven another run. A second publisher of
     the states is an error.
@@ -42,7 +42,7 @@ class StartGate:
     def __init__(self, node: Node, clock: Clock, begin: Callable[[], None], *, wait: bool) -> None:
         """Poll the graph of `node` by the wall `clock`; call `begin` when the run can start.
 
-        If `wait` is false, no controller is needed.
+        `begin` publishes the first state. If `wait` is false, no controller is needed.
         """
         self._node = node
         self._begin = begin

@@ -279,7 +279,7 @@ def _errors(plant: Plant, states: int) -> Floats:
     """Return measured minus true of each state, shape `(states, 6)`; `(0, 6)` without noise."""
     if not plant.sensor.is_noisy:
         return np.empty((0, _SIGNALS))
-    return plant.sensor.draw(states)
+    return plant.sensor.errors(states)
 
 
 @np.errstate(over='ignore', invalid='ignore')  # as with floats

@@ -237,8 +237,8 @@ class Sensor:
 
     The generator is NumPy's PCG64. Every measurement takes six of its normal numbers: the noise of
     one signal does not depend on whether another has any. A live sensor draws the numbers of 64
-    measurements at a time, as a call of the generator takes much longer than a number. `draw` and
-    `normals` return the same numbers for a whole run at once.
+    measurements at a time, as a call of the generator takes much longer than a number. `errors` and
+    `normals` return the same noise for a whole run at once.
     """
 
     def __init__(
@@ -324,11 +324,11 @@ class Sensor:
         self._generator = generator
         self._normals = []
 
-    def again(self) -> Sensor:
+    def new_copy(self) -> Sensor:
         """Return a new sensor with the same levels, seed and delay."""
         return Sensor(self.noise, self._seed, delay=self._delay, ts=self._ts)
 
-    def draw(self, n: int) -> Floats:
+    def errors(self, n: int) -> Floats:
         """Return the errors of the first `n` measurements, shape `(n, 6)`."""
         return self.normals(n) * self.noise
 
@@ -337,7 +337,7 @@ class Sensor:
 
         `error_of` makes errors of them.
         """
-        return self.again()._draw_normals(n)  # noqa: SLF001 (of this class)
+        return self.new_copy()._draw_normals(n)  # noqa: SLF001 (of this class)
 
     def _draw_normals(self, n: int) -> Floats:
         """Return the standard normal numbers of the next `n` measurements, shape `(n, 6)`."""

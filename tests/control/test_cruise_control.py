@@ -77,7 +77,7 @@ def test_on_a_track_a_pose_that_is_nowhere_is_refused(
 def test_references_are_between_plus_and_minus_100(
     cruise: CruiseControl, refused: list[str], speed: float, taken: bool
 ) -> None:
-    cruise.refer(speed)
+    cruise.hold_speed(speed)
     assert (cruise.values['speed_reference'] == speed) == bool(taken)
     assert len(refused) == (not taken)
 
@@ -126,5 +126,5 @@ def test_a_reference_over_time_begins_with_the_first_state_and_ends_with_a_speed
     assert [held(0.0), held(5.0)] == [4.0, 6.0]
     cruise.reset()
     assert [held(5.0), held(10.0)] == [4.0, 6.0]
-    cruise.refer(3.0)
+    cruise.hold_speed(3.0)
     assert held(20.0) == 3.0

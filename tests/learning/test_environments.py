@@ -381,7 +381,7 @@ def test_the_start_of_a_seed_does_not_change_its_noise(mode: str) -> None:
             )
             observed.append(env.reset(seed=4)[0][:, 1])
     exact, noisy, exact_of_ranges, noisy_of_ranges = observed
-    errors = Sensor(NOISE, 4).draw(1)[0, 3], Sensor(NOISE, 5).draw(1)[0, 3]
+    errors = Sensor(NOISE, 4).errors(1)[0, 3], Sensor(NOISE, 5).errors(1)[0, 3]
     np.testing.assert_array_equal(noisy, exact + errors)
     np.testing.assert_array_equal(noisy_of_ranges, exact_of_ranges + errors)
     np.testing.assert_array_equal(exact, exact_of_ranges)

@@ -93,7 +93,7 @@ def test_the_log_of_a_rollout_is_that_of_the_general_loop(
 
 def states(plant: Plant, values: dict[str, float], *, is_array: bool) -> Trace:
     """Return the states of a run, of a compiled loop if they are arrays."""
-    errors = plant.sensor.draw(STEPS) if plant.sensor.is_noisy else np.empty((0, 6))
+    errors = plant.sensor.errors(STEPS) if plant.sensor.is_noisy else np.empty((0, 6))
     run = run_of(plant, 8.0, 40.0, is_array=is_array)
     run = with_errors(run, errors[:, 3].copy())
     trace = trace_of(run, STEPS, is_array=is_array)

@@ -198,7 +198,7 @@ def test_errors_are_the_same_with_every_python_and_numpy() -> None:
 
 def test_errors_that_are_drawn_at_once_are_those_of_single_measurements() -> None:
     sensor = Sensor(NOISY, 5)
-    drawn = sensor.draw(200)
+    drawn = sensor.errors(200)
     assert drawn.tolist() == [[*each] for each in errors(sensor, 200)]
 
 
