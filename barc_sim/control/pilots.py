@@ -4,17 +4,17 @@ The class of a pilot says what it decides: `SpeedPilot` the acceleration, `LaneP
 `PlanPilot` the steering and a speed of its own, `LaneKeeping` both, with a pilot for each. Users'
 objects become pilots in `as_pilot` and `as_lane_pilot`.
 
-The way from a state to a command, each line called by the one above::
+The way from a state to a command; each method calls those that are indented below it::
 
-    Controller node     on_state        takes the message of a state
-    CruiseControl       take_state      checks it, and finds dt from the stamps
-    Navigator           situation       finds the place on the track, and the speed to hold
-    Pilot               command         of a SpeedPilot, or on a track of a LaneKeeping
-    speed controller    acc_calculate   such as a PID: an object that a user can replace
-    law                 pid             the equation, which compiled loops call, too
-
-`CruiseControl` calls both `Navigator.situation` and then `Pilot.command`. On a track, `LaneKeeping`
-also calls a `LanePilot`, whose steering law has `steer_calculate`.
+    CruiseController._on_state            the node takes the message of a state
+        CruiseControl.take_state          checks the state, and finds dt from the stamps
+            Navigator.situation           finds the place on the track, and the speed to hold
+            LaneKeeping.command           on a track only
+                LanePilot.command
+                    steer_calculate       of a steering law, such as LaneLQR
+                SpeedPilot.command        without a track, take_state calls it
+                    PID.acc_calculate     or any object of a user with this method
+                        pid               the law, which compiled loops call, too
 """
 
 from __future__ import annotations

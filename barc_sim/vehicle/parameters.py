@@ -143,7 +143,8 @@ class PlantOptions:
         force, disturbance = self._forces()
         motor, servo = self._actuators()
 
-        # `__post_init__` has read road and track: `of` returns them as they are, for the types.
+        # `__post_init__` has read road and track: `of` returns them as they are, and is here for
+        # the type checker.
         plant = Plant(
             road=None if self.road is None else Road.of(self.road),
             vehicle=self.vehicle,

@@ -299,7 +299,7 @@ class Sensor:
         self._past.clear()
 
     def _measure_late(self, true: VehicleState) -> tuple[VehicleState, MeasurementError]:
-        """Return the motion of `delay` seconds ago as measured, and its error now."""
+        """Return the motion of `delay` seconds ago as measured, and its error against `true`."""
         newer = self._before(true, self._whole)
         older = self._before(true, self._whole + 1)
         measured = motion_between(newer, older, self._share)
@@ -496,7 +496,7 @@ class Queues(NamedTuple):
 
 @law
 def start(model: PlantModel, state: BicycleState, near: float, is_whole: bool) -> PlantState:
-    """Return the plant at the start of a run: everything but the car's speed is at rest.
+    """Return the plant at the start of a run: in this state, with its actuators at 0.
 
     On a track the car is near s = `near` [m], and its first lap may count as a whole one.
     """
