@@ -4,10 +4,20 @@ A score is the same on every machine with the same versions of Python and NumPy:
 and only seeded random numbers. Tolerances are far above the differences between maths libraries,
 and far below the effect of any mistake.
 
-Points never rise by a further mistake. Where a mistake would cost points twice, user code is
-called, or drives, with this mistake alone corrected; code of barc_sim's never takes the place of
-what may have other mistakes. The first answers of a function are those that are judged; no later
-answer excuses another function.
+Points never rise by a further mistake, and a mistake costs points once. Three rules see to it:
+
+1. Where a mistake would cost points a second time, user code is called, or drives, with this
+   mistake alone undone. All else stays the user's, with its other mistakes. For example, `Lane`
+   steers to the wrong side for e_y: the criterion of the signs loses points; then `Lane` drives,
+   and gets -e_y.
+2. Code of barc_sim's takes the place only of what is already known to be wrong, where it cannot be
+   undone. For example, an integral term that does not add up: its own criterion loses points; then
+   the user's PID drives with ki = 0, and the integral of barc_sim is added within the limits of the
+   user's output, because these may be too small.
+3. The first answers of a function are those that are judged. No later answer excuses another
+   function: code that answers differently the second time gains nothing. For example, `program`
+   calls `predict`, which is judged, too: while `program` is judged, `predict` returns the right
+   results (see `Functions.calls`), not its own.
 """
 
 from __future__ import annotations
@@ -34,7 +44,7 @@ if TYPE_CHECKING:
 
     Index = tuple[int, ...]
     #: A user's function, arguments, and its right results for them.
-    Corrected = tuple[str, list[list[Any]], list[list[float]]]
+    RightResults = tuple[str, list[list[Any]], list[list[float]]]
 
 _SAMPLE = 100  #: calls on which each mistake of a law is tried
 #: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
@@ -115,7 +125,9 @@ def share(value: float, full: float, zero: float) -> float:
 class Finding:
     """The score for a criterion, and a message on what to check."""
 
-    criterion: str  #: a part and a name, as in `model.x`
+    #: A heading and a name, as in `model.x`. The heading is not always the part: `loop.lab_road` is
+    #: of the part `controller`, too.
+    criterion: str
     score: float  #: from 0 to 1; 1 is full marks
     message: str  #: one or two sentences, in the terms of the lab
     evidence: Any = field(default=None, compare=False, repr=False)  #: an `Evidence`, or None
@@ -140,10 +152,11 @@ _CHECKED = ProcessLimits(call=2.0, wait=10.0, total=45.0, confined=False)
 
 @dataclass(frozen=True)
 class Thresholds:
-    """The RMS and the maximum error of a drive that give full marks, and none; each is half.
+    """The RMS and the maximum error of a drive that give full marks, and none.
 
-    Full marks up to `full_…`, none from `zero_…` on, linear in between. The defaults are for the
-    hills: speed errors [m/s] after the run-up.
+    Each of the two errors counts for half of the score. Full marks up to `full_…`, none from
+    `zero_…` on, linear in between. The defaults are for the hills: speed errors [m/s] after the
+    run-up.
     """
 
     full_rms: float = 0.15
@@ -159,12 +172,18 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class Settings:
-    """The seed, the thresholds and the criteria by which user code is judged."""
+    """The seed, the thresholds and the criteria by which user code is judged.
+
+    `criteria` and `points` are apart, because a caller can judge criteria without points, as tests
+    do. From a `Rubric`, `criteria` are the keys of `points`. Judging gives scores from 0 to 1; it
+    uses points only to divide what one mistake costs among several results. The rubric itself
+    computes a grade's points.
+    """
 
     seed: int = 0  #: of the test states, the test sequences and the hidden track
     thresholds: Thresholds = field(default_factory=Thresholds)
-    criteria: Collection[str] | None = None  #: None: all
-    #: Points by criterion; by default all criteria have the same.
+    criteria: Collection[str] | None = None  #: those to judge; None: all
+    #: Points by criterion; one that is not in it counts like one with 1 point.
     points: Mapping[str, float] = field(default_factory=dict, hash=False)
 
 
@@ -181,7 +200,8 @@ class JudgedPart(NamedTuple):
     """How a lab judges one part of user code."""
 
     labels: Mapping[str, str]  #: its criteria, with their names for readers
-    #: Yields a finding for each criterion; the caller stops when it has those it needs.
+    #: Yields a finding for each criterion. `Lab.judge` takes no more once it has all requested
+    #: ones.
     judge: Callable[[JudgedCode, Settings], Iterable[Finding]]
 
 
@@ -294,7 +314,8 @@ class Functions:
     ) -> tuple[list[Finding], list[Trial]]:
         """Return a finding for each judged result, and the trials of all results.
 
-        `points` by criterion decide what a mistake in several results costs.
+        `points` by criterion divide what a mistake in several results costs. A result without a
+        criterion is tried, but not judged here: the lab itself judges it by its trial.
         """
         trials = [each for name in self.results for each in self._trials(code, name, seed)]
         judged = []
@@ -346,6 +367,10 @@ class Functions:
         A mistake of the law costs no more than a wrong sign. A mistake in several results counts
         once: together they lose what it costs in the result that loses most by it. `weights` are
         the points of each result.
+
+        For example, a wrong beta costs 0.3 of the 9 points for x, and 0.6 of the 14 points for psi:
+        2.7 and 8.4 points. Together they lose the larger one, 8.4 points. So each loses
+        8.4 / (2.7 + 8.4) = 0.757 of its own: x loses 2.04 points, psi 6.36.
         """
         losses = {name: self.loss(_with_result(trials, name), name) for name in weights}
         wrong = [name for name, loss in losses.items() if loss]
@@ -362,10 +387,10 @@ class Functions:
             if _is_absent(cause):
                 verdicts[name] = 0.0, text
                 continue
-            same = [each for each, other in causes.items() if other.kind == cause.kind]
-            charged = [weights[each] * lost[each] for each in same]
-            share = max(charged) / sum(charged) if any(charged) else 1.0
-            verdicts[name] = 1.0 - lost[name] * share, text
+            same_mistake = [each for each, other in causes.items() if other.kind == cause.kind]
+            lost_points = [weights[each] * lost[each] for each in same_mistake]
+            charged_share = max(lost_points) / sum(lost_points) if any(lost_points) else 1.0
+            verdicts[name] = 1.0 - lost[name] * charged_share, text
         return verdicts
 
     def _causes(self, trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Mistake]:
@@ -436,7 +461,7 @@ class Functions:
             numbers = np.full((self.count, CALLED[name].numbers), np.nan)
             failure = ''
             try:
-                rows = code.rows(name, self._rows(name, inputs), self._corrected(name, inputs))
+                rows = code.rows(name, self._rows(name, inputs), self._right_results(name, inputs))
                 numbers = np.array(rows)
             except UserError as error:
                 failure = str(error)
@@ -450,7 +475,7 @@ class Functions:
                     got[angle] = _unwound(got[angle], right[angle])
             yield Trial(name, situation.name, situation.tests, inputs, right, got, failure)
 
-    def _corrected(self, name: str, inputs: Inputs) -> Corrected | None:
+    def _right_results(self, name: str, inputs: Inputs) -> RightResults | None:
         """Return the right answers of the user's function that this one calls; None without one.
 
         So its own mistakes alone count. No answer of the other function is used: it could differ
@@ -474,10 +499,10 @@ class Functions:
         k = index[0]
         inputs = {n: values[k : k + 1] for n, values in trial.inputs.items()}
         rows = self._rows(trial.function, inputs)
-        corrected = self._corrected(trial.function, inputs)
+        corrected = self._right_results(trial.function, inputs)
         others = [float(trial.right[n][k]) for n in trial.got if n != name]
-        # Loads the file again: its constants count, too.
-        request = trial.function, rows, True, corrected
+        fresh = True  # The file is loaded again, so that lines with its constants are traced, too.
+        request = trial.function, rows, fresh, corrected
         return code.line_of('functions', request, wrong, others)
 
     def _call(self, trial: Trial, index: Index) -> str:

@@ -1,16 +1,39 @@
 """Reads the laws of a lab and the common mistakes in them; recognises a mistake by its numbers.
 
-The laws are text files such as `labs/bike.txt`. A file has a description, texts with names in
-capitals, then the right formulas, indented. Each section has a topic, and mistakes: a line with the
-message, then the wrong formulas, indented. `name in x y` after a topic repeats its section with
-each of these values in place of `{name}`; a text such as `BETA` replaces `{BETA}`. Formulas are
-Python expressions over NumPy arrays.
+A mistake is a wrong program of a few lines. User code has the mistake if it gives the same numbers
+for the same inputs.
 
-So a mistake is a wrong program of a few lines. User code has the mistake if it gives the same
-numbers for the same inputs.
+The laws are text files such as `labs/bike.txt`. Formulas are Python expressions over NumPy arrays.
+A short one; the notes after `<-` are not part of it::
 
-The section `Inputs` has a number or a range for each input. Each entry of a section `Situations`
-has a name, the results that it tests, and those inputs that differ from `Inputs`.
+    The speed of a car after a step.             <- a description, without ` = `
+    RATE = a / m                                 <- a text: it replaces {RATE} below
+        rate = {RATE}                            <- the right formulas are indented
+        v_next = v + ts * rate
+
+    # Inputs
+    of all functions                             <- any line: each section needs one
+        v = 0, 20                                <- an input, random between two numbers
+        a = 1                                    <- an input that is always 1
+
+    # Situations; step                           <- the test cases of the function `step`
+    braking; v_next                              <- a name, and the results that it tests
+        a = -8, -1                               <- the inputs that differ from `Inputs`
+
+    # Signs; name in v; other in a m             <- a topic; its loops, none or several
+    {name} falls: is {RATE} negative?            <- a mistake: the message to the user
+        {name}_next = {name} - ts * rate         <- its wrong formulas
+
+The arguments of `read_law` replace their names in braces, too. A section with loops is repeated
+with each choice of their values, which must differ: above, with `v` in place of `{name}`, and `a`
+or `m` in place of `{other}`. A topic that begins with `Absent` is for a result that is missing:
+each costs all its points. All other mistakes cost no more than a wrong sign; see
+`Functions.verdicts` of `judge.py`.
+
+`labs/lane_class.txt` has the same form with another meaning, because a whole class has no formulas
+for its results. Its inputs are the measured angles. A mistake has two entries: `is_made`, a
+condition on these angles, and `line`, the name of the situation whose line the message names.
+`lane.py` reads them; `Law.explain` does not.
 """
 
 from __future__ import annotations
@@ -83,7 +106,9 @@ class Law:
     def compute(self, inputs: Inputs, changes: Formulas | None = None) -> dict[str, Floats]:
         """Return the values of all quantities; `changes` replace formulas and inputs.
 
-        An input of the same name replaces a formula.
+        Changed inputs come first, because formulas use them; then the formulas in the order of the
+        file; then quantities that only the changes have. An input with the name of a formula stays
+        as it is: so the value of a quantity can be given in place of its formula.
         """
         changes = changes or {}
         of_inputs = {name: formula for name, formula in changes.items() if name in inputs}

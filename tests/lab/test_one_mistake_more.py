@@ -61,7 +61,7 @@ class MadeCode(LocalCode):
         inputs |= dict(zip((CALLED[name].takes or '').split(), columns, strict=True))
         changes = dict(self._formulas)
         if corrected:
-            called, _, results = corrected  # type: ignore[misc]  # a tuple, see `Corrected`
+            called, _, results = corrected  # type: ignore[misc]  # a tuple, see `RightResults`
             inputs[called] = np.array(results)  # type: ignore[has-type]
         values = law.compute(inputs, changes)
         results = [values.get(each, np.array(1e-9)) for each in self._functions.results[name]]

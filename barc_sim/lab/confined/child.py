@@ -1,5 +1,9 @@
 """The process of a submission: it confines itself, then calls functions for requests.
 
+None of the submission's code runs before `_confine`: `UserCode` loads a file at the first request
+that needs it, and requests are read only after `_confine`. Until then the process has imported only
+Python's own modules, NumPy, barc_sim, and the packages that barc_sim needs for this.
+
 `process.py` starts this script without site-packages and with an empty environment. Landlock, the
 kernel's own sandbox, refuses files, TCP, signals and abstract sockets. A seccomp filter refuses all
 system calls except those listed below, with EPERM: so also new processes and threads, signals,
@@ -10,7 +14,20 @@ for seccomp, such as pyseccomp, need the system's libseccomp, which not every ma
 
 Requests and replies are lines of JSON: `{"serial": 1, "do": NAME, "arguments": […]}` gets
 `{"serial": 1, "result": …}` or `{"serial": 1, "error": TEXT}`. The first reply has the serial 0 and
-no request: it reports that the process is confined. The process has no score, no rubric and no law
+no request: it reports that the process is confined. NAME is an attribute of `UserCode`; each name
+also has the shape of its result in `RESULTS` of `replies.py`:
+
+| do             | arguments                                  | result                             |
+|----------------|--------------------------------------------|------------------------------------|
+| functions      | function, rows, fresh, corrected (or none) | a result for each row              |
+| make           | class, number of the object, gains or track| none; the process keeps the object |
+| steps          | class, number of the object, rows          | an output for each row, in turn    |
+| relay_commands | Twists, duration, calls                    | the commands of a relay            |
+| lines          | do, and its arguments                      | the lines that assign numbers      |
+| notes          |                                            | chosen gains, tolerated faults     |
+| name           |                                            | the `NAME` in `identify.py`        |
+
+The process has no score, no rubric and no law
 of the vehicle or of control, so a submission that reads or changes it can only change its own
 results.
 """
@@ -67,7 +84,7 @@ def _handler(seconds: float) -> Callable[..., Any]:
 
     _seed_generators()
 
-    code = UserCode(files, budget=None)
+    code = UserCode(files, budget=None)  # loads no file yet: the process is not confined
     code.drop_writes()  # so that `check`, which is not confined, writes nothing either
 
     has_alarms = hasattr(signal, 'setitimer')  # not on Windows: the grader ends the process

@@ -1,4 +1,28 @@
-"""Starts a submission's process, and calls its functions with JSON lines and deadlines."""
+"""Starts a submission's process, and calls its functions with JSON lines and deadlines.
+
+The time limits of a submission's code, and what ends it at each:
+
+| limit                         | default | measures          | ends                               |
+|-------------------------------|---------|-------------------|------------------------------------|
+| `ProcessLimits.start`         | 60 s    | time              | the process, before any code runs  |
+| `ProcessLimits.call`          | 3 s     | processor time    | the request, by an alarm in it     |
+| `ProcessLimits.wait`          | 20 s    | time              | the process                        |
+| `ProcessLimits.total`         | 120 s   | time of all       | every later request                |
+| `_LAST_WORDS`, closed pipes   | 5 s     | time              | the process                        |
+| `BUDGET` of `folder.py`       | 2 s     | time of a call    | the call, where code is not judged |
+| `_LOADING` of `code.py`       | 20 s    | time of loading   | loading, where code is not judged  |
+| `_BUDGET` of `relay_program`  | 10 s    | time of a run     | the run, where code is not judged  |
+
+`call` covers a whole request, which can have many calls of a function. The alarm of `call` names
+the line; `wait` ends code that sleeps, or that catches the alarm. `check` has shorter limits
+(`_CHECKED` of `judge.py`); `grade --time-limit` sets `total`.
+
+The line of a mistake is found in three steps. `judge.py` chooses the wrong values: those of the
+quantities that the wrong law changes, and the wrong result itself. The request `lines` repeats the
+call with a trace function, which collects each number that a line assigns (`UserCode.lines`).
+`JudgedCode.line_of` then returns the first line that assigns one of the wrong values. The values 0
+and 1 and the right results do not count: a line that assigns one of these need not be wrong.
+"""
 
 from __future__ import annotations
 
@@ -305,8 +329,9 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
         except UserCodeError:
             return ''
 
-        usual = np.array([0.0, 1.0, *others])
-        wrong = np.array([v for v in values if not np.isclose(v, usual, 1e-12, 0.0).any()])
+        # Any right line can assign these.
+        innocent = np.array([0.0, 1.0, *others])
+        wrong = np.array([v for v in values if not np.isclose(v, innocent, 1e-12, 0.0).any()])
         for place, value in lines:
             if np.isclose(value, wrong, 1e-9, 0.0).any():
                 return one_line(place)

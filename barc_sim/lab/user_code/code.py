@@ -286,7 +286,8 @@ class UserCode:
         """Return the user's files, by their names as attachments of a bag."""
         return {_ATTACHED + source.name: source.data for source in self.sources}
 
-    # Requests of the grader to the process of a submission, beside `relay_commands` and `name`.
+    # Requests of the grader to the process of a submission, beside `relay_commands` and `name`;
+    # `confined/child.py` has the table of all.
 
     def functions(
         self,
@@ -347,7 +348,9 @@ class UserCode:
     def lines(self, do: str, *arguments: Any) -> list[tuple[str, float]]:  # noqa: ANN401 (JSON)
         """Return each line that assigns a number in a request, with the number; returns with NaN.
 
-        It traces local variables and attributes of `self`.
+        It traces local variables and attributes of `self`. Python calls `trace` before a line runs,
+        so a new value belongs to the line of the event before. At the start of a function there is
+        none: no line assigns the arguments.
         """
         names = {str(source.path): source.name for source in self.sources}
         before: dict[FrameType, tuple[int, dict[str, Any]]] = {}
