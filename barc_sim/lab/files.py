@@ -1,7 +1,14 @@
-"""Lists the files of each lab, finds them in a folder, and reads them without running them.
+"""Lists the files of each lab, finds them in a folder, and reads them without loading them.
 
 Reading a user's file gives its syntax errors, its gains, and whether it is a ROS program. How the
 parts are judged is in `labs/`; the points are in `grade/rubrics/`.
+
+To find its gains, `find_gains` evaluates assignments and the arguments of `PID(…)`, with almost no
+built-in names. These few names keep it from side effects by accident; they are no protection
+against code that looks for a way out. It is safe for another reason: only `UserCode.gains` calls
+it, for a file that this process has already loaded. In `grade` that is the confined process of the
+submission; elsewhere it is a process whose user chose to run the file. So the expressions can do
+nothing that the file could not do while it was loaded.
 """
 
 from __future__ import annotations
@@ -17,7 +24,7 @@ from contextlib import suppress
 from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
@@ -28,6 +35,7 @@ if TYPE_CHECKING:
     from inspect import BoundArguments, Signature
     from types import CodeType
 
+_T = TypeVar('_T')
 #: The script of Task 3 of the hills lab: a student runs it; it is not judged.
 COMPOSE = 'compose.py'
 #: The file beside a report for the points and comments that a person enters.
@@ -48,15 +56,22 @@ _INPUTS = {'sys.stdin', 'input()', 'raw_input()'}
 
 
 class Called(NamedTuple):
-    """The signature of a user's function, class or method that barc_sim calls."""
+    """The signature of a user's function, class or method that barc_sim calls.
+
+    For example, `Called('relay', '', method='relay', is_main=True)` is a class in `relay.py` whose
+    constructor takes no arguments. Its objects have a method `relay`, with a signature of its own
+    in the same table. The names in `takes` are also quantities of the lab's law in `labs/*.txt`: a
+    test passes their values, in this order.
+    """
 
     part: str  #: its file, see `FILES`
-    takes: str | None  #: the names of its arguments; None: any
-    numbers: int = 0  #: how many numbers it returns; 0: any object
-    returns: str = 'an object'  #: what it returns, in words
-    method: str = ''  #: of a class: the method that is called
+    takes: str | None  #: the names of its arguments, with spaces between; '': none, None: any
+    numbers: int = 0  #: how many numbers it returns; 0: an object, of which no number is read
+    returns: str = 'an object'  #: what it returns, in words for messages
+    method: str = ''  #: of a class: the method that is called, another name in the same table
     is_timed: bool = False  #: whether it may also take the time step `dt`
-    is_main: bool = False  #: whether its file must define it, or another main one
+    #: Whether it is one of the names to look for in its file: the file must define one of them.
+    is_main: bool = False
 
 
 class Handout(NamedTuple):
@@ -127,7 +142,7 @@ LANE = Handout(
 )
 POINTS = 120  #: of a track, in `raceline.py`
 _MODEL = 'six finite numbers, [a11, a12, a21, a22, b1, b2]'
-_PROGRAM = '110 finite numbers, np.append(H, g)'
+_PROGRAM = '110 finite numbers, np.append(H, g)'  # H is 10 x 10, g has 10
 RACELINE = Handout(
     folder='raceline',
     files={'raceline': 'raceline.py'},
@@ -159,14 +174,31 @@ IDENTIFY = Handout(
     rubric='identify',
     drive='acc --road flat --distance 0 --lab',
 )
-#: By the value of `barc new --lab`.
+#: By the value of `barc new --lab`; `barc_sim/lab/__init__.py` lists the other names of each lab.
 HANDOUTS = {'hills': HILLS, '3': LANE, '4': RACELINE, '5': IDENTIFY}
+
+
+def united(tables: Iterable[Mapping[str, _T]]) -> dict[str, _T]:
+    """Return the entries of several tables in one; a ValueError if two have the same key.
+
+    Parts, functions and criteria are looked up without their lab. So a name must be unique over all
+    labs: a second function `profile` would replace the first one without a word.
+    """
+    entries: dict[str, _T] = {}
+    for table in tables:
+        common = sorted(entries.keys() & table.keys())
+        if common:
+            raise ValueError(f'{common[0]!r} is in two labs: choose another name in one of them')
+        entries.update(table)
+    return entries
+
+
 #: The file of each part of any lab.
-FILES = {part: name for each in HANDOUTS.values() for part, name in each.files.items()}
+FILES = united(each.files for each in HANDOUTS.values())
 RUBRICS = tuple(each.rubric for each in HANDOUTS.values())
+_POLICY = {'policy': Called('policy', 'observation', returns='a list of actions', is_main=True)}
 #: The functions, classes and methods of user files that barc_sim calls, of any lab or of a policy.
-CALLED = {name: called for each in HANDOUTS.values() for name, called in each.called.items()}
-CALLED['policy'] = Called('policy', 'observation', returns='a list of actions', is_main=True)
+CALLED = united([*(each.called for each in HANDOUTS.values()), _POLICY])
 
 
 def main_names(part: str) -> list[str]:
@@ -461,7 +493,7 @@ def find_gains(tree: ast.Module, file: str, new: Signature, place: str) -> Chose
 
 
 def _few_names() -> dict[str, Any]:
-    """Return the built-in names in expressions of user files that are evaluated here."""
+    """Return the built-in names in expressions of user files; see the top of this module."""
     return {'__builtins__': {'dict': dict, 'float': float}}
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.lab.files import UserCodeError, compiled, find_gains, read
+from barc_sim.lab.files import UserCodeError, compiled, find_gains, read, united
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -122,3 +122,9 @@ def test_gains_come_from_calls_constants_and_defaults_in_this_order(
         assert gains == (*found[:3], f'controller.py, {found[3]}')
     else:
         assert gains is None
+
+
+def test_a_name_of_two_labs_is_refused() -> None:
+    assert united([{'line': 1}, {'profile': 2}]) == {'line': 1, 'profile': 2}
+    with pytest.raises(ValueError, match="'line' is in two labs"):
+        united([{'line': 1}, {'line': 2}])

@@ -2,6 +2,21 @@
 
 Rubrics and a person's points are YAML files. The file for a person's points is beside the report:
 `grade` writes it once, without points, and then only reads it.
+
+The states of a criterion, from its `Finding` to the class:
+
+| state   | where it comes from                      | points             | in reports            |
+|---------|------------------------------------------|--------------------|-----------------------|
+| judged  | `score`, from 0 to 1                     | those of the score | points and message    |
+| skipped | `skipped`: the file is missing, or still | 0; left out if it  | a message; left out   |
+|         | the template's                           | is optional        | if it is optional     |
+| open    | `open`: a person judges it (`by_eye`),   | 0 until a person   | "open"; not in the    |
+|         | or a later Python is needed to read it   | enters some        | means of a class      |
+| by hand | `ByHand`: a person has entered points    | those entered      | also the earlier ones |
+
+Optional criteria are the extra ones below `task_3` in the rubric. That key is read for every lab,
+though only the hills lab has a Task 3. `ClassEntry.looks` are the reasons for a person to look at a
+submission, such as an open criterion; its `flags` are the values of the page's filter.
 """
 
 from __future__ import annotations
@@ -24,7 +39,7 @@ from barc_sim.cli.text import one_line
 from barc_sim.cli.yaml_files import read_yaml
 from barc_sim.errors import UserError, escaped
 from barc_sim.figures.files import save
-from barc_sim.lab.files import BY_HAND, HANDOUTS, RUBRICS, names_of
+from barc_sim.lab.files import BY_HAND, HANDOUTS, RUBRICS, names_of, united
 from barc_sim.lab.judge import Settings, Thresholds
 from barc_sim.lab.labs import lab_of
 from barc_sim.lab.pages import data_url, render
@@ -45,7 +60,7 @@ _HEAD = """\
 _T = TypeVar('_T')
 _LABS = tuple(map(lab_of, HANDOUTS.values()))
 #: Every criterion, with its name for readers, in the order of a report.
-LABELS = {name: label for lab in _LABS for name, label in lab.labels.items()}
+LABELS = united(lab.labels for lab in _LABS)
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')
 _MAX_COMMENT = 2000  # characters
 _MAX_SHOWN = 80  # characters of a value in a sentence
