@@ -1,4 +1,4 @@
-"""Finds mistakes in a model and a controller, and names their causes."""
+"""Finds mistakes in a user's files for a lab, and names their causes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 NOT_PASSED = 1
 _PIPE = 10_000  #: columns: a line is never broken
-#: Of the text that user code printed: the lines that are shown, and their width.
+#: How many lines of the text that user code printed are shown, and how many characters of each.
 _LINES = 5
 _WIDTH = 100
 #: In what two calls that fail alike differ: where on the road, what was passed, with which gains.

@@ -74,7 +74,7 @@ class ReportFacts:
     log: Log
     info: Mapping[str, str]
     laps: Laps
-    numbers: Sequence[int]  #: of the lap of each state
+    numbers: Sequence[int]  #: for each state, the number of its lap
     graph: NodeGraph | None
     sources: Mapping[str, str]  #: user code, by file name
 

@@ -2,6 +2,19 @@
 
 Names, links and sizes are checked. Archives are read in this process by Python's zipfile, with
 limits on how much it reads at once.
+
+The steps from a folder or an archive to a `Submission`:
+
+1. `listed` or `_zipped` yields each file as a `Member`, which is not read yet.
+2. `_beside_code` takes the first `MAX_ENTRIES`, without files of tools and without evidence, which
+   are the plots, films and bags that are not read for grading.
+3. `_in_code_folder` keeps the folder of the graded file that is nearest to the top, and all below
+   it. It adds a note on each other copy.
+4. `take` reads these within the limits, and adds a note on each one that it leaves out.
+5. If no graded file is found, and there is a single archive, the steps repeat for this archive.
+
+A fault is the reason why a file is not read, as the rest of a sentence that begins with its name,
+such as "is a link, which is not followed"; empty if there is none.
 """
 
 from __future__ import annotations
@@ -78,6 +91,8 @@ def find(path: Path, *, is_class: bool = False) -> list[Path]:
     names = [entry.name for entry in entries]
     is_one = bool(names_of(names))
     if packed:
+        # Perhaps a class. A file with a similar name, such as `controller_solution.py`, can be the
+        # instructor's, beside the submissions; only an exact name makes the folder one submission.
         is_one = any(name in names for name in FILES.values())
     if is_one or (len(packed) == 1 and files_in(packed[0]) and not is_class):
         return [path.resolve()]
@@ -99,7 +114,7 @@ def read(path: Path) -> Submission:
             with HeldFolder(path) as folder:
                 files, notes = _of_folder(folder)
         else:
-            fault = _unreadable(path.name, status)
+            fault = _archive_fault(path.name, status)
             if fault:
                 notes.append(fault)
             else:
@@ -114,9 +129,9 @@ def read(path: Path) -> Submission:
     return Submission(escaped(path.name), files, tuple(notes))
 
 
-def _unreadable(name: str, status: os.stat_result) -> str:
-    """Return why a file is no archive that can be opened; empty if it is one."""
-    fault = _fault_of(status.st_mode)
+def _archive_fault(name: str, status: os.stat_result) -> str:
+    """Return why a file is no archive that can be opened, as a sentence; empty if it is one."""
+    fault = _mode_fault(status.st_mode)
     if fault:
         return f'it {fault}: hand in a .zip or a folder'
     if name.lower().endswith('.ipynb'):
@@ -141,7 +156,7 @@ def _of_folder(folder: HeldFolder) -> tuple[dict[str, bytes], list[str]]:
     if names_of(files) or len(packed) != 1:
         return files, notes
     name, status = packed.popitem()
-    fault = _unreadable(name, status)
+    fault = _archive_fault(name, status)
     if fault:
         return {}, [fault]
     with folder.open(PurePath(name)) as file:
@@ -214,7 +229,7 @@ def listed(folder: HeldFolder) -> Iterator[Member]:
                 continue
             path = directory / name
             if not stat.S_ISDIR(status.st_mode):
-                yield Member(str(path), partial(_data, folder, path), _fault_of(status.st_mode))
+                yield Member(str(path), partial(_data, folder, path), _mode_fault(status.st_mode))
             elif len(folders) < MAX_ENTRIES and len(os.fsencode(path)) < _MAX_PATH:
                 folders.append(path)
 
@@ -248,7 +263,7 @@ def _zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
         with archive.open(info) as file:
             return file.read(size)
 
-    fault = _fault_of(stat.S_IFMT(info.external_attr >> 16) or stat.S_IFREG)
+    fault = _mode_fault(stat.S_IFMT(info.external_attr >> 16) or stat.S_IFREG)
     if not fault and info.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
         fault = 'is compressed in an uncommon way: hand in an ordinary .zip'
     # Some programs on Windows write backslashes.
@@ -299,7 +314,7 @@ def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:
 
         path = PurePosixPath(member.path)
         data = b''
-        fault = _fault(member, path, files)
+        fault = _member_fault(member, path, files)
         if not fault:
             try:
                 data = member.read(MAX_FILE + 1)
@@ -323,7 +338,7 @@ def _is_evidence(member: Member) -> bool:
     return f'/{member.path}'.lower().endswith(_EVIDENCE)
 
 
-def _fault(member: Member, path: PurePosixPath, files: dict[str, bytes]) -> str:
+def _member_fault(member: Member, path: PurePosixPath, files: dict[str, bytes]) -> str:
     """Return why a file cannot be taken, as the rest of a sentence; empty if it can."""
     if _leads_out(path):
         return 'leads out of the archive'
@@ -343,7 +358,7 @@ def _is_of_tools(name: str) -> bool:
     return name != '..' and name.startswith(('.', '__pycache__', '__MACOSX'))
 
 
-def _fault_of(mode: int) -> str:
+def _mode_fault(mode: int) -> str:
     """Return why a file of this mode is not read, as the rest of a sentence; empty if it is."""
     if stat.S_ISLNK(mode):
         return 'is a link, which is not followed'

@@ -1,1 +1,1 @@
-"""Grades submissions in confined processes."""
+"""Grades submissions: `grade.py` one of them, `classroom.py` a class."""
