@@ -91,14 +91,15 @@ _MAX_SPEED = 40.0  #: [m/s] The limit of the figure's speed axis.
 def judge_lab_road(
     code: JudgedCode,
     gains: ChosenGains | None,
-    by: Thresholds,
-    wrong: Mapping[str, float] | None = None,
+    thresholds: Thresholds,
+    corrections: Mapping[str, float] | None = None,
 ) -> tuple[float, str, Evidence | None]:
     """Return score, message and evidence of the drive over the lab's road, stretch by stretch.
 
-    A wrong term costs points only once: the user's PID drives with the terms in `wrong` corrected.
-    Their values are -1 where a term has the wrong sign, and else 0. All else that is wrong with
-    the user's PID stays as it is, so that no further mistake gives points.
+    A wrong term costs points only once: the user's PID drives with the terms in `corrections`
+    corrected. Each value is the factor of the term's gain: -1 where only the sign is wrong, else 0,
+    and then barc_sim's term replaces it. All else that is wrong with the user's PID stays as it is,
+    so that no further mistake gives points.
     """
     if gains is None:
         _outputs(code, (0.0, 0.0, 0.0), [(0.0, 0.0, TS)])  # an error of PID itself comes first
@@ -106,37 +107,47 @@ def judge_lab_road(
             'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with your tuned '
             'gains as its last line'
         )
-    if not wrong:
-        return _driven(_Driving(code, gains), by, gains)
+    if not corrections:
+        return _drive(_UserPid(code, gains), thresholds, gains)
 
     evidence = None
-    with suppress(UserError):
-        evidence = _driven(_Driving(code, gains), by, gains)[2]  # the figure shows the user's code
+    with suppress(UserError):  # the figure shows the user's code
+        _, _, evidence = _drive(_UserPid(code, gains), thresholds, gains)
     try:
-        score, text = _driven_corrected(code, by, gains, wrong)
+        score, text = _drive_corrected(code, thresholds, gains, corrections)
     except UserError:  # the user's PID refuses a negative gain
-        score, text = _driven_corrected(code, by, gains, dict.fromkeys(wrong, 0.0))
-    return score, f'with {" and ".join(wrong)} corrected: {text}', evidence
+        replaced_terms = dict.fromkeys(corrections, 0.0)
+        score, text = _drive_corrected(code, thresholds, gains, replaced_terms)
+    return score, f'with {" and ".join(corrections)} corrected: {text}', evidence
 
 
-def _driven_corrected(
-    code: JudgedCode, by: Thresholds, gains: ChosenGains, wrong: Mapping[str, float]
+def _drive_corrected(
+    code: JudgedCode, thresholds: Thresholds, gains: ChosenGains, corrections: Mapping[str, float]
 ) -> tuple[float, str]:
     """Drive with the user's PID and corrected terms; return score and message.
 
     Where the output has a limit, a replaced integral also drives without anti-windup, and the worse
     drive counts: it is unknown whether the user's right one would have it.
     """
-    replaced = [name for name, factor in wrong.items() if not factor]
+    replaced = [name for name, factor in corrections.items() if not factor]
     limits = _limits_of(code, gains) if replaced else (-inf, inf)
-    controller = _Corrected(code, gains, wrong, limits)
-    score, text, _ = _driven(controller, by, gains)
+    controller = _CorrectedPid(code, gains, corrections, limits)
+    score, text, _ = _drive(controller, thresholds, gains)
     if 'I' not in replaced or not any(map(isfinite, limits)):
         return score, text
 
-    controller = _Corrected(code, gains, wrong, limits, winds_up=True)
-    score_wound_up, text_wound_up, _ = _driven(controller, by, gains)
-    return min((score, text), (score_wound_up, text_wound_up))
+    controller = _CorrectedPid(code, gains, corrections, limits, winds_up=True)
+    score_wound_up, text_wound_up, _ = _drive(controller, thresholds, gains)
+    return _worse_drive((score, text), (score_wound_up, text_wound_up))
+
+
+def _worse_drive(one: tuple[float, str], other: tuple[float, str]) -> tuple[float, str]:
+    """Return score and message of the drive with the lower score.
+
+    Of equal scores it is the one whose message comes first in the alphabet: it is then always the
+    same one, in whatever order the two drives are given.
+    """
+    return min(one, other)
 
 
 _PROBES = (1e4, 2e4)  #: [m/s] errors so large that any sensible limit of the output is reached
@@ -160,7 +171,9 @@ def _limits_of(code: JudgedCode, gains: ChosenGains) -> tuple[float, float]:
     return low, high
 
 
-def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float, str, Evidence]:
+def _drive(
+    controller: PID, thresholds: Thresholds, gains: ChosenGains
+) -> tuple[float, str, Evidence]:
     """Drive over the lab's road; return score, message and evidence."""
     progress = Progress(Scenario.distance)
     log = closed_loop(Plant(), controller, progress=progress)
@@ -175,10 +188,10 @@ def _driven(controller: PID, by: Thresholds, gains: ChosenGains) -> tuple[float,
         if isfinite(limit):
             text += f'; the maximum output is {limit:g} m/s²'
     else:
-        score = by.score(round(rms, 6), round(maximum, 6))
+        score = thresholds.score(round(rms, 6), round(maximum, 6))
         text = (
             f'RMS error {rms:.3f} m/s after the first 10 m, maximum {maximum:.3f} m/s '
-            f'(full marks up to {by.full_rms:g} and {by.full_max:g} m/s)'
+            f'(full marks up to {thresholds.full_rms:g} and {thresholds.full_max:g} m/s)'
         )
     text += f', with {gains}'
 
@@ -220,7 +233,7 @@ def _figure(log: Log, title: str = '') -> Figure:
     """Draw the run beside the run of barc_sim's controller."""
     from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
 
-    figure = cast('Figure', plot(log, _usual(), labels=['your PID', "barc_sim's PID"]))
+    figure = cast('Figure', plot(log, _reference_run(), labels=['your PID', "barc_sim's PID"]))
     speed = figure.axes[0]
     low, high = speed.get_ylim()
     speed.set_ylim(max(low, -_MAX_SPEED), min(high, _MAX_SPEED))
@@ -229,13 +242,13 @@ def _figure(log: Log, title: str = '') -> Figure:
 
 
 @cache
-def _usual() -> Log:
+def _reference_run() -> Log:
     """Return the run with barc_sim's controller."""
     return closed_loop(controller=speed_controller(limit=inf))
 
 
-class _Driving(PID):
-    """A user's controller on the road."""
+class _UserPid(PID):
+    """Drives with a user's PID, which its process calls."""
 
     def __init__(self, code: JudgedCode, gains: ChosenGains) -> None:
         super().__init__()
@@ -267,26 +280,27 @@ class _Driving(PID):
         return output
 
 
-class _Corrected(_Driving):
-    """A user's controller with some terms corrected.
+class _CorrectedPid(_UserPid):
+    """Drives with a user's PID in which some terms are corrected.
 
     A term of the wrong sign gets its gain with the opposite sign. Any other wrong term gets the
-    gain 0, and barc_sim's takes its place, within the limits of the user's output.
+    gain 0, and barc_sim's takes its place, within the limits of the user's output. If it
+    `winds_up`, the integral of barc_sim grows on at these limits, as one without anti-windup.
     """
 
     def __init__(
         self,
         code: JudgedCode,
         gains: ChosenGains,
-        wrong: Mapping[str, float],
+        corrections: Mapping[str, float],
         limits: tuple[float, float],
         *,
         winds_up: bool = False,
     ) -> None:
-        self._factors = [wrong.get(name, 1.0) for name in 'PID']
+        self._factors = [corrections.get(name, 1.0) for name in 'PID']
         super().__init__(code, gains)
         ours = [
-            gain if wrong.get(name) == 0.0 else 0.0
+            gain if corrections.get(name) == 0.0 else 0.0
             for gain, name in zip(gains.values, 'PID', strict=True)
         ]
         self._ours = PID(*ours)
@@ -364,17 +378,22 @@ PID_LAW = read_law('pid.txt', {'total': partial(np.cumsum, axis=-1), 'before': _
 
 def judge_pid(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield a finding for each criterion of `controller.py`."""
+    # The file is loaded with its first object; only then are its gains known. An error in it comes
+    # again below, as a finding.
     with suppress(UserError):
         code.make('PID', KP, KI, KD)
     gains = code.chosen_gains()
-    findings, wrong = judge_terms(code, settings.seed, settings.points)
+
+    findings, corrections = judge_terms(code, settings.seed, settings.points)
     yield from findings
-    if gains is None and findings[0].message == _IGNORED:
+
+    ignores_gains = findings[0].message == _IGNORED
+    if gains is None and ignores_gains:
         gains = ChosenGains(KP, KI, KD, 'which have no effect')
-    score, text, evidence = judge_lab_road(code, gains, settings.thresholds, wrong)
-    if gains and findings[0].message == _IGNORED:  # the fixed gains may be better than the chosen
-        chosen_score, chosen_text, _ = _driven(PID(*gains.values), settings.thresholds, gains)
-        score, text = min((score, text), (chosen_score, chosen_text))
+    score, text, evidence = judge_lab_road(code, gains, settings.thresholds, corrections)
+    if gains and ignores_gains:  # its fixed gains may be better than the chosen ones
+        chosen_score, chosen_text, _ = _drive(PID(*gains.values), settings.thresholds, gains)
+        score, text = _worse_drive((score, text), (chosen_score, chosen_text))
     yield Finding('loop.lab_road', score, text, evidence)
 
 
@@ -588,7 +607,7 @@ def judge_terms(
     verdicts = _Terms(PID_LAW, {}, {}, agree=agree, min_loss=_HALF).verdicts(code, trials, weights)
 
     findings = []
-    wrong = {}
+    corrections = {}
     for trial in trials:
         name = next(iter(trial.got))
         score, mistake = verdicts[name]
@@ -600,13 +619,13 @@ def judge_terms(
         if score < 1.0 and not (is_constant or trial.failure):
             negated = trial._replace(got={name: -trial.got[name]})
             is_negative = name not in scaled and factor_of(negated) > 0.0
-            wrong[name] = -1.0 if is_negative else 0.0
+            corrections[name] = -1.0 if is_negative else 0.0
         if message:
             text = f'{random}{message}'
         else:
             text = f'right in all {trial.got[name].size} outputs{_remark(name, factor_of(trial))}'
         findings.append(Finding(trial.name, score, text))
-    return findings, wrong
+    return findings, corrections
 
 
 def _with_fixed_gains(outputs: Sequence[float], rows: Sequence[Sample]) -> list[Finding]:

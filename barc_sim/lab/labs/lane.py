@@ -88,7 +88,7 @@ _OUR_FEEDBACK = "with LaneLQR's gains of e_y and e_psi: "
 
 
 @cache
-def _usual() -> TrackLog:
+def _reference_laps() -> TrackLog:
     """Return the laps of barc_sim's law."""
     return lap(speed=SPEED, laps=_LAPS, dynamics='dynamic')
 
@@ -100,7 +100,7 @@ def _new(code: JudgedCode, track: Track, sign: float = 1.0) -> int:
 
 
 class Corrections(NamedTuple):
-    """Known mistakes in a user's `Lane`, as the factors that undo them."""
+    """Known mistakes in a user's `Lane`, as the factors that undo them; 1 changes nothing."""
 
     e_y: float = 1.0  #: of the error that `Lane` gets
     e_psi: float = 1.0  #: of its difference from the one of the steady turn
@@ -345,7 +345,7 @@ def _figure(log: TrackLog, title: str = '') -> Figure:
     """Draw the best lap beside the best lap of barc_sim's law."""
     from barc_sim.figures.track_figure import track_figure  # noqa: PLC0415 (slow)
 
-    return track_figure(log, _usual(), labels=['your Lane', 'LaneLQR'], title=title)
+    return track_figure(log, _reference_laps(), labels=['your Lane', 'LaneLQR'], title=title)
 
 
 def hidden_track(seed: int) -> Track:

@@ -305,7 +305,7 @@ class UserCode:
         function = self.function(name, fresh=fresh or corrected is not None)
         if corrected:
             module = function.folder.load(self.paths[function.called.part])
-            _correct(module, *corrected)
+            _replace_results(module, *corrected)
         return [function(*row) for row in rows]
 
     def make(self, name: str, number: int, *arguments: Any) -> None:  # noqa: ANN401 (JSON)
@@ -418,7 +418,7 @@ class UserObject:
                 guarded(setattr, self._instance, name, value, default=None)
 
 
-def _correct(
+def _replace_results(
     module: ModuleType,
     name: str,
     rows: Sequence[Sequence[float]],
