@@ -58,7 +58,7 @@ def run(options: Namespace) -> int:
 
     UserError: there is nothing to check, or the figure cannot be saved.
     """
-    from barc_sim.lab.grade.grade import load  # noqa: PLC0415
+    from barc_sim.lab.grade.grade import load_rubric  # noqa: PLC0415
 
     if options.save is not None and options.no_plot:
         raise UserError('--save and --no-plot contradict each other: give one of them')
@@ -69,7 +69,7 @@ def run(options: Namespace) -> int:
     path = None if options.no_plot else target(name, FIGURES)
 
     parts = find_files(folder)  # or a UserError
-    rubric = load(options.rubric or handout_of(parts).rubric)
+    rubric = load_rubric(options.rubric or handout_of(parts).rubric)
     rubric.lab.ready()
     files = rubric.lab.handout.files
     if parts.keys().isdisjoint(files):

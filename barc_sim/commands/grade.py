@@ -95,7 +95,7 @@ def add_arguments(parser: Parser) -> None:
 def run(options: Namespace) -> int:
     """Write the reports and print the score; return the exit code."""
     from barc_sim.lab import submission  # noqa: PLC0415
-    from barc_sim.lab.confined.process import ProcessLimits, check  # noqa: PLC0415
+    from barc_sim.lab.confined.process import ProcessLimits, check_confinement  # noqa: PLC0415
     from barc_sim.lab.grade import classroom, grade  # noqa: PLC0415
 
     out = options.out.absolute()
@@ -104,22 +104,22 @@ def run(options: Namespace) -> int:
 
     submissions = submission.find(options.submissions, is_class=bool(options.roster))
     paths = [path for path in map(Path.absolute, submissions) if path != out]
-    points = grade.load(options.rubric or _rubric_of(paths))
-    points.lab.ready()
+    rubric = grade.load_rubric(options.rubric or _rubric_of(paths))
+    rubric.lab.ready()
     # Gradescope looks for the files of a single submission in the folder itself.
-    alone = paths == [options.submissions.resolve()]
+    is_single = paths == [options.submissions.resolve()]
     students = classroom.read_roster(options.roster) if options.roster else []
-    folders = {path: out if alone else _folder(out, path) for path in paths}
-    hands = {path: grade.entered(folder, points) for path, folder in folders.items()}
-    empty = grade.nothing_entered(points).encode()
+    folders = {path: out if is_single else _folder(out, path) for path in paths}
+    entered_points = {path: grade.entered(folder, rubric) for path, folder in folders.items()}
+    blank_form = grade.nothing_entered(rubric).encode()
 
     limits = ProcessLimits(total=options.time_limit, confined=not options.unconfined)
-    check(limits)
+    check_confinement(limits)
     stopped: Future[Any] = Future()
     with StopSignals() as stop, processes(options.jobs) as executor:
         stop.then(partial(stopped.set_result, None))
-        outcomes = grade_all(executor, stopped, hands, points, limits)
-        grades, failures = _collect(outcomes, out, folders, empty)
+        outcomes = grade_all(executor, stopped, entered_points, rubric, limits)
+        grades, failures = _collect(outcomes, out, folders, blank_form)
     graded = len(grades) + len(failures)
     if graded < len(paths):
         text = f'{graded} of {len(paths)} are graded; the files of the class stay as they were'
@@ -133,16 +133,16 @@ def run(options: Namespace) -> int:
         students,
     )
     files = {}
-    if not alone:  # then the files of a class may be there
-        files['class.csv'] = classroom.as_csv(entries, points)
-        files['class.html'] = classroom.page(entries, points)
+    if not is_single:  # then the files of a class may be there
+        files['class.csv'] = classroom.as_csv(entries, rubric)
+        files['class.html'] = classroom.class_page(entries, rubric)
         if students:
-            files['canvas.csv'] = classroom.canvas(entries, points)
+            files['canvas.csv'] = classroom.canvas(entries, rubric)
     for name, text in files.items():
         _write(out, out / name, text.encode())
 
-    lines = classroom.summary([*grades.values()], points)
-    print('\n'.join([*lines, str(out if alone else out / 'class.html')]))  # noqa: T201
+    lines = classroom.summary([*grades.values()], rubric)
+    print('\n'.join([*lines, str(out if is_single else out / 'class.html')]))  # noqa: T201
     for path in sorted(failures):
         text = f'{escaped(path.name)} could not be graded: {failures[path]}'
         print(f'barc grade: {text}', file=sys.stderr)  # noqa: T201
@@ -153,10 +153,10 @@ def run(options: Namespace) -> int:
 
 def _rubric_of(paths: Iterable[Path]) -> str:
     """Return the usual rubric of the lab of the first submission that has a file of one."""
-    from barc_sim.lab.submission import read  # noqa: PLC0415
+    from barc_sim.lab.submission import read_submission  # noqa: PLC0415
 
     for path in paths:
-        names = names_of(read(path).files)
+        names = names_of(read_submission(path).files)
         if names:
             return handout_of(names).rubric
     return handout_of(()).rubric
@@ -177,11 +177,11 @@ def _folder(out: Path, submission: Path) -> Path:
 
 
 def _collect(
-    outcomes: Iterable[_Outcome], out: Path, folders: dict[Path, Path], empty: bytes
+    outcomes: Iterable[_Outcome], out: Path, folders: dict[Path, Path], blank_form: bytes
 ) -> tuple[dict[Path, Grade], dict[Path, str]]:
     """Write the files of each submission as it finishes; return grades and failures.
 
-    The file for points by hand is written `empty` if there is none.
+    The file for points by hand is written as `blank_form` if there is none.
     """
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
     from rich.progress import track  # noqa: PLC0415
@@ -198,8 +198,9 @@ def _collect(
             failures[path] = outcome
             continue
         files = dict(outcome.files)
-        if folder != out and not (folder / BY_HAND).exists():  # not of a submission alone
-            files[BY_HAND] = empty
+        is_single = folder == out
+        if not is_single and not (folder / BY_HAND).exists():
+            files[BY_HAND] = blank_form
         for name, data in files.items():
             _write(out, folder / name, data)
         grades[path] = outcome._replace(files={})
@@ -291,6 +292,6 @@ def grade_all(
 def _grade(path: Path, *how: Any) -> Grade:  # noqa: ANN401 (as `report` takes it)
     """Return the grade of the submission at `path`, in a worker process."""
     from barc_sim.lab.grade.grade import report  # noqa: PLC0415
-    from barc_sim.lab.submission import read  # noqa: PLC0415
+    from barc_sim.lab.submission import read_submission  # noqa: PLC0415
 
-    return report(read(path), *how)
+    return report(read_submission(path), *how)

@@ -287,7 +287,7 @@ class Source(NamedTuple):
     data: bytes  #: as it is on the disk
 
 
-def read(path: Path, name: str) -> Source:
+def read_source(path: Path, name: str) -> Source:
     """Read the file at `path`; a UserCodeError if it cannot be read, or is not text.
 
     Its encoding is found by Python's rules: a byte order mark, a coding line, else UTF-8.

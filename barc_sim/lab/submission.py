@@ -104,7 +104,7 @@ def find(path: Path, *, is_class: bool = False) -> list[Path]:
     return [entry for entry in entries if entry in packed or entry.suffix not in _LISTS]
 
 
-def read(path: Path) -> Submission:
+def read_submission(path: Path) -> Submission:
     """Read the submission at `path`; its notes name the files that cannot be read."""
     files: dict[str, bytes] = {}
     notes: list[str] = []

@@ -126,7 +126,7 @@ def _reported(result: Path) -> Verdict:
 
 def _is_unwritten(file: Path) -> bool:
     """Return whether the script still raises the template's NotImplementedError."""
-    tree = files.compiled(files.read(file, file.name)).tree
+    tree = files.compiled(files.read_source(file, file.name)).tree
     return any(
         isinstance(node, ast.Raise) and ast.unparse(node) == 'raise NotImplementedError'
         for node in ast.walk(tree)

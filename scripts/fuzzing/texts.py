@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 clock = time.process_time
 _MOST = 5_000_000  # characters: more than is read
-_RUBRIC = grade.load(RUBRICS[0])
+_RUBRIC = grade.load_rubric(RUBRICS[0])
 _YAML = (
     'title: "Lab"\nseed: 7\ncriteria: {model.x: 10, model.y: 5.5}\ntask_3:\n  relay.forward: 5\n',
     'comment: well driven\npoints:\n  model.x: 4.5 right, but late\n  model.y: 2\n',
@@ -134,7 +134,7 @@ def _table(chance: Random) -> str:
 
 
 def _rubric(path: Path) -> None:
-    rubric = grade.load(path)
+    rubric = grade.load_rubric(path)
     grade.nothing_entered(rubric).encode()
 
 

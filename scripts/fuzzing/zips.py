@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from _bytes import TEXTS, damage, number
 
-from barc_sim.lab.submission import read
+from barc_sim.lab.submission import read_submission
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -158,7 +158,7 @@ def _misnamed(chance: Random) -> bytes:
 def _grade(path: Path) -> None:
     folder = path.with_suffix('.read')
     folder.mkdir()
-    submission = read(path)
+    submission = read_submission(path)
     assert submission.files or submission.notes or path.is_dir()  # noqa: S101
     submission.write(folder)
     before = {path, *(path.rglob('*') if path.is_dir() and not path.is_symlink() else ())}

@@ -25,7 +25,7 @@ from user_files import CONTROLLER, MODEL
 from barc_sim.__main__ import main as barc
 from barc_sim.commands import grade
 from barc_sim.errors import UserError
-from barc_sim.lab.confined.process import ProcessLimits, check
+from barc_sim.lab.confined.process import ProcessLimits, check_confinement
 from barc_sim.lab.files import BY_HAND
 from barc_sim.lab.grade.grade import Grade, Rubric
 
@@ -93,7 +93,7 @@ for i in range(3, 64):
 def graded(tmp_path_factory: pytest.TempPathFactory) -> Graded:
     """Grade a class; return its folder, that of the reports, and the exit code."""
     try:
-        check(ProcessLimits())
+        check_confinement(ProcessLimits())
     except UserError as error:
         pytest.skip(str(error))
     folder = tmp_path_factory.mktemp('class')

@@ -16,7 +16,7 @@ from user_files import CONTROLLER, MODEL
 from barc_sim.cli.process import has_ros
 from barc_sim.cli.python import python_command
 from barc_sim.errors import UserError
-from barc_sim.lab.confined.process import ProcessLimits, check
+from barc_sim.lab.confined.process import ProcessLimits, check_confinement
 from barc_sim.lab.files import HILLS
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def test_a_submission_is_graded_beside_modules_of_pythons_names(
     ada: Path, *, as_folders: bool
 ) -> None:
     try:
-        check(ProcessLimits())
+        check_confinement(ProcessLimits())
     except UserError as error:
         pytest.skip(str(error))
     set_traps(ada, as_folders=as_folders)
@@ -183,7 +183,7 @@ def test_twenty_submissions_get_the_same_points_in_a_class_of_forty_as_alone(
     tmp_path: Path,
 ) -> None:
     try:
-        check(ProcessLimits())
+        check_confinement(ProcessLimits())
     except UserError as error:
         pytest.skip(str(error))
     folder = tmp_path / 'class'

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.lab.files import UserCodeError, compiled, find_gains, read, united
+from barc_sim.lab.files import UserCodeError, compiled, find_gains, read_source, united
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def source(tmp_path: Path, data: bytes) -> Source:
     path = tmp_path / 'controller.py'
     path.write_bytes(data)
-    return read(path, 'controller.py')
+    return read_source(path, 'controller.py')
 
 
 @pytest.mark.parametrize(

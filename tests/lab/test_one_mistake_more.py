@@ -22,7 +22,7 @@ import test_wrong_programs as programs
 from user_files import IDENTIFY, LANE, PLAIN_CONTROLLER, RACELINE, LocalCode, Program
 
 from barc_sim.lab.files import CALLED
-from barc_sim.lab.grade.grade import load
+from barc_sim.lab.grade.grade import load_rubric
 from barc_sim.lab.labs import hills, identify, lane, raceline
 from barc_sim.lab.user_code.code import UserCode
 
@@ -76,7 +76,7 @@ class MadeCode(LocalCode):
 
 def points_with(rubric: str, formulas: Mapping[str, str]) -> float:
     """Return the points of the functions of a lab with these mistakes."""
-    loaded = load(rubric)
+    loaded = load_rubric(rubric)
     findings, _ = FUNCTIONS[rubric].judge(
         MadeCode(FUNCTIONS[rubric], formulas), SEED, loaded.points
     )
@@ -171,7 +171,7 @@ def text_with(rubric: str, *names: str) -> str:
 @cache
 def points_of_text(rubric: str, text: str) -> float:
     """Return the points of a file."""
-    loaded = load(rubric)
+    loaded = load_rubric(rubric)
     part, name = [*loaded.lab.handout.files.items()][rubric == 'lab']
     with TemporaryDirectory() as folder:
         path = Path(folder, name)

@@ -9,16 +9,16 @@ from student_code import WORKS, Work
 from user_files import judged_file
 
 from barc_sim.lab.confined.process import ProcessLimits
-from barc_sim.lab.grade.grade import ByHand, load, report
+from barc_sim.lab.grade.grade import ByHand, load_rubric, report
 from barc_sim.lab.judge import Settings
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.relay import LABELS as RELAY
-from barc_sim.lab.submission import read
+from barc_sim.lab.submission import read_submission
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-LAB = load()
+LAB = load_rubric()
 
 
 def write(folder: Path, work: Work) -> Path:
@@ -44,7 +44,7 @@ def test_check_and_grade_agree_to_the_point(tmp_path: Path) -> None:
     work = WORKS['everything with dt']
     folder = write(tmp_path, work)
     checked = HILLS.judge_folder(folder, LAB.settings)
-    one = report(read(folder), ByHand(), LAB, ProcessLimits())
+    one = report(read_submission(folder), ByHand(), LAB, ProcessLimits())
     assert [(item.criterion, item.points) for item in one.items] == [
         (finding.criterion, LAB.points_for(finding))
         for finding in checked.findings

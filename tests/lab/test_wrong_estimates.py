@@ -13,14 +13,14 @@ import pytest
 from user_files import IDENTIFY as RIGHT
 from user_files import points_of, read_programs, replaced
 
-from barc_sim.lab.grade.grade import load
+from barc_sim.lab.grade.grade import load_rubric
 from barc_sim.lab.labs.identify import NOISE, car_of, evidence_of, measured
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 PROGRAMS = read_programs('wrong_estimates.txt')
-RUBRIC = load('identify')
+RUBRIC = load_rubric('identify')
 
 
 @pytest.mark.parametrize('name', PROGRAMS)

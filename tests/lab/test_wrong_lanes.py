@@ -14,7 +14,7 @@ from user_files import points_of, read_programs, replaced
 
 from barc_sim import lap
 from barc_sim.lab.confined.process import ProcessLimits
-from barc_sim.lab.grade.grade import load
+from barc_sim.lab.grade.grade import load_rubric
 from barc_sim.lab.labs.lane import LABELS, LANE, hidden_track
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ TEXTS = {
         return -0.3 * e_y - 0.25 * change
         k = 0.0""",
 }
-RUBRIC = load('lane')
+RUBRIC = load_rubric('lane')
 
 
 def text_of(name: str) -> str:

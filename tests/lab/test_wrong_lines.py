@@ -21,7 +21,7 @@ from user_files import LocalCode, points_of, read_programs, replaced
 from barc_sim.control.lane import speed_profile
 from barc_sim.errors import UserError
 from barc_sim.lab.files import POINTS
-from barc_sim.lab.grade.grade import load
+from barc_sim.lab.grade.grade import load_rubric
 from barc_sim.lab.labs.raceline import LAW
 from barc_sim.lab.user_code.adapters import line_along
 from barc_sim.lab.user_code.code import UserCode
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.judge import Finding
 
 PROGRAMS = read_programs('wrong_lines.txt')
-RUBRIC = load('raceline')
+RUBRIC = load_rubric('raceline')
 #: The first function of each group of criteria.
 GROUPS = {'speed': 'def profile', 'line': 'def bounded', 'mpc': 'def predict'}
 

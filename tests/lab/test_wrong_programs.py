@@ -15,7 +15,7 @@ from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, Program, judged_file, read
 
 from barc_sim.lab.confined.process import ProcessLimits
 from barc_sim.lab.files import FILES
-from barc_sim.lab.grade.grade import load
+from barc_sim.lab.grade.grade import load_rubric
 from barc_sim.lab.labs.hills import HILLS
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 PROGRAMS = read_programs('wrong_programs.txt')
 
-LAB = load('lab')
+LAB = load_rubric('lab')
 
 
 def texts_of(program: Program) -> dict[str, str]:

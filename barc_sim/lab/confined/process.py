@@ -405,7 +405,7 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
             self._process = None
 
 
-def check(limits: ProcessLimits) -> None:
+def check_confinement(limits: ProcessLimits) -> None:
     """Check that a process can be confined on this machine, else raise a UserError."""
     if sys.platform != 'linux':  # only the kernel of Linux can confine a process
         if limits.confined:

@@ -342,7 +342,7 @@ def summary(grades: Sequence[Grade], rubric: Rubric) -> list[str]:
     return lines
 
 
-def page(all_entries: Sequence[ClassEntry], rubric: Rubric) -> str:
+def class_page(all_entries: Sequence[ClassEntry], rubric: Rubric) -> str:
     """Return the class as one HTML page, with links to the reports beside it."""
     grades = [entry.grade for entry in all_entries if entry.grade]
     tasks = _rows(_tasks(rubric, 'Score'), grades)

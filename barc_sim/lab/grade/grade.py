@@ -92,7 +92,7 @@ class Rubric:
         return round(self.points[finding.criterion] * min(max(finding.score, 0.0), 1.0), 2)
 
 
-def load(rubric: str | Path = RUBRICS[0]) -> Rubric:
+def load_rubric(rubric: str | Path = RUBRICS[0]) -> Rubric:
     """Return the rubric with a name in `RUBRICS`, or from the file at a path."""
     name = str(rubric)
     path = Path(name)
@@ -343,7 +343,10 @@ def grade(submission: Submission, rubric: Rubric, limits: ProcessLimits) -> Grad
 def report(submission: Submission, hand: ByHand, rubric: Rubric, limits: ProcessLimits) -> Grade:
     """Grade a submission, with points entered by hand, and make the files of its report."""
     merged = _merged(grade(submission, rubric, limits), hand)
-    files = {'results.json': gradescope(merged).encode(), 'report.html': page(merged).encode()}
+    files = {
+        'results.json': gradescope(merged).encode(),
+        'report.html': report_page(merged).encode(),
+    }
     items = tuple(item._replace(evidence=None) for item in merged.items)
     return merged._replace(items=items, files=files)
 
@@ -361,7 +364,7 @@ def _merged(grade: Grade, hand: ByHand) -> Grade:
     return grade._replace(items=order, comment=hand.comment)
 
 
-def page(grade: Grade) -> str:
+def report_page(grade: Grade) -> str:
     """Return the HTML report, with a figure of the judged drive."""
     png = io.BytesIO()
     for item in grade.items:

@@ -36,7 +36,7 @@ from barc_sim.lab.files import (
     UserCodeError,
     compiled,
     guarded_imports,
-    read,
+    read_source,
 )
 from barc_sim.lab.user_code.numpy_names import NumPy
 
@@ -222,7 +222,7 @@ class Folder:
         return module
 
     def _compiled(self, file: Path) -> CodeType:
-        source = read(file, str(file.relative_to(self.path)))
+        source = read_source(file, str(file.relative_to(self.path)))
         self.sources[str(file)] = source
         result = compiled(source)
         self.trees[str(file)] = result.tree

@@ -9,9 +9,9 @@ from relays import ROS_2
 from user_files import user_text
 
 from barc_sim.lab.confined.process import JudgedCode, ProcessLimits
-from barc_sim.lab.grade.grade import grade, load
+from barc_sim.lab.grade.grade import grade, load_rubric
 from barc_sim.lab.labs.relay import relay_commands
-from barc_sim.lab.submission import read
+from barc_sim.lab.submission import read_submission
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,7 +52,7 @@ def test_code_that_looks_for_barc_sims_model_gets_no_points(folder: Callable[...
         for code in GRABS
     )
 
-    graded = grade(read(folder(bike_model=tries)), load(), ProcessLimits())
+    graded = grade(read_submission(folder(bike_model=tries)), load_rubric(), ProcessLimits())
 
     assert graded.score == 0.0
     assert graded.printed.count('Error') == len(GRABS)

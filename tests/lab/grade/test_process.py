@@ -20,10 +20,10 @@ from barc_sim.control.speed import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.confined import process
 from barc_sim.lab.confined.child import MACHINES, call_filter, call_numbers
-from barc_sim.lab.confined.process import JudgedCode, ProcessLimits, check
-from barc_sim.lab.grade.grade import grade, gradescope, load
+from barc_sim.lab.confined.process import JudgedCode, ProcessLimits, check_confinement
+from barc_sim.lab.grade.grade import grade, gradescope, load_rubric
 from barc_sim.lab.labs.relay import relay_commands
-from barc_sim.lab.submission import read
+from barc_sim.lab.submission import read_submission
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -264,8 +264,8 @@ def test_a_kernel_without_landlock_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr('barc_sim.lab.confined.child._CREATE_RULESET', 100_000)
 
     with pytest.raises(UserError, match=r'no Landlock here.*--unconfined'):
-        check(ProcessLimits())
-    check(ProcessLimits(confined=False))
+        check_confinement(ProcessLimits())
+    check_confinement(ProcessLimits(confined=False))
 
 
 # The filter of system calls, run here in an interpreter of its few instructions.
@@ -455,7 +455,7 @@ code.lines = lambda *_: [['a', 1.0]] * 1_000_000
 
 def test_a_name_that_no_file_can_hold_is_graded(folder: Callable[..., Path]) -> None:
     text = "NAME = '\\ud800' * 1000\ndef command(t):\n    return 1.0\n"
-    graded = grade(read(folder(identify=text)), load('identify'), ProcessLimits())
+    graded = grade(read_submission(folder(identify=text)), load_rubric('identify'), ProcessLimits())
     points = graded.points
     assert points['commands.limits'] > 0.0
     gradescope(graded).encode()

@@ -19,7 +19,7 @@ from user_files import CONTROLLER, MODEL, judged_file
 import barc_sim.lab
 from barc_sim.lab.confined.process import ProcessLimits
 from barc_sim.lab.files import FILES
-from barc_sim.lab.grade.grade import load
+from barc_sim.lab.grade.grade import load_rubric
 from barc_sim.lab.judge import Finding, Settings
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.labs.relay import LABELS as RELAY
@@ -143,7 +143,7 @@ def test_a_relay_gets_its_points_and_sentence(kind: str) -> None:
     faults = [each.message for each in found.values() if not each.passed]
     assert expected.sentence in (faults or [''])[0]
     assert bool(faults) == bool(expected.sentence)
-    rubric = load()
+    rubric = load_rubric()
     worth = [rubric.points[each.criterion] for each in found.values() if each.open]
     assert sum(worth) == expected.still_open
     assert sum(map(rubric.points_for, found.values())) == pytest.approx(expected.points)
@@ -157,7 +157,7 @@ def test_without_task_3_the_points_are_of_100_and_with_it_of_120() -> None:
             task_3 = [Finding(name, 0.0, 'there is none', skipped=True) for name in RELAY]
         else:
             task_3 = findings_on('relay', relay)
-        rubric, found = load(), [*written, *task_3]
+        rubric, found = load_rubric(), [*written, *task_3]
         worth = rubric.worth(found)
         total = sum(rubric.points_for(each) for each in found if each.criterion in worth)
         assert (total, sum(worth.values())) == (points, points)
@@ -166,6 +166,6 @@ def test_without_task_3_the_points_are_of_100_and_with_it_of_120() -> None:
 def test_rubric_can_require_task_3(tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text('criteria:\n  model.x: 10\n  relay.forward: 5\n', encoding='utf-8')
-    rubric = load(file)
+    rubric = load_rubric(file)
     missing = [Finding(name, 0.0, 'there is none', skipped=True) for name in HILLS.labels]
     assert (sum(rubric.points.values()), sum(rubric.worth(missing).values())) == (15.0, 15.0)

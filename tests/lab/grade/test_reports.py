@@ -61,7 +61,7 @@ def test_gradescopes_results_have_each_criterion() -> None:
 
 
 def test_the_html_report_shows_hostile_text_without_running_it() -> None:
-    text = report.page(grade(HOSTILE, drawn=False))
+    text = report.report_page(grade(HOSTILE, drawn=False))
 
     assert text.count(str(escape(HOSTILE))) == 6
     assert '<script' not in text
@@ -69,12 +69,12 @@ def test_the_html_report_shows_hostile_text_without_running_it() -> None:
 
 
 def test_the_html_report_keeps_the_seed_from_the_students() -> None:
-    assert 'seed' not in report.page(grade())
+    assert 'seed' not in report.report_page(grade())
     assert json.loads(report.gradescope(grade()))['extra_data']['seed'] == 1
 
 
 def test_the_html_report_needs_no_network() -> None:
-    text = report.page(grade())
+    text = report.report_page(grade())
 
     assert 'src="data:image/png;base64,' in text
     assert not re.search(r'(src|href)=(?!"data:)', text)
@@ -133,19 +133,19 @@ def test_the_mean_of_task_3_is_separate() -> None:
 def test_a_mistake_keeps_the_brackets_of_its_formula() -> None:
     text = 'controller.py, line 7: I is wrong: it is ki * (sum of e * dt)'
     found = listed(grade_of('ada', 1.0, text))
-    assert 'I is wrong: it is ki * (sum of e * dt)' in classroom.page(found, RUBRIC)
+    assert 'I is wrong: it is ki * (sum of e * dt)' in classroom.class_page(found, RUBRIC)
 
 
 def test_a_failing_call_is_a_mistake_whatever_was_passed_in() -> None:
     text = 'bike_model.py, line 7: bikeFE(x=-1.5, y=0) raised NameError'
-    page = classroom.page(listed(grade_of('ada', 1.0, text)), RUBRIC)
+    page = classroom.class_page(listed(grade_of('ada', 1.0, text)), RUBRIC)
     assert '<br>bikeFE raised NameError' in page
 
 
 def test_mistakes_that_differ_in_a_number_are_one_with_the_first_number() -> None:
     ada = grade_of('ada', 1.0, 'g is 9.81: it has 9.8')
     eve = grade_of('eve', 1.0, 'g is 10: it has 9.8')
-    page = classroom.page(listed(ada, eve), RUBRIC)
+    page = classroom.class_page(listed(ada, eve), RUBRIC)
     assert re.search(r'>2</td><td><span[^>]*>Model: position x</span><br>g is 9.81: it has', page)
 
 
@@ -159,7 +159,7 @@ def test_the_page_has_mistakes_and_who_needs_a_look_and_does_nothing_hostile() -
         grade_of(HOSTILE, 2.5, HOSTILE, -1.0)._replace(comment=HOSTILE),
     ]
     found = listed(*grades, bob='no memory')
-    text = classroom.page(found, RUBRIC)
+    text = classroom.class_page(found, RUBRIC)
 
     assert text.count(str(escape(HOSTILE))) == 3
     assert text.count('<script') == 1

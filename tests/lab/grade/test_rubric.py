@@ -8,7 +8,7 @@ import pytest
 
 from barc_sim.errors import UserError
 from barc_sim.lab.files import RUBRICS
-from barc_sim.lab.grade.grade import load
+from barc_sim.lab.grade.grade import load_rubric
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 def loaded(path: Path, text: str) -> object:
     file = path / 'rubric.yaml'
     file.write_text(text)
-    return load(file)
+    return load_rubric(file)
 
 
 @pytest.mark.parametrize('name', RUBRICS)
 def test_a_rubric_that_ships_gives_100_points(name: str) -> None:
-    rubric = load(name)
+    rubric = load_rubric(name)
     assert sum(v for each, v in rubric.points.items() if each not in rubric.optional) == 100.0
 
 
@@ -30,7 +30,7 @@ def test_criteria_that_are_left_out_or_worth_nothing_do_not_count(tmp_path: Path
     file = tmp_path / 'rubric.yaml'
     file.write_text('seed: 7\ncriteria: {pid.integral: 2.5, model.x: 1, model.y: 0}\n')
 
-    rubric = load(file)
+    rubric = load_rubric(file)
 
     assert rubric.settings.seed == 7
     assert [*rubric.points.items()] == [('model.x', 1.0), ('pid.integral', 2.5)]
@@ -78,7 +78,7 @@ def test_a_wrong_rubric_is_refused_with_file_and_cause(
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"rubric '.*none.yaml' cannot be read: No such file"):
-        load(tmp_path / 'none.yaml')
+        load_rubric(tmp_path / 'none.yaml')
     (tmp_path / 'rubric.yaml').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(UserError, match=r"rubric '.*rubric.yaml': it is no text in UTF-8"):
-        load(tmp_path / 'rubric.yaml')
+        load_rubric(tmp_path / 'rubric.yaml')

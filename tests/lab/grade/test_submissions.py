@@ -14,8 +14,8 @@ from bombs import BOMBS
 from barc_sim.cli.files import HeldFolder
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import ProcessLimits
-from barc_sim.lab.grade.grade import grade, load
-from barc_sim.lab.submission import MAX_ENTRIES, MAX_FILE, MAX_FILES, find, listed, read
+from barc_sim.lab.grade.grade import grade, load_rubric
+from barc_sim.lab.submission import MAX_ENTRIES, MAX_FILE, MAX_FILES, find, listed, read_submission
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def only_the_controller(path: Path) -> tuple[str, ...]:
     """Return the notes on a submission of which `controller.py` alone is read."""
-    submission = read(path)
+    submission = read_submission(path)
     assert [*submission.files] == ['controller.py']
     return submission.notes
 
@@ -36,7 +36,7 @@ def test_a_file_of_a_similar_name_is_found_as_it_is_by_check(
     archive = zipped(tmp_path / 'eve.zip', **{'lab/Bike_Model.py': b'1', 'controller/a.py': b''})
 
     assert find(path) == [path]
-    assert read(archive).files == {'Bike_Model.py': b'1'}
+    assert read_submission(archive).files == {'Bike_Model.py': b'1'}
 
 
 @pytest.mark.parametrize('is_archive', [False, True])
@@ -48,7 +48,7 @@ def test_code_in_a_folder_within_is_found(tmp_path: Path, *, is_archive: bool) -
     for name in () if is_archive else files:
         (path / name).parent.mkdir(parents=True, exist_ok=True)
         (path / name).write_bytes(files[name])
-    submission = read(path)
+    submission = read_submission(path)
     assert submission.files == {'relay.py': b'1', 'data/a.csv': b'2', 'old/relay.py': b'3'}
     assert submission.notes == ('lab/old/relay.py is not graded, because lab/relay.py is',)
 
@@ -60,13 +60,13 @@ def test_the_pictures_of_a_film_do_not_hide_the_code(
     for name in ('film/1.png', 'film/2.png', 'film/3.png', 'lab/relay.py'):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    assert read(tmp_path).files == {'relay.py': b''}
+    assert read_submission(tmp_path).files == {'relay.py': b''}
 
 
 def test_the_packages_of_an_environment_are_not_counted(tmp_path: Path) -> None:
     names = [f'lab/.venv/{i}.py' for i in range(MAX_ENTRIES + 1)]
     path = zipped(tmp_path / 'eve.zip', **dict.fromkeys(names, b''), **{'lab/relay.py': b'1'})
-    submission = read(path)
+    submission = read_submission(path)
     assert (submission.files, submission.notes) == ({'relay.py': b'1'}, ())
 
 
@@ -76,10 +76,10 @@ def test_an_archive_in_a_folder_without_code_is_read(
     zipped(folder('ada') / 'lab.zip', **{'relay.py': b'1'})
     zipped(folder('bob', controller='') / 'bags.zip', **{'old/relay.py': b'1'})
     (folder('eve') / 'lab.zip').symlink_to(tmp_path / 'ada' / 'lab.zip')
-    assert read(tmp_path / 'ada').name == 'ada'
-    assert read(tmp_path / 'ada').files == {'relay.py': b'1'}
+    assert read_submission(tmp_path / 'ada').name == 'ada'
+    assert read_submission(tmp_path / 'ada').files == {'relay.py': b'1'}
     assert only_the_controller(tmp_path / 'bob') == ()
-    assert read(tmp_path / 'eve').notes == (
+    assert read_submission(tmp_path / 'eve').notes == (
         'it is a link, which is not followed: hand in a .zip or a folder',
     )
 
@@ -115,7 +115,7 @@ def test_a_folder_of_one_folder_is_one_submission(
 
     assert find(tmp_path) == [tmp_path]
     assert find(tmp_path, is_class=True) == [tmp_path / 'README.md', path]
-    assert read(tmp_path).files == {'bike_model.py': b'1'}
+    assert read_submission(tmp_path).files == {'bike_model.py': b'1'}
 
 
 def test_a_folder_of_one_archive_is_a_class_of_one(tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_a_folder_gives_its_own_files_and_a_note_on_what_is_none(
     os.mkfifo(path / 'relay.py')
     (tmp_path / 'link').symlink_to(neighbour)
 
-    found, link = read(path), read(tmp_path / 'link')
+    found, link = read_submission(path), read_submission(tmp_path / 'link')
 
     assert found.files == {'controller.py': b'1', 'helper.py': b'2', 'data/gains.csv': b'3'}
     assert found.notes == (
@@ -172,7 +172,7 @@ def test_of_too_many_files_the_top_ones_are_read(tmp_path: Path, *, is_archive: 
         (path / name).parent.mkdir(parents=True, exist_ok=True)
         (path / name).touch()
 
-    submission = read(path)
+    submission = read_submission(path)
 
     assert len(submission.files) == MAX_FILES
     assert 'controller.py' in submission.files
@@ -195,7 +195,7 @@ def test_an_archive_is_read_from_where_its_files_are_and_nothing_leads_out(tmp_p
     with zipfile.ZipFile(path, 'a') as archive:
         archive.writestr(link, '/etc/passwd')
 
-    submission = read(path)
+    submission = read_submission(path)
 
     assert submission.files == {'bike_model.py': b'1', 'sub/a.py': b'2'}
     assert submission.name == 'eve.zip'
@@ -218,24 +218,26 @@ def test_a_file_that_cannot_be_graded_has_a_note(
 ) -> None:
     (tmp_path / name).write_bytes(data)
 
-    assert read(tmp_path / name).files == {}
-    assert read(tmp_path / name).notes[0].startswith(note)
+    assert read_submission(tmp_path / name).files == {}
+    assert read_submission(tmp_path / name).notes[0].startswith(note)
 
 
 @pytest.mark.parametrize('files', [{}, {'plot.png': b'a picture'}, {'.': b'no name'}])
 def test_an_empty_submission_has_a_remark(tmp_path: Path, files: dict[str, bytes]) -> None:
-    assert read(zipped(tmp_path / 'eve.zip', **files)).notes == ('it contains no file to grade',)
+    assert read_submission(zipped(tmp_path / 'eve.zip', **files)).notes == (
+        'it contains no file to grade',
+    )
 
 
 def test_the_files_of_another_lab_have_a_remark(tmp_path: Path) -> None:
-    other = read(zipped(tmp_path / 'eve.zip', **{'lane.py': b''}))
-    assert grade(other, load('lab'), ProcessLimits(confined=False)).notes[0] == (
+    other = read_submission(zipped(tmp_path / 'eve.zip', **{'lane.py': b''}))
+    assert grade(other, load_rubric('lab'), ProcessLimits(confined=False)).notes[0] == (
         'it has no bike_model.py, controller.py, relay.py'
     )
 
 
 def test_an_empty_folder_has_a_remark(folder: Callable[..., Path]) -> None:
-    assert read(folder()).notes == ('it contains no file to grade',)
+    assert read_submission(folder()).notes == ('it contains no file to grade',)
 
 
 @pytest.mark.parametrize('name', BOMBS)
@@ -244,7 +246,7 @@ def test_an_archive_that_is_too_much_has_one_sentence(tmp_path: Path, name: str)
     (tmp_path / 'bomb.zip').write_bytes(made())
     before = resource.getrusage(resource.RUSAGE_SELF)
 
-    submission = read(tmp_path / 'bomb.zip')
+    submission = read_submission(tmp_path / 'bomb.zip')
 
     after = resource.getrusage(resource.RUSAGE_SELF)
     assert submission.files == {}
@@ -257,7 +259,7 @@ def test_an_archive_that_is_too_much_has_one_sentence(tmp_path: Path, name: str)
 def test_a_pipe_with_the_name_of_an_archive_does_not_hang(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / 'pipe.zip')
     (path,) = find(tmp_path / 'pipe.zip')
-    assert read(path).notes == ('it is not a regular file: hand in a .zip or a folder',)
+    assert read_submission(path).notes == ('it is not a regular file: hand in a .zip or a folder',)
 
 
 @pytest.mark.parametrize(('names', 'note'), [
@@ -276,7 +278,7 @@ def test_files_that_cannot_be_written_are_left_out(
         for name in ('controller.py', *names):
             archive.writestr(name, name)
 
-    submission = read(path)
+    submission = read_submission(path)
     (tmp_path / 'copy').mkdir()
     submission.write(tmp_path / 'copy')
 
@@ -290,14 +292,14 @@ def test_a_damaged_file_of_an_archive_is_named(tmp_path: Path) -> None:
     data[45:50] = b'\xff' * 5
     path.write_bytes(data)
 
-    assert read(path).notes[0].startswith('controller.py cannot be read: ')
+    assert read_submission(path).notes[0].startswith('controller.py cannot be read: ')
 
 
 def test_a_name_cannot_steer_a_terminal(tmp_path: Path) -> None:
     path = tmp_path / '\x1b[2Jeve'
     path.mkdir()
 
-    assert read(path).name == '\\x1b[2Jeve'
+    assert read_submission(path).name == '\\x1b[2Jeve'
 
 
 def exchange(folder: Path, other: Path) -> None:
@@ -365,7 +367,11 @@ def test_folders_that_are_exchanged_all_the_time_show_no_other_file(
     thread = threading.Thread(target=exchange_all)
     thread.start()
     try:
-        found = [read(path).files.get('relay.py') for _ in range(400) for path in (folder, packed)]
+        found = [
+            read_submission(path).files.get('relay.py')
+            for _ in range(400)
+            for path in (folder, packed)
+        ]
     finally:
         over.set()
         thread.join()
@@ -377,15 +383,17 @@ def test_an_archive_in_an_archive_is_read(tmp_path: Path) -> None:
     inner = zipped(tmp_path / 'inner.zip', **{'lab/relay.py': b'1'})
     outer = zipped(tmp_path / 'eve.zip', **{'eve/lab.zip': inner.read_bytes(), 'eve/a.txt': b''})
     twice = zipped(tmp_path / 'bob.zip', **{'eve.zip': outer.read_bytes()})
-    assert read(outer).files == {'relay.py': b'1'}
-    assert read(twice).notes == (
+    assert read_submission(outer).files == {'relay.py': b'1'}
+    assert read_submission(twice).notes == (
         'eve/lab.zip is an archive in an archive in an archive: pack your code once',
     )
 
 
 def test_a_large_archive_in_an_archive_is_refused(tmp_path: Path) -> None:
     outer = zipped(tmp_path / 'eve.zip', **{'lab.zip': bytes(5 << 20)})
-    assert read(outer).notes == ('lab.zip is larger than 4 MiB: hand in only your own code',)
+    assert read_submission(outer).notes == (
+        'lab.zip is larger than 4 MiB: hand in only your own code',
+    )
 
 
 @pytest.mark.parametrize('is_archive', [False, True])
@@ -396,6 +404,6 @@ def test_a_notebook_is_named(tmp_path: Path, *, is_archive: bool) -> None:
     else:
         path.mkdir()
         (path / 'lab.ipynb').write_bytes(b'{}')
-    assert read(path).notes == (
+    assert read_submission(path).notes == (
         'lab.ipynb is a notebook, which is not graded: hand in its code as a .py file',
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from user_files import PLAIN_CONTROLLER, PLAIN_MODEL, LocalCode, replaced
 
-from barc_sim.lab.files import read
+from barc_sim.lab.files import read_source
 from barc_sim.lab.labs.hills import HILLS
 from barc_sim.lab.user_code.code import UserCode
 from barc_sim.lab.user_code.numpy_names import ADDED, REMOVED
@@ -112,7 +112,7 @@ def test_a_file_is_read_by_pythons_rules(tmp_path: Path, data: bytes) -> None:
     )
     code = UserCode({'controller': path}, budget=None).load()
     assert code.attachments() == {'student/controller.py': path.read_bytes()}
-    assert read(path, 'controller.py').data == path.read_bytes()
+    assert read_source(path, 'controller.py').data == path.read_bytes()
 
 
 def test_random_numbers_give_the_same_points_each_time(tmp_path: Path) -> None:
