@@ -35,7 +35,7 @@ from barc_sim.errors import UserError, escaped
 from barc_sim.lab.files import FILES, files_in, names_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
 _LISTS = ('.csv', '.yml')  # of a class: a roster, the metadata of Gradescope
 #: Files beside the code, which are not read for grading: plots, films, pages, bags, archives.
@@ -195,8 +195,8 @@ def _beside_code(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]
     candidates = (each for each in members if not _is_left_out(each))
     first = [*islice(candidates, MAX_ENTRIES)]
 
-    notes: list[str] = []
-    files, left_out = take(_in_code_folder(first, notes))
+    beside_code, notes = _in_code_folder(first)
+    files, left_out = take(beside_code)
     notebooks = [each.path for each in first if each.path.lower().endswith('.ipynb')]
     if notebooks and not names_of(files):
         shown = _shown(PurePosixPath(notebooks[0]))
@@ -270,8 +270,8 @@ def _zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
     return Member(info.filename.replace('\\', '/'), content, fault)
 
 
-def _in_code_folder(members: list[Member], notes: list[str]) -> Iterator[Member]:
-    """Yield the files in the folder of the first graded file, and below; note the other copies."""
+def _in_code_folder(members: Sequence[Member]) -> tuple[list[Member], list[str]]:
+    """Return the files in the folder of the first graded file, and below; and notes on copies."""
     folders: dict[PurePosixPath, list[str]] = {}
     for path in (PurePosixPath(member.path) for member in members):
         if not _leads_out(path):
@@ -283,18 +283,20 @@ def _in_code_folder(members: list[Member], notes: list[str]) -> Iterator[Member]
         if code_names:
             code_files[folder] = folder / code_names[0]
     top = min(code_files, key=lambda folder: len(folder.parts), default=PurePosixPath())
-    notes += [
+    notes = [
         f'{_shown(copy)} is not graded, because {_shown(code_files[top])} is'
         for folder, copy in code_files.items()
         if folder != top
     ]
 
+    beside_code = []
     for member in members:
         path = PurePosixPath(member.path)
         if _leads_out(path):
-            yield member  # for its note
+            beside_code.append(member)  # for its note
         elif top in path.parents:
-            yield member._replace(path=path.relative_to(top).as_posix())
+            beside_code.append(member._replace(path=path.relative_to(top).as_posix()))
+    return beside_code, notes
 
 
 def take(members: Iterable[Member]) -> tuple[dict[str, bytes], list[str]]:

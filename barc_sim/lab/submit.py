@@ -43,7 +43,8 @@ class ZipPart(NamedTuple):
 def collect(folder: Path, course: Path | None, why: str, teleop: Path | None) -> Iterator[ZipPart]:
     """Yield the parts of a student's `folder`, with the bags of the drives.
 
-    `why` is the reason if the drive over the course has no bag, or failed.
+    `course` is the bag of the drive with the lab's command, which is `Handout.drive`. `why` is the
+    reason if there is none, or if the drive failed. `teleop` is the bag of a drive by hand.
     """
     yield from _code(folder)
     if why:

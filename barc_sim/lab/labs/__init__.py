@@ -1,7 +1,9 @@
 """Each lab: its right results, its common mistakes, and how both are judged.
 
 A lab is a module with the name of its templates' folder. It has a `Lab` of this name in capitals,
-such as `lane.LANE`.
+such as `lane.LANE`. The process of a submission reads handouts, but may not import a law. So a
+handout does not refer to its `Lab`; `lab_of` finds it by the name. `relay.py` is no lab: it judges
+a part of the hills lab.
 """
 
 from __future__ import annotations

@@ -197,7 +197,7 @@ class LaneMistake(NamedTuple):
     """A mistake in a user's `Lane`."""
 
     message: str
-    situation: str  #: that shows it
+    situation: str  #: that shows it; `reads` where the curvature is read wrongly
 
 
 def _corrected_signs(
