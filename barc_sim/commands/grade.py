@@ -133,7 +133,7 @@ def run(options: Namespace) -> int:
         students,
     )
     files = {}
-    if not is_single:  # then the files of a class may be there
+    if not is_single:
         files['class.csv'] = classroom.as_csv(entries, rubric)
         files['class.html'] = classroom.class_page(entries, rubric)
         if students:

@@ -4,22 +4,24 @@ It runs without ROS; a user's model and controller reach a node as values.
 
 The way of a submission to its points, in the order of reading:
 
-| file                   | what it does                                                           |
-|------------------------|------------------------------------------------------------------------|
-| `commands/grade.py`    | grades one submission or a class; `commands/check.py` is for a student |
-| `submission.py`        | reads the files of a folder or a zip, within limits                    |
-| `files.py`             | lists each lab's files and functions, and finds a lab's files by name  |
-| `grade/grade.py`       | reads the rubric; turns scores into points, and points into a report   |
-| `judge.py`             | turns the results of user code into scores and messages                |
-| `labs/`                | each lab: what is tried, and how its drives are judged                 |
-| `law.py`, `labs/*.txt` | the right formulas and the common mistakes                             |
-| `confined/process.py`  | starts the confined process of a submission, and sends its requests    |
-| `confined/child.py`    | this process: it confines itself, then answers requests                |
-| `confined/replies.py`  | checks the replies                                                     |
-| `user_code/`           | loads and calls a user's files, confined or not                        |
-| `grade/classroom.py`   | the grades of a class                                                  |
+======================  ======================================================================
+file                    what it does
+======================  ======================================================================
+`commands/grade.py`     grades one submission or a class; `commands/check.py` is for a student
+`submission.py`         reads the files of a folder or a zip, within limits
+`files.py`              lists each lab's files and functions, and finds a lab's files by name
+`grade/grade.py`        reads the rubric; turns scores into points, and points into a report
+`judge.py`              turns the results of user code into scores and messages
+`labs/`                 each lab: what is tried, and how its drives are judged
+`law.py`, `labs/*.txt`  the right formulas and the common mistakes
+`confined/process.py`   starts the confined process of a submission, and sends its requests
+`confined/child.py`     this process: it confines itself, then answers requests
+`confined/replies.py`   checks the replies
+`user_code/`            loads and calls a user's files, confined or not
+`grade/classroom.py`    the grades of a class
+======================  ======================================================================
 
-Beside this way, `submit.py` packs what a student hands in, and `report.py` writes a page about a
+Apart from these, `submit.py` packs what a student hands in, and `report.py` writes a page about a
 run, which is not the report of a grade. `commands/lab.py` has the commands `new`, `report` and
 `submit`.
 
@@ -27,12 +29,14 @@ The word lab stands for an exercise. In code, a `Handout` is what a student gets
 it is judged; `barc new --lab` takes the key of a handout, the other commands take the folder with a
 user's files as `--lab` or LAB. One lab has several names, which users type:
 
-| `barc new --lab` | module and templates | rubric     | what a student writes   |
-|------------------|----------------------|------------|-------------------------|
-| `hills`          | `hills`              | `lab`      | a model, a PID, a relay |
-| `3`              | `lane`               | `lane`     | errors, a class `Lane`  |
-| `4`              | `raceline`           | `raceline` | speeds, a line, an MPC  |
-| `5`              | `identify`           | `identify` | commands, an estimate   |
+================  ====================  ==========  =======================
+`barc new --lab`  module and templates  rubric      what a student writes
+================  ====================  ==========  =======================
+`hills`           `hills`               `lab`       a model, a PID, a relay
+`3`               `lane`                `lane`      errors, a class `Lane`
+`4`               `raceline`            `raceline`  speeds, a line, an MPC
+`5`               `identify`            `identify`  commands, an estimate
+================  ====================  ==========  =======================
 
 The two records of a lab have one name: `files.HILLS` is the handout of the hills,
 `labs.hills.HILLS` its `Lab`, and so for the other labs. The rubric `lab` is the one of the hills,

@@ -60,8 +60,8 @@ class Called(NamedTuple):
 
     For example, `Called('relay', '', method='relay', is_main=True)` is a class in `relay.py` whose
     constructor takes no arguments. Its objects have a method `relay`, with a signature of its own
-    in the same table. The names in `takes` are also quantities of the lab's law in `labs/*.txt`: a
-    test passes their values, in this order.
+    in the same table. Where a law judges a function, the names in `takes` are quantities of this
+    law: its values are the arguments, in this order.
     """
 
     part: str  #: its file, see `FILES`

@@ -13,7 +13,7 @@ Points never rise by a further mistake, and a mistake costs points once. Three r
 2. Code of barc_sim's takes the place only of what is already known to be wrong, where it cannot be
    undone. For example, an integral term that does not add up: its own criterion loses points; then
    the user's PID drives with ki = 0, and the integral of barc_sim is added within the limits of the
-   user's output, because these may be too small.
+   user's output, which may be wrong, too.
 3. The first answers of a function are those that are judged. No later answer excuses another
    function: code that answers differently the second time gains nothing. For example, `program`
    calls `predict`, which is judged, too: while `program` is judged, `predict` returns the right

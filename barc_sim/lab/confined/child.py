@@ -17,15 +17,17 @@ Requests and replies are lines of JSON: `{"serial": 1, "do": NAME, "arguments": 
 no request: it reports that the process is confined. NAME is an attribute of `UserCode`; each name
 also has the shape of its result in `RESULTS` of `replies.py`:
 
-| do             | arguments                                   | result                          |
-|----------------|---------------------------------------------|---------------------------------|
-| functions      | function, rows, fresh, corrected            | a result for each row           |
-| make           | class, number of the object, gains or track | none; the object is kept        |
-| steps          | class, number of the object, rows           | an output for each row, in turn |
-| relay_commands | Twists, duration, calls                     | the commands of a relay         |
-| lines          | do, and its arguments                       | the lines that assign numbers   |
-| notes          |                                             | chosen gains, tolerated faults  |
-| name           |                                             | the `NAME` in `identify.py`     |
+==============  ===========================================  ===============================
+do              arguments                                    result
+==============  ===========================================  ===============================
+functions       function, rows, fresh, corrected             a result for each row
+make            class, number of the object, gains or track  none; the object is kept
+steps           class, number of the object, rows            an output for each row, in turn
+relay_commands  Twists, duration, calls                      the commands of a relay
+lines           do, and its arguments                        the lines that assign numbers
+notes                                                        chosen gains, tolerated faults
+name                                                         the `NAME` in `identify.py`
+==============  ===========================================  ===============================
 
 The process has no score, no rubric and no law of the vehicle or of control, so a submission that
 reads or changes it can only change its own results.

@@ -2,16 +2,18 @@
 
 The time limits of a submission's code, and what ends it at each:
 
-| limit                        | default | measures        | ends                               |
-|------------------------------|---------|-----------------|------------------------------------|
-| `ProcessLimits.start`        | 60 s    | time            | the process, before any code runs  |
-| `ProcessLimits.call`         | 3 s     | processor time  | the request, by an alarm in it     |
-| `ProcessLimits.wait`         | 20 s    | time            | the process                        |
-| `ProcessLimits.total`        | 120 s   | time of all     | every later request                |
-| `_LAST_WORDS`, closed pipes  | 5 s     | time            | the process                        |
-| `BUDGET` of `folder.py`      | 2 s     | time of a call  | the call, where code is not judged |
-| `_LOADING` of `code.py`      | 20 s    | time of loading | loading, where code is not judged  |
-| `_BUDGET` of `relay_program` | 10 s    | time of a run   | the run, where code is not judged  |
+============================  =======  ===============  ==================================
+limit                         default  measures         ends
+============================  =======  ===============  ==================================
+`ProcessLimits.start`         60 s     time             the process, before any code runs
+`ProcessLimits.call`          3 s      processor time   the request, by an alarm in it
+`ProcessLimits.wait`          20 s     time             the process
+`ProcessLimits.total`         120 s    time of all      every later request
+`_LAST_WORDS`, closed pipes   5 s      time             the process
+`BUDGET` of `folder.py`       2 s      time of a call   the call, where code is not judged
+`_LOADING` of `code.py`       20 s     time of loading  loading, where code is not judged
+`_BUDGET` of `relay_program`  10 s     time of a run    the run, where code is not judged
+============================  =======  ===============  ==================================
 
 `call` covers a whole request, which can have many calls of a function. The alarm of `call` names
 the line; `wait` ends code that sleeps, or that catches the alarm. `check` has shorter limits

@@ -5,14 +5,16 @@ Rubrics and a person's points are YAML files. The file for a person's points is 
 
 The states of a criterion, from its `Finding` to the class:
 
-| state   | where it comes from                      | points             | in reports            |
-|---------|------------------------------------------|--------------------|-----------------------|
-| judged  | `score`, from 0 to 1                     | those of the score | points and message    |
-| skipped | `skipped`: the file is missing, or still | 0; left out if it  | a message; left out   |
-|         | the template's                           | is optional        | if it is optional     |
-| open    | `open`: a person judges it (`by_eye`),   | 0 until a person   | "open"; not in the    |
-|         | or a later Python is needed to read it   | enters some        | means of a class      |
-| by hand | `ByHand`: a person has entered points    | those entered      | also the earlier ones |
+=======  ========================================  ==================  =====================
+state    where it comes from                       points              in reports
+=======  ========================================  ==================  =====================
+judged   `score`, from 0 to 1                      those of the score  points and message
+skipped  `skipped`: the file is missing, or still  0; left out if it   a message; left out
+         the template's                            is optional         if it is optional
+open     `open`: a person judges it (`by_eye`),    0 until a person    "open"; not in the
+         or a later Python is needed to read it    enters some         means of a class
+by hand  `ByHand`: a person has entered points     those entered       also the earlier ones
+=======  ========================================  ==================  =====================
 
 Optional criteria are the extra ones below `task_3` in the rubric. That key is read for every lab,
 though only the hills lab has a Task 3. `ClassEntry.looks` are the reasons for a person to look at a
