@@ -140,10 +140,10 @@ def _limit(memory: int, parent: int) -> None:
     """Limit memory [bytes] and files; end with the process `parent`."""
     import resource  # noqa: PLC0415 (not on Windows)
 
-    _called('prctl', _SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    _call_c('prctl', _SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:
         os._exit(1)  # the parent ended before prctl
-    _called('prctl', _SET_DUMPABLE, 0, 0, 0, 0)
+    _call_c('prctl', _SET_DUMPABLE, 0, 0, 0, 0)
 
     limits = {
         resource.RLIMIT_AS: memory,
@@ -161,13 +161,13 @@ def _limit(memory: int, parent: int) -> None:
 
 def _confine(ruleset: int, program: bytes) -> None:
     """Allow only the files of a Landlock `ruleset`, and the system calls of a seccomp `program`."""
-    _called('prctl', _SET_NO_NEW_PRIVS, 1, 0, 0, 0)
+    _call_c('prctl', _SET_NO_NEW_PRIVS, 1, 0, 0, 0)
     _landlock(_RESTRICT_SELF, ruleset, 0)
     os.close(ruleset)
 
     buffer = ctypes.create_string_buffer(program, len(program))
     filter_program = _FilterProgram(len(program) // _INSTRUCTION, ctypes.addressof(buffer))
-    _called('prctl', _SET_SECCOMP, _MODE_FILTER, ctypes.addressof(filter_program), 0, 0)
+    _call_c('prctl', _SET_SECCOMP, _MODE_FILTER, ctypes.addressof(filter_program), 0, 0)
 
 
 class _FilterProgram(ctypes.Structure):
@@ -177,12 +177,12 @@ class _FilterProgram(ctypes.Structure):
 def _landlock(number: int, *arguments: bytes | int | None) -> int:
     """Make a system call of Landlock; an OSError if the kernel has none."""
     try:
-        return _called('syscall', number, *arguments)
+        return _call_c('syscall', number, *arguments)
     except OSError as error:
         raise OSError(error.errno, f'no Landlock here: {error.strerror}') from None
 
 
-def _called(function: str, number: int, *arguments: bytes | int | None) -> int:
+def _call_c(function: str, number: int, *arguments: bytes | int | None) -> int:
     """Call a function of the C library; integers are passed as unsigned long."""
     wide = [ctypes.c_ulong(each) if isinstance(each, int) else each for each in arguments]
     result: int = getattr(ctypes.CDLL(None, use_errno=True), function)(number, *wide)

@@ -355,7 +355,7 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
 
     def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
         """Return the result of a request; a UserCodeError if it fails, or ends its process."""
-        function = self._called(do, *arguments)
+        function = self._function_of(do, *arguments)
         ends = self._ends[function]
         if len(ends) >= _MAX_ENDS:
             raise UserCodeError(ends[-1])
@@ -385,10 +385,10 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
         finally:
             self._left -= time.monotonic() - began
 
-    def _called(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
+    def _function_of(self, do: str, *arguments: Any) -> str:  # noqa: ANN401 (JSON)
         """Return the name of the user's function that a request calls."""
         if do == 'lines':
-            return self._called(*arguments)
+            return self._function_of(*arguments)
         if do == 'relay_commands':
             return 'relay'
         return str(arguments[0]) if arguments else do
