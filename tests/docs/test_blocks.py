@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 #: Right answers to the lab's tasks.
 RIGHT = {
-    'bike_model.py': ROOT / 'barc_sim' / 'vehicle' / 'bike_model.py',
+    'bike_model.py': Path(__file__).parent / 'right' / 'bike_model.py',
     'controller.py': Path(__file__).parent / 'right' / 'controller.py',
     'compose.py': Path(__file__).parent / 'right' / 'compose.py',
 }

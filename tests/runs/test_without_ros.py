@@ -126,7 +126,8 @@ def test_page_drives_by_hand(begin: Callable[..., Any], tmp_path: Path) -> None:
 
         wait(socket, is_fast)
         socket.send(json.dumps({'type': 'reset'}))
-        wait(socket, lambda m: m.get('x') == 0.0 and m.get('t', 0.0) > 0.5)
+        # A relay that answers its reset late may still drive the car away after this state.
+        wait(socket, lambda m: m.get('x') == 0.0 and m.get('speed') == 0.0)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
