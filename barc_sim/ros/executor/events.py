@@ -1,7 +1,5 @@
 """Counts arrivals for each entity: DDS counts in eventfds, and epoll waits for all of them."""
 
-# ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
-
 from __future__ import annotations
 
 import os
@@ -11,21 +9,21 @@ from contextlib import suppress
 from ctypes import c_int32
 from functools import partial
 from math import inf
-from threading import Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.timer import Timer
 
 import barc_sim.ros.executor.rclpy_private as private
-from barc_sim.ros.executor.entities import KINDS, Entry, entry_of, note_reported
-from barc_sim.ros.executor.waiting import Descriptors, counter, retire
+from barc_sim.ros.executor.entities import KINDS, Entry
+from barc_sim.ros.executor.linux import Descriptors, counter, retire_counter
+from barc_sim.ros.executor.rcl import set_listener
+from barc_sim.ros.executor.takes import entry_of, note_reported
+from barc_sim.ros.executor.wait_set import WaitSetThread
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -44,7 +42,8 @@ _BUSY_POLLS = 16
 _ANY_JUMP = JumpThreshold(
     min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)
 )
-#: The counters in memory by descriptor; never freed: a listener may fire late, see `retire`.
+#: The counters in memory by descriptor; never freed: a listener may fire late, see
+#: `retire_counter`.
 _counters: defaultdict[int, c_int32] = defaultdict(c_int32)
 
 
@@ -80,21 +79,25 @@ class Events:
         self.recheck_due = True  #: whether the leader has to look at more than arrivals
         self.failures: deque[BaseException] = deque()  #: for the spinning threads to raise
         self.context_ended = False  #: whether a signal ended the context: no callback can publish
+        self._context = context
         self._entries: dict[object, Entry] = {}
+
+        # Where arrivals are counted.
+        self._descriptors = Descriptors()
         self._shared = counter()
         self._wakeup = counter()  # counts the resets of timers, too
-        self._counted: dict[int, list[Entry]] = {self._wakeup: [], self._shared: []}
+        self._counted: dict[int, list[Entry]] = {}  # entries by descriptor
+        for descriptor in (self._wakeup, self._shared):
+            self._counted[descriptor] = []
+            self._descriptors.add(descriptor)
         self._in_memory: dict[Entry, int] = {}  # of the arrivals counted in memory, those pending
         self._polls_at_once = 0  # since the last wait
         self._signalled: deque[Entry] = deque()  # by other threads
+        self._wait_set_thread = WaitSetThread(context, self.signal, self.fail)
+
         self._due: dict[Entry, float] = {}  # [s] by timer; inf: only an event can make it due
         self._next_due = inf
         self._next_check = 0.0
-        self._context = context
-        self._waiter = WaitSetThread(context, self)
-        self._descriptors = Descriptors()
-        for descriptor in self._counted:
-            self._descriptors.add(descriptor)
 
     def wake(self, _: object = None) -> None:
         """End a wait; any thread may call this, even after `close`."""
@@ -123,13 +126,9 @@ class Events:
         A deadline of 0 means that an entry is ready: do not wait.
         """
         now = time.monotonic()
-        ready_before = len(self.ready)
-        for entry, counted in self._in_memory.items():
-            arrived = entry.in_memory.value - counted
-            if arrived:
-                self._in_memory[entry] += arrived
-                self.queue(entry, arrived)
-                deadline = 0.0
+        number_before = len(self.ready)
+        if self._in_memory and self._queue_counted_in_memory():
+            deadline = 0.0
         if not deadline and now < self.poll_due and now < self._next_due:
             return now
 
@@ -148,7 +147,7 @@ class Events:
                 self._count_in_memory(descriptor)
         if now >= self._next_due:
             self._schedule([timer for timer, due in self._due.items() if due <= now])
-        self._sort_new(len(self.ready) - ready_before)
+        self._sort_new(len(self.ready) - number_before)
 
         self.context_ended = not self._context.handle.ok()
         if self.context_ended or now >= self._next_check:
@@ -157,13 +156,24 @@ class Events:
             self.recheck_due = True
         return now
 
-    def _sort_new(self, count: int) -> None:
-        """Bring the last entries that are ready into the order in which rclpy executes kinds."""
-        if count > 1:
-            new = [self.ready.pop() for _ in range(count)]
+    def _sort_new(self, number: int) -> None:
+        """Bring the last entries of the queue into rclpy's order."""
+        if number > 1:
+            new = [self.ready.pop() for _ in range(number)]
             new.reverse()
             new.sort(key=lambda entry: KINDS.index(entry.kind))
             self.ready.extend(new)
+
+    def _queue_counted_in_memory(self) -> bool:
+        """Queue the entries whose arrivals were counted in memory; return whether any was."""
+        has_arrivals = False
+        for entry, counted in self._in_memory.items():
+            arrived = entry.in_memory.value - counted
+            if arrived:
+                self._in_memory[entry] += arrived
+                self.queue(entry, arrived)
+                has_arrivals = True
+        return has_arrivals
 
     def _queue_counted(self, descriptor: int) -> None:
         """Queue the entries whose arrivals a descriptor has counted."""
@@ -171,7 +181,6 @@ class Events:
         if count:
             for entry in self._counted[descriptor]:
                 self.queue(entry, count)
-
         if descriptor == self._wakeup:
             while self._signalled:
                 entry = self._signalled.popleft()
@@ -181,18 +190,19 @@ class Events:
 
     def _count_in_memory(self, descriptor: int) -> None:
         """Count an entity's arrivals in memory, if it has a descriptor of its own."""
+        if descriptor == self._shared:
+            return
         for entry in self._counted[descriptor]:
-            if descriptor != self._shared:
-                entry.in_memory = _counters[descriptor]
-                self._in_memory[entry] = 0
-                private.set_listener(entry, entry.in_memory)
-                self._queue_counted(descriptor)
+            entry.in_memory = _counters[descriptor]
+            self._in_memory[entry] = 0
+            set_listener(entry, entry.in_memory)
+            self._queue_counted(descriptor)
 
     def _count_in_descriptors(self) -> None:
         """Count arrivals in descriptors again, so that a thread can wait for them."""
         while self._in_memory:
             entry, counted = self._in_memory.popitem()
-            private.set_listener(entry, entry.descriptor)
+            set_listener(entry, entry.descriptor)
             left = entry.in_memory.value - counted
             if left:
                 os.eventfd_write(entry.descriptor, left)
@@ -201,28 +211,32 @@ class Events:
     def _schedule(self, timers: Iterable[Entry]) -> None:
         """Compute when each of these timers is due, and queue the timers that are due now."""
         for entry in timers:
-            left = None
+            left: int | None = None  # [ns]; None: it is cancelled
             with suppress(InvalidHandle), entry.handle:
                 left = entry.handle.time_until_next_call()
 
             self._due[entry] = inf
-            if left is not None and left <= 0:
+            if left is None:
+                continue
+            if left <= 0:
                 if not entry.pending:  # otherwise it waits for its group already
                     self.queue(entry)
-            elif left and not getattr(entry.entity.clock, 'ros_time_is_active', False):
+            elif not getattr(entry.entity.clock, 'ros_time_is_active', False):
                 self._due[entry] = time.monotonic() + left * 1e-9
         self._next_due = min(self._due.values(), default=inf)
+
+    def _schedule_one(self, timer: Entry) -> None:
+        self._schedule([timer])
 
     def refresh(self, nodes: Iterable[Node]) -> None:
         """Listen to all entities of the nodes, and to no others."""
         self.entities_changed = False  # first, so that no change from here on is missed
-        present = {
-            entity: (kind, node)
-            for node in nodes
-            for kind in KINDS
-            for entity in getattr(node, kind)
-            if not getattr(entity.callback_group, 'polled', False)
-        }
+        present: dict[Any, tuple[str, Node]] = {}
+        for node in nodes:
+            for kind in KINDS:
+                for entity in getattr(node, kind):
+                    if not getattr(entity.callback_group, 'polled', False):
+                        present[entity] = (kind, node)
 
         for entity in self._entries.keys() - present.keys():
             self._remove(self._entries[entity])
@@ -238,42 +252,45 @@ class Events:
 
     def _add(self, entry: Entry) -> None:
         """Listen to an entity."""
-        entity = entry.entity
-        if isinstance(entity, Timer):
-            entry.descriptor = self._wakeup
-            private.set_listener(entry, self._wakeup)
-            entry.on_taken = lambda entry: self._schedule([entry])
-            entry.kept = entity.clock.create_jump_callback(_ANY_JUMP, post_callback=self.wake)
-            self._schedule([entry])
-        elif isinstance(entity, GuardCondition):
-            private.notify_of_triggers(entity, partial(self.signal, entry))
-            # rclpy's executors note a trigger before they execute it.
-            if private.was_triggered(entity, entry.node.context) or entity._executor_triggered:
-                entity._executor_triggered = False
-                self.signal(entry)
+        if isinstance(entry.entity, Timer):
+            self._add_timer(entry)
+        elif isinstance(entry.entity, GuardCondition):
+            self._add_guard_condition(entry)
         else:
-            self._add_arrivals(entry)
-        self._entries[entity] = entry
+            self._add_receiver(entry)
+        self._entries[entry.entity] = entry
 
-    def _add_arrivals(self, entry: Entry) -> None:
+    def _add_timer(self, entry: Entry) -> None:
+        timer = entry.entity
+        entry.descriptor = self._wakeup
+        set_listener(entry, self._wakeup)  # called when it is reset
+        entry.on_taken = self._schedule_one
+        entry.jump_handle = timer.clock.create_jump_callback(_ANY_JUMP, post_callback=self.wake)
+        self._schedule([entry])
+
+    def _add_guard_condition(self, entry: Entry) -> None:
+        private.notify_of_triggers(entry.entity, partial(self.signal, entry))
+        if private.take_early_trigger(entry.entity, entry.node.context):
+            self.signal(entry)
+
+    def _add_receiver(self, entry: Entry) -> None:
         """Listen to an entity for which the middleware has arrivals."""
-        entity = entry.entity
-        arrived = getattr(entity, '_arrived', 0)  # its last executor did not take them
-
-        if isinstance(entity, EventHandler):
+        leftover = private.leftover_in(entry.entity)
+        arrived = leftover.arrivals
+        if isinstance(entry.entity, EventHandler):
             had_event = note_reported(entry)
             if arrived:
-                entry.reported = entity._reported
-            arrived = arrived or int(had_event)
+                entry.reported = leftover.reported
+            elif had_event:
+                arrived = 1
 
-        if private.set_listener(entry, self._shared):
+        if set_listener(entry, self._shared):
             entry.descriptor = self._shared
             entry.idle_uses = _IDLE_USES
             self._counted[self._shared].append(entry)
         else:
             entry.on_taken = self._resume_wait
-            self._waiter.add(entry)
-
+            self._wait_set_thread.add(entry)
         if arrived:
             self.queue(entry, arrived)
 
@@ -285,19 +302,20 @@ class Events:
         if entry.kind == 'waitables' and private.is_ready(entry.entity, self._context):
             self.queue(entry)
         else:
-            self._waiter.resume(entry)
+            self._wait_set_thread.resume(entry)
 
     def note_use(self, entry: Entry) -> None:
         """Count a use of an entity that shares a descriptor; the last one gives it its own."""
         entry.idle_uses -= 1
-        if not entry.idle_uses:
-            with suppress(OSError):  # no descriptor is left
-                descriptor = counter()
-                private.set_listener(entry, descriptor)
-                self._leave(entry)
-                entry.descriptor = descriptor
-                self._counted[descriptor] = [entry]
-                self._descriptors.add(descriptor)
+        if entry.idle_uses:
+            return
+        with suppress(OSError):  # no descriptor is left
+            descriptor = counter()
+            set_listener(entry, descriptor)
+            self._leave(entry)
+            entry.descriptor = descriptor
+            self._counted[descriptor] = [entry]
+            self._descriptors.add(descriptor)
 
     def _leave(self, entry: Entry) -> None:
         """Stop counting an entity's arrivals in its descriptor."""
@@ -307,94 +325,41 @@ class Events:
         if descriptor != self._shared:
             del self._counted[descriptor]
             self._descriptors.remove(descriptor)
-            retire(descriptor)
+            retire_counter(descriptor)
 
     def _remove(self, entry: Entry) -> None:
         """Stop listening to an entity."""
-        entity = entry.entity
         self._count_in_descriptors()
-        if isinstance(entity, GuardCondition):
-            private.notify_of_triggers(entity, None)
-            with suppress(InvalidHandle):
-                if entry.pending or entry in self._signalled:
-                    entity.trigger()  # for its next executor
+        if isinstance(entry.entity, Timer):
+            self._remove_timer(entry)
+        elif isinstance(entry.entity, GuardCondition):
+            self._remove_guard_condition(entry)
         elif entry.descriptor < 0:
-            self._waiter.remove(entry)
+            self._wait_set_thread.remove(entry)
         else:
-            private.set_listener(entry, None)
-            if isinstance(entity, Timer):
-                del self._due[entry]
-                with suppress(InvalidHandle):  # the clock is destroyed
-                    entry.kept.unregister()
-            else:
-                self._leave(entry)
-                entity._arrived = entry.pending  # for its next executor
-                entity._reported = entry.reported
-
+            set_listener(entry, None)
+            self._leave(entry)
+            leftover = private.Leftover(arrivals=entry.pending, reported=entry.reported)
+            private.leave(entry.entity, leftover)
         with suppress(ValueError):  # it is not queued
             self.ready.remove(entry)
+
+    def _remove_timer(self, entry: Entry) -> None:
+        set_listener(entry, None)
+        del self._due[entry]
+        with suppress(InvalidHandle):  # the clock is destroyed
+            entry.jump_handle.unregister()
+
+    def _remove_guard_condition(self, entry: Entry) -> None:
+        private.notify_of_triggers(entry.entity, None)
+        with suppress(InvalidHandle):
+            if entry.pending or entry in self._signalled:
+                entry.entity.trigger()  # for its next executor
 
     def close(self) -> None:
         """Stop listening to all entities."""
         self.refresh([])
-        self._waiter.close()
-        retire(self._wakeup)
-        retire(self._shared)
+        self._wait_set_thread.close()
+        retire_counter(self._wakeup)
+        retire_counter(self._shared)
         self._descriptors.close()
-
-
-class WaitSetThread(SingleThreadedExecutor):
-    """Waits for entities without a listener, in rclpy's own wait set.
-
-    It starts with the first entry. It signals each entry that is ready, and waits for that entry
-    again after `resume`. An exception of a waitable ends it, and all spins.
-    """
-
-    def __init__(self, context: Context, events: Events) -> None:
-        super().__init__(context=context)
-        self._events = events
-        self._thread = Thread(target=self._run, daemon=True)
-        for kind in KINDS:  # rclpy waits for these entities as for those of a node
-            setattr(self, kind, [])
-
-    def add(self, entry: Entry) -> None:
-        """Wait for an entry from now on, even while its callback group is claimed."""
-        group = ReentrantCallbackGroup()
-        entry.kept = private.StandIn(
-            entry.entity, entry=entry, callback_group=group, _executor_event=False
-        )
-        getattr(self, entry.kind).append(entry.kept)
-        self.wake()
-        if not self._thread.ident:
-            self._thread.start()
-
-    def resume(self, entry: Entry) -> None:
-        """Wait for an entry again, after its take."""
-        entry.kept._executor_event = False  # True from ready to taken
-        self.wake()
-
-    def remove(self, entry: Entry) -> None:
-        """Stop waiting for an entry."""
-        getattr(self, entry.kind).remove(entry.kept)
-        self.wake()
-
-    def close(self) -> None:
-        """End the thread."""
-        self._is_shutdown = True
-        self.wake()
-        if self._thread.ident:
-            self._thread.join()
-        with suppress(InvalidHandle):  # destroyed already, at the interpreter's end
-            self.shutdown()
-        self._sigint_gc = None
-
-    def _run(self) -> None:
-        try:
-            with suppress(ShutdownException, ExternalShutdownException):
-                while True:
-                    for task, waited, _ in self._wait_for_ready_callbacks(None, [self]):
-                        if not task.cancelled():  # rclpy returns those of the last wait, too
-                            task.cancel()
-                            self._events.signal(waited.entry)
-        except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
-            self._events.fail(error)

@@ -1,7 +1,8 @@
-"""The private parts of rclpy, rcl and Linux that the executor uses, and a check that they exist.
+"""The private parts of rclpy that the executor uses, each with its reason.
 
-`unsupported` is called before any other module of the executor is imported. So the import of this
-module may not rely on what it checks.
+No other file reads or writes a private attribute of rclpy's objects; ruff checks this (SLF001). The
+methods of rclpy's handles, which are in a private module, are listed here, too. `support.py` checks
+all names before a module that uses them is imported, so the import of this one relies on none.
 """
 
 # ruff: noqa: SLF001 - rclpy's private names are the point.
@@ -9,39 +10,117 @@ module may not rely on what it checks.
 from __future__ import annotations
 
 import ctypes
-import os
-import re
-import select
-from contextlib import suppress
-from ctypes import PYFUNCTYPE, c_char_p, c_int32, c_void_p, py_object
-from functools import cache
+from ctypes import PYFUNCTYPE, c_char_p, c_void_p, py_object
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
-from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any
-from weakref import finalize
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rclpy.client import Client
 from rclpy.event_handler import EventHandler
-from rclpy.exceptions import InvalidHandle
-from rclpy.service import Service
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.subscription import Subscription
-from rclpy.timer import Timer
+from rclpy.task import Future
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
     from rclpy.context import Context
     from rclpy.guard_condition import GuardCondition
+    from rclpy.task import Task
+    from rclpy.timer import Timer
 
-#: By type of entity, the function of rcl that sets its listener.
-LISTENERS: dict[type[Any], str] = {
-    Subscription: 'subscription_set_on_new_message',
-    Client: 'client_set_on_new_response',
-    Service: 'service_set_on_new_request',
-    Timer: 'timer_set_on_reset',
-    EventHandler: 'event_set',
+#: By module or class, the private names with the reason for each. A name is an attribute, or used
+#: in a method.
+PRIVATE_NAMES: dict[str, dict[str, str]] = {
+    'rclpy.executors': {
+        'await_or_execute': "calls a service's callback, which may be a coroutine function",
+        'ShutdownException': 'ends a wait in a wait set at shutdown',
+        'ExternalShutdownException': "ends a wait in a wait set at the context's end",
+    },
+    'rclpy.executors:Executor': {
+        '_guard': 'nodes trigger it when an entity is created or destroyed',
+        '_is_shutdown': "rclpy's methods that wait in a wait set read it",
+        '_sigint_gc': 'would be destroyed twice: by shutdown, and at the end of the interpreter',
+        '_executor_event': 'keeps an entity out of the wait set until it is taken',
+        '_wait_for_ready_callbacks': 'waits for entities without listeners',
+        '_tasks': "tasks that rclpy's own `wait_for_ready_callbacks` steps",
+        '_tasks_lock': 'guards `_tasks`',
+        '_cb_iter': 'the last wait in a wait set, which a spin makes out of date',
+    },
+    'rclpy.executors:MultiThreadedExecutor': {
+        '_take_timer': 'makes the `TimerInfo` of newer versions',
+        '_take_waitable': "takes an action's or another package's waitable",
+    },
+    'rclpy.callback_groups:MutuallyExclusiveCallbackGroup': {
+        '_lock': 'to claim the group in one step, where its methods need two',
+        '_active_entity': 'claims the group',
+    },
+    'rclpy.task:Future': {
+        'remove_done_callback': 'a spin leaves no callback in its future',
+        '_set_executor': "the executor of a response's future schedules its done callbacks",
+        '__await__': 'to find the future that a coroutine awaits',
+    },
+    'rclpy.task:Task': {'_handler': "the task's coroutine, to find what it awaits"},
+    'rclpy.client:Client': {'get_pending_request': 'the future of a response'},
+    'rclpy.guard_condition:GuardCondition': {
+        '_GuardCondition__gc': 'replaced, so that a trigger calls a function',
+        '_executor_triggered': 'whether another executor has noted a trigger',
+    },
+    'rclpy.subscription:Subscription': {
+        '_callback_type': "whether a callback takes a message's information, too",
+    },
+    'rclpy.subscription:Subscription.CallbackType': {'MessageOnly': 'it takes the message alone'},
+    'rclpy.event_handler:EventHandler': {'_EventHandler__event': 'its handle'},
+    'rclpy._rclpy_pybind11': {'RCLError': 'a timer was cancelled while it was taken'},
+    'rclpy._rclpy_pybind11:Subscription': {
+        'take_message': 'takes a message',
+        'pointer': 'for its listener, and to take a message with rcl',
+    },
+    'rclpy._rclpy_pybind11:Timer': {
+        'is_timer_ready': 'whether it was reset or cancelled meanwhile',
+        'call_timer': 'takes a timer',
+        'time_until_next_call': 'when it is due',
+        'pointer': 'for its listener',
+    },
+    'rclpy._rclpy_pybind11:Service': {
+        'service_take_request': 'takes a request',
+        'pointer': 'for its listener',
+    },
+    'rclpy._rclpy_pybind11:Client': {
+        'take_response': 'takes a response',
+        'pointer': 'for its listener',
+    },
+    'rclpy._rclpy_pybind11:EventHandle': {
+        'take_event': 'takes a QoS event',
+        'pointer': 'for its listener',
+    },
+    'rclpy._rclpy_pybind11:GuardCondition': {
+        'trigger_guard_condition': 'replaced, so that a trigger calls a function',
+    },
+    'rclpy._rclpy_pybind11:WaitSet': {
+        'clear_entities': 'makes a wait set ready for use',
+        'add_guard_condition': 'to look for an early trigger',
+        'wait': 'looks, without a wait',
+        'get_ready_entities': 'what it has found',
+    },
+    'builtin_interfaces.msg._time:Metaclass_Time': {
+        '_CREATE_ROS_MESSAGE': 'makes the C struct of a message',
+        '_DESTROY_ROS_MESSAGE': 'destroys it',
+        '_CONVERT_TO_PY': 'makes a message of Python from it',
+    },
+    'os': {
+        'eventfd': 'counts arrivals; only Linux has it',
+        'EFD_NONBLOCK': 'to read a count of 0 without a wait',
+        'EFD_CLOEXEC': 'child processes do not inherit it',
+    },
+    'select': {'epoll': 'waits for many descriptors; only Linux has it'},
 }
+
+#: Whether rclpy (7.1.9 and later) resumes a task itself, when the future that it awaits is done.
+TASKS_RESUME_THEMSELVES = hasattr(MultiThreadedExecutor, '_call_task_in_next_spin')
+#: Whether a timer's callback can take a `TimerInfo`, which rclpy's own way to take it makes.
+TIMERS_GIVE_INFO = hasattr(
+    getattr(import_module('rclpy._rclpy_pybind11'), 'Timer', None), 'call_timer_with_info'
+)
 
 #: How many entities of each kind a wait set holds, in the order of its arguments.
 _COUNTS = (
@@ -52,162 +131,108 @@ _COUNTS = (
     'num_services',
     'num_events',
 )
-
-# Each makes classes at a call: once is enough.
-_library = cache(ctypes.PyDLL)
-_returning = cache(PYFUNCTYPE)
 _pointer_in = PYFUNCTYPE(c_void_p, py_object, c_char_p)(('PyCapsule_GetPointer', ctypes.pythonapi))
 
-#: The private names that are needed, by module and class: each an attribute, or used in a method.
-PRIVATE_NAMES = {
-    'rclpy.executors': 'await_or_execute ShutdownException ExternalShutdownException',
-    'rclpy.executors:Executor': '_guard _is_shutdown _sigint_gc _executor_event '
-    '_wait_for_ready_callbacks _tasks _tasks_lock _cb_iter',
-    'rclpy.executors:MultiThreadedExecutor': '_take_timer _take_waitable',
-    'rclpy.callback_groups:MutuallyExclusiveCallbackGroup': '_lock _active_entity',
-    'rclpy.task:Future': 'remove_done_callback _set_executor __await__',
-    'rclpy.task:Task': '_handler',
-    'rclpy.client:Client': 'get_pending_request',
-    'rclpy.guard_condition:GuardCondition': '_GuardCondition__gc _executor_triggered',
-    'rclpy.subscription:Subscription': '_callback_type',
-    'rclpy.subscription:Subscription.CallbackType': 'MessageOnly',
-    'rclpy.event_handler:EventHandler': '_EventHandler__event',
-    'rclpy._rclpy_pybind11': 'RCLError',
-    'rclpy._rclpy_pybind11:Subscription': 'take_message pointer',
-    'rclpy._rclpy_pybind11:Timer': 'is_timer_ready call_timer time_until_next_call pointer',
-    'rclpy._rclpy_pybind11:Service': 'service_take_request pointer',
-    'rclpy._rclpy_pybind11:Client': 'take_response pointer',
-    'rclpy._rclpy_pybind11:EventHandle': 'take_event pointer',
-    'rclpy._rclpy_pybind11:GuardCondition': 'trigger_guard_condition',
-    'rclpy._rclpy_pybind11:WaitSet': 'clear_entities wait get_ready_entities add_guard_condition',
-    'builtin_interfaces.msg._time:Metaclass_Time': '_CREATE_ROS_MESSAGE '
-    '_DESTROY_ROS_MESSAGE _CONVERT_TO_PY',
-    'os': 'eventfd EFD_NONBLOCK EFD_CLOEXEC',
-    'select': 'epoll',
-}
+
+# Groups
 
 
-#: The first version of rclpy that may mean something else by these names: Jazzy's are 7.1.x.
-END_OF_VERSIONS = (7, 2)
+class ExclusiveClaim:
+    """An entity's claim to rclpy's exclusive group, faster than the group's methods."""
+
+    __slots__ = ('_entity', '_group', '_lock')
+
+    def __init__(self, group: MutuallyExclusiveCallbackGroup, entity: object) -> None:
+        self._group = group
+        self._lock = group._lock
+        self._entity = entity
+
+    def begin(self) -> bool:
+        """Claim the group; return False if it is busy."""
+        with self._lock:
+            if self._group._active_entity is not None:
+                return False
+            self._group._active_entity = self._entity
+            return True
+
+    def end(self) -> None:
+        """Release the group."""
+        self._group._active_entity = None
 
 
-def unsupported() -> str | None:
-    """Return why this rclpy or machine cannot have a QuickExecutor; None: it can."""
-    try:
-        installed = version('rclpy')
-    except PackageNotFoundError:  # built by hand: its names decide
-        installed = ''
-    numbers = tuple(int(number) for number in re.findall(r'\d+', installed)[:3])
-    if numbers >= END_OF_VERSIONS:
-        return f'rclpy {installed} is newer than this executor'
-    lacking = missing()
-    return f'this rclpy or machine has no {", ".join(lacking)}' if lacking else None
+# Takes
 
 
-def missing() -> list[str]:
-    """Return the names of what this rclpy, rcl or machine lacks."""
-    lacking = [
-        f'{path.rpartition(":")[2]}.{name}'
-        for path, names in PRIVATE_NAMES.items()
-        for name in names.split()
-        if _lacks(path, name)
-    ]
-    if not lacking:
-        try:
-            for name in LISTENERS.values():
-                _setter(name)
-            _counting_functions()
-            getattr(_library('librcl.so'), 'rcl_take')  # noqa: B009 (it is missing where it raises)
-            for opened in (os.eventfd(0), ctypes.CDLL(None).timerfd_create(1, 0)):
-                os.close(opened)
-            select.epoll().close()
-        except (AttributeError, OSError) as error:
-            lacking = [f'eventfd, timerfd, epoll or listeners ({error})']
-    return lacking
+class MessageFunctions(NamedTuple):
+    """Addresses of the functions in C that make a message's struct, destroy and convert it."""
+
+    create: int
+    destroy: int
+    to_python: int
 
 
-def _lacks(path: str, name: str) -> bool:
-    """Return whether a module or class neither has a name nor uses it in a method."""
-    try:
-        owner = resolve_name(path)
-    except (ImportError, AttributeError):
-        return True
-    methods = [getattr(member, 'fset', member) for member in vars(owner).values()]
-    codes = [method.__code__ for method in methods if hasattr(method, '__code__')]
-    return not (hasattr(owner, name) or any(name in code.co_names for code in codes))
+def message_functions(message_type: Any) -> MessageFunctions:  # noqa: ANN401 (a generated class)
+    """Return the functions of a type of message."""
+    return MessageFunctions(
+        create=_pointer_in(message_type._CREATE_ROS_MESSAGE, None),
+        destroy=_pointer_in(message_type._DESTROY_ROS_MESSAGE, None),
+        to_python=_pointer_in(message_type._CONVERT_TO_PY, None),
+    )
 
 
-def _counting_functions() -> tuple[Any, Any]:
-    """Return two listeners for DDS, which count arrivals without any code of ours.
-
-    Both have the signature `(user_data, number_of_events)`. libc's `eventfd_write` adds to an
-    eventfd; libstdc++'s `__gnu_cxx::__atomic_add`, which DDS itself links, adds to memory without
-    a system call.
-    """
-    libstdcxx = _library('libstdc++.so.6')
-    return _library(None).eventfd_write, libstdcxx._ZN9__gnu_cxx12__atomic_addEPVii
+def takes_message_only(subscription: Subscription) -> bool:
+    """Return whether a subscription's callback takes the message, without its information."""
+    return subscription._callback_type is Subscription.CallbackType.MessageOnly
 
 
-def set_listener(entry: Any, counter: int | c_int32 | None) -> bool:  # noqa: ANN401 (an Entry)
-    """Count arrivals for an entity in an eventfd or in memory; None stops it.
-
-    Returns False for a kind of entity without listeners; a destroyed entity needs none. After a
-    listener was removed, no thread is in it any more. It is set twice: an arrival during the first
-    call may be missed, and the second call counts it.
-    """
-    names = (name for kind, name in LISTENERS.items() if isinstance(entry.entity, kind))
-    name = next(names, '')
-    if not name:
-        return False
-
-    listener: tuple[Any, Any] = None, None
-    to_descriptor, to_memory = _counting_functions()
-    if isinstance(counter, int):
-        listener = to_descriptor, counter
-    elif counter is not None:
-        listener = to_memory, ctypes.byref(counter)
-
-    with suppress(InvalidHandle), entry.handle:  # destroyed
-        if any(_setter(name)(entry.handle.pointer, *listener) for _ in range(2)):
-            _library('librcutils.so').rcutils_reset_error()
-            return False
-    return True
+def take_timer(executor: MultiThreadedExecutor, timer: Timer) -> Callable[[], Any] | None:
+    """Take a timer as rclpy does; return the call that is due."""
+    call: Callable[[], Any] | None = executor._take_timer(timer)
+    return call
 
 
-@cache
-def _setter(name: str) -> Any:  # noqa: ANN401
-    # PyDLL keeps the interpreter's lock, which guards rcl's timers. No listener needs it.
-    function = getattr(_library('librcl.so'), f'rcl_{name}_callback')
-    function.argtypes = (c_void_p, c_void_p, c_void_p)
-    return function
+def take_waitable(executor: MultiThreadedExecutor, waitable: Any) -> Callable[[], Any]:  # noqa: ANN401
+    """Take a waitable as rclpy does; return the call that is due."""
+    call: Callable[[], Any] = executor._take_waitable(waitable)
+    return call
 
 
-def message_taker(subscription: Subscription) -> Callable[[], tuple[Any] | None]:
-    """Return a function that takes the next message; InvalidHandle: the subscription is destroyed.
+def handle_of(entity: Any) -> Any:  # noqa: ANN401 (rclpy's entities have no type in common)
+    """Return an entity's handle, which keeps it from being destroyed; a waitable is its own."""
+    if isinstance(entity, EventHandler):
+        return entity._EventHandler__event
+    return getattr(entity, 'handle', entity)
 
-    rcl writes all messages into the same C struct; rclpy makes a new struct for each take, and a
-    dictionary of the message's times.
-    """
-    kind = subscription.msg_type
-    create = _returning(c_void_p)(_pointer_in(kind._CREATE_ROS_MESSAGE, None))
-    destroy = _returning(None)(_pointer_in(kind._DESTROY_ROS_MESSAGE, None))
-    convert = _returning(py_object)(_pointer_in(kind._CONVERT_TO_PY, None))
-    struct = c_void_p(create())
-    finalize(struct, destroy, c_void_p(struct.value)).atexit = False  # daemons use it until then
 
-    take = _library('librcl.so').rcl_take
-    handle = subscription.handle
-    pointer = c_void_p(handle.pointer)
+# Futures and tasks
 
-    def take_message() -> tuple[Any] | None:
-        # No other thread runs after the check of the handle. `argtypes` would cost 0.3 us.
-        result = take(pointer if handle.pointer else None, struct, None, None)
-        if result not in (0, 401):  # 401: no message
-            _library('librcutils.so').rcutils_reset_error()
-            raise RuntimeError(f'rcl_take returned {result}') if handle.pointer else InvalidHandle
-        return None if result else (convert(struct),)
 
-    return take_message
+def set_executor(future: Future, executor: MultiThreadedExecutor) -> None:
+    """Let an executor schedule a future's done callbacks."""
+    future._set_executor(executor)
+
+
+def awaited_future(task: Task) -> Future | None:
+    """Return the future that a task awaits; None if it awaits nothing, or something else."""
+    awaited = task._handler
+    while awaited is not None:
+        if getattr(awaited, 'gi_code', None) is Future.__await__.__code__:
+            frame = awaited.gi_frame
+            return frame.f_locals.get('self') if frame else None  # no frame: it was cancelled
+        awaited = _awaited_by(awaited)
+    return None
+
+
+def _awaited_by(awaiting: object) -> object | None:
+    """Return what a coroutine, generator or asynchronous generator awaits."""
+    for name in ('cr_await', 'gi_yieldfrom', 'ag_await'):
+        awaited: object | None = getattr(awaiting, name, None)
+        if awaited is not None:
+            return awaited
+    return None
+
+
+# Guard conditions and waitables
 
 
 class StandIn:
@@ -229,20 +254,42 @@ class StandIn:
         self.instead_of.__exit__(*error)
 
 
+class WaitedEntity(StandIn):
+    """Stands for an entity in a wait set, in a callback group of its own."""
+
+    _executor_event: bool
+
+    def wait_again(self) -> None:
+        """Wait for the entity; rclpy has left it out since it was ready."""
+        self._executor_event = False
+
+
 def notify_of_triggers(guard: GuardCondition, notify: Callable[[], None] | None) -> None:
     """Call `notify` at each trigger of a guard condition; None stops it.
 
     It replaces the handle, not the method `trigger`, to which others may have a reference.
     """
-    own = getattr(guard.handle, 'instead_of', guard.handle)
-    guard._GuardCondition__gc = StandIn(own, trigger_guard_condition=notify) if notify else own
+    handle = getattr(guard.handle, 'instead_of', guard.handle)
+    if notify:
+        handle = StandIn(handle, trigger_guard_condition=notify)
+    guard._GuardCondition__gc = handle
 
 
-def was_triggered(guard: GuardCondition, context: Context) -> bool:
-    """Return whether a guard condition was triggered before `notify_of_triggers`, and clear it."""
-    handle = guard.handle.instead_of
+def take_early_trigger(guard: GuardCondition, context: Context) -> bool:
+    """Return whether a guard condition was triggered before `notify_of_triggers`, and clear it.
+
+    Another executor of rclpy may have noted the trigger already, but not executed it.
+    """
+    was_triggered = _was_triggered(guard, context) or guard._executor_triggered
+    if was_triggered:
+        guard._executor_triggered = False
+    return was_triggered
+
+
+def _was_triggered(guard: GuardCondition, context: Context) -> bool:
     if not context.ok():
         return False
+    handle = guard.handle.instead_of
     with handle, context.handle:
         wait_set = _wait_set(context, num_guard_conditions=1)
         wait_set.add_guard_condition(handle)
@@ -268,3 +315,23 @@ def _wait_set(context: Context, **counts: int) -> Any:  # noqa: ANN401
     wait_set = import_module('rclpy._rclpy_pybind11').WaitSet(*sizes, context.handle)
     wait_set.clear_entities()
     return wait_set
+
+
+# What an executor leaves in an entity for the next one
+
+
+class Leftover(NamedTuple):
+    """The arrivals that an executor has counted but not taken, and the counts of QoS events."""
+
+    arrivals: int
+    reported: dict[str, int]
+
+
+def leave(entity: Any, leftover: Leftover) -> None:  # noqa: ANN401
+    """Leave arrivals in an entity; listeners are not called for them again."""
+    entity._leftover_of_executor = leftover
+
+
+def leftover_in(entity: object) -> Leftover:
+    """Return what the entity's last executor has left."""
+    return getattr(entity, '_leftover_of_executor', Leftover(0, {}))

@@ -1,27 +1,21 @@
 """The tasks of an executor: which of them is stepped next, and what the others wait for."""
 
-# ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
-
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rclpy.executors import MultiThreadedExecutor
-from rclpy.task import Future
+import barc_sim.ros.executor.rclpy_private as private
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from rclpy.node import Node
-    from rclpy.task import Task
+    from rclpy.task import Future, Task
 
     from barc_sim.ros.executor.entities import Entry
     from barc_sim.ros.executor.events import Events
-
-#: Whether rclpy (7.1.9 and later) resumes a task itself, when the future that it awaits is done.
-_RCLPY_RESUMES = hasattr(MultiThreadedExecutor, '_call_task_in_next_spin')
 
 
 @dataclass(frozen=True)
@@ -83,7 +77,8 @@ class Tasks:
     def add(self, task: Task, entry: Entry | None = None, *, stepped: bool = False) -> None:
         """Add a task, or make it ready again; any thread may call this.
 
-        A task that is `stepped` already is ready when it need not wait.
+        `entry` is that of a callback whose coroutine the task is. A task that is `stepped` already
+        is ready when it need not wait.
         """
         if task not in self._entries:
             self._entries[task] = entry
@@ -95,9 +90,9 @@ class Tasks:
 
     def after_step(self, task: Task) -> None:
         """Let a task wait for the future that it awaits."""
-        if _RCLPY_RESUMES or task not in self._entries:
+        if private.TASKS_RESUME_THEMSELVES or task not in self._entries:
             return
-        future = awaited_future(task)
+        future = private.awaited_future(task)
         if future:
             self._waiting[task] = future
             future.add_done_callback(self._on_future_done)
@@ -128,11 +123,15 @@ class Tasks:
 
     def move_out(self) -> list[tuple[Task, Any, Node | None]]:
         """Give all tasks to rclpy's own methods, with their entities and nodes, oldest first."""
-        moved = list(self._entries.items())
-        for task, _ in moved:
+        moved: list[tuple[Task, Any, Node | None]] = []
+        for task, entry in list(self._entries.items()):
             self._drop(task)
             task.remove_done_callback(self._on_task_done)
-        return [(task, entry and entry.entity, entry and entry.node) for task, entry in moved]
+            if entry:
+                moved.append((task, entry.entity, entry.node))
+            else:
+                moved.append((task, None, None))
+        return moved
 
     def _begin_round(self, nodes: Collection[Node]) -> None:
         for task, future in list(self._waiting.items()):
@@ -140,8 +139,10 @@ class Tasks:
                 self._waiting.pop(task, None)
                 self.ready[task] = None
 
-        new = list(self.ready)
-        for task in new if _RCLPY_RESUMES else reversed(new):  # in the order of this rclpy
+        tasks = list(self.ready)
+        if not private.TASKS_RESUME_THEMSELVES:
+            tasks.reverse()  # the order of this rclpy
+        for task in tasks:
             self.ready.pop(task, None)
             entry = self._entries.get(task)
             if entry is None or entry.node in nodes:
@@ -162,14 +163,3 @@ class Tasks:
     def _drop(self, task: Task) -> None:
         for tasks in (self._entries, self.ready, self._waiting, self._suspended):
             tasks.pop(task, None)
-
-
-def awaited_future(task: Task) -> Future | None:
-    """Return the future that a task awaits; None if it awaits nothing, or something else."""
-    awaited = task._handler
-    while awaited is not None:
-        if getattr(awaited, 'gi_code', None) is Future.__await__.__code__:
-            return getattr(awaited.gi_frame, 'f_locals', {}).get('self')  # no frame: cancelled
-        inner = (getattr(awaited, name, None) for name in ('cr_await', 'gi_yieldfrom', 'ag_await'))
-        awaited = next((each for each in inner if each is not None), None)
-    return None

@@ -90,7 +90,7 @@ def tasks_of_7_1_9(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     monkeypatch.setattr(Future, '__await__', _await_once)
     monkeypatch.setattr(Task, '__call__', _step)
-    monkeypatch.setattr('barc_sim.ros.executor.tasks._RCLPY_RESUMES', True)
+    monkeypatch.setattr('barc_sim.ros.executor.rclpy_private.TASKS_RESUME_THEMSELVES', True)
 
 
 @pytest.fixture(params=[False, True], ids=['installed', '7.1.9'])

@@ -35,8 +35,8 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from barc_sim.ros.executor import QuickExecutor, rclpy_private
-from barc_sim.ros.executor.entities import entry_of
-from barc_sim.ros.executor.rclpy_private import set_listener
+from barc_sim.ros.executor.rcl import set_listener
+from barc_sim.ros.executor.takes import entry_of
 from barc_sim.ros.recording.polled import PolledCallbackGroup
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ def test_a_timers_callback_gets_what_rclpys_own_take_gives_it(
 
         return execute
 
-    monkeypatch.setattr('barc_sim.ros.executor.entities._TIMERS_GIVE_INFO', True)
+    monkeypatch.setattr('barc_sim.ros.executor.rclpy_private.TIMERS_GIVE_INFO', True)
     monkeypatch.setattr(executor, '_take_timer', take_timer)
     node.create_timer(0.001, infos.append)
     until(lambda: len(infos) >= 2)

@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Empty
 
-from barc_sim.ros.executor import QuickExecutor, rclpy_private
+from barc_sim.ros.executor import QuickExecutor, rcl, rclpy_private
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -469,7 +469,7 @@ LOSE_EACH = """if True:
                 names = tuple('gone' if n == name else n for n in each.__code__.co_names)
                 each.__code__ = each.__code__.replace(co_names=names)
 
-    for path, name in [(p, name) for p, names in PRIVATE_NAMES.items() for name in names.split()]:
+    for path, name in [(p, name) for p, names in PRIVATE_NAMES.items() for name in names]:
         if os.fork():
             os.wait()
             continue
@@ -486,7 +486,7 @@ LOSE_EACH = """if True:
 
 def test_every_private_name_is_checked_before_it_is_used() -> None:
     lines = run(LOSE_EACH)
-    assert len(lines) == sum(len(each.split()) for each in rclpy_private.PRIVATE_NAMES.values())
+    assert len(lines) == sum(len(names) for names in rclpy_private.PRIVATE_NAMES.values())
     assert [line for line in lines if not line.startswith('True')] == []
 
 
@@ -532,7 +532,7 @@ def test_neither_rclpys_classes_nor_the_process_nor_former_entities_are_changed(
 def test_a_middleware_without_listeners_is_waited_for_in_a_wait_set(
     ros: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rclpy_private, '_setter', lambda _: lambda *_: 1)
+    monkeypatch.setattr(rcl, '_setter', lambda _: lambda *_: 1)
     node = Node('tested', context=ros)
     received: list[Time] = []
     for _ in range(2):
