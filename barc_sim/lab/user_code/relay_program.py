@@ -28,15 +28,12 @@ from barc_sim.lab.user_code.folder import (
 )
 from barc_sim.ros.local import find_module
 from barc_sim.ros.local import world as in_world
-from barc_sim.ros.local.executor import (
-    SECOND,
-    EndOfTimeError,
-    Executor,
-    ExternalShutdownException,
-    World,
-)
+from barc_sim.ros.local.executor import Executor, ExternalShutdownException
 from barc_sim.ros.local.messages import LocalMessage, message_type
-from barc_sim.ros.local.node import HistoryPolicy, Node, QoSProfile, init, ok, shutdown
+from barc_sim.ros.local.node import Node
+from barc_sim.ros.local.program import init, ok, shutdown
+from barc_sim.ros.local.qos import HistoryPolicy, QoSProfile
+from barc_sim.ros.local.world import SECOND, EndOfTimeError, World
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

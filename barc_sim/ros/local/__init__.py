@@ -14,11 +14,13 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from barc_sim.errors import UserError
-from barc_sim.ros.local.executor import World, current, world
 from barc_sim.ros.local.messages import LACKS, message_type, packages
+from barc_sim.ros.local.world import World, current, world
 
 __all__ = ['World', 'find_module', 'install', 'world']
 
+#: The modules here that define rclpy's names.
+_SOURCES = ('clock', 'entities', 'executor', 'logger', 'node', 'parameters', 'program', 'qos')
 #: rclpy's modules with their names, which the modules here define.
 _NAMES = {
     'rclpy': """Future Parameter SignalHandlerOptions create_node init ok shutdown spin spin_once
@@ -64,7 +66,7 @@ class _StandIn(ModuleType):
 def _modules() -> dict[str, ModuleType]:
     """Return the stand-ins by name."""
     names: dict[str, Any] = {}
-    for source in ('executor', 'node', 'parameters'):
+    for source in _SOURCES:
         names |= vars(import_module(f'{__name__}.{source}'))
     kinds = packages()
     modules: dict[str, ModuleType] = {}

@@ -8,7 +8,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
-from barc_sim.ros.local.executor import LoggingSeverity
+from barc_sim.ros.local.logger import LoggingSeverity
 from barc_sim.ros.local.messages import LACKS, message_type
 
 if TYPE_CHECKING:

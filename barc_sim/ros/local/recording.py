@@ -6,8 +6,9 @@ from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import topic
+from barc_sim.ros.local.entities import Subscription
 from barc_sim.ros.local.messages import message_type
-from barc_sim.ros.local.node import LATCHED, Subscription
+from barc_sim.ros.local.qos import LATCHED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
