@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -95,16 +96,7 @@ def test_every_refusal_counts_and_one_a_second_is_logged(
     assert 'refused nonsense (4 refused so far)' in second
 
 
-HOLDER = """
-import rclpy
-from rclpy.node import Node
-from barc_sim.ros.peers import claim
-rclpy.init()
-node = Node('holder')
-held = claim(node, 'z_vhcl')
-print('held', flush=True)
-input()
-"""
+HOLDER = Path(__file__).with_name('programs') / 'hold_topic.py'
 
 
 def test_another_process_and_its_claim_are_known_until_it_is_killed(
@@ -113,7 +105,7 @@ def test_another_process_and_its_claim_are_known_until_it_is_killed(
     node = Node('car', context=ros)
     assert not others_here(ros_domain)
     with subprocess.Popen(
-        [sys.executable, '-c', HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as holder:
         assert holder.stdout
         assert holder.stdout.readline() == 'held\n'

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     Start = Callable[..., subprocess.Popen[str]]
 
 ROOT = Path(barc_sim.__file__).parents[1]
+PROGRAMS = Path(__file__).with_name('programs')
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
 
@@ -174,33 +175,6 @@ def test_an_old_segment_without_a_process_is_removed_and_nothing_else(segment: P
     assert sweep(segment.with_name('none')) == 0
 
 
-_LAST_WORDS = """
-import os
-from barc_sim.ros.process import use_profiles
-use_profiles(os.environ)
-import rclpy
-from rclpy.duration import Duration
-from std_msgs.msg import Float64
-rclpy.init()
-node = rclpy.create_node('node')
-got = []
-subscription = node.create_subscription(Float64, 'topic', got.append, 10)
-publisher = node.create_publisher(Float64, 'topic', 10)
-while not publisher.get_subscription_count():
-    rclpy.spin_once(node, timeout_sec=0.01)
-publisher.publish(Float64(data=5.0))
-node.destroy_publisher(publisher)
-for _ in range(200):
-    rclpy.spin_once(node, timeout_sec=0.01)
-    if got:
-        break
-own = f'.{os.getpid() & 255:02x}.{os.getpid() >> 8 & 255:02x}.'
-shared = [name for name in os.listdir('/dev/shm') if 'datasharing' in name and own in name]
-print(got, shared)
-rclpy.shutdown()
-"""
-
-
 @pytest.mark.parametrize('make', [os.mkfifo, lambda path: Path(path).symlink_to('/dev/zero')])
 def test_what_is_no_lock_is_neither_opened_nor_removed(
     tmp_path: Path, make: Callable[[Path], None]
@@ -261,6 +235,10 @@ def test_shared_memory_is_used_where_it_can_be_written(tmp_path: Path) -> None:
 def test_a_message_outlives_its_publisher_and_shares_no_file() -> None:
     """Data of a fixed size that is shared is gone with its publisher, and leaves a file."""
     done = subprocess.run(
-        [sys.executable, '-c', _LAST_WORDS], capture_output=True, text=True, check=True, timeout=200
+        [sys.executable, PROGRAMS / 'last_message.py'],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=200,
     )
     assert done.stdout == '[std_msgs.msg.Float64(data=5.0)] []\n'

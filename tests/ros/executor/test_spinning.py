@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import weakref
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.timeout(300)
 DEADLINE = 100.0
+PROGRAMS = Path(__file__).with_name('programs')
 
 
 def test_spin_once_executes_one_callback(node: Node, executor: QuickExecutor) -> None:
@@ -181,33 +183,11 @@ def test_an_executor_that_is_forgotten_does_not_keep_handles(ros: Context) -> No
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_spin(ros_domain: int, number: signal.Signals) -> None:
     del ros_domain  # by the environment
-    program = """if True:
-        import rclpy
-        from rclpy.executors import ExternalShutdownException
-        from rclpy.node import Node
-        from std_msgs.msg import Bool
-        from barc_sim.ros.executor import QuickExecutor
-        rclpy.init()
-        node = Node('tested')
-        publisher = node.create_publisher(Bool, 'answer', 1)
-
-        def on_timer():
-            publisher.publish(Bool())  # raises once the context has ended
-            print('spinning', flush=True)
-
-        node.create_timer(0.01, on_timer)
-        with QuickExecutor(2) as executor:
-            executor.add_node(node)
-            try:
-                executor.spin()
-            except (KeyboardInterrupt, ExternalShutdownException):
-                pass
-        node.destroy_node()
-        rclpy.try_shutdown()
-        print('ended')
-    """
     with subprocess.Popen(
-        [sys.executable, '-c', program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, PROGRAMS / 'spin_until_signal.py'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     ) as process:
         assert process.stdout.readline() == 'spinning\n'
         process.send_signal(number)
@@ -219,22 +199,7 @@ def test_a_signal_ends_the_spin(ros_domain: int, number: signal.Signals) -> None
 
 def test_a_spin_in_a_daemon_does_not_keep_a_program_from_ending(ros_domain: int) -> None:
     del ros_domain  # by the environment
-    program = """if True:
-        import threading
-        import rclpy
-        from rclpy.node import Node
-        from barc_sim.ros.executor import QuickExecutor
-        rclpy.init()
-        node, ticked, executor = Node('tested'), threading.Event(), QuickExecutor(2)
-        node.create_timer(0.001, ticked.set)
-        executor.add_node(node)
-        threading.Thread(target=executor.spin, daemon=True).start()
-        print(ticked.wait(20))
-    """
-    ended = subprocess.run(
-        [sys.executable, '-c', program], stdout=subprocess.PIPE, text=True, timeout=200, check=False
-    )
-    assert ended.stdout == 'True\n'
+    assert run('spin_in_daemon.py') == ['True']
 
 
 def test_rclpys_own_functions_spin_it(node: Node, executor: QuickExecutor) -> None:
@@ -391,142 +356,52 @@ def test_a_coroutine_waits_while_its_node_is_not_in_the_executor(
     assert order == ['begun', 'ended']
 
 
-USE = """if True:
-    import warnings
-    from importlib import import_module
-    import rclpy.executors
-    {lose}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter('always')
-        from barc_sim.ros.executor import QuickExecutor
-    for each in caught:
-        if 'QuickExecutor' in str(each.message):
-            print(each.message)
-    import rclpy
-    from rclpy.node import Node
-    rclpy.init()
-    node = Node('tested')
-    ticks = []
-    node.create_timer(0.001, lambda: ticks.append(1))
-    with QuickExecutor(2) as executor:
-        executor.add_node(node)
-        while not ticks:
-            executor.spin_once(timeout_sec=1.0)
-        node.create_timer(0.001, lambda: 1 / 0)
-        try:
-            executor.spin()
-        except ZeroDivisionError:
-            print('works')
-    node.destroy_node()
-    rclpy.shutdown()
-"""
-
-
-def run(program: str) -> list[str]:
+def run(program: str, *arguments: str) -> list[str]:
     """Return the lines that a program in a process of its own prints."""
     return subprocess.run(
-        [sys.executable, '-c', program], check=True, stdout=subprocess.PIPE, text=True, timeout=200
+        [sys.executable, PROGRAMS / program, *arguments],
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=200,
     ).stdout.splitlines()
 
 
 @pytest.mark.parametrize(
-    ('lose', 'name'),
+    ('arguments', 'name'),
     [
-        ('', ''),
-        ('del rclpy.executors.Executor._take_waitable', 'MultiThreadedExecutor._take_waitable'),
-        ("del import_module('rclpy.task').Future.remove_done_callback", 'remove_done_callback'),
-        ("del import_module('os').eventfd", 'os.eventfd'),
-        ("del import_module('select').epoll", 'select.epoll'),
-        ("import_module('importlib.metadata').version = lambda _: '9.1.2'", 'rclpy 9.1.2'),
-        ("import_module('importlib.metadata').version = lambda _: '7.1.12'", ''),
+        ([], ''),
+        (
+            ['name', 'rclpy.executors:Executor', '_take_waitable'],
+            'MultiThreadedExecutor._take_waitable',
+        ),
+        (['name', 'rclpy.task:Future', 'remove_done_callback'], 'remove_done_callback'),
+        (['name', 'os', 'eventfd'], 'os.eventfd'),
+        (['name', 'select', 'epoll'], 'select.epoll'),
+        (['version', '9.1.2'], 'rclpy 9.1.2'),
+        (['version', '7.1.12'], ''),
     ],
 )
 def test_what_is_missing_is_named_once_and_rclpys_own_executor_does_the_work(
-    ros_domain: int, lose: str, name: str
+    ros_domain: int, arguments: list[str], name: str
 ) -> None:
     del ros_domain  # by the environment
-    *warnings, works = run(USE.format(lose=lose))
-    assert [name in each for each in warnings] == [True] * bool(name)
+    *warnings, works = run('use_without.py', *arguments)
+    assert [name in warning for warning in warnings] == [True] * bool(name)
     assert works == 'works'
 
 
-LOSE_EACH = """if True:
-    import os
-    import warnings
-    from pkgutil import resolve_name
-    from barc_sim.ros.executor.rclpy_private import PRIVATE_NAMES
-    import sys
-    for name in [name for name in sys.modules if name.startswith('barc_sim.ros')]:
-        del sys.modules[name]
-
-    def lose(owner, name):
-        if name in vars(owner):
-            vars(owner).get('_member_map_', {}).pop(name, None)  # of an Enum
-            (type.__delattr__ if hasattr(owner, '__members__') else delattr)(owner, name)
-        for each in list(vars(owner).values()):
-            each = getattr(each, 'fset', each)
-            if hasattr(each, '__code__') and name in each.__code__.co_names:
-                names = tuple('gone' if n == name else n for n in each.__code__.co_names)
-                each.__code__ = each.__code__.replace(co_names=names)
-
-    for path, name in [(p, name) for p, names in PRIVATE_NAMES.items() for name in names]:
-        if os.fork():
-            os.wait()
-            continue
-        owner = resolve_name(path)
-        lose(next((c for c in getattr(owner, '__mro__', ()) if name in vars(c)), owner), name)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter('always')
-            from barc_sim.ros.executor import QuickExecutor
-        warned = [str(each.message) for each in caught if 'QuickExecutor' in str(each.message)]
-        print(len(warned) == 1 and name in warned[0], path, name, warned, flush=True)
-        os._exit(0)
-"""
-
-
 def test_every_private_name_is_checked_before_it_is_used() -> None:
-    lines = run(LOSE_EACH)
+    lines = run('lose_each_name.py')
     assert len(lines) == sum(len(names) for names in rclpy_private.PRIVATE_NAMES.values())
     assert [line for line in lines if not line.startswith('True')] == []
-
-
-UNTOUCHED = """if True:
-    import resource
-    import rclpy.executors
-    from rclpy.node import Node
-
-    def state():
-        classes = {c for m in list(sys.modules.values()) if m.__name__.startswith('rclpy')
-                   for c in vars(m).values() if isinstance(c, type)}
-        limit = resource.getrlimit(resource.RLIMIT_NOFILE)
-        return {c: dict(vars(c)) for c in classes if c.__module__.startswith('rclpy')}, limit
-
-    import sys
-    rclpy.init()
-    node = Node('tested')
-    node.create_timer(0.001, lambda: None)
-    entity = node.create_guard_condition(print)
-    handle = entity.handle
-    with rclpy.executors.MultiThreadedExecutor(2) as executor:
-        executor.add_node(node)
-        executor.spin_once()
-    import builtin_interfaces.msg, rclpy.action
-    before = state()
-    from barc_sim.ros.executor import QuickExecutor
-    with QuickExecutor(2) as executor:
-        executor.add_node(node)
-        executor.spin_once()
-    after = state()
-    print(all(after[0][c] == before[0][c] for c in before[0]) and before[1] == after[1])
-    print(entity.handle is handle and 'destroy' not in vars(entity))
-"""
 
 
 def test_neither_rclpys_classes_nor_the_process_nor_former_entities_are_changed(
     ros_domain: int,
 ) -> None:
     del ros_domain  # by the environment
-    assert run(UNTOUCHED) == ['True', 'True']
+    assert run('change_nothing.py') == ['True', 'True', 'True']
 
 
 def test_a_middleware_without_listeners_is_waited_for_in_a_wait_set(
