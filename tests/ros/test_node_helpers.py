@@ -41,7 +41,7 @@ def car(context: Context, **overrides: object) -> Node:
     return Node('car', context=context, parameter_overrides=given)
 
 
-def test_values_are_the_defaults_or_what_was_given_and_nodes_describe_them(ros: Context) -> None:
+def test_parameters_have_their_defaults_or_the_users_values(ros: Context) -> None:
     # The ends of a range belong to it.
     node = car(ros, mass=1.0, seed=2**53)
     assert declare(node, TABLE) == {'mass': 1.0, 'seed': 2**53, 'road': 'lab', 'wait': True}
@@ -99,9 +99,7 @@ def test_every_refusal_counts_and_one_a_second_is_logged(
 HOLDER = Path(__file__).with_name('programs') / 'hold_topic.py'
 
 
-def test_another_process_and_its_claim_are_known_until_it_is_killed(
-    ros: Context, ros_domain: int
-) -> None:
+def test_another_process_holds_its_claim_until_it_is_killed(ros: Context, ros_domain: int) -> None:
     node = Node('car', context=ros)
     assert not others_here(ros_domain)
     with subprocess.Popen(

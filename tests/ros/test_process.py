@@ -63,7 +63,7 @@ def test_bad_parameter_is_one_line_and_exit_code_2() -> None:
 # ROS's start
 
 
-def test_bad_argument_is_a_sentence_without_a_place_in_the_source(
+def test_the_error_of_a_bad_argument_is_one_sentence(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(UserError) as refusal, ros(['--ros-args', '-p']):
@@ -75,7 +75,7 @@ def test_bad_argument_is_a_sentence_without_a_place_in_the_source(
     assert not rclpy.ok()
 
 
-def test_levels_of_the_log_are_the_users() -> None:
+def test_the_users_log_level_stays() -> None:
     # In a process of its own: the levels outlive the context.
     script = (
         'from barc_sim.ros.process import ros\n'
@@ -89,7 +89,7 @@ def test_levels_of_the_log_are_the_users() -> None:
 
 
 @pytest.mark.parametrize(('given', 'expected'), [(None, 'LOCALHOST'), ('SUBNET', 'SUBNET')])
-def test_run_is_seen_on_this_machine_only_unless_set_otherwise(
+def test_a_run_is_discovered_on_this_machine_alone_unless_set_otherwise(
     monkeypatch: pytest.MonkeyPatch, given: str | None, expected: str
 ) -> None:
     # Set first, so that it is restored afterwards, whatever the code sets.
@@ -108,7 +108,7 @@ def test_run_is_seen_on_this_machine_only_unless_set_otherwise(
         ('HOME', '', 'set HOME, or ROS_LOG_DIR to a folder'),
     ],
 )
-def test_a_setting_that_ros_cannot_use_is_named(
+def test_an_error_names_the_setting_that_ros_cannot_use(
     name: str, value: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -124,7 +124,7 @@ def test_a_setting_that_ros_cannot_use_is_named(
 NAME = 'fastrtps_0123456789abcdef'
 
 
-def test_profiles_are_set_where_there_are_none() -> None:
+def test_our_profiles_are_set_where_the_user_has_none() -> None:
     environment: dict[str, str] = {}
     use_profiles(environment)
     assert environment.pop('RMW_FASTRTPS_USE_QOS_FROM_XML') == '1'
@@ -136,7 +136,7 @@ def test_profiles_are_set_where_there_are_none() -> None:
     ]
 
 
-def test_a_player_asks_subscriptions_often_what_they_have_received() -> None:
+def test_a_players_profile_has_a_short_heartbeat() -> None:
     environment: dict[str, str] = {}
     for profiles in (_PROFILES, PLAYER_PROFILES):  # as in a process that a run has started
         use_profiles(environment, profiles)
@@ -145,7 +145,7 @@ def test_a_player_asks_subscriptions_often_what_they_have_received() -> None:
     assert [float(each.text or 0.0) for each in period] == [0.0, 5e7]
 
 
-def test_profiles_of_the_user_stay() -> None:
+def test_the_users_profiles_stay() -> None:
     for name in ('FASTDDS_DEFAULT_PROFILES_FILE', 'RMW_FASTRTPS_USE_QOS_FROM_XML'):
         environment = {name: '0'}
         use_profiles(environment)
@@ -176,7 +176,7 @@ def test_an_old_segment_without_a_process_is_removed_and_nothing_else(segment: P
 
 
 @pytest.mark.parametrize('make', [os.mkfifo, lambda path: Path(path).symlink_to('/dev/zero')])
-def test_what_is_no_lock_is_neither_opened_nor_removed(
+def test_a_file_that_is_no_lock_is_neither_opened_nor_removed(
     tmp_path: Path, make: Callable[[Path], None]
 ) -> None:
     path = tmp_path / 'fastrtps_0123456789abcdef_el'
@@ -186,9 +186,7 @@ def test_what_is_no_lock_is_neither_opened_nor_removed(
 
 
 @pytest.mark.parametrize('name', ['fastrtps_port{}_el', 'sem.fastrtps_port{}_mutex'])
-def test_a_port_that_fast_dds_would_wait_for_is_named_in_its_domain(
-    tmp_path: Path, name: str
-) -> None:
+def test_an_error_names_the_port_that_fast_dds_would_wait_for(tmp_path: Path, name: str) -> None:
     path = tmp_path / name.format(7400 + 250 * 7 + 11)
     path.touch()
     check_ports(7, tmp_path)
@@ -212,7 +210,7 @@ READ_ONLY = (
     or bool(subprocess.run([*READ_ONLY, 'true'], check=False).returncode),
     reason='needs unshare, and the right to mount',
 )
-def test_without_shared_memory_runs_find_each_other_and_print_nothing_of_it(
+def test_nodes_find_each_other_without_shared_memory_and_print_nothing(
     start: Start, tmp_path: Path
 ) -> None:
     drive = ('-m', 'barc_sim', 'acc', '-q', '--distance', '3', '--realtime-factor', 'max')

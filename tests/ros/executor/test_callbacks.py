@@ -118,7 +118,7 @@ def test_short_callbacks_of_all_groups_run_in_one_thread(
 
 @pytest.mark.parametrize('lasting', ['sleeps', 'computes'])
 @pytest.mark.parametrize('spun', ['for ever', 'once', 'once, in a time'])
-def test_callbacks_go_on_while_another_lasts(
+def test_other_callbacks_run_while_one_lasts(
     node: Node, executor: QuickExecutor, lasting: str, spun: str
 ) -> None:
     enough = threading.Event()
@@ -148,7 +148,7 @@ def test_callbacks_go_on_while_another_lasts(
     assert done.result()
 
 
-def test_callbacks_go_on_beside_the_first_one_of_many_that_lasts(
+def test_other_callbacks_run_beside_the_first_call_that_lasts(
     node: Node, executor: QuickExecutor
 ) -> None:
     enough = threading.Event()
@@ -175,7 +175,7 @@ def test_callbacks_go_on_beside_the_first_one_of_many_that_lasts(
     assert done.result()
 
 
-def test_threads_that_wake_up_need_not_wait_for_others_slices(node: Node, until: Until) -> None:
+def test_the_executors_threads_have_short_time_slices(node: Node, until: Until) -> None:
     """As Linux itself tells it, see sched_setattr(2); their children have slices as usual."""
 
     def time_slice() -> int:
@@ -272,7 +272,7 @@ def test_a_flood_starves_neither_timers_nor_other_topics_of_its_group(
     until(lambda: len(ticks) >= 5 and heard and len(floods) > 20)
 
 
-def test_what_is_ready_at_once_is_executed_in_rclpys_order(
+def test_entities_that_are_ready_together_run_in_rclpys_order(
     node: Node, executor: QuickExecutor, until: Until
 ) -> None:
     group = MutuallyExclusiveCallbackGroup()
@@ -296,9 +296,7 @@ def test_what_is_ready_at_once_is_executed_in_rclpys_order(
     assert calls == ['message', 'request']
 
 
-def test_what_rclpy_executes_first_does_not_starve_the_others(
-    node: Node, executor: QuickExecutor
-) -> None:
+def test_actions_and_timers_do_not_starve_the_others(node: Node, executor: QuickExecutor) -> None:
     group = MutuallyExclusiveCallbackGroup()
     requests: list[Empty.Request] = []
     publisher = node.create_publisher(Time, 'a', 10)
@@ -394,7 +392,7 @@ class PausedGroup(ReentrantCallbackGroup):
         return not self.paused and super().can_execute(entity)
 
 
-def test_a_group_of_the_users_own_is_asked_whether_it_can_execute(
+def test_a_users_callback_group_decides_what_can_run(
     node: Node, executor: QuickExecutor, until: Until
 ) -> None:
     group = PausedGroup()
@@ -447,7 +445,7 @@ def test_tasks_run_and_wait_for_one_another(executor: QuickExecutor, until: Unti
     assert third.result() == 4
 
 
-def test_what_comes_while_a_coroutine_is_stepped_is_not_missed(
+def test_a_future_that_is_done_during_a_step_resumes_its_coroutine(
     node: Node, executor: QuickExecutor
 ) -> None:
     stepping = threading.Event()
@@ -485,7 +483,7 @@ def test_what_comes_while_a_coroutine_is_stepped_is_not_missed(
 
 
 @TASKS
-def test_a_waiting_coroutine_is_left_alone_while_nothing_happens(executor: QuickExecutor) -> None:
+def test_a_waiting_coroutine_is_not_stepped_without_an_event(executor: QuickExecutor) -> None:
     future = Future()
     done = Future()
 
@@ -503,7 +501,7 @@ def test_a_waiting_coroutine_is_left_alone_while_nothing_happens(executor: Quick
     assert steps == []
 
 
-def test_tasks_that_make_new_ones_starve_no_timer_and_no_deadline(
+def test_tasks_that_create_tasks_starve_no_timer_and_no_deadline(
     executor: QuickExecutor, node: Node
 ) -> None:
     end = time.monotonic() + DEADLINE
@@ -525,7 +523,7 @@ def test_tasks_that_make_new_ones_starve_no_timer_and_no_deadline(
 
 
 @TASKS
-def test_a_coroutine_looks_again_at_what_no_event_tells_when_a_time_is_over(
+def test_a_coroutine_continues_after_a_future_that_has_no_executor(
     executor: QuickExecutor,
 ) -> None:
     future = Future()
@@ -653,7 +651,7 @@ def test_an_exception_ends_the_spin(
 
 
 @pytest.mark.parametrize('error', [SystemExit, KeyboardInterrupt])
-def test_an_exception_that_is_to_end_the_process_ends_the_spin(
+def test_a_base_exception_ends_the_spin(
     executor: QuickExecutor, error: type[BaseException]
 ) -> None:
     def end() -> None:

@@ -208,7 +208,7 @@ def test_quality_of_service_events_are_executed(node: Node, until: Until) -> Non
     assert events[0].total_count == 1
 
 
-def test_nodes_come_and_go_while_spinning(
+def test_nodes_are_added_and_removed_while_spinning(
     make_node: Callable[..., Node], executor: QuickExecutor, spinning: threading.Thread
 ) -> None:
     other = make_node('other')
@@ -223,7 +223,7 @@ def test_nodes_come_and_go_while_spinning(
     assert spinning.is_alive()
 
 
-def test_a_removed_node_is_executed_no_longer(
+def test_a_removed_node_has_no_more_callbacks(
     make_node: Callable[..., Node], executor: QuickExecutor, until: Until
 ) -> None:
     ticks: dict[str, list[int]] = {'stays': [], 'goes': []}
@@ -278,7 +278,7 @@ def test_a_destroyed_handle_is_gone_at_once_between_spins(
     assert not entity.handle.pointer
 
 
-def test_a_subscription_with_messages_is_destroyed_at_once_and_only_then_left_alone(
+def test_a_subscription_with_messages_is_destroyed_at_once(
     node: Node, executor: QuickExecutor, until: Until
 ) -> None:
     received: list[Time] = []
@@ -302,7 +302,7 @@ def test_a_subscription_with_messages_is_destroyed_at_once_and_only_then_left_al
     assert node.destroy_subscription(subscription)
 
 
-def test_what_is_destroyed_behind_the_nodes_back_is_not_executed(
+def test_an_entity_destroyed_without_its_node_is_not_executed(
     node: Node, executor: QuickExecutor, until: Until
 ) -> None:
     group = MutuallyExclusiveCallbackGroup()
@@ -325,7 +325,7 @@ def test_what_is_destroyed_behind_the_nodes_back_is_not_executed(
     node.destroy_subscription(subscription)
 
 
-def test_a_callback_destroys_what_is_ready_beside_it(node: Node, until: Until) -> None:
+def test_a_callback_can_destroy_entities_that_are_ready(node: Node, until: Until) -> None:
     group = MutuallyExclusiveCallbackGroup()
     calls = []
 
@@ -377,7 +377,7 @@ def test_executors_do_not_keep_a_context_from_ending(
     assert executor.shutdown()
 
 
-def test_a_cancelled_timer_rests_until_it_is_reset(node: Node, until: Until) -> None:
+def test_a_cancelled_timer_is_not_called_until_it_is_reset(node: Node, until: Until) -> None:
     calls = []
     timer = node.create_timer(0.001, lambda: calls.append(1))
     other = []
@@ -496,7 +496,7 @@ def test_messages_that_wait_when_a_node_is_removed_are_received_by_the_next_exec
     assert sorted(received) == [-1, 0, 1, 2]
 
 
-def test_a_trigger_that_was_handed_on_before_the_node_was_added_wakes_the_executor(
+def test_a_reference_to_trigger_from_before_wakes_the_executor(
     ros: Context, executor: QuickExecutor, spinning: threading.Thread
 ) -> None:
     node = Node('early', context=ros)
@@ -590,7 +590,7 @@ def test_entities_created_and_destroyed_by_several_threads_under_traffic(
     'rounds',
     [100, pytest.param(10_000, marks=[pytest.mark.slow, pytest.mark.timeout(600)])],
 )
-def test_a_listener_never_writes_into_somebody_elses_descriptor(
+def test_a_listener_never_writes_into_another_file(
     node: Node, spinning: threading.Thread, rounds: int
 ) -> None:
     """A stranger gets the lowest free numbers while subscriptions come and go under a flood."""
@@ -641,7 +641,7 @@ def test_idle_endpoints_share_descriptors_and_used_ones_do_not(
     assert sorted(received) == [3] * 20 + [70] * 20
 
 
-def test_what_arrives_while_busy_and_while_idle_is_received_once(
+def test_messages_are_received_once_by_a_busy_and_an_idle_executor(
     node: Node, executor: QuickExecutor, spinning: threading.Thread
 ) -> None:
     """Arrivals are counted in memory while the executor is busy, and it waits for none there."""
@@ -671,7 +671,7 @@ def test_what_arrives_while_busy_and_while_idle_is_received_once(
     assert received.count(0) == 3 * 999
 
 
-def test_messages_that_are_told_of_together_are_counted_one_by_one(node: Node) -> None:
+def test_one_call_of_a_listener_can_count_several_messages(node: Node) -> None:
     """DDS tells once of all that a reliable reader held back until a lost one came again."""
     subscription = node.create_subscription(
         Time, 'a', lambda _: None, 10, callback_group=PolledCallbackGroup()
@@ -687,7 +687,7 @@ def test_messages_that_are_told_of_together_are_counted_one_by_one(node: Node) -
     assert counter.value == 3
 
 
-def test_a_clock_before_1970_is_warned_of_and_dropped(
+def test_a_time_before_1970_is_dropped_with_a_warning(
     make_node: Callable[..., Node], until: Until, capfd: pytest.CaptureFixture[str]
 ) -> None:
     node = make_node(parameter_overrides=[Parameter('use_sim_time', value=True)])
@@ -699,7 +699,7 @@ def test_a_clock_before_1970_is_warned_of_and_dropped(
     until(lambda: node.get_clock().now().nanoseconds == 7 * 10**9)
 
 
-def test_a_message_that_cannot_be_read_is_warned_of_and_dropped(
+def test_an_unreadable_message_is_dropped_with_a_warning(
     node: Node, until: Until, capfd: pytest.CaptureFixture[str]
 ) -> None:
     received: list[Time] = []

@@ -119,7 +119,7 @@ def test_shutdown_by_another_thread_waits_for_callbacks(
     assert not thread.is_alive()
 
 
-def test_an_exception_that_no_spin_is_left_to_raise_is_printed(
+def test_an_exception_after_the_last_spin_is_printed(
     executor: QuickExecutor, capsys: pytest.CaptureFixture[str]
 ) -> None:
     begun = threading.Event()
@@ -166,7 +166,7 @@ def test_nothing_is_left_after_shutdown(ros: Context, spins: int) -> None:
     assert gone() is None
 
 
-def test_an_executor_that_is_forgotten_does_not_keep_handles(ros: Context) -> None:
+def test_a_deleted_executor_releases_its_handles(ros: Context) -> None:
     executor = QuickExecutor(2, context=ros)
     node = Node('tested', context=ros)
     executor.add_node(node)
@@ -215,7 +215,9 @@ def test_rclpys_own_functions_spin_it(node: Node, executor: QuickExecutor) -> No
 @pytest.mark.parametrize('threads', [1, 3])
 @pytest.mark.parametrize('spun', ['for ever', 'once', 'once, in a time'])
 @pytest.mark.filterwarnings('ignore:MultiThreadedExecutor is used with a single thread')
-def test_a_callback_spins_until_an_answer_comes(ros: Context, threads: int, spun: str) -> None:
+def test_a_callback_can_spin_until_its_response_arrives(
+    ros: Context, threads: int, spun: str
+) -> None:
     executor, node = QuickExecutor(threads, context=ros), Node('tested', context=ros)
     executor.add_node(node)
     answered = Future()
@@ -308,7 +310,7 @@ def test_spins_follow_one_another_while_callbacks_last(node: Node, executor: Qui
 
 
 @pytest.mark.filterwarnings('error')
-def test_one_thread_is_nothing_to_warn_of(ros: Context) -> None:
+def test_one_thread_gives_no_warning(ros: Context) -> None:
     with QuickExecutor(1, context=ros) as executor:
         task = executor.create_task(lambda: 1)
         executor.spin_until_future_complete(task, DEADLINE)
@@ -316,7 +318,7 @@ def test_one_thread_is_nothing_to_warn_of(ros: Context) -> None:
 
 
 @pytest.mark.filterwarnings('error')
-def test_an_executor_ends_in_silence_after_its_handles(ros: Context) -> None:
+def test_a_deletion_after_the_handles_prints_nothing(ros: Context) -> None:
     node = Node('tested', context=ros, start_parameter_services=False)
     node.create_timer(3600.0, print)
     executor = QuickExecutor(2, context=ros)
@@ -382,7 +384,7 @@ def run(program: str, *arguments: str) -> list[str]:
         (['version', '7.1.12'], ''),
     ],
 )
-def test_what_is_missing_is_named_once_and_rclpys_own_executor_does_the_work(
+def test_one_warning_names_what_is_missing_and_rclpys_executor_runs(
     ros_domain: int, arguments: list[str], name: str
 ) -> None:
     del ros_domain  # by the environment
@@ -404,7 +406,7 @@ def test_neither_rclpys_classes_nor_the_process_nor_former_entities_are_changed(
     assert run('change_nothing.py') == ['True', 'True', 'True']
 
 
-def test_a_middleware_without_listeners_is_waited_for_in_a_wait_set(
+def test_messages_arrive_without_listeners_in_the_middleware(
     ros: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rcl, '_setter', lambda _: lambda *_: 1)

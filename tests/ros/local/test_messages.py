@@ -89,7 +89,7 @@ def filled(name: str, given: dict[str, Any], which: int) -> Any:
 @pytest.mark.parametrize('name', TYPES)
 @settings(max_examples=25)
 @given(data=st.data())
-def test_rclpy_reads_what_is_written_here(name: str, data: st.DataObject) -> None:
+def test_rclpy_reads_our_serialized_messages(name: str, data: st.DataObject) -> None:
     theirs, ours = both(name)
     given = data.draw(values(name))
     of_ros, of_ours = filled(name, given, 0), filled(name, given, 1)
@@ -101,7 +101,7 @@ def test_rclpy_reads_what_is_written_here(name: str, data: st.DataObject) -> Non
 @pytest.mark.parametrize(
     'package', ['barc_interfaces', 'geometry_msgs', 'nav_msgs', 'rcl_interfaces', 'std_msgs']
 )
-def test_defaults_are_those_of_rclpy(package: str) -> None:
+def test_default_values_are_rclpys(package: str) -> None:
     for name in installed():
         of, kind, stem = name.split('/')
         if (of, kind) == (package, 'msg') and stem not in ('WString', 'Goals'):  # rosbags has none
@@ -122,7 +122,7 @@ def test_defaults_are_those_of_rclpy(package: str) -> None:
         ('geometry_msgs/PoseWithCovariance', 'covariance', [0.0]),
     ],
 )
-def test_what_rclpy_would_assert_is_refused_where_it_is_published(
+def test_publish_refuses_the_values_that_rclpy_refuses(
     name: str, field: str, value: object
 ) -> None:
     theirs, ours = both(name)
@@ -142,7 +142,7 @@ def test_a_bounded_sequence_holds_no_more_than_its_bound(which: int) -> None:
         copy(message(integer_range=[item(), item()], **options))
 
 
-def test_a_single_float_is_rounded_where_it_is_sent() -> None:
+def test_a_float32_is_rounded_when_it_is_published() -> None:
     kind = messages.message_type('std_msgs/msg/Float32')
     assert kind.__copy__(kind(data=0.1)).data == pytest.approx(0.1, abs=1e-8)
     assert kind.__copy__(kind(data=0.1)).data != 0.1

@@ -37,7 +37,9 @@ def printed(module_domain: int) -> dict[str, dict[str, str]]:
 
 
 @pytest.mark.parametrize('program', PROGRAMS)
-def test_program_prints_the_same(printed: dict[str, dict[str, str]], program: str) -> None:
+def test_a_program_prints_the_same_with_and_without_ros(
+    printed: dict[str, dict[str, str]], program: str
+) -> None:
     assert program in printed['local'], printed['local']['stderr']
     assert printed['local'][program] == printed['ros'][program]
     assert 'Traceback' not in printed['local'][program]

@@ -34,16 +34,16 @@ EXECUTORS: dict[str, Callable[[Context], Executor]] = {
 #: By executor, what rclpy's own do not do, or by luck.
 ALLOWED = {
     'Single': {
-        'test_a_coroutine_goes_on_when_a_thread_completes_its_future': 'waits for an event',
-        'test_a_coroutine_that_only_yields_goes_on': 'waits for an event',
+        'test_a_coroutine_continues_when_a_thread_completes_its_future': 'waits for an event',
+        'test_a_coroutine_that_only_yields_continues': 'waits for an event',
         'test_reentrant_callbacks_overlap': 'one thread',
         'test_a_callback_that_blocks_does_not_stop_other_groups': 'one thread',
         'test_a_callback_waits_for_an_answer_to_its_call': 'one thread',
         'test_a_rate_paces_a_callback_of_another_group': 'one thread',
     },
     'Multi': {
-        'test_a_coroutine_goes_on_when_a_thread_completes_its_future': 'waits for an event',
-        'test_a_coroutine_that_only_yields_goes_on': 'waits for an event',
+        'test_a_coroutine_continues_when_a_thread_completes_its_future': 'waits for an event',
+        'test_a_coroutine_that_only_yields_continues': 'waits for an event',
         'test_done_callbacks_run_before_later_messages': 'its threads race',
         'test_a_guard_condition_is_called_once_for_triggers_before': 'its threads race',
         'test_spin_once_executes_one_callback': 'submits a callback more than once',

@@ -59,7 +59,7 @@ def test_a_done_callback_gets_the_answer(client: Client, until: Until) -> None:
     assert future.result().success
 
 
-def test_a_request_that_was_given_up_is_not_answered(client: Client, until: Until) -> None:
+def test_removed_and_cancelled_requests_get_no_response(client: Client, until: Until) -> None:
     removed = client.call_async(SetBool.Request())
     client.remove_pending_request(removed)
     cancelled = client.call_async(SetBool.Request())

@@ -60,7 +60,7 @@ def test_a_subscription_receives_information_or_raw_data(node: Node, until: Unti
     assert isinstance(received['raw'], bytes)
 
 
-def test_what_is_destroyed_is_not_executed(
+def test_a_destroyed_entity_is_not_executed(
     node: Node, until: Until, spin_for: Callable[[float], None]
 ) -> None:
     received: list[int] = []
@@ -84,7 +84,7 @@ def test_a_timer_is_called_each_period(node: Node, until: Until) -> None:
     assert all(at >= 0.01 * number - 1e-3 for number, at in enumerate(called[:4], 1))
 
 
-def test_a_cancelled_timer_rests_until_it_is_reset(
+def test_a_cancelled_timer_is_not_called_until_it_is_reset(
     node: Node, until: Until, spin_for: Callable[[float], None]
 ) -> None:
     called = []
@@ -104,7 +104,7 @@ def test_a_cancelled_timer_rests_until_it_is_reset(
     assert not timer.is_ready()
 
 
-def test_a_timer_that_is_not_started_rests(
+def test_a_timer_that_is_not_started_is_not_called(
     node: Node, until: Until, spin_for: Callable[[float], None]
 ) -> None:
     called = []

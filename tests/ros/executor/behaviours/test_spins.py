@@ -62,7 +62,7 @@ def test_a_node_is_added_once(executor: Executor, node: Node) -> None:
     assert executor.get_nodes() == [node]
 
 
-def test_a_removed_node_is_left_alone(
+def test_a_removed_node_is_not_executed(
     executor: Executor, node: Node, spin_for: Callable[[float], None]
 ) -> None:
     called = []
@@ -92,7 +92,7 @@ def test_a_node_moves_to_another_executor(
     until_now.shutdown()
 
 
-def test_nodes_and_entities_that_come_while_it_spins_are_executed(
+def test_nodes_and_entities_added_during_a_spin_are_executed(
     executor: Executor, make_node: Callable[[], Node]
 ) -> None:
     done = Future()

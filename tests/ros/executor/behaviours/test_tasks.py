@@ -106,7 +106,7 @@ async def outcome(future: Future) -> object:
 
 @ENDS
 @pytest.mark.parametrize('is_owned', [True, False], ids=['of the executor', 'of nobody'])
-def test_a_coroutine_goes_on_when_its_future_is_done_between_spins(
+def test_a_coroutine_continues_when_its_future_is_done_between_spins(
     executor: Executor,
     end: Callable[[Future], object],
     result: object,
@@ -122,7 +122,7 @@ def test_a_coroutine_goes_on_when_its_future_is_done_between_spins(
     assert task.result() == result
 
 
-def test_a_coroutine_goes_on_when_a_thread_completes_its_future(
+def test_a_coroutine_continues_when_a_thread_completes_its_future(
     executor: Executor, deadline: float
 ) -> None:
     future = Future()
@@ -134,7 +134,7 @@ def test_a_coroutine_goes_on_when_a_thread_completes_its_future(
     assert task.done()
 
 
-def test_a_coroutine_goes_on_beside_a_program_of_its_own(executor: Executor, until: Until) -> None:
+def test_a_coroutine_continues_with_a_loop_of_spin_once(executor: Executor, until: Until) -> None:
     """As beside a GUI, which spins now and then."""
     future = Future(executor=executor)
 
@@ -152,7 +152,7 @@ def test_a_coroutine_goes_on_beside_a_program_of_its_own(executor: Executor, unt
     assert task.result() == [1, 1]
 
 
-def test_a_coroutine_that_only_yields_goes_on(executor: Executor, deadline: float) -> None:
+def test_a_coroutine_that_only_yields_continues(executor: Executor, deadline: float) -> None:
     async def yield_thrice() -> str:
         for _ in range(3):
             await asyncio.sleep(0)
