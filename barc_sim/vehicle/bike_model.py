@@ -168,7 +168,13 @@ def step(
 ) -> BicycleState:
     """Return the state one forward-Euler step later, on an incline of `theta` [rad].
 
-    The speed follows `next_speed`: resistance never pushes the vehicle backwards.
+        β = atan(l_r / (l_f + l_r) · tan δ)
+        x⁺ = x + ts · v · cos(ψ + β)
+        y⁺ = y + ts · v · sin(ψ + β)
+        ψ⁺ = ψ + ts · v / l_r · sin β
+        v⁺ = v + ts · (a + (-m · g · sin θ - resistance) / m)
+
+    Resistance acts against the motion and never pushes the vehicle backwards: see `next_speed`.
     """
     beta = slip_angle(command.servo, vehicle.l_f, vehicle.l_r)
     way = ts * state.v
