@@ -54,16 +54,19 @@ The way of a state, from the model to the plot of a run with ROS:
 2. `nodes/start_gate.py` waits for a controller. Then the `Stepper` of `simulation/stepper.py` has
    the first state published: there is none before.
 3. `Plant.observe` in `vehicle/plant.py` measures the state.
-4. `nodes/simulator.py` (`publish_state`) publishes it.
+4. `nodes/simulator.py` (`publish_state`) publishes it: `fill` of `ros/node_helpers.py` copies the
+   record into a message.
 5. `nodes/controller.py` passes it to `CruiseControl` in `control/cruise_control.py`, whose pilot
    (`control/pilots.py`) answers with a command.
 6. `Stepper.take_command` stores the command. The step follows at once or at the deadline.
-7. `Plant.advance` makes the step: actuators, force, then the bicycle of `vehicle/bicycles.py` on
+7. The simulator publishes which command holds (`publish_applied`).
+   `Plant.advance` makes the step: actuators, force, then the bicycle of `vehicle/bicycles.py` on
    its road or track. The next state follows at 3.
 8. `nodes/recorder.py` takes all messages, and `bags/writer.py` writes them to the bag.
-9. `bags/reader.py` decodes them, and `bags/samples.py` (`join`) makes the `Log` of
-   `simulation/log.py`.
-10. `figures/run_figures.py` draws the log.
+9. `bags/reader.py` reads them, `bags/decoders.py` decodes them, and `bags/samples.py` (`join`)
+   makes the `Log` of `simulation/log.py`.
+10. `commands/figures.py`, the command `barc plot`, and the function `plot` call
+    `figures/run_figures.py`, which draws the log.
 
 `simulate` needs no messages: the loops that `simulation/__init__.py` lists make the same log.
 """

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _LATEST = 2**64 - 1  #: [ns]
-#: The log's column for each field that is read, by topic.
+#: The log's column for each field that is read, by topic. `controller_state` has no columns of its
+#: own: `LogDecoder` adds its messages to those of `pid_state`.
 TOPICS = {topic: columns for topic in LOG_TYPES if (columns := columns_of(topic))}
 #: The topics in the order in which they fill the log. `ecu` and `applied_command` fill the same
 #: columns: the simulator's record of the command comes last, and replaces the answer.

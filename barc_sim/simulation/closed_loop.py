@@ -5,8 +5,8 @@
 
 The loop here drives any plant with any pilot. The most common run, which is also the default of
 `simulate`, does not need it: a PID drives straight along a road (`Plant.has_fast_path`). For that
-run `closed_loop` calls `rollout.pid_log`, whose shorter loop gives the same log. The package's
-docstring lists all loops.
+run `closed_loop` calls `rollout.pid_log`, whose shorter loop gives the same log.
+`simulation/__init__.py` lists all loops.
 """
 
 from __future__ import annotations

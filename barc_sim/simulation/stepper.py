@@ -234,6 +234,9 @@ class Stepper:
     (`realtime_factor` 0) the answer triggers the step. Otherwise the deadline does, one for each
     period; the command that holds is used if the state is unanswered, and `missed` counts it.
 
+    One thread at a time may call it: all callbacks of the simulator's node are in its default
+    callback group, which is mutually exclusive.
+
     =========  ===================  ======================  =====================================
     phase      event                condition               effect and next phase
     =========  ===================  ======================  =====================================
