@@ -127,8 +127,12 @@ class Events:
         """
         now = time.monotonic()
         number_before = len(self.ready)
-        if self._in_memory and self._queue_counted_in_memory():
-            deadline = 0.0
+        for entry, counted in self._in_memory.items():
+            arrived = entry.in_memory.value - counted
+            if arrived:
+                self._in_memory[entry] += arrived
+                self.queue(entry, arrived)
+                deadline = 0.0
         if not deadline and now < self.poll_due and now < self._next_due:
             return now
 
@@ -147,7 +151,9 @@ class Events:
                 self._count_in_memory(descriptor)
         if now >= self._next_due:
             self._schedule([timer for timer, due in self._due.items() if due <= now])
-        self._sort_new(len(self.ready) - number_before)
+        number_new = len(self.ready) - number_before
+        if number_new > 1:
+            self._sort_new(number_new)
 
         self.context_ended = not self._context.handle.ok()
         if self.context_ended or now >= self._next_check:
@@ -158,22 +164,10 @@ class Events:
 
     def _sort_new(self, number: int) -> None:
         """Bring the last entries of the queue into rclpy's order."""
-        if number > 1:
-            new = [self.ready.pop() for _ in range(number)]
-            new.reverse()
-            new.sort(key=lambda entry: KINDS.index(entry.kind))
-            self.ready.extend(new)
-
-    def _queue_counted_in_memory(self) -> bool:
-        """Queue the entries whose arrivals were counted in memory; return whether any was."""
-        has_arrivals = False
-        for entry, counted in self._in_memory.items():
-            arrived = entry.in_memory.value - counted
-            if arrived:
-                self._in_memory[entry] += arrived
-                self.queue(entry, arrived)
-                has_arrivals = True
-        return has_arrivals
+        new = [self.ready.pop() for _ in range(number)]
+        new.reverse()
+        new.sort(key=lambda entry: KINDS.index(entry.kind))
+        self.ready.extend(new)
 
     def _queue_counted(self, descriptor: int) -> None:
         """Queue the entries whose arrivals a descriptor has counted."""

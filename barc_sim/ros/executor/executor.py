@@ -533,7 +533,17 @@ class QuickExecutor(MultiThreadedExecutor):
             spin.phase = SpinPhase.ONE_RUNS
 
         lent = self._leadership.lend(is_lasting=entry is not None and entry.is_slow)
-        self._call(entry, callback, arguments)
+        claimed = entry
+        try:
+            result = callback(*arguments)
+            if result is not None and entry and iscoroutinefunction(callback):
+                claimed = None  # the coroutine keeps the group until it is done
+                self._step_coroutine(entry, result)
+        except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
+            self._handle_error(entry, error)
+        finally:
+            if claimed:  # after `fail`: the spin ends before the next callback of the group
+                claimed.claim.end()
 
         for spin in spins:
             spin.phase = SpinPhase.ONE_RAN
@@ -545,24 +555,12 @@ class QuickExecutor(MultiThreadedExecutor):
             self._events.wake()  # its group is free
             raise _Lost
 
-    def _call(
-        self, entry: Entry | None, callback: Callable[..., Any], arguments: tuple[Any, ...]
-    ) -> None:
-        """Call a callback, and release its group; a coroutine keeps the group until it is done."""
-        claimed = entry
-        try:
-            result = callback(*arguments)
-            if result is not None and entry and iscoroutinefunction(callback):
-                claimed = None
-                self._step_coroutine(entry, result)
-        except BaseException as error:  # noqa: BLE001 - warned of, or the spinning thread raises it
-            if entry and entry.is_rclpys_error(error):
-                entry.warn_of(error)
-            else:
-                self._events.fail(error)
-        finally:
-            if claimed:  # after `fail`: the spin ends before the next callback of the group
-                claimed.claim.end()
+    def _handle_error(self, entry: Entry | None, error: BaseException) -> None:
+        """Warn of an error of rclpy's own code; any other error ends all spins."""
+        if entry and entry.is_rclpys_error(error):
+            entry.warn_of(error)
+        else:
+            self._events.fail(error)
 
 
 def _deadline(timeout_sec: float | None) -> float:

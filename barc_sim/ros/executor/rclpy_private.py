@@ -12,11 +12,11 @@ from __future__ import annotations
 import ctypes
 from ctypes import PYFUNCTYPE, c_char_p, c_void_p, py_object
 from importlib import import_module
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.event_handler import EventHandler
 from rclpy.executors import MultiThreadedExecutor
-from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 if TYPE_CHECKING:
@@ -180,9 +180,8 @@ def message_functions(message_type: Any) -> MessageFunctions:  # noqa: ANN401 (a
     )
 
 
-def takes_message_only(subscription: Subscription) -> bool:
-    """Return whether a subscription's callback takes the message, without its information."""
-    return subscription._callback_type is Subscription.CallbackType.MessageOnly
+#: Returns what a subscription's callback takes; faster than a function of Python.
+callback_type_of = attrgetter('_callback_type')
 
 
 def take_timer(executor: MultiThreadedExecutor, timer: Timer) -> Callable[[], Any] | None:

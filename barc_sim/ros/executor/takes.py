@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
     from barc_sim.ros.executor.entities import Call, Take
 
+_MESSAGE_ONLY = Subscription.CallbackType.MessageOnly
+
 
 def entry_of(entity: Any, kind: str, node: Node) -> Entry:  # noqa: ANN401 (see `Entry`)
     """Return the entry of a node's entity."""
@@ -52,7 +54,7 @@ def _take_of(entity: object) -> Take:
 def _take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take a message, the fast way if the callback takes nothing else."""
     subscription = entry.entity
-    takes_message_only = private.takes_message_only(subscription)
+    takes_message_only = private.callback_type_of(subscription) is _MESSAGE_ONLY
     if takes_message_only and not subscription.raw:
         if entry.take_message is None:
             entry.take_message = message_taker(subscription)
