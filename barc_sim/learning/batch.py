@@ -38,7 +38,7 @@ from barc_sim.vehicle.plant import (
     channel_of,
     error_of,
     in_steps,
-    motion_between,
+    measured_late,
     queue_room,
     start,
     true_motion,
@@ -316,39 +316,14 @@ def measure_car(
 ) -> VehicleState:
     """Return a motion as the sensor of a car measures it, with row `k` of the noise."""
     if batch.is_late:
-        motion = measured_late(batch, columns.past[i], motion, steps)
+        motion = measured_late(
+            columns.past[i], steps, motion, batch.sensor_whole, batch.sensor_share
+        )
     if batch.is_noisy:
         levels = levels_of(batch.noise, columns.cars[i].noise)
         error = error_of(levels, columns.normals[k, i])
         motion = with_error(motion, error, cos(motion.psi), sin(motion.psi))
     return motion
-
-
-@law
-def measured_late(
-    batch: BatchModel, past: Column, motion: VehicleState, steps: int
-) -> VehicleState:
-    """Return the motion that a late sensor measures, as `Sensor` does, and keep the present one.
-
-    `past` is a ring of the latest motions: that of step `k` is at `k` modulo its length.
-    """
-    room = len(past)
-    row = past[steps % room]
-    row[0] = motion.x
-    row[1] = motion.y
-    row[2] = motion.psi
-    row[3] = motion.v_x
-    row[4] = motion.v_y
-    row[5] = motion.psi_dot
-    newer = past[max(steps - batch.sensor_whole, 0) % room]
-    older = past[max(steps - batch.sensor_whole - 1, 0) % room]
-    return motion_between(motion_of(newer), motion_of(older), batch.sensor_share)
-
-
-@law
-def motion_of(row: Column) -> VehicleState:
-    """Return the motion in a row of numbers."""
-    return VehicleState(row[0], row[1], row[2], row[3], row[4], row[5])
 
 
 @law

@@ -58,7 +58,7 @@ from barc_sim.vehicle.plant import (
     advance,
     error_of,
     in_steps,
-    motion_between,
+    measured_late,
     queue_room,
     true_motion,
     with_arrays,
@@ -202,10 +202,7 @@ def measure(
     seen = true
     error = 0.0
     if conditions.is_late:
-        keep(motions, k, true)
-        newer = kept(motions, k, conditions.late_steps)
-        older = kept(motions, k, conditions.late_steps + 1)
-        seen = motion_between(newer, older, conditions.late_share)
+        seen = measured_late(motions, k, true, conditions.late_steps, conditions.late_share)
     if len(normals) > 0:
         noise = error_of(conditions.noise, normals[k])
         seen = with_error(seen, noise, cos(seen.psi), sin(seen.psi))
@@ -213,25 +210,6 @@ def measure(
     if conditions.is_late:
         error = seen.v_x - true.v_x
     return seen, error
-
-
-@law
-def keep(motions: Column, k: int, motion: VehicleState) -> None:
-    """Store the true motion of state `k`, in place of the oldest one."""
-    row = motions[k % len(motions)]
-    row[0] = motion.x
-    row[1] = motion.y
-    row[2] = motion.psi
-    row[3] = motion.v_x
-    row[4] = motion.v_y
-    row[5] = motion.psi_dot
-
-
-@law
-def kept(motions: Column, k: int, steps: int) -> VehicleState:
-    """Return the true motion this many steps before state `k`, or at the start of the run."""
-    row = motions[max(k - steps, 0) % len(motions)]
-    return VehicleState(row[0], row[1], row[2], row[3], row[4], row[5])
 
 
 @law

@@ -393,6 +393,37 @@ def motion_between(newer: VehicleState, older: VehicleState, share: float) -> Ve
     )
 
 
+@law
+def measured_late(
+    motions: Column, k: int, true: VehicleState, steps: int, share: float
+) -> VehicleState:
+    """Return the motion that a late sensor measures in state `k`, and keep the present one.
+
+    It is that of `steps` whole steps and a share of a step before, or that of the first state.
+    `motions` is a ring of rows with the latest true motions: that of state `k` is at `k` modulo its
+    length, which is at least `steps` + 2.
+    """
+    _store_motion(motions[k % len(motions)], true)
+    newer = _motion_of(motions[max(k - steps, 0) % len(motions)])
+    older = _motion_of(motions[max(k - steps - 1, 0) % len(motions)])
+    return motion_between(newer, older, share)
+
+
+@law
+def _store_motion(row: Column, motion: VehicleState) -> None:
+    row[0] = motion.x
+    row[1] = motion.y
+    row[2] = motion.psi
+    row[3] = motion.v_x
+    row[4] = motion.v_y
+    row[5] = motion.psi_dot
+
+
+@law
+def _motion_of(row: Column) -> VehicleState:
+    return VehicleState(row[0], row[1], row[2], row[3], row[4], row[5])
+
+
 def error_between(true: VehicleState, measured: VehicleState) -> MeasurementError:
     """Return measured minus true, in the vehicle's true frame."""
     cos_psi = cos(true.psi)
