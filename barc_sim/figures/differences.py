@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 #: Parameters that change nothing in what the car does.
 _OF_PACE = {'use_sim_time', 'start_type_description_service', 'realtime_factor', 'clock'}
-#: Parameters whose value says by itself what it is.
+#: Parameters whose value is clear in a label without the parameter's name.
 _PLAIN = {'controller_type', 'lane_type', 'dynamics', 'integrator'}
 _CODE = 'code'  #: the user's files
 _MAX_LABEL = 60  #: characters

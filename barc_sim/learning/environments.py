@@ -65,13 +65,29 @@ def _not_reset(method: str) -> ResetNeeded:
 def _episode_generator(noise: np.random.Generator) -> np.random.Generator:
     """Return the generator of the episodes of a car, beside that of its noise.
 
-    So the noise of a seed is that of a run's `Sensor` with this seed, whatever the episodes draw.
+    The noise of a seed is that of a run's `Sensor` with this seed. What the episodes draw does not
+    change it.
     """
     (generator,) = noise.spawn(1)
     return generator
 
 
-class CarEnv(gymnasium.Env[Any, Any]):
+class _PlainSpec:
+    """The `spec` of an environment, with a scenario as values that JSON can carry."""
+
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What Gymnasium made the environment from."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_plain_scenario(spec)
+
+
+class CarEnv(_PlainSpec, gymnasium.Env[Any, Any]):
     """One car: the plant of the runs, to the last bit.
 
     The classes of `learning.tasks`, by the environment's name, describe observation, action and
@@ -110,22 +126,12 @@ class CarEnv(gymnasium.Env[Any, Any]):
         self.render_mode = render_mode
         self._is_shown = render_mode == 'human'
         self._picture: Picture | None = None
-        self._spec: EnvSpec | None = None
 
         self._plant = self.task.plain
         self._sensor = self._plant.sensor
         self._pid = speed_controller(limit=self.task.limits.motor)
         self._command: Command | None = None  # None before the first episode
         self._noise_generator: np.random.Generator | None = None
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """What `gymnasium.make` made it from, as values that JSON can carry."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = with_plain_scenario(spec)
 
     def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Floats, Any]:
         """Begin an episode.
@@ -274,7 +280,7 @@ class CarEnv(gymnasium.Env[Any, Any]):
         return {**self.__dict__, '_picture': None}
 
 
-class CarVectorEnv(VectorEnv[Any, Any, Any]):
+class CarVectorEnv(_PlainSpec, VectorEnv[Any, Any, Any]):
     """Many cars in one batch, each as `CarEnv` steps it, to the last bit.
 
     Where Numba is installed the batch is compiled, and uses all cores. Car `i` has the random
@@ -317,7 +323,6 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         self.single_observation_space, self.single_action_space = spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._spec: EnvSpec | None = None
         self._max_steps = max_episode_steps or np.inf
 
         self._noise_generators: list[np.random.Generator] = []
@@ -336,15 +341,6 @@ class CarVectorEnv(VectorEnv[Any, Any, Any]):
         self._edges = [num_envs * piece // pieces for piece in range(pieces + 1)]
         self._loop: Callable[..., int] | None = None  # None before the first step
         self._threads: ThreadPoolExecutor | None = None
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """What `gymnasium.make_vec` made it from, as values that JSON can carry."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = with_plain_scenario(spec)
 
     def reset(self, *, seed: Seeds = None, options: Options = None) -> tuple[Floats, Any]:
         """Begin an episode with each car.

@@ -65,7 +65,7 @@ class Pace:
         return late <= PUNCTUAL * self.period
 
 
-NO_STAMP = 0  #: [ns] the stamp of a command that answers whatever state is present
+NO_STAMP = 0  #: [ns] the stamp of a command that answers the present state
 
 
 class Commands:

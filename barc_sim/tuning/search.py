@@ -362,7 +362,7 @@ def _reference_of(scenario: Scenario) -> float | SpeedProfile | None:
 def _scores_in_python(
     scenario: Scenario, pilot: LaneKeeping, gains: Mapping[str, Floats], seeds: Ints | None
 ) -> Floats:
-    """Return the scores of runs with these gains, by name, whatever decides and moves the car."""
+    """Return the scores of runs with these gains, by name, with any controller and model."""
     speed = pilot.speed
     before = speed.gain_values
     scores = []

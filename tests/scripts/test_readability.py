@@ -1,4 +1,4 @@
-"""`scripts/readability` counts what its help says."""
+"""`scripts/readability` counts what its help describes."""
 
 from __future__ import annotations
 

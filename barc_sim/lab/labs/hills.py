@@ -144,8 +144,8 @@ def _drive_corrected(
 def _worse_drive(one: tuple[float, str], other: tuple[float, str]) -> tuple[float, str]:
     """Return score and message of the drive with the lower score.
 
-    Of equal scores it is the one whose message comes first in the alphabet: it is then always the
-    same one, in whatever order the two drives are given.
+    Of equal scores it is the one whose message comes first in the alphabet, so that the
+    order of the two drives does not matter.
     """
     return min(one, other)
 
