@@ -36,6 +36,8 @@ _FLAGS = (
     '--remote-debugging-port=0',
 )
 _DEADLINE = 100.0
+#: Scripts that this file runs on a page.
+_PROGRAMS = Path(__file__).with_name('programs')
 _PICTURE = """((c) => {
   const copy = new OffscreenCanvas(c.width, c.height);
   const context = copy.getContext('2d', { willReadFrequently: true });
@@ -68,73 +70,12 @@ SIZES = (
     (390, 844, True),
     (360, 760, True),
 )
-#: What is wider than the page, leaves its panel or is cut, by name.
-OVERFLOW = """(() => {
-  const found = [];
-  const name = (e) => e.id || e.className || e.tagName;
-  const page = document.documentElement;
-  if (page.scrollWidth > page.clientWidth) found.push('the page');
-  for (const e of document.querySelectorAll('body *')) {
-    const box = e.getBoundingClientRect();
-    if (!e.checkVisibility() || !box.width) continue;
-    const beyond = box.left < -0.5 || box.right > page.clientWidth + 0.5;
-    if (beyond) found.push(`${name(e)} beyond the page`);
-    const panel = e.parentElement.closest('.panel, header')?.getBoundingClientRect();
-    if (panel && (box.right > panel.right + 1 || box.bottom > panel.bottom + 1)) {
-      found.push(`${name(e)} beyond its panel`);
-    }
-    const hides = getComputedStyle(e).overflow !== 'visible' && e.tagName !== 'INPUT';
-    if (hides && e.scrollWidth > e.clientWidth + 1) found.push(`${name(e)} is cut`);
-  }
-  return found;
-})()"""
 #: The keys that use a control of that tag or type.
 _USES = {
     **dict.fromkeys(('range', 'number', 'SELECT'), ('ArrowUp', 'ArrowDown')),
     **dict.fromkeys(('BUTTON', 'SUMMARY'), ('Space',)),
     'A': ('Enter',),
 }
-_CONTROLS = """(() => {
-  const controls = Array.from(document.querySelectorAll('a, button, input, select, summary'))
-    .filter((e) => e.checkVisibility() && !e.disabled);
-  const seen = new Set();
-  for (const type of window.used ? [] : ['click', 'input']) {
-    addEventListener(type, (event) => {
-      used.add(event.target);
-      event.preventDefault();
-      event.stopImmediatePropagation();
-    }, true);
-  }
-  window.used = new Set();
-  window.focused = () => {
-    const e = document.activeElement;
-    if (getComputedStyle(e).outlineStyle === 'solid') seen.add(e);
-    return e.tagName === 'INPUT' ? e.type : e.tagName;
-  };
-  window.unused = () => controls.filter((e) => !seen.has(e) || !used.has(e))
-    .map((e) => e.id || e.textContent);
-  document.activeElement.blur();
-  return controls.length;
-})()"""
-_CUT_LABELS = """new Promise((done) => {
-  const cut = new Set();
-  const { fillText } = CanvasRenderingContext2D.prototype;
-  CanvasRenderingContext2D.prototype.fillText = function (text, x, y, ...more) {
-    const { width, height } = this.canvas;
-    const box = this.measureText(text);
-    for (const u of [x - box.actualBoundingBoxLeft, x + box.actualBoundingBoxRight]) {
-      for (const v of [y - box.actualBoundingBoxAscent, y + box.actualBoundingBoxDescent]) {
-        const at = this.getTransform().transformPoint(new DOMPoint(u, v));
-        if (at.x < -1 || at.y < -1 || at.x > width + 1 || at.y > height + 1) cut.add(text);
-      }
-    }
-    fillText.call(this, text, x, y, ...more);
-  };
-  setTimeout(() => {
-    CanvasRenderingContext2D.prototype.fillText = fillText;
-    done([...cut]);
-  }, 80);
-})"""
 
 
 class Browser:
@@ -221,6 +162,10 @@ class Tab:
         )
         assert 'exceptionDetails' not in answer, answer['exceptionDetails']
         return answer['result'].get('value')
+
+    def run_file(self, path: Path) -> Any:  # noqa: ANN401 (any value of JavaScript's)
+        """Return the value of the expression in a file, awaited."""
+        return self.run(path.read_text(encoding='utf-8'))
 
     def text(self, selector: str) -> str:
         """Return the text that an element shows."""
@@ -338,7 +283,7 @@ class Tab:
 
         Nothing that a key does has an effect.
         """
-        count = self.run(_CONTROLS)
+        count = self.run_file(_PROGRAMS / 'controls.js')
         for _ in range(count + 2):  # the page itself can have the focus between last and first
             self.type('Tab')
             for key in _USES.get(self.run('focused()'), ()):
@@ -347,7 +292,11 @@ class Tab:
 
     def cut_labels(self) -> list[str]:
         """Return the texts that are drawn across the border of a canvas in a moment."""
-        return list(self.run(_CUT_LABELS))
+        return list(self.run_file(_PROGRAMS / 'cut_labels.js'))
+
+    def overflow(self) -> list[str]:
+        """Return what is wider than the page, leaves its panel or is cut, by name."""
+        return list(self.run_file(_PROGRAMS / 'overflow.js'))
 
     def remember(self, canvas: str) -> None:
         """Remember a canvas's picture, for `changed`, once it has a size."""

@@ -7,6 +7,7 @@ import re
 import threading
 import time
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -14,7 +15,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU, Environment, ZDynBkMdl
-from browser import AXE, CHROMIUM, OVERFLOW, SIZES, wait_until
+from browser import AXE, CHROMIUM, SIZES, wait_until
 from command_line import spinning
 from geometry_msgs.msg import Twist
 from node_bench import overrides
@@ -52,6 +53,8 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed"),
     pytest.mark.timeout(300),
 ]
+#: Scripts that a test runs on the page.
+PROGRAMS = Path(__file__).with_name('programs')
 TS = 0.02
 
 
@@ -219,19 +222,19 @@ def test_nothing_is_cut_at_any_size_or_on_paper_and_all_works_by_keyboard(
         cut = {}
         for width, height, touch in SIZES:
             tab.resize(width, height, touch=touch)
-            cut[width, height] = [*tab.run(OVERFLOW), *tab.cut_labels()]
+            cut[width, height] = [*tab.overflow(), *tab.cut_labels()]
         tab.media('print')
         tab.resize(800, 1100)
         controls = "document.querySelectorAll('.actions *, .transport *, .presets *, .pads *')"
         assert not tab.run(f'Array.from({controls}).some((e) => e.checkVisibility())')
-        cut[800, 1100] = tab.run(OVERFLOW)
+        cut[800, 1100] = tab.overflow()
         tab.media('')
         view.page.end('The run has ended.', bag='bags/run 1')
         tab.until("!document.querySelector('#end-card').hidden")
         tab.run("document.querySelector('#end-card summary').click()")
         for width, height, touch in SIZES:
             tab.resize(width, height, touch=touch)
-            cut[width, height] += tab.run(OVERFLOW)
+            cut[width, height] += tab.overflow()
         assert tab.without_keyboard() == []
     assert {size: found for size, found in cut.items() if found} == {}
 
@@ -291,7 +294,7 @@ def test_goal_counts_the_cones_that_are_touched(teleop: Teleop, open_: Open) -> 
     tab.press('ArrowUp')
     wait_until(lambda: tab.text('#goal-touched') == '1')
     tab.release('ArrowUp')
-    assert tab.run(OVERFLOW) == []
+    assert tab.overflow() == []
 
 
 def test_the_goals_clock_starts_when_it_is_switched_on(teleop: Teleop, open_: Open) -> None:
@@ -451,23 +454,8 @@ def test_a_number_beyond_its_limits_is_refused_in_the_command_lines_sentence(
     assert bottom <= 720
 
 
-#: Makes each new connection one that does not open, until `reconnect` is called.
-_NO_CONNECTION = """(() => {
-  const { WebSocket } = window;
-  window.WebSocket = class {
-    static OPEN = WebSocket.OPEN;
-    constructor() {
-      window.reconnect = () => {
-        window.WebSocket = WebSocket;
-        this.onclose({ code: 1006 });
-      };
-    }
-  };
-})()"""
-
-
 def disconnect(view: ViewNode, tab: Tab) -> None:
-    tab.run(_NO_CONNECTION)
+    tab.run_file(PROGRAMS / 'refuse_connections.js')
     page = view.page  # no page of a browser can cut its own connection
     page.call(lambda: [each.transport.abort() for each in [*page.pages]])
     tab.until(
@@ -524,34 +512,7 @@ def test_a_value_that_is_asked_for_is_shown_until_its_node_answers(
     teleop: Teleop, open_: Open
 ) -> None:
     tab = open_(teleop[0].url)
-    steps = tab.run(
-        """import('./parameters.js').then(async ({ Parameters }) => {
-          const sent = [];
-          const notes = [];
-          const parameters = new Parameters(
-            (name, value) => sent.push(value), () => {}, (text) => notes.push(text), 300,
-          );
-          const shown = [];
-          const note = () => shown.push(parameters.shown('kp') ?? null);
-          parameters.request('kp', 1); note();
-          parameters.connect(true);
-          parameters.receive({ kp: 0 }); note();
-          parameters.request('kp', 1);
-          parameters.request('kp', 2); note();
-          parameters.receive({ kp: 0.5 }); note();
-          parameters.accept('kp', 1); note();
-          while (sent.length < 2) await new Promise((done) => { setTimeout(done, 5); });
-          parameters.refuse('kp', 'why');
-          while (parameters.requests.size) await new Promise((done) => { setTimeout(done, 5); });
-          note();
-          parameters.request('kp', 3); note();
-          while (parameters.requests.size) await new Promise((done) => { setTimeout(done, 5); });
-          note();
-          parameters.request('kp', 4);
-          parameters.connect(false); note();
-          return { sent, shown, notes: notes.filter((text) => text) };
-        })"""
-    )
+    steps = tab.run_file(PROGRAMS / 'request_parameters.js')
     assert steps['sent'] == [1, 2, 3, 4]
     assert steps['shown'] == [None, 0, 2, 2, 2, 1, 3, 1, 1]
     assert steps['notes'] == ['why', 'kp: its node has not answered within 0.3 s']
@@ -610,28 +571,13 @@ def test_forces_and_terms_are_those_of_the_messages(acc: Acc, open_: Open) -> No
     assert command == pytest.approx(sum(terms), abs=0.002)
 
 
-_COUNT_ANNOUNCED = """(() => {
-  window.announced = [];
-  const regions = '[role=status], [role=alert], [aria-live], output';
-  for (const region of document.querySelectorAll(regions)) {
-    let texts = 0;
-    let before = region.textContent;
-    new MutationObserver(() => {
-      if (region.textContent !== before) texts += 1;
-      before = region.textContent;
-      announced[region.id] = texts;
-    }).observe(region, { childList: true, characterData: true, subtree: true });
-  }
-})()"""
-
-
 def test_a_run_that_hangs_is_named_with_its_seconds_and_little_is_announced(
     acc: Acc, open_: Open
 ) -> None:
     view, car, _ = acc
     tab = open_(view.url)
     tab.until("document.querySelector('#state').innerText === 'Live'")
-    tab.run(_COUNT_ANNOUNCED)
+    tab.run_file(PROGRAMS / 'count_announcements.js')
     began = time.monotonic()
     wait_until(lambda: time.monotonic() > began + 1.0)  # readings change all the time
     car.hangs = True
@@ -702,18 +648,7 @@ def test_the_parameters_of_an_earlier_state_are_those_of_its_time(
     teleop: Teleop, open_: Open
 ) -> None:
     tab = open_(teleop[0].url)
-    found = tab.run(
-        """import('./settings.js').then(({ Settings }) => {
-          const settings = new Settings();
-          const none = settings.at(1).limit ?? null;
-          settings.add(-Infinity, { limit: 0 });
-          settings.add(2, { limit: 6 });
-          settings.add(5, { limit: 7 });
-          const before = [1, 2, 4.9, 5, 9].map((t) => settings.at(t).limit);
-          settings.add(3, { limit: 8 }); // time went back
-          return [none, before, settings.at(9).limit, settings.at(2.5).limit];
-        })"""
-    )
+    found = tab.run_file(PROGRAMS / 'settings_over_time.js')
     assert found == [None, [0, 6, 6, 7, 7], 8, 6]
 
 
@@ -764,7 +699,7 @@ def test_end_card_has_the_score_and_the_next_commands(acc: Acc, open_: Open) -> 
     assert tab.text('#message') == 'The run has ended: Ctrl-C was pressed.'
     assert tab.text('#state') == 'Ended'
     assert tab.run("document.querySelector('#reset').disabled") is True
-    assert tab.run(OVERFLOW) == []
+    assert tab.overflow() == []
 
 
 def test_history_of_a_day_has_bounded_memory_and_keeps_its_beginning(
@@ -772,20 +707,7 @@ def test_history_of_a_day_has_bounded_memory_and_keeps_its_beginning(
 ) -> None:
     view, _ = teleop
     tab = open_(view.url)
-    count, first, last, laps = tab.run(
-        """import('./history.js').then(({ History }) => {
-          const history = new History(1000);
-          history.name(['t', 'lap'], false);
-          for (let k = 0; k < 20000; k += 1) {
-            history.add(new Float64Array([0.02 * k, Math.floor(k / 5000)]));
-          }
-          const laps = [];
-          for (let row = 0; row + 1 < history.count; row += 1) {
-            if (history.jumps(row)) laps.push(history.at(row + 1, 't'));
-          }
-          return [history.count, history.at(0, 't'), history.last('t'), laps];
-        })"""
-    )
+    count, first, last, laps = tab.run_file(PROGRAMS / 'history_of_a_day.js')
     assert count <= 1000
     assert (first, last) == (0.0, pytest.approx(0.02 * 19999))
     assert laps == pytest.approx([100.0, 200.0, 300.0])
@@ -834,7 +756,7 @@ def test_checker_finds_no_accessibility_violation(either: ViewNode, open_: Open)
     tab.media(forced_colors='active')
     assert tab.violations(AXE) == []
     tab.resize(1440, 900)
-    assert tab.run(OVERFLOW) == []
+    assert tab.overflow() == []
 
 
 def test_laps_of_a_track_are_those_of_the_log(ros: Context, open_: Open) -> None:
@@ -848,7 +770,7 @@ def test_laps_of_a_track_are_those_of_the_log(ros: Context, open_: Open) -> None
     with spinning(ros, view, simulator, controller):
         tab = open_(view.url)
         tab.until("document.body.dataset.mode === 'track'")
-        tab.run(_COUNT_ANNOUNCED)
+        tab.run_file(PROGRAMS / 'count_announcements.js')
         began = time.monotonic()
         tab.until("document.querySelectorAll('#track-laps tr').length === 3")
         tab.until("document.querySelector('#track-laps tr:last-child td').textContent !== '\u2013'")

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, OVERFLOW, SIZES, wait_until
+from browser import CHROMIUM, SIZES, wait_until
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -46,24 +46,8 @@ if TYPE_CHECKING:
 
     Played = Callable[..., AbstractContextManager[Tab]]
 
-#: Notes how far below the part of a chart that is left to its lines each grade is written [px].
-_NOTE_NAMES = """(() => {
-  window.names = [];
-  const { fillText, rect } = CanvasRenderingContext2D.prototype;
-  const ends = {};
-  Object.assign(CanvasRenderingContext2D.prototype, {
-    rect(x, y, width, height) {
-      ends[this.canvas.id] = y + height;
-      rect.call(this, x, y, width, height);
-    },
-    fillText(text, x, y) {
-      const end = ends[this.canvas.id];
-      const { actualBoundingBoxAscent: ascent } = this.measureText(text);
-      if (end && text.endsWith('°')) names.push(y - ascent - end);
-      fillText.call(this, text, x, y);
-    },
-  });
-})()"""
+#: Scripts that a test runs on the page.
+PROGRAMS = Path(__file__).with_name('programs')
 _SERVE = (
     'from barc_sim.page.run_page import serve;'
     'from barc_sim.simulation.closed_loop import closed_loop;'
@@ -223,7 +207,7 @@ def test_charts_zoom_read_hide_and_save(log: Log, played: Played) -> None:
 @in_browser
 def test_the_names_of_slopes_are_below_the_lines(log: Log, played: Played) -> None:
     with played(log, width=1440, height=900) as tab:
-        tab.run(_NOTE_NAMES)
+        tab.run_file(PROGRAMS / 'note_grades.js')
         wait_until(lambda: tab.run('names.length') > 3)
         assert min(tab.run('names')) >= 0.0
 
@@ -351,27 +335,8 @@ def test_nothing_is_cut_at_any_size_and_every_control_works_by_keyboard(
         _seek(tab, 14.0)
         for width, height, touch in SIZES:
             tab.resize(width, height, touch=touch)
-            assert [*tab.run(OVERFLOW), *tab.cut_labels()] == [], (width, height)
+            assert [*tab.overflow(), *tab.cut_labels()] == [], (width, height)
         assert tab.without_keyboard() == []
-
-
-#: Notes where cars are drawn from above, by their opacity: place and scale [px], and heading.
-_NOTE_CARS = """(() => {
-  window.cars = {};
-  const own = CanvasRenderingContext2D.prototype;
-  for (const name of ['translate', 'rotate', 'scale']) {
-    const call = own[name];
-    own[name] = function (...values) {
-      if (this.canvas.id === 'scene') (cars[this.globalAlpha] ??= {})[name] ??= values;
-      call.apply(this, values);
-    };
-  }
-  const begin = own.clearRect;
-  own.clearRect = function (...values) {
-    if (this.canvas.id === 'scene') window.cars = {};
-    begin.apply(this, values);
-  };
-})()"""
 
 
 @in_browser
@@ -385,7 +350,7 @@ def test_a_track_has_its_errors_and_the_best_lap_as_a_ghost(played: Played) -> N
         best = tab.text('#track-laps .best').split()
         assert best[:2] == [f'{laps.best.number + 1}', f'{laps.best.time:.2f}']
         tab.click('#play')
-        tab.run(_NOTE_CARS)
+        tab.run_file(PROGRAMS / 'note_cars.js')
         _seek(tab, log.t[row])
         shown = pytest.approx(log.e_y[row], abs=6e-4)
         wait_until(lambda: tab.number('#e-y') == shown)
@@ -402,7 +367,7 @@ def test_a_track_has_its_errors_and_the_best_lap_as_a_ghost(played: Played) -> N
         tab.select('#axis', 't')
         for width, height, touch in SIZES:
             tab.resize(width, height, touch=touch)
-            assert [*tab.run(OVERFLOW), *tab.cut_labels()] == [], (width, height)
+            assert [*tab.overflow(), *tab.cut_labels()] == [], (width, height)
 
 
 def _seek(tab: Tab, time: float) -> None:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from barc_sim.page.protocol import Request
 
 DEADLINE = 100.0
+PROGRAMS = Path(__file__).with_name('programs')
 
 
 class Recorder(ViewServer):
@@ -197,26 +198,12 @@ def test_the_name_given_with_view_host_is_the_servers_own(
         assert b' 403 ' in answer_to(server, '', ['Host: uni.example'])
 
 
-#: A browser that writes its arguments, and what it may read, as JSON into the file `SEEN`.
-BROWSER = """
-import json, os, pathlib, sys, urllib.parse
-path = pathlib.Path(urllib.parse.unquote(urllib.parse.urlsplit(sys.argv[1]).path))
-seen = {'arguments': sys.argv[1:], 'text': path.read_text(), 'path': str(path)}
-seen['modes'] = [oct(each.stat().st_mode & 0o777) for each in (path, path.parent)]
-new = pathlib.Path(os.environ['SEEN'] + '.new')
-new.write_text(json.dumps(seen))
-new.rename(os.environ['SEEN'])
-"""
-
-
 @pytest.fixture
 def browser_stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Put a browser on PATH; return the file with what it has seen."""
     program = tmp_path / 'stub-browser'
-    script = tmp_path / 'stub.py'
-    script.write_text(BROWSER)
     # A line `#!` could not hold a path with a space.
-    words = shlex.join([sys.executable, str(script)])
+    words = shlex.join([sys.executable, str(PROGRAMS / 'stub_browser.py')])
     program.write_text(f'#!/bin/sh\nexec {words} "$@"\n')
     program.chmod(0o755)
     seen = tmp_path / 'seen.json'
