@@ -163,7 +163,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     started: list[subprocess.Popen[str]] = []
 
     def start(
-        *arguments: str,
+        *arguments: str | Path,
         before: tuple[str, ...] = (),
         **options: Any,  # noqa: ANN401 (of Popen)
     ) -> subprocess.Popen[str]:

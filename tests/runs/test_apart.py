@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -19,30 +20,11 @@ from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     Start = Callable[..., subprocess.Popen[str]]
 
 DEADLINE = 100.0
-#: What anybody might write; it dies by itself after so many states.
-THEIRS = """
-import os, sys
-import rclpy
-from barc_interfaces.msg import ECU, ZDynBkMdl
-rclpy.init()
-node = rclpy.create_node('theirs')
-commands = node.create_publisher(ECU, 'ecu', 10)
-left = int(sys.argv[1])
-def on_state(state):
-    global left
-    if not left:
-        os._exit(1)
-    left -= 1
-    commands.publish(ECU(header=state.header, motor=8.0 - state.v_x))
-node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, 10)
-rclpy.spin(node)
-"""
-FOR_EVER = '-1'
+PROPORTIONAL_CONTROLLER = Path(__file__).with_name('programs') / 'proportional_controller.py'
 ALONE = ('--no-controller', '--realtime-factor', 'max')
 RUN = ('-m', 'barc_sim.run', 'acc', '-q', *ALONE)
 
@@ -80,7 +62,7 @@ def test_a_controller_of_others_takes_the_place_of_ours(start: Start, tmp_path: 
     run = start(*RUN, '--distance', '10')
     assert run.stderr
     assert 'waiting for a controller that publishes /ecu' in run.stderr.readline()
-    start('-c', THEIRS, FOR_EVER)
+    start(PROPORTIONAL_CONTROLLER)
     log = bag.read(tmp_path / ended(run))
     expected = closed_loop(
         controller=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0
@@ -132,7 +114,7 @@ def test_a_run_on_one_machine_is_driven_from_another(
     here, elsewhere = machines
     run = start(*RUN, '--network', '--distance', '10', before=here)
     subnet = ('env', 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET')
-    start('-c', THEIRS, FOR_EVER, before=(*elsewhere, *subnet))
+    start(PROPORTIONAL_CONTROLLER, before=(*elsewhere, *subnet))
     log = bag.read(tmp_path / ended(run))
     expected = closed_loop(
         controller=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0

@@ -17,6 +17,7 @@ pytest.importorskip('rclpy')
 
 from command_line import acc, bag_of, messages, printed
 from rosbags.highlevel import AnyReader
+from user_files import user_text
 
 import barc_sim
 from barc_sim.bags import reader as bag
@@ -39,42 +40,7 @@ if TYPE_CHECKING:
 
 COLUMNS = [name for name in barc_sim.simulation.log.COLUMNS if name != 'missed']
 TOPICS = ('/z_vhcl', '/ez_vhcl', '/environment', '/ecu', '/applied_command', '/pid_state')
-#: Publishes a speed as soon as anything subscribes, and ends.
-BRIEF = """
-import time
-import rclpy
-from rclpy.duration import Duration
-from std_msgs.msg import Float64
-rclpy.init()
-publisher = rclpy.create_node('brief').create_publisher(Float64, 'speed_reference', 10)
-print(flush=True)
-while not publisher.get_subscription_count():
-    time.sleep(0.001)
-publisher.publish(Float64(data=5.0))
-publisher.wait_for_all_acked(Duration(seconds=10))
-"""
-#: Puts the car elsewhere, and ends when it has driven 15 m from there.
-INITIAL_POSE = """
-import rclpy
-from barc_interfaces.msg import ZDynBkMdl
-from geometry_msgs.msg import PoseWithCovarianceStamped
-rclpy.init()
-node = rclpy.create_node('rviz')
-publisher = node.create_publisher(PoseWithCovarianceStamped, 'initialpose', 1)
-places = []
-node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda state: places.append(state.x), 100)
-print(flush=True)
-while len(places) < 10 or not publisher.get_subscription_count():
-    rclpy.spin_once(node)
-pose = PoseWithCovarianceStamped()
-pose.header.frame_id = 'map'
-pose.pose.pose.position.x, pose.pose.pose.position.y = -40.0, 3.0
-publisher.publish(pose)
-while places[-1] > -35.0:
-    rclpy.spin_once(node)
-while places[-1] < -25.0:
-    rclpy.spin_once(node)
-"""
+PROGRAMS = Path(__file__).with_name('programs')
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
 
@@ -110,25 +76,11 @@ def test_run_in_real_time_is_the_rollout_as_far_as_no_deadline_was_missed(tmp_pa
     pytest.skip('this machine missed a deadline in each of 3 runs')
 
 
-#: Takes longer than a period from time to time.
-SLOW = """
-import time
-class PID:
-    def __init__(self, kp, ki, kd):
-        self.calls = 0
-    def acc_calculate(self, speed_reference, speed_current):
-        self.calls += 1
-        if self.calls % 10 == 3:
-            time.sleep(0.05)
-        return 10.0 * (speed_reference - speed_current)
-"""
-
-
 @pytest.mark.parametrize('engine', ['ros', 'local'])
 def test_the_missed_commands_of_the_bag_are_those_that_were_counted(
     tmp_path: Path, engine: str
 ) -> None:
-    (tmp_path / 'slow.py').write_text(SLOW)
+    (tmp_path / 'slow.py').write_text(user_text('slow_controller.py'))
     options = ('--controller', str(tmp_path / 'slow.py'), '--distance', '10', '--engine', engine)
     run = printed('acc', *options, '-q', '--bag-dir', str(tmp_path / 'bags')).strip()
     info, log = bag.info(run), bag.read(run)
@@ -194,7 +146,7 @@ def test_bag_says_what_run_it_holds(path: Path) -> None:
 def test_bag_holds_what_a_publisher_sends_that_comes_and_goes(
     tmp_path: Path, start: Callable[..., subprocess.Popen[str]], factor: str
 ) -> None:
-    brief = start('-c', BRIEF)
+    brief = start(PROGRAMS / 'publish_once.py')
     assert brief.stdout
     brief.stdout.readline()
 
@@ -211,7 +163,7 @@ def test_bag_holds_what_a_publisher_sends_that_comes_and_goes(
 def test_an_initial_pose_is_in_the_bag_and_the_run_from_there_can_be_repeated(
     tmp_path: Path, start: Callable[..., subprocess.Popen[str]]
 ) -> None:
-    rviz = start('-c', INITIAL_POSE)
+    rviz = start(PROGRAMS / 'set_initial_pose.py')
     assert rviz.stdout
     rviz.stdout.readline()
     options = ('--realtime-factor', 'max', '--road', 'flat', '--distance', '0')
