@@ -16,6 +16,7 @@ from elsewhere import ELSEWHERE
 import barc_sim
 
 PACKAGE = Path(barc_sim.__file__).parent
+IMPORT_MODULES = Path(__file__).with_name('programs') / 'import_modules.py'
 #: Each room imports those before it, and never those behind.
 ROOMS = (
     'errors',
@@ -138,25 +139,10 @@ def test_every_way_to_import_is_seen(source: str) -> None:
     assert rooms_of(imported(source, 'barc_sim.errors')) == {'nodes'}
 
 
-#: Imports the modules in an interpreter where nothing of ROS can be imported.
-_IMPORT_ALL = """
-import importlib, sys
-
-class NoRos:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition('.')[0] in NAMES or name.partition('.')[0].endswith('_msgs'):
-            raise ImportError(f'{name} is of ROS')
-
-sys.meta_path.insert(0, NoRos())
-for name in sys.argv[1:]:
-    importlib.import_module(name)
-"""
-
-
 def import_without_ros(*names: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, '-c', _IMPORT_ALL.replace('NAMES', repr(ROS)), *names],
-        cwd=PACKAGE.parent,
+        [sys.executable, IMPORT_MODULES, ','.join(ROS), *names],
+        env=os.environ | {'PYTHONPATH': str(PACKAGE.parent)},
         capture_output=True,
         text=True,
         check=False,

@@ -58,22 +58,7 @@ def test_no_record_is_read_by_position() -> None:
     assert positions(SOURCES) == []
 
 
-DECLARED = """
-class Pose(NamedTuple):
-    x: float
-    y: float
-
-class Place(NamedTuple):
-    pose: Pose
-
-class Track:
-    start: Pose
-
-    def place(self, s: float) -> Pose: ...
-
-    @property
-    def poses(self) -> list[Pose]: ...
-"""
+DECLARED = (Path(__file__).with_name('programs') / 'records.py').read_text('utf-8')
 IMPORT = 'from barc_sim.a import Place, Pose\n'
 
 

@@ -17,25 +17,7 @@ if TYPE_CHECKING:
     import subprocess
     from collections.abc import Callable
 
-#: Interrupts itself when a module is imported first.
-INTERRUPTED_AT = """
-import os, runpy, signal, sys
-class Finder:
-    def find_spec(self, name, path=None, target=None):
-        if name == {module!r}:
-            os.kill(os.getpid(), signal.SIGINT)
-sys.meta_path.insert(0, Finder())
-sys.argv = ['barc', 'info', '--help']
-runpy.run_module({program!r}, run_name='__main__', alter_sys=True)
-"""
-#: Has been interrupted before Python could handle it.
-BLOCKED = """
-import os, signal, sys
-signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-os.kill(os.getpid(), signal.SIGINT)
-from barc_sim.run import main
-sys.exit(main(['info', '--help']))
-"""
+PROGRAMS = Path(__file__).with_name('programs')
 WITH_ROS = (
     *('acc', 'teleop', 'topics', 'echo z_vhcl', 'param list', 'graph', 'node relay', 'record'),
     'play bag',
@@ -47,8 +29,8 @@ WITH_ROS = (
 def test_ctrl_c_ends_the_imports_without_a_traceback(
     start: Callable[..., subprocess.Popen[str]], program: str, module: str
 ) -> None:
-    script = INTERRUPTED_AT.format(module=module, program=program)
-    process = start('-c', script, env=os.environ | ENVIRONMENT)
+    words = (PROGRAMS / 'interrupt_at_import.py', program, module)
+    process = start(*words, env=os.environ | ENVIRONMENT)
     assert process.communicate() == ('', '')
     assert process.returncode == -signal.SIGINT
 
@@ -56,7 +38,7 @@ def test_ctrl_c_ends_the_imports_without_a_traceback(
 def test_ctrl_c_that_came_before_python_ends_it_without_a_traceback(
     start: Callable[..., subprocess.Popen[str]],
 ) -> None:
-    process = start('-c', BLOCKED, env=os.environ | ENVIRONMENT)
+    process = start(PROGRAMS / 'interrupted_before.py', env=os.environ | ENVIRONMENT)
     assert process.communicate() == ('', '')
     assert process.returncode == -signal.SIGINT
 

@@ -18,6 +18,7 @@ import pytest
 import barc_sim
 
 ROOT = Path(__file__).parents[2]
+PROGRAMS = Path(__file__).with_name('programs')
 SCRIPTS = [*sorted((ROOT / 'scripts').iterdir()), *sorted((ROOT / '.ci').iterdir())]
 SHELL_SCRIPTS = [
     path for path in SCRIPTS if path.is_file() and b'bash' in path.read_bytes().split(b'\n', 1)[0]
@@ -146,20 +147,14 @@ def test_what_it_cannot_use_is_named(
     assert message in sentence(run(checkout, path, **chosen | environment))
 
 
-#: A Python for which PyPI has no ROS: as on a Mac, or in Git Bash, where lines end with CR LF.
-ELSEWHERE = """
-case "$*" in
-  *realpath*) printf '3.12 none %s\\r\\n' "$0" ;;
-  *'-Im venv'*)
-    mkdir -p "${@: -1}/FOLDER"
-    cp "$0" "${@: -1}/FOLDER/python"
-    ;;
-  *'pip install'*) [[ $PIP_ONLY_BINARY == :all: ]] && printf '%s\\n' "$*" ;;
-  *barc_sim.run*) printf 'drives: %s\\n' "$*" ;;
-esac
-"""
 #: What a Mac has, and Git Bash.
 POSIX = ('awk', 'bash', 'cksum', 'cp', 'df', 'env', 'find', 'grep', 'mkdir', 'readlink', 'rm')
+
+
+def python_without_ros(folder: str) -> str:
+    """Return the script of a Python whose virtual environments have their programs in `folder`."""
+    text = (PROGRAMS / 'python_without_ros.sh').read_text('utf-8')
+    return text.replace('FOLDER', folder)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +163,7 @@ POSIX = ('awk', 'bash', 'cksum', 'cp', 'df', 'env', 'find', 'grep', 'mkdir', 're
 def test_where_pypi_has_no_ros_barc_is_set_up_without_it(
     checkout: Path, tmp_path: Path, system: str, folder: str
 ) -> None:
-    scripts = {'python3': ELSEWHERE.replace('FOLDER', folder), 'uname': f'echo {system}'}
+    scripts = {'python3': python_without_ros(folder), 'uname': f'echo {system}'}
     path = programs(tmp_path / 'bin', *POSIX, **scripts)
     first = run(checkout, path, BARC_PYTHON='')
     assert first.returncode == 0, first.stderr
@@ -189,7 +184,7 @@ def test_where_pypi_has_no_ros_barc_is_set_up_without_it(
 
 
 def test_barc_ros_none_needs_no_compiler(checkout: Path, tmp_path: Path) -> None:
-    path = programs(tmp_path / 'bin', *POSIX, 'uname', python3=ELSEWHERE.replace('FOLDER', 'bin'))
+    path = programs(tmp_path / 'bin', *POSIX, 'uname', python3=python_without_ros('bin'))
     process = run(checkout, path, BARC_PYTHON='', BARC_ROS='none', ROS_DISTRO='humble')
     assert process.returncode == 0, process.stderr
 

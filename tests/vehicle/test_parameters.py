@@ -19,6 +19,7 @@ from barc_sim.vehicle.parameters import LIVE, PARAMETERS, PlantOptions
 if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Plant
 
+PRINT_PAYLOAD = Path(__file__).with_name('programs') / 'print_payload.py'
 DEFAULTS = {each.name: each.default for each in PARAMETERS}
 BOUNDS = [
     (each.name, bound)
@@ -81,22 +82,6 @@ def test_a_limit_of_0_means_no_limit() -> None:
     assert car.state.v == 0.0
 
 
-#: Prints the parameter of a node, what an environment draws, the plant's record, and a step.
-_DERIVED = """
-from barc_sim.learning.tasks import TASKS
-from barc_sim.simulation.scenario import Scenario
-from barc_sim.simulation.stepper import parameters
-from barc_sim.vehicle.bike_model import Vehicle, bikeFE
-table = {each.name: each for each in parameters()}
-print(table['payload'].between, table['payload'].unit)
-values = {name: each.default for name, each in table.items()} | {'payload': 5.0}
-print(Scenario.of_parameters(values, laps=0).plant().vehicle.payload)
-task = TASKS['Lane'](ranges={'payload': (1.0, 2.0)}, vehicle=Vehicle(mass=1500.0))
-print(task.plant({'payload': 1.5}).vehicle[::6])
-print(bikeFE(0.0, 0.0, 0.0, 8.0, 1.0, 0.0, 0.0, 2000.0, 0.0, 0.0, 0.02))
-"""
-
-
 def test_a_parameter_of_the_car_is_one_line(tmp_path: Path) -> None:
     without = shutil.ignore_patterns('__pycache__', 'web', 'templates')
     package = shutil.copytree(Path(barc_sim.__file__).parent, tmp_path / 'barc_sim', ignore=without)
@@ -105,14 +90,17 @@ def test_a_parameter_of_the_car_is_one_line(tmp_path: Path) -> None:
     text, count = re.subn(r'( +gravity: Annotated.*\n)', rf'\1{line}', file.read_text('utf-8'))
     assert count == 1
     file.write_text(text, 'utf-8')
+
+    # Beside the copy of the package, which it imports.
+    program = shutil.copy(PRINT_PAYLOAD, tmp_path)
     done = subprocess.run(
-        [sys.executable, '-c', _DERIVED],
-        cwd=tmp_path,
+        [sys.executable, program],
         capture_output=True,
         text=True,
         check=False,
         timeout=200,
     )
+
     assert done.stderr == ''
     assert done.stdout.splitlines() == [
         '(0.0, 500.0) kg',
