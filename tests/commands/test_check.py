@@ -9,7 +9,7 @@ import pytest
 from command_line import printed, refused
 from rich.console import Console
 from user_files import CONTROLLER as RIGHT
-from user_files import MODEL, replaced
+from user_files import MODEL, replaced, user_text
 
 from barc_sim.__main__ import main as barc
 from barc_sim.commands.check import print_report
@@ -19,18 +19,11 @@ from barc_sim.lab.labs.hills import HILLS
 if TYPE_CHECKING:
     from pathlib import Path
 
-CONTROLLER = """\
-class PID:
-    def __init__(self, kp, ki, kd):
-        self.kp = kp
-
-    def acc_calculate(self, speed_reference, speed_current):
-        print('[red]called')
-        return self.kp * (speed_reference - speed_current)
-
-
-pid = PID(2, 0, 0)
-"""
+#: A controller that has only P, and prints.
+PROPORTIONAL = replaced(
+    user_text('proportional_controller.py'),
+    ('self.calls += 1', "print('[red]called')"),
+)
 
 
 @pytest.fixture
@@ -45,7 +38,9 @@ def folder(tmp_path: Path) -> Path:
 @pytest.fixture
 def wrong(folder: Path) -> Path:
     """Return a folder with a right model, and a controller that has only P."""
-    (folder / 'controller.py').write_text(CONTROLLER, encoding='utf-8')
+    (folder / 'controller.py').write_text(
+        f'{PROPORTIONAL}\n\npid = PID(2, 0, 0)\n', encoding='utf-8'
+    )
     return folder
 
 

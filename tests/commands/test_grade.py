@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import textwrap
 import threading
 import time
 import zipfile
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from bombs import BOMBS
-from user_files import CONTROLLER, MODEL
+from user_files import CONTROLLER, MODEL, user_text
 
 from barc_sim.__main__ import main as barc
 from barc_sim.commands import grade
@@ -45,48 +44,11 @@ MODEL_POINTS, ALL_POINTS = 50.0, 100.0
 
 #: Before a right model: what is tried, and does not work, leaves it right.
 ATTACKS = {
-    'patch_barc_sim': """
-        import sys
-        for module in list(sys.modules.values()):
-            if module.__name__.startswith('barc_sim'):
-                for name, value in list(vars(module).items()):
-                    if not name.startswith('_') and callable(value):
-                        try:
-                            setattr(module, name + '_patched', value)
-                        except Exception:
-                            pass
-        try:
-            import barc_sim.lab.labs.hills as lab
-            lab.judge = lambda *args: 100
-        except ImportError:
-            pass
-    """,
-    'kill_parent': """
-        import os, signal
-        for pid in (os.getppid(), 0, -1, 1):
-            for number in (signal.SIGTERM, signal.SIGKILL):
-                try:
-                    os.kill(pid, number)
-                except OSError:
-                    pass
-    """,
-    'exit_handler': """
-        import atexit, os, signal
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        atexit.register(os._exit, 0)
-    """,
-    'print_much': """
-        print('<script>alert(1)</script>' * 10_000)
-    """,
+    'patch_barc_sim': user_text('attack_patch.py'),
+    'kill_parent': user_text('attack_kill.py'),
+    'exit_handler': user_text('attack_exit.py'),
+    'print_much': user_text('attack_print.py'),
 }
-_WRITE_EVERYWHERE = """
-import os
-for i in range(3, 64):
-    try:
-        os.write(i, bytes(500))
-    except OSError:
-        pass
-"""
 
 
 @pytest.fixture(scope='module')
@@ -108,7 +70,7 @@ def graded(tmp_path_factory: pytest.TempPathFactory) -> Graded:
     add('nothing')
     add('class.csv')
     for name, code in ATTACKS.items():
-        add(name, bike_model=f'{textwrap.dedent(code)}\n{MODEL}')
+        add(name, bike_model=f'{code}\n{MODEL}')
     (folder / 'submissions' / 'nothing' / 'bike_model.py').symlink_to('../reference/bike_model.py')
     with zipfile.ZipFile(folder / 'submissions' / 'packed.zip', 'w') as archive:
         archive.writestr('lab/controller.py', CONTROLLER)
@@ -368,9 +330,9 @@ _HOSTILE_CODE = {
     'sleeps': {'bike_model': 'import time\ntime.sleep(1000)'},
     'eats': {'bike_model': _TAKES_ALL + MODEL, 'controller': 'x = [0] * 10**12'},
     'crashes': {'bike_model': 'import ctypes\nctypes.string_at(0)'},
-    '=cmd|calc!A1': {'bike_model': ATTACKS['kill_parent'].replace('\n        ', '\n') + MODEL},
+    '=cmd|calc!A1': {'bike_model': ATTACKS['kill_parent'] + MODEL},
     'class.csv': {'bike_model': 'import os\nos._exit(0)'},
-    '\x1b[2J\nright_0,100': {'controller': _WRITE_EVERYWHERE},
+    '\x1b[2J\nright_0,100': {'controller': user_text('attack_write.py')},
 }
 
 

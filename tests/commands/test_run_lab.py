@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from student_code import WORKS
+from user_files import replaced, user_text
 
 pytest.importorskip('rclpy')
 
@@ -28,17 +29,7 @@ if TYPE_CHECKING:
 MAX = ('--realtime-factor', 'max')
 pytestmark = pytest.mark.usefixtures('ros_domain', 'here')
 
-PID = """
-class PID:
-    def __init__(self, kp, ki, kd):
-        self.kp = kp
-        self.calls = 0
-
-    def acc_calculate(self, speed_reference, speed_current):
-        self.calls += 1
-        {line}
-        return self.kp * (speed_reference - speed_current)
-"""
+PID = user_text('proportional_controller.py')
 
 
 @pytest.fixture
@@ -52,6 +43,11 @@ def start(start: Start) -> Start:
     return partial(start, '-m', 'barc_sim.run')
 
 
+def pid_with(line: str) -> str:
+    """Return the controller with a line of Python before it answers."""
+    return replaced(PID, ('        return', f'        {line}\n        return'))
+
+
 def lab(folder: Path, **files: str) -> Path:
     folder.mkdir()
     for name, text in files.items():
@@ -60,7 +56,7 @@ def lab(folder: Path, **files: str) -> Path:
 
 
 def test_gains_go_to_the_users_class_and_its_files_to_the_bag(tmp_path: Path) -> None:
-    text = "print('loaded')\nimport gain\n" + PID.format(line='print(1)')
+    text = "print('loaded')\nimport gain\n" + pid_with('print(1)')
     folder = lab(tmp_path / 'lab', controller=text, gain='')
     words = ('-q', *MAX, '--distance', '1', '--kp', '0.5', '--lab', 'lab')
     done = barc('acc', *words)
@@ -90,7 +86,7 @@ def test_the_labs_published_law_drives_as_published(tmp_path: Path) -> None:
 
 
 def test_a_runaway_car_ends_the_run(tmp_path: Path) -> None:
-    wrong_sign = PID.format(line='').replace('_reference - speed_current', '_current - 8.0')
+    wrong_sign = replaced(PID, ('_reference - speed_current', '_current - 8.0'))
     lab(tmp_path / 'lab', controller=wrong_sign)
     done = barc('acc', *MAX, '--lab', 'lab', '--kp', '10')
     assert done.returncode == 1
@@ -105,15 +101,15 @@ def test_a_runaway_car_ends_the_run(tmp_path: Path) -> None:
         (
             'acc',
             'controller',
-            PID.format(line='assert self.calls < 30'),
-            'controller.py, line 9: acc_calculate(speed_reference=8.0, speed_current=',
+            pid_with('assert self.calls < 30'),
+            'controller.py, line 8: acc_calculate(speed_reference=8.0, speed_current=',
             30,
         ),
         (
             'acc',
             'controller',
-            PID.format(line='while self.calls == 20: pass'),
-            'controller.py, line 9: acc_calculate(speed_reference=8.0, speed_current=',
+            pid_with('while self.calls == 20: pass'),
+            'controller.py, line 8: acc_calculate(speed_reference=8.0, speed_current=',
             20,
         ),
         (
@@ -190,7 +186,7 @@ def test_files_that_cannot_be_used_leave_nothing(tmp_path: Path, options: str, w
 def test_files_of_a_track_beside_a_controller_do_not_matter_on_a_road(tmp_path: Path) -> None:
     lane = 'class Lane:\n    def steer_calculate(self, e_y, e_psi, speed, curvature): return 0.0\n'
     raceline = 'def line(x, y, psi, half): return 0.0 * x\n'
-    lab(tmp_path / 'lab', controller=PID.format(line=''), lane=lane, raceline=raceline)
+    lab(tmp_path / 'lab', controller=PID, lane=lane, raceline=raceline)
     done = barc('acc', '-q', *MAX, '--distance', '1', '--lab', 'lab')
     assert (done.returncode, done.stderr) == (0, '')
 
@@ -208,7 +204,7 @@ def test_a_drive_with_commands_of_the_users_has_no_reference(tmp_path: Path) -> 
 def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
     start: Start, tmp_path: Path
 ) -> None:
-    folder = lab(tmp_path / 'lab', controller=PID.format(line=''))
+    folder = lab(tmp_path / 'lab', controller=PID)
     process = start('acc', '--lab', 'lab', '--distance', '0')
     assert process.stdout
     assert process.stdout.readline().startswith('engine ')
@@ -237,8 +233,8 @@ def test_a_relay_drives(start: Start, tmp_path: Path) -> None:
 
 
 def test_gains_of_either_sign_drive_as_in_check(tmp_path: Path) -> None:
-    right, reversed_ = 'speed_reference - speed_current', 'speed_current - speed_reference'
-    text = PID.format(line='').replace(right, reversed_)
+    reversed_error = ('speed_reference - speed_current', 'speed_current - speed_reference')
+    text = replaced(PID, reversed_error)
     folder = lab(tmp_path / 'lab', controller=f'{text}\n\npid = PID(-3, 0, 0)\n')
 
     out = printed('acc', *MAX, '--no-bag', '--lab', str(folder))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from user_files import user_text
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -18,53 +20,11 @@ start_m,grade_deg
 """
 #: Level where the car starts: it does not move before the driver wants it to.
 _LEVEL_START = 'start_m,grade_deg\n0,0\n4,6.5\n12.5,-9\n'
-_BIKE_MODEL = '''\
-"""The lab's model as a student writes it: resistance by the sign of the speed, nothing more."""
-
-from math import atan, cos, sin, tan
-
-L_F = L_R = 1.5
-G = 9.8
-
-
-def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
-    beta = atan(L_R / (L_F + L_R) * tan(d_f))
-    sign = (v > 0) - (v < 0)
-    f_ext = -m * G * sin(theta) - (a0 * v**2 + Ff) * sign
-    x_next = x + ts * v * cos(psi + beta)
-    y_next = y + ts * v * sin(psi + beta)
-    psi_next = psi + ts * v / L_R * sin(beta)
-    v_next = v + ts * (a + f_ext / m)
-    return [x_next, y_next, psi_next, v_next]
-'''
-_CONTROLLER = '''\
-"""A PID as a student writes it: a limited integral, and the derivative of the error."""
-
-
-class PID:
-    def __init__(self, kp, ki, kd):
-        self.kp = kp
-        self.ki = ki
-        self.kd = kd
-        self.sum = 0.0
-        self.last = None
-
-    def acc_calculate(self, speed_reference, speed_current, dt):
-        error = speed_reference - speed_current
-        self.sum = max(-0.05, min(self.sum + error * dt, 0.05))
-        change = 0.0 if self.last is None else (error - self.last) / dt
-        self.last = error
-        self.proportional = self.kp * error
-        self.integral = self.ki * self.sum
-        return self.proportional + self.integral + self.kd * change
-'''
-_RELAY = '''\
-"""A relay that always drives a curve, whatever the driver wants."""
-
-
-def relay(linear_x, angular_z):
-    return [2.5, 0.0625]
-'''
+#: As a student writes them: resistance by the sign of the speed; a limited integral; a relay that
+#: always drives a curve.
+_BIKE_MODEL = user_text('golden_model.py')
+_CONTROLLER = user_text('golden_controller.py')
+_RELAY = user_text('golden_relay.py')
 _NOISE = {
     'noise_s': 0.1,
     'noise_ey': 0.05,

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from command_line import call
+from user_files import user_text
 
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.reader import read
@@ -23,16 +24,7 @@ from barc_sim.vehicle.track import Track
 if TYPE_CHECKING:
     from pathlib import Path
 
-LANE = """
-class Lane:
-    def __init__(self, k_y=0.2, k_psi=0.8):
-        self.k_y, self.k_psi = k_y, k_psi
-        self.sum = 0.0
-    def steer_calculate(self, e_y, e_psi, speed, curvature):
-        self.feedforward = 3.0 * curvature(0.0)
-        self.sum += e_y * 1e-5
-        return self.feedforward - self.k_y * e_y - self.k_psi * e_psi - self.sum
-"""
+LANE = user_text('lane_with_sum.py')
 CIRCLE = 'length_m,radius_m\n31.41592653589793,5\n'
 FAST = ('--realtime-factor', 'max', '--view', 'none')
 
@@ -138,7 +130,7 @@ def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
         ('--track L --laps -1', '-1 is not a whole number from 0'),
         (
             '--track L --lab wanting',
-            'lane.py, line 3: Lane takes (k), and each is a gain: expected',
+            'lane.py, line 2: Lane takes (k), and each is a gain: expected',
         ),
     ],
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from user_files import replaced
+from user_files import replaced, user_text
 
 from barc_sim.lab.labs.hills import FUNCTIONS, HILLS, judge_terms
 
@@ -64,16 +64,7 @@ def test_random_outputs_are_named(lab: Lab, controller: str) -> None:
 
 
 #: A PID that answers by the number of the call, and the error.
-BY_CALL = """\
-class PID:
-    def __init__(self, kp, ki, kd):
-        self.k = 0
-
-    def acc_calculate(self, speed_reference, speed_current):
-        self.k += 1
-        k, e = self.k, speed_reference - speed_current
-        return {}
-"""
+BY_CALL = user_text('pid_by_call.py')
 
 
 @pytest.mark.parametrize(
@@ -95,6 +86,6 @@ def test_no_state_scores_by_chance_or_warns(lab: Lab, model: str, state: str) ->
     ['1.7e308', '1.7e308 * (-1) ** k', '1e-320', '1e200 * e', '1.7e308 if k == 1 else 0.0'],
 )
 def test_no_acceleration_scores_by_chance_or_warns(lab: Lab, answer: str) -> None:
-    findings = HILLS.judge(lab(controller=BY_CALL.format(answer)))
+    findings = HILLS.judge(lab(controller=BY_CALL.replace('ANSWER', answer)))
     assert all(0.0 <= finding.score <= 1.0 for finding in findings)
     assert [finding.score for finding in findings[4:7]] == [0.0] * 3

@@ -13,7 +13,7 @@ from struct import iter_unpack, pack
 from typing import TYPE_CHECKING
 
 import pytest
-from user_files import CONTROLLER, MODEL
+from user_files import CONTROLLER, MODEL, user_text
 
 import barc_sim
 from barc_sim.control.speed import PID
@@ -335,18 +335,8 @@ def test_a_file_is_not_emptied_by_opening_it(machine: str, call: str, at: int) -
 
 _RANDOM = Random(6)  # noqa: S311 (a simulation)
 SAMPLES = [(8.0, _RANDOM.uniform(0.0, 9.0), 0.02) for _ in range(500)]
-PID_LOOPING_AT_5 = """
-class PID:
-    def __init__(self, kp, ki, kd):
-        pass
-    def acc_calculate(self, speed_reference, speed_current):
-        while speed_current == 5.0:
-            pass
-        if speed_current == 6.0:
-            import ctypes
-            ctypes.string_at(0)
-        return 1.0
-"""
+#: It loops at 5 m/s, and ends its process at 6 m/s.
+PID_THAT_HANGS = user_text('pid_that_hangs.py')
 
 
 def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
@@ -357,18 +347,7 @@ def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Pa
 
 
 def test_an_infinity_that_is_forged_is_refused(folder: Callable[..., Path]) -> None:
-    text = """
-import os
-def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
-    frame = b'{"serial": 1, "result": [[Infinity, 0.0, 0.0, 0.0]]}\\n'
-    for i in range(3, 64):
-        try:
-            os.write(i, frame)
-        except OSError:
-            pass
-    while True:
-        pass
-"""
+    text = user_text('attack_forge.py')
     with (
         JudgedCode(folder(bike_model=text), QUICK) as code,
         pytest.raises(UserError, match='bikeFE returned something other than finite numbers'),
@@ -377,7 +356,7 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
 
 
 def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..., Path]) -> None:
-    with JudgedCode(folder(controller=PID_LOOPING_AT_5), QUICK) as code:
+    with JudgedCode(folder(controller=PID_THAT_HANGS), QUICK) as code:
         stuck = code.make('PID', 1.0, 1.0, 1.0)
         with pytest.raises(UserError, match=r'line 6: acc_calculate.* not return within 0.3 s'):
             code.steps('PID', stuck, [(8.0, 5.0, 0.02)])

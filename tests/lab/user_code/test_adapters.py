@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from user_files import CONTROLLER, MODEL, load, load_folder
+from user_files import CONTROLLER, MODEL, load, load_folder, user_text
 
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.lab.user_code.adapters import (
@@ -25,17 +25,7 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.user_code.code import UserCode
 
-P = """
-class PID:
-    def __init__(self, kp, ki, kd):
-        self.kp = kp
-        self.calls = 0
-
-    def acc_calculate(self, speed_reference, speed_current):
-        self.calls += 1
-        self.proportional = self.kp * (speed_reference - speed_current)
-        return self.proportional + self.calls
-"""
+PID = user_text('pid_with_calls.py')
 
 
 def written(tmp_path: Path, name: str, text: str) -> UserCode:
@@ -46,7 +36,7 @@ def written(tmp_path: Path, name: str, text: str) -> UserCode:
 @pytest.fixture
 def controller(tmp_path: Path) -> UserController:
     """Return a user's controller that counts its calls."""
-    return UserController(written(tmp_path, 'controller.py', P))
+    return UserController(written(tmp_path, 'controller.py', PID))
 
 
 @pytest.fixture
@@ -125,8 +115,8 @@ def test_a_reset_makes_a_fresh_relay(tmp_path: Path) -> None:
 
 
 def test_a_file_as_a_value_reaches_other_processes(tmp_path: Path) -> None:
-    written(tmp_path, 'controller.py', P)
+    written(tmp_path, 'controller.py', PID)
     value = pickle.loads(pickle.dumps(partial(controller_of, tmp_path / 'controller.py')))  # noqa: S301
     assert value().acc_calculate(8.0, 7.0, 0.02) == 31.0
-    written(tmp_path, 'controller.py', P.replace('+ self.calls', '+ 5.0'))
+    written(tmp_path, 'controller.py', PID.replace('+ self.calls', '+ 5.0'))
     assert value().acc_calculate(8.0, 7.0, 0.02) == 35.0

@@ -7,7 +7,7 @@ import os
 from typing import TYPE_CHECKING
 
 import pytest
-from user_files import load, load_folder
+from user_files import load, load_folder, user_text
 
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import JudgedCode, ProcessLimits
@@ -190,17 +190,7 @@ def test_a_loop_without_end_outside_of_functions_is_ended(
         load(lab(tmp_path, bike_model='x = 1\nwhile True: x += 1\n') / 'bike_model.py')
 
 
-PID = """
-class PID:
-    def __init__(self, kp, ki, kd, scale=1.0):
-        self.kp, self.ki, self.kd, self.scale = kp, ki, kd, scale
-        self.calls = 0
-
-    def acc_calculate(self, speed_reference, speed_current):
-        self.calls += 1
-        self.proportional = self.scale * self.kp * (speed_reference - speed_current)
-        return self.proportional + self.calls
-"""
+PID = user_text('pid_with_calls.py')
 
 
 def controller(tmp_path: Path, text: str) -> Callable[..., UserObject]:

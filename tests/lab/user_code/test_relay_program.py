@@ -15,7 +15,7 @@ from relays import (
     ROS_1,
     ROS_2,
 )
-from user_files import LocalCode, load_folder
+from user_files import LocalCode, load_folder, user_text
 
 from barc_sim.lab.files import UserCodeError
 from barc_sim.lab.labs.relay import relay_commands
@@ -78,21 +78,7 @@ def test_python_sleep_takes_simulated_time(load: Load) -> None:
 
 
 def test_speed_of_the_car_reaches_a_relay_that_subscribes_to_it(load: Load) -> None:
-    text = """\
-import rospy
-from barc.msg import ECU, Z_DynBkMdl
-from geometry_msgs.msg import Twist
-
-def on_state(z):
-    pub.publish(ECU(1.0 if z.v_x < 2.0 else 0.0, 0.0))
-
-rospy.init_node('relay')
-pub = rospy.Publisher('ecu', ECU, queue_size=1)
-rospy.Subscriber('z_vhcl', Z_DynBkMdl, on_state)
-rospy.Subscriber('cmd_vel', Twist, print)
-rospy.spin()
-"""
-    commands = judged(load(text), [], 5.0)
+    commands = judged(load(user_text('relay_by_speed.py')), [], 5.0)
     assert at(commands, 1.5).motor == 1.0
     assert at(commands, 2.5).motor == 0.0
 
