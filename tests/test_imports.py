@@ -92,7 +92,7 @@ def test_room_imports_only_those_before_it(room: str) -> None:
     assert wrong == {}
 
 
-def test_what_stands_in_for_ros_uses_nothing_of_ros() -> None:
+def test_the_stand_in_for_rclpy_imports_nothing_of_ros() -> None:
     wrong = {
         module_name(path): others
         for path in modules('ros/local')
@@ -135,7 +135,7 @@ def test_nodes_import_no_other_node() -> None:
         'def main():\n    from .nodes.recorder import BagRecorder',
     ],
 )
-def test_every_way_to_import_is_seen(source: str) -> None:
+def test_every_way_to_import_is_recognised(source: str) -> None:
     assert rooms_of(imported(source, 'barc_sim.errors')) == {'nodes'}
 
 
@@ -169,6 +169,6 @@ def test_rooms_without_ros_need_nothing_that_only_linux_has() -> None:
     assert (done.returncode, done.stdout) == (0, ''), done.stderr
 
 
-def test_an_import_of_ros_is_seen() -> None:
+def test_an_import_of_ros_is_refused() -> None:
     done = import_without_ros('barc_sim.vehicle.road', 'barc_sim.ros.topics')
     assert 'is of ROS' in done.stderr

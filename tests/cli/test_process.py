@@ -110,7 +110,7 @@ ALIASES = 'a0: &a0 {x: 1}\n' + ''.join(
         ('5: 3', "'5' is not below ros__parameters"),
     ],
 )
-def test_a_file_that_holds_no_parameters_is_refused(text: str, reason: str, tmp_path: Path) -> None:
+def test_a_file_without_parameters_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / 'values.yaml').write_text(text)
     done = limited(*LOCAL, '--ros-args', '--params-file', 'values.yaml', cwd=tmp_path)
     assert reason in sentence(done)
@@ -150,7 +150,7 @@ def failing(error: BaseException, cause: BaseException | None = None) -> int:
         (UserError('its own'), MemoryError(), 'its own'),
     ],
 )
-def test_an_error_of_the_system_is_one_sentence(
+def test_an_error_of_the_system_is_printed_as_one_sentence(
     error: BaseException,
     cause: BaseException | None,
     expected: str,

@@ -27,7 +27,7 @@ def trap(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_helper_starts_in_a_strangers_folder_all_the_same(trap: Path) -> None:
+def test_a_helper_runs_no_file_of_a_strangers_folder(trap: Path) -> None:
     done = subprocess.run(
         python_command('barc_sim', '--version'),
         cwd=trap,
@@ -38,7 +38,7 @@ def test_a_helper_starts_in_a_strangers_folder_all_the_same(trap: Path) -> None:
     assert done.stdout == f'barc {barc_sim.__version__}\n', done.stderr
 
 
-def test_the_script_that_starts_runs_imports_nothing_there(trap: Path) -> None:
+def test_the_script_run_imports_no_file_of_a_strangers_folder(trap: Path) -> None:
     script = Path(__file__).parents[2] / 'scripts' / 'run'
     found = re.search('^start="(.*?)"$', script.read_text(), re.DOTALL | re.MULTILINE)
     assert found
@@ -49,7 +49,7 @@ def test_the_script_that_starts_runs_imports_nothing_there(trap: Path) -> None:
     assert done.stdout == f'barc {barc_sim.__version__}\n', done.stderr
 
 
-def test_a_helper_gets_words_as_they_are(tmp_path: Path) -> None:
+def test_a_helper_gets_its_words_unchanged(tmp_path: Path) -> None:
     (tmp_path / 'shown.py').write_text('import sys; print(__name__, sys.argv[1:])')
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(tmp_path)

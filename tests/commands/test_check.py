@@ -48,7 +48,7 @@ def test_a_rubric_of_another_lab_is_refused(folder: Path) -> None:
     assert "'lane' judges lane.py: the folder " in refused('check', str(folder), '--rubric', 'lane')
 
 
-def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
+def test_right_code_gives_exit_code_0_and_a_figure(folder: Path) -> None:
     (folder / 'controller.py').write_text(RIGHT, encoding='utf-8')
     lines = printed('check', str(folder)).splitlines()
     assert lines[:2] == [
@@ -62,7 +62,7 @@ def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
     assert (folder / 'check.png').read_bytes().startswith(b'\x89PNG')
 
 
-def test_not_all_met_is_exit_code_1_and_the_reasons(wrong: Path) -> None:
+def test_wrong_code_gives_exit_code_1_and_the_reasons(wrong: Path) -> None:
     out = printed('check', str(wrong), '--no-plot', code=1)
     assert ': I is always 0: is ki used, and is each error' in out
     assert 'from   grade        RMS    maximum  remark\n' in out
@@ -130,7 +130,7 @@ def test_the_figure_is_saved_as_asked(wrong: Path, tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.usefixtures('folder')
-def test_misuse_is_one_line_and_exit_code_2(
+def test_a_mistake_in_the_command_is_one_line_and_exit_code_2(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, args: list[str], complaint: str
 ) -> None:
     monkeypatch.chdir(tmp_path)

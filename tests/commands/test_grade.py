@@ -88,7 +88,7 @@ def results(out: Path, name: str) -> dict[str, Any]:
     return content
 
 
-def test_everybody_is_graded(graded: Graded) -> None:
+def test_every_submission_has_a_report(graded: Graded) -> None:
     submissions, out, code = graded
     names = {path.name for path in submissions.iterdir()} - {'class.csv'} | {'class.csv.submission'}
 
@@ -117,7 +117,7 @@ def test_an_attack_changes_no_score(graded: Graded, name: str) -> None:
     assert results(graded[1], name)['score'] == MODEL_POINTS
 
 
-def test_what_is_printed_is_shown_and_not_run(graded: Graded) -> None:
+def test_printed_html_is_shown_and_not_run(graded: Graded) -> None:
     page = (graded[1] / 'print_much' / 'report.html').read_text()
 
     assert '&lt;script&gt;alert(1)' in page

@@ -40,7 +40,7 @@ def test_parameters_and_remarks_are_printed_and_drawn(bag: Path, tmp_path: Path)
     assert figure.read_bytes().startswith(b'\x89PNG')
 
 
-def test_fields_by_name_give_what_our_topics_give(bag: Path) -> None:
+def test_fields_named_by_the_user_give_the_result_of_our_topics(bag: Path) -> None:
     """The times of reception stand in for the stamps."""
     fields = ['--field', 'v_x=/z_vhcl.v_x', '--field', 'motor=/ecu.motor']
     delays: list[float] = []
@@ -66,7 +66,9 @@ def test_fields_by_name_give_what_our_topics_give(bag: Path) -> None:
         (['--save', 'figure.txt'], 'png'),
     ],
 )
-def test_what_cannot_be_read_is_one_sentence(bag: Path, options: list[str], sentence: str) -> None:
+def test_fields_that_cannot_be_used_are_refused_in_one_sentence(
+    bag: Path, options: list[str], sentence: str
+) -> None:
     assert sentence in refused('identify', str(bag), *options)
 
 

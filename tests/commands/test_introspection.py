@@ -71,7 +71,7 @@ def test_messages_are_documents_of_yaml() -> None:
 
 
 @pytest.mark.usefixtures('talker')
-def test_ctrl_c_ends_it_in_order() -> None:
+def test_ctrl_c_ends_the_command_in_order() -> None:
     with started('echo', '/car/ecu') as process:
         assert process.stdout
         assert process.stdout.readline() == 'header:\n'
@@ -102,7 +102,7 @@ def test_messages_are_received_with_the_quality_of_their_publisher(
 
 
 @pytest.mark.usefixtures('talker', 'impatient')
-def test_mistake_of_echo_is_one_sentence() -> None:
+def test_echo_refuses_a_mistake_in_one_sentence() -> None:
     for words, sentence in {
         '/car/ecus --once': 'there is no topic /car/ecus: did you mean /car/ecu?',
         '/c-ar': 'topic name must not contain characters other than',
@@ -112,7 +112,7 @@ def test_mistake_of_echo_is_one_sentence() -> None:
 
 
 @pytest.mark.usefixtures('impatient')
-def test_empty_domain_is_one_sentence(ros_domain: int, tmp_path: Path) -> None:
+def test_a_domain_without_nodes_is_named_in_one_sentence(ros_domain: int, tmp_path: Path) -> None:
     nothing = f'no node is running in ROS domain {ros_domain}: start a run first'
     sentences = {
         ('echo', 'z_vhcl'): f'there is no topic /z_vhcl in ROS domain {ros_domain}: start a run',
@@ -163,7 +163,7 @@ def test_names_are_listed_of_one_node_and_of_all() -> None:
     assert barc('param', 'list').stdout.splitlines() == ['/one/car:', *names]
 
 
-def test_values_are_set(car: Node) -> None:
+def test_a_parameter_can_be_set(car: Node) -> None:
     assert barc('param', 'get', '/one/car', 'gain').stdout == '30.0\n'
     for name, text, expected in (
         ('gain', '20.0', 20.0),
@@ -180,7 +180,7 @@ def test_values_are_set(car: Node) -> None:
 
 
 @pytest.mark.usefixtures('impatient')
-def test_mistake_of_param_is_one_sentence(car: Node) -> None:
+def test_param_refuses_a_mistake_in_one_sentence(car: Node) -> None:
     before = [value(car, parameter.name) for parameter in TABLE]
     for words, sentence in {
         'get /one/car gian': '/one/car has no parameter gian: did you mean gain?',
@@ -272,6 +272,6 @@ def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
     assert ('/ecu', '/bag_recorder') in graph.subscriptions
 
 
-def test_node_of_others_is_marked() -> None:
+def test_the_graph_marks_the_nodes_of_others() -> None:
     graph = NodeGraph(('/rviz',), {}, (), ())
     assert lines(graph)[1] == '/rviz  (not of this package)'

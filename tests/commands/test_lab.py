@@ -79,7 +79,7 @@ def test_a_zip_that_grade_does_not_open_is_named(
     assert 'barc grade opens 0 MiB at most: leave the video out' in capsys.readouterr().out
 
 
-def test_a_link_in_a_bag_of_somebody_else_is_not_packed(lab: Path) -> None:
+def test_a_link_in_a_strangers_bag_is_not_packed(lab: Path) -> None:
     secret = lab.parent / 'secret.mp4'
     secret.write_text('mine\n')
     bag = teleop_bag(lab.parent / 'drive')
@@ -90,7 +90,7 @@ def test_a_link_in_a_bag_of_somebody_else_is_not_packed(lab: Path) -> None:
     assert not (lab.parent / 'lab.zip').exists()
 
 
-def test_what_is_missing_is_a_line_each_and_nothing_is_refused(lab: Path) -> None:
+def test_each_missing_part_of_a_submission_has_a_line(lab: Path) -> None:
     for name in OWN.keys() - {'relay.py'}:
         (lab / name).unlink()
 
@@ -123,7 +123,7 @@ def test_code_that_fails_is_packed_with_its_bag_and_the_sentence(lab: Path) -> N
 
 
 @pytest.mark.usefixtures('lab')
-def test_templates_are_named() -> None:
+def test_unchanged_templates_are_named() -> None:
     assert barc('new', 'fresh').returncode == 0
 
     done = barc('submit', 'fresh', '--teleop', 'nowhere')
@@ -145,14 +145,14 @@ def test_templates_are_named() -> None:
     ],
 )
 @pytest.mark.usefixtures('lab')
-def test_a_mistake_is_a_sentence(words: list[str], sentence: str) -> None:
+def test_submit_refuses_a_mistake_in_a_sentence(words: list[str], sentence: str) -> None:
     assert sentence in refused('submit', *words)
 
 
 TEMPLATES = ['README.md', 'bike_model.py', 'compose.py', 'controller.py', 'relay.py']
 
 
-def test_a_folder_has_the_templates_and_how_to_go_on_is_printed(
+def test_a_new_folder_has_the_templates_and_the_next_command_is_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(['new', str(tmp_path / 'my lab')]) == 0

@@ -67,7 +67,7 @@ def sentence(function: Callable[..., object], arguments: dict[str, Any]) -> str:
         (simulate, {'seed': 'x'}, 'teleop --seed x'),
     ],
 )
-def test_a_command_refuses_what_python_does(
+def test_a_command_refuses_a_value_with_the_sentence_of_python(
     function: Callable[..., object], arguments: dict[str, Any], words: str
 ) -> None:
     why = sentence(function, arguments)
@@ -97,7 +97,7 @@ def test_a_command_refuses_what_python_does(
         (LateralParameters, {'yaw_inertia': 0}, 'yaw_inertia', 0.0),
     ],
 )
-def test_a_parameter_refuses_what_python_does(
+def test_a_parameter_refuses_a_value_with_the_sentence_of_python(
     ros: Context,
     function: Callable[..., object],
     arguments: dict[str, Any],
@@ -114,7 +114,7 @@ def test_a_parameter_refuses_what_python_does(
 
 
 @pytest.mark.usefixtures('ros_domain')
-def test_a_file_that_is_none_is_refused_by_all() -> None:
+def test_a_missing_file_is_refused_with_the_sentence_of_python() -> None:
     with pytest.raises(UserError) as refusal:
         simulate(reference='nowhere.csv')
     assert str(refusal.value) in refused('acc', '--no-bag', '--reference', 'nowhere.csv')
@@ -130,12 +130,12 @@ def test_every_field_refuses_a_value_that_is_not_a_number(name: str, value: obje
 
 
 @pytest.mark.parametrize(('ts', 'duration'), [(0.0, 600.0), (-0.02, 1.0), (0.02, inf), (2.0, 1.0)])
-def test_time_passes_and_ends(ts: float, duration: float) -> None:
+def test_a_step_or_a_duration_beyond_its_limits_is_refused(ts: float, duration: float) -> None:
     with pytest.raises(UserError, match='is not a number from'):
         simulate(ts=ts, max_duration=duration)
 
 
-def test_a_number_may_be_numpys_and_a_record_is_checked_again() -> None:
+def test_numbers_of_numpy_are_taken_and_a_replaced_field_is_checked() -> None:
     assert simulate(seed=np.int64(3), noise=np.float32(0.5), distance=1.0) == simulate(
         seed=3, noise=0.5, distance=1.0
     )
@@ -144,7 +144,7 @@ def test_a_number_may_be_numpys_and_a_record_is_checked_again() -> None:
 
 
 @pytest.mark.usefixtures('ros_domain')
-def test_a_car_that_leaves_its_distance_behind_is_refused() -> None:
+def test_a_speed_that_leads_away_from_the_distance_is_refused() -> None:
     with pytest.raises(UserError, match='speed_reference -5 leads away') as refusal:
         simulate(speed_reference=-5.0)
     assert str(refusal.value) in refused('acc', '--speed', '-5', '--no-bag')

@@ -76,7 +76,7 @@ def parameters(**controller: object) -> str:
     return yaml.safe_dump(nodes, sort_keys=False)
 
 
-def test_several_runs_are_labelled_by_what_differs_and_headed_by_what_does_not(
+def test_several_runs_are_labelled_by_their_differences_and_headed_by_what_they_share(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -147,7 +147,7 @@ def test_with_a_display_the_figure_is_shown(
         (['--save', 'nowhere/a.png'], "'nowhere/a.png': No such file or directory"),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence(
+def test_plot_refuses_a_mistake_in_one_sentence(
     directory: Path, args: list[str], complaint: str
 ) -> None:
     assert complaint in refused('plot', str(directory), *args)

@@ -65,7 +65,7 @@ def page_of(bag: Path) -> Page:
     return page
 
 
-def test_a_run_is_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
+def test_a_report_is_one_page_that_needs_no_other_file(tmp_path: Path) -> None:
     bag = make(tmp_path / 'bag', closed_loop(), {'kp': '30.0', 'barc_sim': '0.1.0', 'road': 'lab'})
     page = page_of(bag)
     for words in ('Run bag', 'Gain kp', '30.0', 'after the first 10 m', '0.0207'):
@@ -113,7 +113,7 @@ def test_texts_from_others_are_escaped(tmp_path: Path) -> None:
     assert page.text.count(EVIL) >= len(keys) + 2
 
 
-def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
+def test_the_report_of_a_drive_by_hand_has_its_path_and_no_error(tmp_path: Path) -> None:
     page = page_of(
         make(tmp_path / 'bag', drive_by_hand([(0.0, DriverInput(forward=1.0, turn=0.3))], 3.0))
     )
@@ -168,7 +168,7 @@ def test_the_page_is_written_to_the_requested_path(tmp_path: Path) -> None:
         (['{bag}', '--namespace', 'car7'], 'has no states of the car /car7'),
     ],
 )
-def test_what_cannot_be_done_is_a_sentence(
+def test_report_refuses_a_mistake_in_a_sentence(
     tmp_path: Path, arguments: list[str], words: str
 ) -> None:
     places = {'bag': make(tmp_path / 'bag', closed_loop(distance=1.0)), 'none': tmp_path / 'none'}

@@ -101,7 +101,7 @@ def assert_whole(path: Path) -> None:
         ('acc --ros-args -p vehicle_simulator:mass:=-1.0', 'mass of vehicle_simulator: -1 is not'),
     ],
 )
-def test_bad_input_is_one_line_and_leaves_nothing(
+def test_bad_input_is_refused_in_one_line_and_leaves_no_file(
     here: Path, tmp_path: Path, command: str, words: str
 ) -> None:
     files = {'file': tmp_path / 'file', 'broken': tmp_path / 'broken.csv'}
@@ -151,7 +151,7 @@ def test_a_parameter_that_no_node_has_is_named(here: Path, engine: str) -> None:
     assert done.returncode == 0
 
 
-def test_factor_scales_the_wall_clock(here: Path) -> None:
+def test_the_real_time_factor_scales_the_time_of_the_run(here: Path) -> None:
     path = bag_of(here, '--distance', '0.3', '--realtime-factor', '0.5')
     (file,) = path.glob('*.mcap')
     with file.open('rb') as stream:
@@ -162,7 +162,7 @@ def test_factor_scales_the_wall_clock(here: Path) -> None:
 
 
 @pytest.mark.usefixtures('here')
-def test_pipe_gets_plain_lines_a_table_and_what_to_do_next() -> None:
+def test_a_pipe_gets_plain_lines_a_table_and_the_next_commands() -> None:
     out = printed('acc', *SHORT)
     assert '\x1b' not in out
     lines = out.splitlines()
@@ -180,7 +180,7 @@ def test_pipe_gets_plain_lines_a_table_and_what_to_do_next() -> None:
 # How it ends
 
 
-def test_reader_that_went_away_ends_the_run_in_order(start: Start, here: Path) -> None:
+def test_a_closed_pipe_ends_the_run_in_order(start: Start, here: Path) -> None:
     process = start('acc', *ENDLESS)
     driving(process)
     assert process.stdout

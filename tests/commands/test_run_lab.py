@@ -55,7 +55,7 @@ def lab(folder: Path, **files: str) -> Path:
     return folder
 
 
-def test_gains_go_to_the_users_class_and_its_files_to_the_bag(tmp_path: Path) -> None:
+def test_the_users_class_gets_the_gains_and_the_bag_its_files(tmp_path: Path) -> None:
     text = "print('loaded')\nimport gain\n" + pid_with('print(1)')
     folder = lab(tmp_path / 'lab', controller=text, gain='')
     words = ('-q', *MAX, '--distance', '1', '--kp', '0.5', '--lab', 'lab')
@@ -129,7 +129,7 @@ def test_a_runaway_car_ends_the_run(tmp_path: Path) -> None:
     ],
     ids=['controller', 'loop without end', 'model', 'relay'],
 )
-def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
+def test_the_bag_has_all_states_before_an_error_of_the_users_code(
     tmp_path: Path,
     command: str,
     name: str,
@@ -170,7 +170,7 @@ def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
         ('--lab identify --speed 3', '--speed and identify.py both drive'),
     ],
 )
-def test_files_that_cannot_be_used_leave_nothing(tmp_path: Path, options: str, words: str) -> None:
+def test_files_that_cannot_be_used_leave_no_bag(tmp_path: Path, options: str, words: str) -> None:
     lab(tmp_path / 'broken', controller='def (')
     lab(tmp_path / 'rospy', controller='import rospy\n')
     lab(tmp_path / 'line', raceline='def line(x, y, psi, half): return 0.0 * x\n')

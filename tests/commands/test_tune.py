@@ -39,7 +39,7 @@ def command_of(out: str) -> list[str]:
     return shlex.split(line)[2:]
 
 
-def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: Capture) -> None:
+def test_the_printed_command_drives_with_the_cost_of_the_table(capsys: Capture) -> None:
     assert barc(['tune', '--seed', '3']) == 0
     captured = capsys.readouterr()
     assert captured.err == ''
@@ -51,7 +51,7 @@ def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: Capture) -> None
     assert float(cost[-1]) < float(cost[-2]) == pytest.approx(0.020692)
 
 
-def test_the_line_has_what_was_searched_with() -> None:
+def test_the_printed_command_has_the_options_of_the_search() -> None:
     args = ['--road', 'flat', '--speed', '6', '--noise', '0.05', '--delay', '0.055', '--seed', '4']
     line = command_of(printed('tune', *QUICK, *args))
     assert line[:2] == ['--road', 'flat']
@@ -113,5 +113,5 @@ def _row(out: str, label: str) -> list[str]:
         (['--ki-range', '0', 'inf'], 'inf is not a number from 0 to 1e+06'),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence(args: list[str], complaint: str) -> None:
+def test_tune_refuses_a_mistake_in_one_sentence(args: list[str], complaint: str) -> None:
     assert complaint in refused('tune', *QUICK, *args)

@@ -130,7 +130,7 @@ def test_a_law_that_plans_the_speed_replaces_the_acceleration_and_has_no_referen
     assert control.predicted().y == pytest.approx([0.5, 0.5, 0.5])
 
 
-def test_commands_over_time_act_at_their_time_in_the_node_and_without_ros() -> None:
+def test_commands_over_time_act_at_the_same_states_with_and_without_ros() -> None:
     pilot = Schedule()
     log = simulate(controller=pilot, distance=0.0, max_duration=3.0, road='flat')
     assert log.motor.tolist() == [1.0] * 100 + [0.0] * 51

@@ -66,7 +66,9 @@ def test_changed_reference_does_not_kick() -> None:
 
 
 @pytest.mark.parametrize('dt', [0.0, -0.02, nan])
-def test_interval_that_is_not_positive_leaves_only_what_needs_no_time(dt: float) -> None:
+def test_an_interval_that_is_not_positive_adds_to_no_integral_and_has_no_derivative(
+    dt: float,
+) -> None:
     pid = PID(3.0, 4.0, 5.0)
     outputs(pid, [7.0, 7.0], reference=8.0, dt=0.5)
     assert pid.acc_calculate(8.0, 6.0, dt) == 3.0 * 2.0 + 4.0 * 0.5
@@ -288,7 +290,7 @@ def test_two_arguments_or_three_give_the_same_run(kind: type[Lab]) -> None:
     assert (log.motor == closed_loop(controller=as_controller(Lab()), distance=30.0).motor).all()
 
 
-def test_the_object_itself_stays_as_it_was() -> None:
+def test_the_users_object_is_not_changed() -> None:
     mine = Lab()
     adapted = as_controller(mine)
     first = [adapted.acc_calculate(8.0, 7.0, 0.02) for _ in range(3)]

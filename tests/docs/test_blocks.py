@@ -103,7 +103,7 @@ RUN = [page for page in PAGES if any(map(is_run, blocks(page)))]
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize('page', RUN, ids=name)
-def test_blocks_run(
+def test_the_blocks_of_a_page_run(
     page: Path, tmp_path: Path, ros_domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for needed in filter(page.read_text(encoding='utf-8').count, ('gymnasium', 'daqp')):

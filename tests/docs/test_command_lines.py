@@ -77,7 +77,7 @@ def test_a_removed_command_or_option_is_found_in_the_pages() -> None:
     assert not unknown_words(['grade', '--out', '/out'])
 
 
-def test_command_lines_are_found_where_they_are_written(tmp_path: Path) -> None:
+def test_command_lines_are_found_in_every_way_to_write_them(tmp_path: Path) -> None:
     page = tmp_path / 'page.md'
     page.write_text(
         'barc is fine. `barc plot A`\n```bash\n$ barc acc \\\n  --speed 6 | head\n```\n'

@@ -31,7 +31,7 @@ def test_the_readme_is_short() -> None:
     assert len(README.splitlines()) <= 120
 
 
-def test_pictures_and_files_that_it_names_are_there() -> None:
+def test_each_picture_and_file_that_the_readme_names_exists() -> None:
     for path in re.findall(r'\]\(([\w/.-]+)', README):
         assert (ROOT / path).exists(), path
 

@@ -34,12 +34,12 @@ def sentences(text: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize('page', PLAIN, ids=lambda page: page.stem)
-def test_sentences_are_short(page: Path) -> None:
+def test_the_sentences_of_a_page_are_short(page: Path) -> None:
     found = sentences(page.read_text(encoding='utf-8'))
     average = sum(map(len, found)) / max(len(found), 1)
     assert average <= AVERAGE, f'{average:.1f} words'
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
-def test_words_are_plain(page: Path) -> None:
+def test_the_words_of_a_page_are_plain(page: Path) -> None:
     assert not AVOIDED.findall(page.read_text(encoding='utf-8'))

@@ -273,7 +273,7 @@ def test_path_heading_speed_and_steering_are_drawn() -> None:
     assert 'Time [s]' in steering.get_xlabel()
 
 
-def test_the_heading_begins_anew_after_a_reset() -> None:
+def test_the_heading_starts_again_after_a_reset() -> None:
     """A reset turns the car back to 0°, however far it had turned."""
     left = drive_by_hand([(0.2 * k, DriverInput(forward=0.5, turn=0.8)) for k in range(30)], 6.0)
     turned = np.degrees(left.psi[-1])

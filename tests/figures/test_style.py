@@ -93,7 +93,7 @@ def test_the_measurement_stands_for_a_truth_that_is_unknown() -> None:
     assert np.array_equal(shown.speed[:-1], log.speed[:-1])
 
 
-def test_the_road_of_a_run_is_the_one_that_it_drove_on() -> None:
+def test_the_road_of_a_run_has_the_grades_that_it_drove_on() -> None:
     log, lab, s = closed_loop(), Road.lab(), np.linspace(0.0, 180.0, 500)
     there_and_back = log.map(lambda column: np.concatenate([column, column[::-1]]))
     for run in (log, there_and_back):

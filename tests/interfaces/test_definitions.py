@@ -54,7 +54,7 @@ def test_dependencies_follow_depth_first_and_by_name_under_their_headings() -> N
 
 
 @pytest.mark.parametrize('name', ['no_such_msgs/msg/Header', 'std_msgs/msg/NoSuchType', '../a/B'])
-def test_what_is_not_installed_is_named(name: str) -> None:
+def test_a_type_that_is_not_installed_is_named(name: str) -> None:
     with pytest.raises(LookupError, match=f"'{name}' is not installed"):
         definition(name)
 
@@ -79,13 +79,13 @@ def test_a_definition_is_printed_as_ros2_does(name: str) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, TEXT, '')
 
 
-def test_without_ros_those_of_a_run_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ros_the_definitions_of_a_run_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(definitions, '_files', lambda _: dict(shipped()))
     assert '\n'.join([*lines(find('ECU')), '']) == TEXT
     assert find('Twist') == 'geometry_msgs/msg/Twist'
 
 
-def test_services_and_those_of_a_workspace_are_found(
+def test_services_and_the_definitions_of_a_workspace_are_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / 'share' / 'my_msgs'
@@ -111,7 +111,7 @@ def test_services_and_those_of_a_workspace_are_found(
         ('zzzz', ': barc_interfaces has AppliedCommand, ControllerState, ECU, EZDynBkMdl'),
     ],
 )
-def test_a_wrong_name_is_one_sentence(name: str, ends: str) -> None:
+def test_a_wrong_name_is_refused_with_the_nearest_one(name: str, ends: str) -> None:
     done = barc('show', name)
 
     assert done.returncode == 2

@@ -14,7 +14,7 @@ from barc_sim.interfaces.stamps import leading_time, split_time
     ('sec', 'nanosec'),
     [(0, 0), (258, 3), (2**31 - 1, 999_999_999), (-1, 5), (-(2**31), 0), (2**31 - 1, 2**32 - 1)],
 )
-def test_time_is_read_in_either_order_of_bytes_and_split_again(
+def test_a_stamp_is_read_in_both_orders_of_bytes_and_split_again(
     order: str, mark: int, sec: int, nanosec: int
 ) -> None:
     data = bytes([0, mark, 0, 0]) + struct.pack(f'{order}iI', sec, nanosec) + b'more'

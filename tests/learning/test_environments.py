@@ -193,22 +193,22 @@ def assert_same(name: str, options: dict[str, Any], cars: int, steps: int) -> in
 
 
 @pytest.mark.parametrize(('name', 'options'), CASES)
-def test_a_batch_is_its_cars_one_by_one(name: str, options: dict[str, Any]) -> None:
+def test_a_batch_steps_each_car_as_alone(name: str, options: dict[str, Any]) -> None:
     assert assert_same(name, options, 3, 250) > 0
 
 
 @pytest.mark.parametrize('name', ['Lane', 'Race'])
-def test_a_batch_is_its_cars_on_an_open_track(name: str) -> None:
+def test_a_batch_steps_each_car_as_alone_on_an_open_track(name: str) -> None:
     options = {'track': OPEN, 'noise': NOISE, 'ranges': RANGES, 'dynamics': 'dynamic', 'ts': 0.01}
     assert assert_same(name, options, 3, 250) > 0
 
 
-def test_a_batch_in_pieces_is_its_cars(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_batch_in_pieces_steps_each_car_as_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(environments, '_MIN_PIECE', 2)
     assert assert_same('Race', {'noise': NOISE, 'ranges': RANGES}, 5, 250) > 0
 
 
-def test_a_batch_without_numba_is_its_cars(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_batch_without_numba_steps_each_car_as_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (batch, environments):
         monkeypatch.setattr(module, 'is_compiled', lambda: False)
     monkeypatch.setattr(environments, 'compiled_for', lambda loop, *_: loop)
@@ -220,13 +220,13 @@ def test_a_batch_without_numba_is_its_cars(monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize(
     ('name', 'dynamics'), [('Hills', 'kinematic'), ('Lane', 'kinematic'), ('Race', 'dynamic')]
 )
-def test_a_batch_is_its_cars_over_10_000_steps(name: str, dynamics: str) -> None:
+def test_a_batch_steps_each_car_as_alone_over_10_000_steps(name: str, dynamics: str) -> None:
     options = {'dynamics': dynamics, 'noise': NOISE, 'ranges': RANGES, 'ts': 0.01}
     assert assert_same(name, options, 2, 10_000) > 50
 
 
 @pytest.mark.parametrize('name', IDS)
-def test_a_seed_repeats_and_another_differs(name: str) -> None:
+def test_a_seed_repeats_an_episode_and_another_differs(name: str) -> None:
     env = gymnasium.make_vec(IDS[name], 3, noise=0.1)
     first, again, other = (env.reset(seed=seed)[0] for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
@@ -234,7 +234,7 @@ def test_a_seed_repeats_and_another_differs(name: str) -> None:
     assert len({*map(tuple, first)}) == 3  # each car has numbers of its own
 
 
-def test_the_noise_has_the_levels_that_are_given() -> None:
+def test_the_noise_has_the_requested_levels() -> None:
     kinds: dict[str, Any] = {'vectorization_mode': 'vector_entry_point', 'noise': NOISE}
     env = gymnasium.make_vec(IDS['Lane'], 2000, track='oval', **kinds)
     observation, _ = env.reset(seed=1, options={'s': 10.0, 'e_y': 0.0, 'e_psi': 0.0, 'v': 6.0})
@@ -293,7 +293,7 @@ def test_only_whole_laps_are_timed(mode: str) -> None:
         assert info['lap_times'][0][-1] == pytest.approx(2.0 * np.pi, rel=0.01)
 
 
-def test_what_is_ahead_is_that_of_road_and_track() -> None:
+def test_the_preview_has_the_grades_of_the_road_and_the_curvatures_of_the_track() -> None:
     s = np.linspace(-30.0, 90.0, 977)
     places = np.array([s + d for d in AHEAD])
     road = Road((0.0, 3.0, 50.0), (5.0, -3.0, 1.0))
@@ -333,16 +333,14 @@ def assert_ahead(task: DrivingTask, s: Any, values: Any) -> None:  # noqa: ANN40
         ({'ranges': {'front_stiffness': (1.0, 1e8)}, 'dynamics': 'dynamic'}, 'steps of 0.02 s'),
     ],
 )
-def test_an_option_that_makes_no_sense_is_refused_in_a_sentence(
-    options: dict[str, Any], message: str
-) -> None:
+def test_an_invalid_option_is_refused_in_a_sentence(options: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=message):
         gymnasium.make(IDS['Lane'], **options)
 
 
 @pytest.mark.parametrize('name', IDS)
 @pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
-def test_a_scenario_is_the_options_of_an_environment(name: str, mode: str) -> None:
+def test_an_environment_takes_its_options_from_a_scenario(name: str, mode: str) -> None:
     options: dict[str, Any] = {**ELSEWHERE[name], 'noise': NOISE, 'dynamics': 'dynamic'}
     ranges = options.pop('ranges', {})
     of_scenario = Scenario(speed_reference=7.0, max_duration=5.0, **options)
@@ -418,14 +416,14 @@ def test_a_scenario_that_makes_no_environment_is_refused(scenario: object, messa
         ({'v': np.nan}, 'options: v: nan is not a number'),
     ],
 )
-def test_a_start_that_makes_no_sense_is_refused(mode: str, options: object, message: str) -> None:
+def test_an_invalid_start_is_refused(mode: str, options: object, message: str) -> None:
     env = gymnasium.make_vec(IDS['Race'], 2, vectorization_mode=mode)
     with pytest.raises(UserError, match=message):
         env.reset(options=options)
 
 
 @pytest.mark.parametrize('mode', ['sync', 'vector_entry_point'])
-def test_an_action_that_makes_no_sense_is_refused(mode: str) -> None:
+def test_an_invalid_action_is_refused(mode: str) -> None:
     env = gymnasium.make_vec(IDS['Race'], 2, vectorization_mode=mode)
     env.reset()
     for action in ([0.0, np.nan], [0.0], [0.0, 0.0, 0.0]):
@@ -440,13 +438,13 @@ def test_no_step_comes_before_a_reset(mode: str) -> None:
         env.step(np.zeros((2, 1)))
 
 
-def test_hills_are_on_a_road_alone() -> None:
+def test_the_task_hills_has_no_track() -> None:
     with pytest.raises(UserError, match="option 'track' must be one of road, vehicle"):
         gymnasium.make(IDS['Hills'], track='L')
 
 
 @pytest.mark.parametrize('name', IDS)
-def test_environments_are_pickled_and_continue_alike(name: str) -> None:
+def test_a_pickled_environment_continues_as_the_original(name: str) -> None:
     """Gymnasium's AsyncVectorEnv, and Stable-Baselines3, send them to other processes."""
     one = gymnasium.make(IDS[name], render_mode='rgb_array', noise=NOISE)
     batch = gymnasium.make_vec(IDS[name], 2, vectorization_mode='vector_entry_point', noise=NOISE)

@@ -83,7 +83,7 @@ def assert_as_environment(log: Log, task: str, **options: Any) -> None:  # noqa:
 @pytest.mark.parametrize(
     ('task', 'engine'), [*((task, 'local') for task in TASKS), ('Race', 'ros')]
 )
-def test_a_policy_drives_the_nodes_as_its_environment(
+def test_a_policy_drives_the_nodes_through_the_states_of_its_environment(
     tmp_path: Path, task: str, engine: str
 ) -> None:
     (tmp_path / 'policy.py').write_text(TASKS[task], 'utf-8')
@@ -95,7 +95,7 @@ def test_a_policy_drives_the_nodes_as_its_environment(
     assert_as_environment(log, task, **options)
 
 
-def test_a_policy_drives_in_python_as_its_environment() -> None:
+def test_a_policy_drives_in_python_through_the_states_of_its_environment() -> None:
     options: dict[str, Any] = {'track': 'oval', 'delay': 0.05}
     assert_as_environment(lap(Policy(function_of(LANE)), laps=1, **options), 'Lane', **options)
     hills = Policy(function_of(HILLS), 'Hills', speed=6.0)
@@ -143,7 +143,7 @@ def test_an_onnx_file_steers_as_the_function_that_it_holds(tmp_path: Path) -> No
         ('--policy lane.py --no-controller', '--policy and --no-controller: give one'),
     ],
 )
-def test_what_cannot_drive_is_refused_in_a_sentence(
+def test_a_policy_that_cannot_drive_is_refused_in_a_sentence(
     tmp_path: Path, words: str, complaint: str
 ) -> None:
     (tmp_path / 'lane.py').write_text(LANE.replace('*ahead', 'a, b, c, d'), 'utf-8')

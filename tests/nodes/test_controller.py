@@ -100,12 +100,12 @@ def test_each_state_is_answered_once_with_its_own_stamp(bench: Make) -> None:
     assert [to_nanoseconds(state.header.stamp) for state in one.received] == stamps
 
 
-def test_interval_is_the_difference_of_stamps_also_where_states_are_missing(bench: Make) -> None:
+def test_the_interval_is_the_difference_of_stamps_also_after_missing_states(bench: Make) -> None:
     answers = bench().answers([(0, 7.9), (20 * MS, 7.91), (80 * MS, 7.95), (90 * MS, 7.96)])
     assert answers == expected([(0.0, 7.9), (0.02, 7.91), (0.06, 7.95), (0.01, 7.96)])
 
 
-def test_what_the_pid_did_is_published(bench: Make) -> None:
+def test_each_command_is_published_with_the_terms_of_the_pid(bench: Make) -> None:
     one = bench(kp=2.0, ki=1.0, kd=0.5, speed_reference=5.0, acceleration_limit=3.0)
     one.answers([(0, 4.0), (100 * MS, 4.2), (200 * MS, 0.0)])
     one.until(lambda: len(one.received) == 3)
@@ -123,7 +123,7 @@ def test_what_the_pid_did_is_published(bench: Make) -> None:
 # Parameters
 
 
-def test_gains_and_reference_take_effect_while_it_runs(bench: Make) -> None:
+def test_changed_gains_reference_and_limit_act_on_the_next_state(bench: Make) -> None:
     one = bench(kp=1.0, ki=0.0, kd=0.0)
     assert one.answers([(0, 7.0)]) == [1.0]
     assert all(result.successful for result in one.set(kp=2.0, speed_reference=8.5))
@@ -133,7 +133,7 @@ def test_gains_and_reference_take_effect_while_it_runs(bench: Make) -> None:
     assert one.answers([(40 * MS, 7.0), (60 * MS, 10.0)]) == [0.5, -0.5]
 
 
-def test_reference_may_come_from_an_outer_loop(bench: Make) -> None:
+def test_a_message_on_speed_reference_changes_the_reference(bench: Make) -> None:
     one = bench(kp=1.0, ki=0.0, kd=0.0)
     outer = one.peer.create_publisher(Float64, 'speed_reference', 1)
     one.until(lambda: outer.get_subscription_count() == 1)
@@ -144,7 +144,7 @@ def test_reference_may_come_from_an_outer_loop(bench: Make) -> None:
     assert one.answers([(20 * MS, 4.0)]) == [2.0]
 
 
-def test_reset_is_a_fresh_start(bench: Make) -> None:
+def test_after_a_reset_the_controller_answers_as_at_its_start(bench: Make) -> None:
     one = bench()
     samples = [(0, 1.0), (20 * MS, 1.5), (40 * MS, 3.0)]
     first = one.answers(samples)
@@ -186,7 +186,7 @@ class Whole(Pilot):
         return 1
 
 
-def test_a_pilot_of_ones_own_drives(bench: Make) -> None:
+def test_whole_numbers_of_a_users_pilot_are_published(bench: Make) -> None:
     one = bench(controller=Whole())
     received: list[ControllerState] = []
     one.peer.create_subscription(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize('kind', [CruiseController, MirrorNode, Relay, VehicleSimulator])
-def test_inputs_are_what_a_node_subscribes_to(ros: Context, kind: Any) -> None:  # noqa: ANN401
+def test_the_inputs_of_a_node_are_its_subscriptions(ros: Context, kind: Any) -> None:  # noqa: ANN401
     node = kind(context=ros)
     subscribed = {each.topic_name: each.msg_type for each in node.subscriptions}
     node.destroy_node()

@@ -72,7 +72,7 @@ def bench(benches: Callable[..., Bench]) -> Bench:
     return benches(Bench)
 
 
-def test_a_press_drives_then_coasts_once_and_falls_silent(bench: Bench) -> None:
+def test_a_press_drives_then_coasts_once_and_publishes_no_more(bench: Bench) -> None:
     bench.type(b'w')
     bench.until(lambda: COAST in bench.received)
     assert bench.changes == [UP, COAST]
@@ -82,7 +82,7 @@ def test_a_press_drives_then_coasts_once_and_falls_silent(bench: Bench) -> None:
     assert len(bench.received) == count
 
 
-def test_reset_is_called_once_for_a_key_held(bench: Bench) -> None:
+def test_a_held_key_calls_the_reset_once(bench: Bench) -> None:
     bench.until(lambda: bench.keyboard.count_publishers('cmd_vel') == 1)
     bench.type(b'rrrr')
     bench.until(lambda: bench.resets == 1)
@@ -100,7 +100,7 @@ def test_quit_restores_the_terminal_and_finishes(bench: Bench, key: bytes) -> No
     bench.until(lambda: termios.tcgetattr(bench.fd) == bench.before)
 
 
-def test_its_end_is_the_brake(bench: Bench) -> None:
+def test_a_keyboard_that_ends_publishes_the_full_brake(bench: Bench) -> None:
     bench.type(b'w')
     bench.until(lambda: UP in bench.received)
     bench.executor.remove_node(bench.keyboard)

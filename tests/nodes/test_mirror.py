@@ -110,7 +110,7 @@ def test_a_pose_that_is_sent_back_as_the_initial_one_is_the_same_state(bench: Ma
         assert to_state_at_rest(pose, road) == pytest.approx((x, -2.0, psi, 0.0))
 
 
-def test_state_that_is_not_finite_is_left_out(bench: Make) -> None:
+def test_a_state_that_is_not_finite_is_not_mirrored(bench: Make) -> None:
     world = bench()
     world.send(x=nan)
     odom = world.answer('odom', x=1.0)
@@ -132,7 +132,7 @@ def test_car_stands_on_the_hill_with_its_cabin_upright(bench: Make) -> None:
     assert body.id != cabin.id
 
 
-def test_road_is_latched(bench: Make) -> None:
+def test_a_late_subscriber_receives_the_road(bench: Make) -> None:
     world = bench()
     roads: list[MarkerArray] = []
     world.peer.create_subscription(MarkerArray, 'road_markers', roads.append, LATCHED)
@@ -145,7 +145,7 @@ def test_road_is_latched(bench: Make) -> None:
     assert [point.y for point in line.points] == [0.0] * 10
 
 
-def test_a_track_is_latched_as_a_path_and_as_markers(bench: Make) -> None:
+def test_a_late_subscriber_receives_the_track_as_a_path_and_as_markers(bench: Make) -> None:
     track, world = Track.named('oval'), bench(track='oval')
     roads: list[MarkerArray] = []
     paths: list[Path] = []
@@ -168,7 +168,7 @@ def test_a_track_is_latched_as_a_path_and_as_markers(bench: Make) -> None:
     assert (odom.pose.pose.position.x, odom.pose.pose.position.z) == (110.0, 0.0)
 
 
-def test_path_begins_anew_after_a_reset_and_has_the_newest_poses(
+def test_the_path_starts_again_after_a_reset_and_has_the_newest_poses(
     bench: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('barc_sim.nodes.mirror._MAX_POSES', 20)
@@ -181,7 +181,7 @@ def test_path_begins_anew_after_a_reset_and_has_the_newest_poses(
     assert len(path.poses) == 1
 
 
-def test_diagnostics_combine_facts_and_topics(bench: Make) -> None:
+def test_diagnostics_have_missed_deadlines_speed_of_time_and_lost_messages(bench: Make) -> None:
     known = RunDiagnostics(missed=3, slipped=1, recorded=100, lost=0)
     world = bench(namespace='/car2', facts=lambda: known, period=0.02)
     statuses: dict[str, Any] = {}
@@ -224,7 +224,7 @@ BEHIND = 'stamps are 6.1 s behind the wall clock: reset, or use --clock'
         (RunDiagnostics(2, 1, 100, 7, 'disk full'), 'bag', DiagnosticStatus.ERROR, 'disk full'),
     ],
 )
-def test_diagnosis_says_what_is_wrong_since_the_last(
+def test_a_diagnosis_names_each_fault_since_the_last_one(
     facts: RunDiagnostics, name: str, level: bytes, message: str
 ) -> None:
     found = {each.name: each for each in diagnose(facts, RunDiagnostics(2, 1), 1.0)}

@@ -58,7 +58,7 @@ def test_a_step_passes_the_times_of_the_clock_on_its_way_to_a_message() -> None:
     assert not paused.wait_until(4 * SECOND)
 
 
-def test_a_step_counts_only_while_paused() -> None:
+def test_a_step_has_no_effect_while_time_passes() -> None:
     playback = clock(rate=1000.0)
     playback.press('right')
     playback.press('space')
@@ -67,7 +67,7 @@ def test_a_step_counts_only_while_paused() -> None:
     assert playback.is_paused
 
 
-def test_a_resumed_playback_goes_on_from_where_it_was_paused() -> None:
+def test_a_resumed_playback_continues_where_it_was_paused() -> None:
     paused = clock(rate=1000.0, is_paused=True)
     paused.press('space')
     assert paused.wait_until(2 * SECOND)
@@ -75,7 +75,7 @@ def test_a_resumed_playback_goes_on_from_where_it_was_paused() -> None:
     assert paused.now >= 2 * SECOND
 
 
-def test_a_pause_is_announced_again_and_again() -> None:
+def test_a_pause_is_announced_once_a_period() -> None:
     announced = Event()
     paused = clock(is_paused=True, pause_period=0.001, on_pause=announced.set)
     thread = Thread(target=paused.wait_until, args=(5 * SECOND,))
@@ -89,7 +89,7 @@ def test_a_pause_is_announced_again_and_again() -> None:
 
 
 @pytest.mark.parametrize('is_paused', [True, False])
-def test_time_can_be_set(is_paused: bool) -> None:
+def test_the_time_can_be_set_during_a_pause_and_a_playback(is_paused: bool) -> None:
     playback = clock(is_paused=is_paused)
     playback.set(100 * SECOND)
     assert playback.now >= 100 * SECOND

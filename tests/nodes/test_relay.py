@@ -54,13 +54,13 @@ def bench(benches: Make) -> Make:
     return partial(benches, Bench)
 
 
-def test_relay_commands_coasting_without_a_stamp_from_its_start_on(bench: Make) -> None:
+def test_a_relay_without_a_driver_commands_coasting_without_a_stamp(bench: Make) -> None:
     b = bench()
     b.until(lambda: len(b.commands) >= 5)
     assert {(c.motor, c.servo, c.header.stamp.sec) for c in b.commands} == {(0.0, 0.0, 0)}
 
 
-def test_twist_is_a_share_of_the_limits_which_may_be_changed(bench: Make) -> None:
+def test_a_twist_commands_its_share_of_the_limits_also_after_they_change(bench: Make) -> None:
     b = bench(acceleration=3.0, stale_after=60.0)
     b.send(forward=0.5)
     b.until_motor(1.5)
@@ -84,7 +84,7 @@ def test_twists_that_are_not_finite_are_refused_with_one_warning_and_counted(
     assert capfd.readouterr().err.count('refused a Twist') == 1
 
 
-def test_reset_clears_request_and_wheel(bench: Make) -> None:
+def test_a_reset_clears_the_request_and_straightens_the_wheel(bench: Make) -> None:
     b = bench(stale_after=60.0)
     b.send(forward=1.0, turn=1.0)
     b.until_motor(4.0)

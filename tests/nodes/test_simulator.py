@@ -158,7 +158,7 @@ def test_every_command_that_acts_is_published_and_those_that_were_missed_are_mar
     assert applied[-1].motor == 1.5
 
 
-def test_the_place_on_the_track_waits_at_its_reader_when_the_state_comes(world: World) -> None:
+def test_the_place_on_the_track_arrives_before_its_state(world: World) -> None:
     places: list[TrackState] = []
     seen: list[tuple[int, int]] = []  # stamps of the state, and of the newest place
 
@@ -193,13 +193,15 @@ def test_the_place_on_the_track_waits_at_its_reader_when_the_state_comes(world: 
         ({'realtime_factor': 0.0}, 1),
     ],
 )
-def test_clock_is_published_at_another_factor_or_on_request(
+def test_the_clock_is_published_unless_the_run_is_in_real_time(
     world: World, parameters: dict[str, Any], expected: int
 ) -> None:
     assert world.simulator(**parameters).count_publishers('/clock') == expected
 
 
-def test_clock_is_that_of_the_states_and_is_repeated_while_it_stands(world: World) -> None:
+def test_the_clock_has_the_stamps_of_the_states_and_is_repeated_during_a_pause(
+    world: World,
+) -> None:
     times = world.received(Clock, '/clock')
     world.driver(partial(command, 1.0))
     world.simulator(realtime_factor=5.0, check_period=OFTEN)
@@ -218,7 +220,9 @@ def test_clock_is_that_of_the_states_and_is_repeated_while_it_stands(world: Worl
 # Who drives
 
 
-def test_waits_for_a_controller_with_one_warning(world: World, capfd: Capture) -> None:
+def test_a_simulator_without_a_controller_waits_and_warns_once(
+    world: World, capfd: Capture
+) -> None:
     sentence = 'waiting for a controller that publishes /car2/ecu'
     ticks = world.received(ZDynBkMdl, 'never')
     simulator = world.simulator(check_period=OFTEN, namespace='car2')
@@ -235,13 +239,13 @@ def test_waits_for_a_controller_with_one_warning(world: World, capfd: Capture) -
     assert log.count(sentence) == 1
 
 
-def test_controller_that_is_there_is_not_waited_for(world: World, capfd: Capture) -> None:
+def test_no_warning_is_logged_where_a_controller_is_there(world: World, capfd: Capture) -> None:
     world.driver()
     world.simulator().peers.check()  # as where the nodes took a second to be made
     assert 'waiting' not in capfd.readouterr().err
 
 
-def test_new_controller_receives_the_state_that_waits_for_its_answer(world: World) -> None:
+def test_a_new_controller_receives_the_state_that_waits_for_an_answer(world: World) -> None:
     world.driver()
     simulator = world.simulator(check_period=OFTEN, realtime_factor=LOCK_STEP)
     world.until(lambda: simulator.stepper.states == 1)
@@ -281,7 +285,7 @@ def test_second_simulator_of_a_topic_is_refused_until_the_first_is_gone(world: W
     world.simulator()
 
 
-def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: World) -> None:
+def test_another_publisher_of_states_is_refused_before_the_first_state(world: World) -> None:
     foreign = world.add(Node('other', context=world.context))
     foreign.create_publisher(ZDynBkMdl, 'z_vhcl', qos.DEFAULT)
     simulator = world.simulator(wait_for_controller=False)
@@ -293,7 +297,7 @@ def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: Wo
 # Services
 
 
-def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None:
+def test_a_reset_resets_the_controller_once_and_waits_for_its_answer(world: World) -> None:
     calls: list[int] = []
 
     def on_reset(_: Any, response: Any) -> Any:  # noqa: ANN401
@@ -361,7 +365,7 @@ def test_a_pose_on_initialpose_resets_car_and_controller_to_it(
     assert stamps(world.states) == sorted(stamps(world.states))
 
 
-def test_nodes_that_drive_together_are_named(world: World, capfd: Capture) -> None:
+def test_a_warning_names_two_nodes_that_publish_commands(world: World, capfd: Capture) -> None:
     world.simulator(check_period=OFTEN)
     for name in ('ours', 'theirs'):
         node = world.add(Node(name, context=world.context))
@@ -376,7 +380,7 @@ def test_nodes_that_drive_together_are_named(world: World, capfd: Capture) -> No
     world.until(are_named)
 
 
-def test_another_clock_is_named(world: World, capfd: Capture) -> None:
+def test_a_warning_names_another_publisher_of_the_clock(world: World, capfd: Capture) -> None:
     world.simulator(check_period=OFTEN, realtime_factor=LOCK_STEP)
     player = world.add(Node('player', context=world.context))
     player.create_publisher(Clock, '/clock', 1)
@@ -389,7 +393,9 @@ def test_another_clock_is_named(world: World, capfd: Capture) -> None:
     world.until(is_named)
 
 
-def test_reset_continues_without_the_controllers_answer(world: World, capfd: Capture) -> None:
+def test_a_reset_continues_where_the_controller_does_not_answer(
+    world: World, capfd: Capture
+) -> None:
     world.driver(partial(command, 1.0))
     deaf = Node('controller', context=world.context)  # not spun
     deaf.create_service(Trigger, '~/reset', lambda _, response: response)

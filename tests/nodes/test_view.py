@@ -66,7 +66,7 @@ def test_every_state_reaches_the_page_with_its_messages(ros: Context, kind: str,
     assert table['reference'][-1] == 8.0
 
 
-def test_the_pages_missed_deadlines_are_the_simulators_to_the_end(ros: Context) -> None:
+def test_the_page_has_the_missed_deadlines_of_the_simulator_to_the_end(ros: Context) -> None:
     driven = overrides(realtime_factor=50.0, wait_for_controller=False)
     simulator = VehicleSimulator(context=ros, parameter_overrides=driven)
     stepper = simulator.stepper
@@ -91,7 +91,7 @@ def text_of(socket: ClientConnection) -> str:
     return message
 
 
-def test_plan_of_the_steering_reaches_the_page(ros: Context) -> None:
+def test_the_planned_path_of_the_steering_reaches_the_page(ros: Context) -> None:
     view, peer = ViewNode(context=ros), Node('peer', context=ros)
     plans = peer.create_publisher(Path, topics.PREDICTION, qos.DEFAULT)
     pose = Pose(position=Point(x=1.23456, y=-2.0))
@@ -111,7 +111,7 @@ def test_a_view_alone_takes_its_mode_and_address_as_parameters(ros: Context) -> 
         ViewNode(context=ros, parameter_overrides=overrides(mode='drive'))
 
 
-def test_changes_from_either_side_are_shown_in_a_namespace(ros: Context) -> None:
+def test_a_parameter_set_by_the_page_or_by_others_is_shown_in_a_namespace(ros: Context) -> None:
     controller = CruiseController(context=ros, namespace='car2')
     run = RunFacts(control=controller.control)
     view = ViewNode(context=ros, namespace='car2', run=run)

@@ -261,7 +261,7 @@ def test_keys_drive_the_car_that_is_shown_while_they_are_held(teleop: Teleop, op
     wait_until(lambda: car.twists[-1] == (0.0, 0.0))
 
 
-def test_space_brakes(teleop: Teleop, open_: Open) -> None:
+def test_the_space_key_brakes(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
     tab.press('Space')
@@ -271,7 +271,7 @@ def test_space_brakes(teleop: Teleop, open_: Open) -> None:
     assert not car.paused  # the key is none that presses a button
 
 
-def test_two_thumbs_drive(teleop: Teleop, open_: Open) -> None:
+def test_two_fingers_drive_and_steer(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url, width=360, height=760, touch=True)
     (x, y), (u, v) = tab.middle('#throttle'), tab.middle('#steer')
@@ -364,7 +364,9 @@ def note(tab: Tab) -> str:
     return str(tab.run("document.querySelector('#tuning-note').textContent"))
 
 
-def test_slider_number_and_node_agree_whoever_sets_the_value(acc: Acc, open_: Open) -> None:
+def test_slider_number_and_node_agree_whichever_of_them_sets_the_value(
+    acc: Acc, open_: Open
+) -> None:
     view, car, controller = acc
     tab = open_(view.url)
     wait_until(lambda: is_shown(tab, controller, 'speed_reference', 8.0))
@@ -427,7 +429,7 @@ BEYOND = [
 ]
 
 
-def test_a_number_beyond_its_limits_is_refused_in_the_command_lines_sentence(
+def test_a_number_beyond_its_limits_is_refused_with_the_sentence_of_the_command_line(
     acc: Acc, open_: Open
 ) -> None:
     view, car, controller = acc
@@ -508,9 +510,7 @@ def test_a_key_that_is_held_while_the_connection_breaks_is_released(
     assert (1.0, 0.0) not in car.twists[twists:]
 
 
-def test_a_value_that_is_asked_for_is_shown_until_its_node_answers(
-    teleop: Teleop, open_: Open
-) -> None:
+def test_a_requested_value_is_shown_until_the_node_answers(teleop: Teleop, open_: Open) -> None:
     tab = open_(teleop[0].url)
     steps = tab.run_file(PROGRAMS / 'request_parameters.js')
     assert steps['sent'] == [1, 2, 3, 4]
@@ -553,7 +553,7 @@ def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) 
     wait_until(lambda: is_copied(noisy))
 
 
-def test_forces_and_terms_are_those_of_the_messages(acc: Acc, open_: Open) -> None:
+def test_the_page_shows_the_forces_and_terms_of_the_messages(acc: Acc, open_: Open) -> None:
     view, car, _ = acc
     car.state, car.stops_at = BicycleState(x=22.0, v=8.0), 34.0
     tab = open_(view.url)
@@ -571,7 +571,7 @@ def test_forces_and_terms_are_those_of_the_messages(acc: Acc, open_: Open) -> No
     assert command == pytest.approx(sum(terms), abs=0.002)
 
 
-def test_a_run_that_hangs_is_named_with_its_seconds_and_little_is_announced(
+def test_a_stalled_run_is_shown_with_its_seconds_and_few_announcements(
     acc: Acc, open_: Open
 ) -> None:
     view, car, _ = acc
@@ -655,7 +655,7 @@ def test_the_parameters_of_an_earlier_state_are_those_of_its_time(
 HEADINGS = {0.3: 0, -179.7: 180, 179.7: 180, -179.4: -179, 359.6: 0, 540.0: 180, -90.0: -90}
 
 
-def test_a_heading_has_one_number(teleop: Teleop, open_: Open) -> None:
+def test_a_heading_is_shown_between_minus_179_and_180_degrees(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
     for degrees, shown in HEADINGS.items():
@@ -663,7 +663,7 @@ def test_a_heading_has_one_number(teleop: Teleop, open_: Open) -> None:
         wait_until(lambda shown=shown: tab.number('#heading') == shown, f'heading {degrees}')
 
 
-def test_buttons_pause_and_reset(teleop: Teleop, open_: Open) -> None:
+def test_buttons_pause_and_reset_the_run(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     car.state = BicycleState(x=50.0)
     tab = open_(view.url)
@@ -737,7 +737,7 @@ def either(ros: Context, request: pytest.FixtureRequest) -> Iterator[ViewNode]:
 
 
 @pytest.mark.skipif(not AXE.is_file(), reason='axe-core is not installed (AXE_CORE names it)')
-def test_checker_finds_no_accessibility_violation(either: ViewNode, open_: Open) -> None:
+def test_axe_finds_no_violation_of_accessibility(either: ViewNode, open_: Open) -> None:
     tab = open_(either.url, width=1440, height=900)
 
     def found() -> list[str]:
@@ -759,7 +759,7 @@ def test_checker_finds_no_accessibility_violation(either: ViewNode, open_: Open)
     assert tab.overflow() == []
 
 
-def test_laps_of_a_track_are_those_of_the_log(ros: Context, open_: Open) -> None:
+def test_the_page_shows_the_laps_of_a_track_as_the_log_has_them(ros: Context, open_: Open) -> None:
     driven = {'track': 'circle', 'laps': 3, 'realtime_factor': 20.0}
     controller = CruiseController(
         context=ros, parameter_overrides=overrides(track='circle', speed_reference=10.0)

@@ -89,7 +89,7 @@ def test_a_page_that_opens_late_gets_the_last_minute() -> None:
     np.testing.assert_array_equal(history['x'], np.arange(1000, 4000))
 
 
-def test_a_run_of_another_controller_has_its_terms() -> None:
+def test_a_recorded_run_has_the_terms_of_a_users_controller() -> None:
     class Own(LQR):
         """A controller that no table has."""
 
@@ -106,7 +106,7 @@ def test_a_run_of_another_controller_has_its_terms() -> None:
     np.testing.assert_array_equal(rows[:, -1], log.terms['own'])
 
 
-def test_a_whole_run_has_the_same_columns() -> None:
+def test_a_recorded_run_has_the_values_of_its_log() -> None:
     log = closed_loop()
     found = table(rows_of(log))
     np.testing.assert_array_equal(found['t'], log.t)

@@ -84,7 +84,7 @@ MALFORMED = [
         ('{"type":"pause","on":false}', Pause(on=False)),
     ],
 )
-def test_requests_are_understood(message: str, request_: object) -> None:
+def test_each_request_of_the_page_is_decoded(message: str, request_: object) -> None:
     found = parse(message)
     assert found == request_
     assert type(found) is type(request_)
@@ -110,7 +110,7 @@ _JSON = st.recursive(
 
 @settings(max_examples=50)
 @given(_JSON.map(json.dumps) | st.text() | st.binary())
-def test_whatever_arrives_is_a_request_within_limits_or_refused(message: str | bytes) -> None:
+def test_any_message_is_a_request_within_limits_or_refused(message: str | bytes) -> None:
     try:
         found = parse(message)
     except RequestError:
@@ -176,7 +176,7 @@ def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
         ('motor_delay', -0.1, 'delay'),
     ],
 )
-def test_a_slider_refuses_what_python_does_in_the_same_sentence(
+def test_a_slider_refuses_a_value_with_the_sentence_of_python(
     name: str, value: float, argument: str
 ) -> None:
     run = driven(PID())
@@ -232,7 +232,7 @@ def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_mo
     assert overshoots[1] < 0.1
 
 
-def test_what_the_default_gains_leave_to_improve_is_true_and_within_the_sliders() -> None:
+def test_the_sliders_can_halve_the_error_of_the_default_gains_as_the_page_claims() -> None:
     found = facts('acc', RunFacts())
     error = summary(simulate()).rms_error_after_run_up
     page = (resources.files('barc_sim.page') / 'web' / 'tuning.js').read_text('utf-8')

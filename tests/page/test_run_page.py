@@ -85,7 +85,7 @@ def played(browser: Browser) -> Played:
     return play
 
 
-def test_page_receives_the_whole_run(log: Log) -> None:
+def test_the_page_receives_the_whole_run(log: Log) -> None:
     hello, rows = replay(replace(log, missed=log.t > log.t[-4]), 'my run')
     hello_fields = json.loads(hello)
     assert (hello_fields['mode'], hello_fields['replay']) == (
@@ -97,12 +97,12 @@ def test_page_receives_the_whole_run(log: Log) -> None:
     assert len(rows) == 8 * len(COLUMNS) * len(log)
 
 
-def test_run_without_controller_is_shown_from_above(log: Log) -> None:
+def test_a_run_without_a_controller_is_shown_from_above(log: Log) -> None:
     hello, _ = replay(replace(log, reference=np.full(len(log), np.nan)), '')
     assert json.loads(hello)['mode'] == 'teleop'
 
 
-def test_serves_until_ctrl_c() -> None:
+def test_a_replay_is_served_until_ctrl_c() -> None:
     with subprocess.Popen(
         [sys.executable, '-c', _SERVE],
         stdout=subprocess.PIPE,
@@ -116,7 +116,9 @@ def test_serves_until_ctrl_c() -> None:
         assert process.wait(30) == 0
 
 
-def test_command_serves_the_bag(log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_replay_serves_one_run_or_two(
+    log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     served: list[object] = []
     monkeypatch.setattr(bag, 'read', lambda *_: log)
     monkeypatch.setattr(run_page, 'serve', lambda *given: served.extend(given))
@@ -145,7 +147,7 @@ def test_browser_follows_the_private_file_to_the_page(log: Log, browser: Browser
 
 
 @in_browser
-def test_page_plays_pauses_and_seeks(log: Log, played: Played) -> None:
+def test_the_page_plays_pauses_and_seeks(log: Log, played: Played) -> None:
     with played(log) as tab:
         assert tab.text('#title') == 'my run'
         tab.click('#play')
@@ -172,7 +174,7 @@ def test_page_plays_pauses_and_seeks(log: Log, played: Played) -> None:
 
 
 @in_browser
-def test_charts_zoom_read_hide_and_save(log: Log, played: Played) -> None:
+def test_a_chart_can_be_zoomed_read_hidden_and_saved(log: Log, played: Played) -> None:
     with played(log, width=1440, height=900) as tab:
         tab.click('#play')
         _seek(tab, 20.0)
@@ -205,7 +207,7 @@ def test_charts_zoom_read_hide_and_save(log: Log, played: Played) -> None:
 
 
 @in_browser
-def test_the_names_of_slopes_are_below_the_lines(log: Log, played: Played) -> None:
+def test_the_grades_are_written_below_the_lines_of_a_chart(log: Log, played: Played) -> None:
     with played(log, width=1440, height=900) as tab:
         tab.run_file(PROGRAMS / 'note_grades.js')
         wait_until(lambda: tab.run('names.length') > 3)
@@ -213,7 +215,7 @@ def test_the_names_of_slopes_are_below_the_lines(log: Log, played: Played) -> No
 
 
 @in_browser
-def test_the_arrow_is_the_force_of_the_plant(played: Played) -> None:
+def test_the_arrow_shows_the_force_of_the_plant(played: Played) -> None:
     plant = Plant(motor=Actuator(limit=6.0, delay=0.1))
     log = closed_loop(plant, PID(4.0, 8.0, 0.0, output_min=-100.0, output_max=100.0))
     with played(log) as tab:
@@ -227,7 +229,7 @@ def test_the_arrow_is_the_force_of_the_plant(played: Played) -> None:
 
 
 @in_browser
-def test_second_run_is_drawn_beside_the_first(log: Log, played: Played) -> None:
+def test_a_second_run_is_drawn_beside_the_first(log: Log, played: Played) -> None:
     weak = closed_loop(controller=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
     with played(weak, log, width=1440, height=900) as tab:
         cells = "Array.from(document.querySelectorAll('[data-figure=rms] td'), (c) => c.innerText)"
@@ -435,7 +437,7 @@ def test_one_page_drives_and_the_car_brakes_without_its_driver(
         )
     )
 )
-def test_last_command_of_silent_pages_never_moves_the_car(
+def test_the_last_command_of_silent_pages_never_moves_the_car(
     doings: list[tuple[str, DriverInput | None, float]],
 ) -> None:
     drivers = DriverArbiter()

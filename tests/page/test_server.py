@@ -107,7 +107,7 @@ def test_page_is_served_on_this_machine_with_a_strict_content_policy(server: Vie
     assert body.startswith(b'<!DOCTYPE html>')
 
 
-def test_it_starts_without_matplotlib_which_takes_half_a_second() -> None:
+def test_the_server_starts_without_importing_matplotlib() -> None:
     program = 'import sys, barc_sim.page.run_page; print("matplotlib" in sys.modules)'
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, check=True)
     assert done.stdout.strip() == b'False'
@@ -127,7 +127,7 @@ def test_it_starts_without_matplotlib_which_takes_half_a_second() -> None:
         ('/{token}/..%2fview_server.py', 404),
     ],
 )
-def test_nothing_else_is_served_and_nothing_without_the_token(
+def test_only_files_of_the_page_are_served_and_only_with_the_token(
     server: ViewServer, path: str, status: int
 ) -> None:
     path = path.format(token=token(server))
@@ -177,7 +177,7 @@ def answer_to(server: ViewServer, path: str, headers: list[str]) -> bytes:
 
 
 @pytest.mark.parametrize(('headers', 'is_answered'), ORIGINS)
-def test_only_its_own_page_is_answered(
+def test_a_request_from_another_site_is_refused(
     server: ViewServer, headers: list[str], is_answered: bool
 ) -> None:
     page_status = b'200' if is_answered else b'403'
@@ -186,7 +186,7 @@ def test_only_its_own_page_is_answered(
     assert answer_to(server, 'socket', [*headers, *_UPGRADE]).split()[1] == socket_status
 
 
-def test_the_name_given_with_view_host_is_the_servers_own(
+def test_every_name_of_the_machine_is_accepted_as_host(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(socket, 'gethostname', lambda: 'Lab3.uni.example')
@@ -267,7 +267,7 @@ def test_a_browser_of_windows_receives_the_address_itself(
     assert not browser_stub.exists()
 
 
-def test_page_is_greeted_receives_messages_and_is_answered(server: Recorder) -> None:
+def test_a_page_is_greeted_and_exchanges_messages_with_the_server(server: Recorder) -> None:
     with page(server) as one, page(server) as two:
         for client in (one, two):
             assert [client.recv(DEADLINE) for _ in range(2)] == [encode('hello'), b'history']

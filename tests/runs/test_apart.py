@@ -41,7 +41,7 @@ def ended(run: subprocess.Popen[str]) -> str:
 
 
 @pytest.mark.usefixtures('ros_domain')
-def test_a_controller_in_a_process_of_its_own_drives_one_run_like_the_other(
+def test_a_controller_in_its_own_process_drives_two_runs_alike(
     start: Start, tmp_path: Path
 ) -> None:
     start('-m', 'barc_sim', 'node', 'controller')
@@ -58,7 +58,7 @@ def test_a_controller_in_a_process_of_its_own_drives_one_run_like_the_other(
 
 
 @pytest.mark.usefixtures('ros_domain')
-def test_a_controller_of_others_takes_the_place_of_ours(start: Start, tmp_path: Path) -> None:
+def test_a_controller_written_by_others_drives_a_run(start: Start, tmp_path: Path) -> None:
     run = start(*RUN, '--distance', '10')
     assert run.stderr
     assert 'waiting for a controller that publishes /ecu' in run.stderr.readline()

@@ -68,7 +68,7 @@ def topics(bags: Path) -> dict[str, Topic]:
 
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('controller', ['pid', 'lqr'])
-def test_bags_are_equal(tmp_path: Path, controller: str) -> None:
+def test_runs_with_and_without_ros_give_equal_bags(tmp_path: Path, controller: str) -> None:
     found = {}
     for engine in ('ros', 'local'):
         bags = tmp_path / engine
@@ -80,7 +80,7 @@ def test_bags_are_equal(tmp_path: Path, controller: str) -> None:
         assert found['local'][name] == topic, name
 
 
-def test_run_of_user_code_without_ros_gives_the_golden_figures(
+def test_a_run_of_user_code_without_ros_gives_the_golden_figures(
     golden: dict[str, Any], tmp_path: Path
 ) -> None:
     def run(scenario: Scenario, folder: Path) -> None:

@@ -74,7 +74,7 @@ def laps() -> list[Log]:
     return [simulate(**gains, distance=DISTANCE) for gains in GAINS]
 
 
-def test_each_lap_is_that_of_its_gains(path: Path, laps: list[Log]) -> None:
+def test_each_lap_is_driven_with_the_gains_of_its_time(path: Path, laps: list[Log]) -> None:
     log = read_bag(path)
     recorded, numbers = laps_of(log)
     settings = lap_settings_of(log, numbers)

@@ -51,7 +51,7 @@ def judged(tmp_path: Path) -> Callable[[str], Verdict]:
     return judge
 
 
-def test_finished_template_is_right_however_slowly_its_nodes_are_made(
+def test_the_finished_template_is_right_also_where_its_nodes_start_slowly(
     judged: Callable[[str], Verdict],
 ) -> None:
     slow = '__import__("time").sleep(2.5) or Relay(), Key'
@@ -79,7 +79,7 @@ def test_finished_template_is_right_however_slowly_its_nodes_are_made(
         ('rclpy.init()', 'rclpy.init(', "compose.py, line 30: syntax error: '(' was never closed"),
     ],
 )
-def test_mistake_is_a_sentence(
+def test_a_mistake_in_a_composition_is_named_in_a_sentence(
     judged: Callable[[str], Verdict], old: str, new: str, sentence: str
 ) -> None:
     assert old in RIGHT
@@ -106,7 +106,7 @@ def test_a_file_of_the_checks_own_name_is_named(
     )
 
 
-def test_a_script_that_computes_for_ever_is_ended(
+def test_a_script_that_ends_early_or_never_is_named(
     judged: Callable[[str], Verdict], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert judged('raise SystemExit(4)\n') == (False, 'it has ended with exit code 4')
@@ -115,7 +115,7 @@ def test_a_script_that_computes_for_ever_is_ended(
     assert verdict.sentence.startswith('it was ended after 0.5 s')
 
 
-def test_template_is_not_run_and_check_prints_it(tmp_path: Path) -> None:
+def test_an_unchanged_template_is_not_run_but_named(tmp_path: Path) -> None:
     (tmp_path / 'relay.py').write_text('def relay(x, z):\n    return [x, 0.3 * z]\n')
     (tmp_path / 'compose.py').write_text(TEMPLATE, encoding='utf-8')
     assert (

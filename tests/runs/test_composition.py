@@ -58,7 +58,9 @@ def assert_same(one: Log, other: Log, rows: int | None = None) -> None:
 # One trajectory
 
 
-def test_run_in_real_time_is_the_rollout_as_far_as_no_deadline_was_missed(tmp_path: Path) -> None:
+def test_a_run_in_real_time_has_the_states_of_the_closed_loop_up_to_a_missed_deadline(
+    tmp_path: Path,
+) -> None:
     expected = closed_loop(distance=1.0)
     for _ in range(3):
         before = time.time_ns()
@@ -77,9 +79,7 @@ def test_run_in_real_time_is_the_rollout_as_far_as_no_deadline_was_missed(tmp_pa
 
 
 @pytest.mark.parametrize('engine', ['ros', 'local'])
-def test_the_missed_commands_of_the_bag_are_those_that_were_counted(
-    tmp_path: Path, engine: str
-) -> None:
+def test_the_bag_marks_as_many_missed_commands_as_were_counted(tmp_path: Path, engine: str) -> None:
     (tmp_path / 'slow.py').write_text(user_text('slow_controller.py'))
     options = ('--controller', str(tmp_path / 'slow.py'), '--distance', '10', '--engine', engine)
     run = printed('acc', *options, '-q', '--bag-dir', str(tmp_path / 'bags')).strip()
@@ -120,7 +120,7 @@ def path(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path: 
     return bag_of(tmp_path_factory.mktemp('run'), *options)
 
 
-def test_bag_holds_each_step_once_on_each_topic(path: Path) -> None:
+def test_the_bag_has_each_step_once_on_each_topic(path: Path) -> None:
     found = messages(path)
     begin = stamps(found['/z_vhcl'])[0]
     steps = int(bag.info(path)['steps'])
@@ -132,7 +132,7 @@ def test_bag_holds_each_step_once_on_each_topic(path: Path) -> None:
     assert times == stamps(found['/z_vhcl'])
 
 
-def test_bag_says_what_run_it_holds(path: Path) -> None:
+def test_the_bag_has_the_command_and_the_parameters_of_the_run(path: Path) -> None:
     info = bag.info(path)
     assert info['command'].startswith('barc acc -q --realtime-factor max')
     assert (info['kp'], info['road'], info['missed_deadlines']) == ('29.0', 'lab', '0')
@@ -143,7 +143,7 @@ def test_bag_says_what_run_it_holds(path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('factor', ['1', 'max'])
-def test_bag_holds_what_a_publisher_sends_that_comes_and_goes(
+def test_the_bag_has_the_message_of_a_publisher_that_lives_shortly(
     tmp_path: Path, start: Callable[..., subprocess.Popen[str]], factor: str
 ) -> None:
     brief = start(PROGRAMS / 'publish_once.py')
@@ -187,7 +187,7 @@ def test_an_initial_pose_is_in_the_bag_and_the_run_from_there_can_be_repeated(
 # How it ends
 
 
-def test_our_own_fault_is_shown_and_the_bag_is_whole(
+def test_a_fault_in_a_node_is_raised_and_the_bag_is_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     on_state = CruiseController._on_state  # noqa: SLF001
@@ -209,7 +209,7 @@ def test_our_own_fault_is_shown_and_the_bag_is_whole(
 @pytest.mark.parametrize(
     ('moment', 'folder_exists'), [('__init__', False), ('publish_state', True)]
 )
-def test_refused_run_leaves_nothing(
+def test_a_refused_run_leaves_no_bag(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str, *, folder_exists: bool
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
@@ -224,7 +224,7 @@ def test_refused_run_leaves_nothing(
     assert list(folder.rglob('*')) == ([folder / 'bags'] if folder_exists else [])
 
 
-def test_error_after_the_first_state_leaves_the_bag_whole(
+def test_an_error_after_the_first_state_leaves_the_bag_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     publish = VehicleSimulator.publish_state

@@ -38,7 +38,9 @@ MOST_LOST = 250_000_000  #: [ns] on a quiet machine
 
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize('run', PARTS)
-def test_a_killed_run_keeps_what_it_has_written(ros: Context, tmp_path: Path, run: int) -> None:
+def test_the_bag_of_a_killed_run_has_all_states_that_were_written(
+    ros: Context, tmp_path: Path, run: int
+) -> None:
     moment = random.Random(run).uniform(0.3, 2.0)  # noqa: S311 (no secret)
     node = Node('witness', context=ros)
     subscription = node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda _: None, 10_000, raw=True)

@@ -40,7 +40,7 @@ def test_every_state_is_mirrored_and_the_run_is_the_same(engine: str, tmp_path: 
     assert bag.info(path)['lost_messages'] == '0'
 
 
-def test_they_stand_on_the_simulators_road_in_its_namespace(tmp_path: Path) -> None:
+def test_mirrors_use_the_road_and_the_namespace_of_the_simulator(tmp_path: Path) -> None:
     (tmp_path / 'hill.csv').write_text('start_m,grade_deg\n0,20\n')
     options = ('--realtime-factor', 'max', '--distance', '20', '--mirrors')
     path = bag_of(tmp_path, *options, '--road', 'hill.csv', '--ros-args', '-r', '__ns:=/car2')

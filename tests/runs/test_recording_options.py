@@ -28,7 +28,7 @@ def parse(*arguments: str) -> Recording:
         (('--topics', '/_'), {'/_hidden', '/arm/_action/status'}),
     ],
 )
-def test_topics_are_chosen_by_regular_expressions(
+def test_regular_expressions_choose_the_recorded_topics(
     arguments: tuple[str, ...], wanted: set[str]
 ) -> None:
     topics = ('/ecu', '/car2/ecu', '/rosout', '/_hidden', '/arm/_action/status')

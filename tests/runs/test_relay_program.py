@@ -73,7 +73,7 @@ def test_a_program_that_fails_ends_the_run_with_a_sentence(
     assert bag.info(newest(tmp_path))['failure'].endswith(sentence)
 
 
-def test_without_a_relay_the_run_waits_for_another(tmp_path: Path) -> None:
+def test_a_run_without_a_relay_waits_for_another(tmp_path: Path) -> None:
     with started('teleop', *UNSEEN, '--no-relay', cwd=tmp_path) as run:
         with started('node', 'relay', stdout=None, stderr=None):
             joystick()

@@ -98,7 +98,7 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
     assert again.psi[-1] == pytest.approx(log.psi[-1], abs=0.2 + lost(session.bag()))
 
 
-def test_left_space_and_reset(session: Session) -> None:
+def test_keys_steer_brake_and_reset_the_car(session: Session) -> None:
     session.hold(b'w', 0.8)
     session.type(b'a')
     session.until(rb'held -')
@@ -123,7 +123,7 @@ def test_left_space_and_reset(session: Session) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('number', [signal.SIGHUP, signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_it_in_order(session: Session, number: int) -> None:
+def test_a_signal_ends_the_run_and_restores_the_terminal(session: Session, number: int) -> None:
     session.type(b'w')
     session.until('held ↑'.encode())
     session.process.send_signal(number)
@@ -133,7 +133,7 @@ def test_a_signal_ends_it_in_order(session: Session, number: int) -> None:
     assert len(bag.read(session.bag())) > 1
 
 
-def test_a_terminal_that_is_closed_ends_it(tmp_path: Path) -> None:
+def test_a_closed_terminal_ends_the_run_and_its_bag(tmp_path: Path) -> None:
     session = Session(tmp_path)
     session.until(READY)
     session.until(rb'held -')
@@ -144,7 +144,7 @@ def test_a_terminal_that_is_closed_ends_it(tmp_path: Path) -> None:
     assert 'missed_deadlines' in bag.info(session.bag())  # the bag was closed in order
 
 
-def test_an_error_in_a_node_gives_the_terminal_back(tmp_path: Path) -> None:
+def test_an_error_in_a_node_restores_the_terminal(tmp_path: Path) -> None:
     session = Session(tmp_path, script=FAILING)
     try:
         session.until(READY)

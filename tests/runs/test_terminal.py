@@ -74,7 +74,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
         yield terminal
 
 
-def test_pipe_gets_a_plain_line_a_second(capsys: Capture, clock: Callable[[float], None]) -> None:
+def test_a_pipe_gets_a_plain_line_a_second(capsys: Capture, clock: Callable[[float], None]) -> None:
     shown = Display(180.0)
     for k in range(250):
         clock(10.0 + 0.01 * k)
@@ -83,7 +83,7 @@ def test_pipe_gets_a_plain_line_a_second(capsys: Capture, clock: Callable[[float
     assert capsys.readouterr() == (f'{LINE}\n' * 3, '')
 
 
-def test_terminal_gets_a_line_in_place_and_its_cursor_back(
+def test_a_terminal_gets_a_line_in_place_and_its_cursor_back(
     terminal: Terminal, clock: Callable[[float], None]
 ) -> None:
     clock(10.0)
@@ -128,7 +128,7 @@ def test_a_terminal_without_a_size_or_with_few_columns_has_a_line(
     assert shown in text
 
 
-def test_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
+def test_a_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
         shown = Display()
         shown.show(*DRIVE)
@@ -141,7 +141,7 @@ def test_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
     assert 'user code prints [this]' in printed
 
 
-def test_terminal_that_is_gone_does_not_end_the_run(terminal: Terminal) -> None:
+def test_a_terminal_that_is_gone_does_not_end_the_run(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
         shown = Display()
         shown.show(*DRIVE)
@@ -162,7 +162,7 @@ def test_held_keys_are_shown_in_columns_that_stay_without_a_negative_zero(
     assert still.index('held') == DRIVE_LINE.index('held')
 
 
-def test_table_has_a_row_per_stretch_and_the_other_figures(capsys: Capture) -> None:
+def test_the_table_has_a_row_per_stretch_and_the_other_figures(capsys: Capture) -> None:
     print_summary(
         Summary(
             rms_error=0.9768,

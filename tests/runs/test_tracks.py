@@ -43,7 +43,7 @@ def drive(folder: Path, *words: str, engine: str = 'local') -> tuple[str, TrackL
     ('engine', 'factor'),
     [('local', 'max'), ('ros', 'max'), pytest.param('ros', '0.25', marks=pytest.mark.slow)],
 )
-def test_a_lap_has_the_bits_of_python_on_every_carrier(
+def test_a_lap_has_the_states_of_python_to_the_last_bit_on_every_carrier(
     tmp_path: Path, engine: str, factor: str
 ) -> None:
     (tmp_path / 'circle.csv').write_text(CIRCLE, 'utf-8')
@@ -62,7 +62,9 @@ def test_a_lap_has_the_bits_of_python_on_every_carrier(
 
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize(('law', 'engine'), [('mpc', 'ros'), ('speed-mpc', 'local')])
-def test_predictive_control_has_the_bits_of_python(tmp_path: Path, law: str, engine: str) -> None:
+def test_predictive_control_drives_the_states_of_python_to_the_last_bit(
+    tmp_path: Path, law: str, engine: str
+) -> None:
     """All but the time that it takes, which is measured."""
     pytest.importorskip('daqp')
     (tmp_path / 'circle.csv').write_text(CIRCLE, 'utf-8')
@@ -90,7 +92,7 @@ def test_laps_follow_one_another_and_are_listed(tmp_path: Path) -> None:
     assert f'best lap {expected.best:.2f} s' in printed
 
 
-def test_a_file_of_ones_own_drives(tmp_path: Path) -> None:
+def test_a_users_steering_law_drives(tmp_path: Path) -> None:
     (tmp_path / 'lane.py').write_text(LANE, 'utf-8')
     words = ('--track', 'circle', '--speed', '6', '--lab', '.', *FAST)
     _, log = drive(tmp_path, *words, '--lane-gain', 'k_y=0.3')
@@ -134,7 +136,7 @@ def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_driven_is_refused_in_a_sentence(
+def test_options_that_do_not_fit_the_track_are_refused_in_a_sentence(
     tmp_path: Path, words: str, complaint: str
 ) -> None:
     (tmp_path / 'lane.py').write_text(LANE, 'utf-8')

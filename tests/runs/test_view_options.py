@@ -22,7 +22,9 @@ DESKTOP = {'DISPLAY': ':0'}
         ('acc --view web', 'web'),
     ],
 )
-def test_without_a_desktop_it_depends_on_mode_and_option(argv: str, expected: str) -> None:
+def test_without_a_desktop_mode_and_option_decide_whether_the_page_opens(
+    argv: str, expected: str
+) -> None:
     mode, *words = argv.split()
     assert page_of(parse(mode, words)) == expected
 
@@ -40,7 +42,7 @@ def test_without_a_desktop_it_depends_on_mode_and_option(argv: str, expected: st
         (DESKTOP, True, '--realtime-factor max', 'none'),
     ],
 )
-def test_at_a_desktop_acc_offers_it(
+def test_acc_offers_the_page_in_a_terminal_on_a_desktop(
     monkeypatch: pytest.MonkeyPatch,
     screen: dict[str, str],
     terminal: bool,

@@ -70,7 +70,9 @@ for words in json.loads(sys.argv[1]):
 """
 
 
-def test_what_cannot_be_is_one_sentence_and_leaves_no_bag(tmp_path: Path) -> None:
+def test_a_command_that_needs_ros_is_refused_in_one_sentence_and_leaves_no_bag(
+    tmp_path: Path,
+) -> None:
     wrong = 'acc -q --ros-args -p '
     lines = {
         'acc --no-controller': '--no-controller',
@@ -115,7 +117,7 @@ def begin(
     return begin
 
 
-def test_page_drives_by_hand(begin: Callable[..., Any], tmp_path: Path) -> None:
+def test_the_page_drives_by_hand_without_ros(begin: Callable[..., Any], tmp_path: Path) -> None:
     process, url = begin('teleop')
     with connect_page(url) as socket:
         wait(socket, 'hello')

@@ -35,7 +35,7 @@ def text(group: str) -> str:
 
 
 @pytest.mark.parametrize('version', PYTHONS)
-def test_locked_versions_are_allowed(lock: Any, version: str) -> None:  # noqa: ANN401
+def test_each_locked_version_is_within_the_requirements(lock: Any, version: str) -> None:  # noqa: ANN401
     """`scripts/lock` is to be called when a requirement changes."""
     environment = default_environment() | {
         'python_version': version,
@@ -56,7 +56,7 @@ def test_locked_versions_are_allowed(lock: Any, version: str) -> None:  # noqa: 
             assert pinned.version in each.specifier, each
 
 
-def test_a_sourced_ros_gets_only_what_it_lacks(
+def test_a_sourced_ros_gets_only_the_packages_that_it_lacks(
     lock: Any,  # noqa: ANN401
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

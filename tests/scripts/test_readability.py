@@ -21,7 +21,7 @@ def readability() -> Any:  # noqa: ANN401 (a module)
     return module
 
 
-def test_counts_each_kind_once_in_a_known_file(
+def test_each_kind_of_dense_line_is_counted_in_a_sample(
     readability: Any,  # noqa: ANN401 (a module)
 ) -> None:
     counts = readability.count(SAMPLE.read_text(encoding='utf-8'))
@@ -36,7 +36,7 @@ def test_counts_each_kind_once_in_a_known_file(
     assert counts['names'] == 1, '`given`; but not `each` in a comprehension'
 
 
-def test_prints_each_room_and_the_package_beside_them(
+def test_each_room_and_another_package_have_a_row(
     readability: Any,  # noqa: ANN401 (a module)
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -58,7 +58,7 @@ def test_prints_each_room_and_the_package_beside_them(
     assert 'broken.py' in errors
 
 
-def test_names_a_package_that_is_not_installed(
+def test_a_package_that_is_not_installed_is_named(
     readability: Any,  # noqa: ANN401 (a module)
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -83,7 +83,7 @@ def sentence(process: subprocess.CompletedProcess[str]) -> str:
 
 
 @pytest.mark.parametrize('script', SHELL_SCRIPTS, ids=lambda path: path.name)
-def test_script_is_bash_that_parses(script: Path) -> None:
+def test_each_script_is_valid_bash(script: Path) -> None:
     process = subprocess.run(
         [str(shutil.which('bash')), '-n', str(script)], capture_output=True, text=True, check=False
     )
@@ -91,7 +91,9 @@ def test_script_is_bash_that_parses(script: Path) -> None:
 
 
 @pytest.mark.parametrize('script', ['run', 'test'])
-def test_what_sh_starts_is_run_by_bash(checkout: Path, tmp_path: Path, script: str) -> None:
+def test_a_script_that_sh_starts_is_run_by_bash(
+    checkout: Path, tmp_path: Path, script: str
+) -> None:
     path = programs(tmp_path / 'bin', *TOOLS, 'sh')
     process = subprocess.run(
         ['sh', str(checkout / 'scripts' / script)],  # noqa: S607 (of `path`)
@@ -138,7 +140,7 @@ def test_all_that_is_missing_is_named_at_once(checkout: Path, tmp_path: Path) ->
         ({'BARC_LOCK': 'no'}, "and not 'no': unset it"),
     ],
 )
-def test_what_it_cannot_use_is_named(
+def test_an_unusable_python_ros_or_setting_is_named(
     checkout: Path, tmp_path: Path, environment: dict[str, str], message: str
 ) -> None:
     python = 'echo $VERSION wheels /bin/python'
@@ -213,7 +215,7 @@ def test_a_file_with_another_hash_is_named_and_not_installed(
     assert not [*checkout.glob('.venv/**/mdurl*')]
 
 
-def test_foreign_environment_is_left_alone(checkout: Path) -> None:
+def test_an_environment_that_others_made_is_left_alone(checkout: Path) -> None:
     (checkout / '.venv').mkdir()
     (checkout / '.venv' / 'mine').touch()
     process = run(checkout, os.environ['PATH'])
@@ -228,7 +230,7 @@ def test_checkout_that_cannot_be_written_to_is_named(checkout: Path, tmp_path: P
     assert f'{checkout} cannot be written to' in sentence(run(checkout, path))
 
 
-def test_versions_agree() -> None:
+def test_all_files_have_the_same_version() -> None:
     versions = {
         SETUP['metadata']['version'],
         ET.parse(ROOT / 'package.xml').findtext('version'),
@@ -239,7 +241,7 @@ def test_versions_agree() -> None:
     assert versions == {barc_sim.__version__}
 
 
-def test_both_packages_are_for_the_same_pythons() -> None:
+def test_both_packages_need_the_same_versions_of_python() -> None:
     (versions,) = re.findall(r"python_requires='(.*)'", (ROOT / 'setup.py').read_text())
     assert f'requires-python = "{versions}"' in INTERFACES
 

@@ -129,7 +129,9 @@ def session(environment: dict[str, str], request: pytest.FixtureRequest) -> Iter
     os.close(session.terminal)
 
 
-def test_terminal_shows_what_is_there_and_has_it(session: Session, checkout: Path) -> None:
+def test_a_terminal_has_the_environment_and_a_hint_to_the_tools_of_ros(
+    session: Session, checkout: Path
+) -> None:
     assert HINT in session.until('source a ROS 2 Jazzy first.')
     session.until('(barc_sim) ')
     session.type('echo "<$MINE"-"$AMENT_PREFIX_PATH"-"$ROS_AUTOMATIC_DISCOVERY_RANGE>"')
@@ -143,7 +145,7 @@ def test_terminal_shows_what_is_there_and_has_it(session: Session, checkout: Pat
 
 
 @pytest.mark.parametrize('shell', SHELLS)
-def test_pipe_is_read_as_a_script(environment: dict[str, str], checkout: Path, shell: str) -> None:
+def test_a_script_in_a_pipe_is_run(environment: dict[str, str], checkout: Path, shell: str) -> None:
     program = shutil.which(shell)
     if program is None:
         pytest.skip(f'{shell} is not installed')
@@ -152,7 +154,7 @@ def test_pipe_is_read_as_a_script(environment: dict[str, str], checkout: Path, s
 
 
 @pytest.mark.parametrize('discovery', [None, 'SUBNET'])
-def test_command_is_run_with_ros(
+def test_a_command_is_run_with_ros(
     environment: dict[str, str], checkout: Path, discovery: str | None
 ) -> None:
     script = (
@@ -172,7 +174,7 @@ def test_command_is_run_with_ros(
     ('words', 'message'),
     [(('ros2', 'topic', 'list'), HINT), (('no-such-thing',), 'no-such-thing is not installed.')],
 )
-def test_what_is_missing_is_named(
+def test_a_missing_command_is_named(
     environment: dict[str, str], words: tuple[str, ...], message: str
 ) -> None:
     done = run(environment, *words)

@@ -24,7 +24,7 @@ LENGTH = [] if 'BARC_SIM_SOAK' in os.environ else ['--short']
 @pytest.mark.timeout(1800)
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('ordeal', ['flood', 'kill', 'reset', 'signals'])
-def test_ordeal_is_gone_through_within_its_bounds(ordeal: str) -> None:
+def test_a_run_keeps_its_bounds_under_faults(ordeal: str) -> None:
     done = subprocess.run(
         [sys.executable, str(ROOT / 'scripts' / 'soaking' / '_soak.py'), ordeal, *LENGTH],
         env=os.environ | {'PYTHONPATH': str(ROOT)},

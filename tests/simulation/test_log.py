@@ -69,7 +69,7 @@ def messages() -> dict[str, dict[str, str]]:
     return found
 
 
-def test_columns_are_the_messages_fields_in_their_units() -> None:
+def test_each_column_has_the_unit_of_its_field_in_the_message() -> None:
     fields = messages()
     found = {(column.topic, column.field, column.unit) for column in COLUMNS.values()}
     for topic, field, unit in found:
@@ -87,7 +87,7 @@ def test_frame_has_every_column_with_its_unit(log: Log) -> None:
     assert frame.attrs['units']['theta_deg'] == 'deg'
 
 
-def test_logs_are_equal_by_their_values(log: Log) -> None:
+def test_logs_with_equal_values_are_equal(log: Log) -> None:
     assert log == closed_loop(max_duration=1.0)
     assert log != closed_loop(max_duration=0.98)
     assert log != replace(log, motor=np.nextafter(log.motor, 9.0))
@@ -95,7 +95,7 @@ def test_logs_are_equal_by_their_values(log: Log) -> None:
     assert log != 'log'
 
 
-def test_a_log_is_made_of_its_columns() -> None:
+def test_a_log_can_be_made_again_from_its_columns() -> None:
     """Also where a controller has terms of its own."""
     logs = (
         closed_loop(max_duration=1.0),

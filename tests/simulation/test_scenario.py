@@ -65,7 +65,7 @@ def test_simulate_has_the_fields_as_arguments_with_their_defaults() -> None:
             assert arguments[each.name].default == each.default, each.name
 
 
-def test_a_scenario_is_the_run_of_its_fields() -> None:
+def test_a_scenario_gives_the_run_of_its_fields() -> None:
     scenario = Scenario(**OPTIONS)
     assert scenario.changes().keys() == OPTIONS.keys()
     log = simulate(**OPTIONS)
@@ -75,18 +75,18 @@ def test_a_scenario_is_the_run_of_its_fields() -> None:
 
 
 @pytest.mark.parametrize('options', [{}, {'controller': LQR(), 'road': 'flat'}])
-def test_a_scenario_on_a_road_is_the_run_of_its_fields(options: dict[str, Any]) -> None:
+def test_a_scenario_on_a_road_gives_the_run_of_its_fields(options: dict[str, Any]) -> None:
     assert simulate(scenario=Scenario(**options)) == simulate(**options)
 
 
-def test_a_lap_takes_a_scenario_and_steers_unless_it_does() -> None:
+def test_a_lap_of_a_scenario_without_a_steering_law_uses_the_default_one() -> None:
     scenario = Scenario(track='oval', laps=1, distance=0.0, speed_reference=6.0)
     assert lap(scenario=scenario) == lap(track='oval', laps=1)
     stanley = Stanley()
     assert lap(scenario=replace(scenario, lane=stanley)) == lap(stanley, 'oval', laps=1)
 
 
-def test_the_first_end_counts() -> None:
+def test_a_run_stops_at_the_first_of_its_ends() -> None:
     oval = Track.named('oval')
     scenario = Scenario(track=oval, laps=2, distance=0.0, lane=LaneLQR())
     assert scenario.end == 2.0 * oval.length
@@ -118,7 +118,7 @@ def test_a_file_is_read_once(tmp_path: Path) -> None:
     assert simulate(scenario=again) == expected  # there is no noise
 
 
-def test_a_scenario_never_changes_and_its_text_makes_it_again() -> None:
+def test_a_scenario_cannot_be_changed_and_its_text_makes_an_equal_one() -> None:
     scenario = Scenario(
         track='L', road='flat', laps=2, vehicle=Vehicle(mass=1500.0), motor=Actuator(lag=0.1)
     )
@@ -160,7 +160,7 @@ def test_fields_that_contradict_are_refused(options: dict[str, Any], complaint: 
         Scenario(**options)
 
 
-def test_a_run_refuses_what_makes_no_run_of_a_scenario() -> None:
+def test_options_that_do_not_fit_a_scenario_are_refused() -> None:
     with pytest.raises(UserError, match=r'kp beside a scenario: .*replace\(scenario, kp=…\)'):
         simulate(1.0, scenario=Scenario())
     with pytest.raises(UserError, match='laps beside a scenario'):

@@ -339,7 +339,7 @@ def test_lap_begins_as_after_a_reset_and_the_last_ends_the_run(reset_first: bool
     assert stamps == [START + k * PERIOD for k in range(len(stamps))]
 
 
-def test_laps_go_on_until_the_run_is_stopped() -> None:
+def test_laps_follow_until_the_run_is_stopped() -> None:
     engine = lock_step(distance=0.001, laps=0)
     for _ in range(5):
         while engine.stepper.phase is Phase.RUNNING:

@@ -82,7 +82,7 @@ def test_a_limit_of_0_means_no_limit() -> None:
     assert car.state.v == 0.0
 
 
-def test_a_parameter_of_the_car_is_one_line(tmp_path: Path) -> None:
+def test_a_new_parameter_of_the_car_needs_one_line(tmp_path: Path) -> None:
     without = shutil.ignore_patterns('__pycache__', 'web', 'templates')
     package = shutil.copytree(Path(barc_sim.__file__).parent, tmp_path / 'barc_sim', ignore=without)
     file = package / 'vehicle' / 'bike_model.py'

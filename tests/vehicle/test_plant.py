@@ -56,7 +56,7 @@ def drive(actuator: Actuator, commands: list[float], ts: float = TS) -> list[tup
 
 @properties
 @given(motor=values, servo=values)
-def test_actuators_that_are_off_do_what_is_commanded(motor: float, servo: float) -> None:
+def test_an_ideal_actuator_acts_as_commanded(motor: float, servo: float) -> None:
     command = Command(motor, servo)
     plant = Plant()
     acting, held = move_actuators(plant.model, plant.now, plant.waiting, command, 0.0)
@@ -76,7 +76,7 @@ def test_delay_of_whole_steps_shifts_the_commands(steps: int) -> None:
 
 @pytest.mark.parametrize('rate', [3.0, 7.0, 30.0, 60.0, 90.0])
 @pytest.mark.parametrize('steps', [1, 3, 29])
-def test_whole_steps_are_whole_whatever_rounding_makes_of_them(rate: float, steps: int) -> None:
+def test_a_delay_of_whole_steps_stays_whole_in_spite_of_rounding(rate: float, steps: int) -> None:
     ts = round(1e9 / rate) / 1e9
     (*_, before), after = (drive(Actuator(delay=steps / rate), [1.0] * n, ts) for n in (steps, 40))
     assert before == (0.0, 0.0)
@@ -125,7 +125,7 @@ def test_rate_limit_is_a_ramp_to_the_command_and_ends_on_it() -> None:
     assert drive(Actuator(rate=10.0), [1.0])[0][0] == pytest.approx(0.1)
 
 
-def test_command_beyond_the_limit_is_cut_either_way() -> None:
+def test_a_command_beyond_the_limit_is_cut_in_both_directions() -> None:
     limited = drive(Actuator(limit=0.5), [0.3, 9.0, -9.0])
     assert limited == [(0.3, 0.3), (0.5, 0.5), (-0.5, -0.5)]
 
@@ -336,7 +336,7 @@ def test_velocities_are_observed_under_the_steering_that_acts_not_under_the_comm
     assert told == pytest.approx([0.0, 0.02, 0.04])
 
 
-def test_placed_car_has_no_command_on_its_way() -> None:
+def test_a_placed_car_forgets_its_delayed_commands() -> None:
     plant, fresh = Plant(**ALL_ON), Plant(**ALL_ON)
     for _ in range(50):
         plant.advance(Command(4.0, 0.2))

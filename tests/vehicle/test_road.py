@@ -68,7 +68,7 @@ def test_elevation_is_the_integral_of_the_grades_sine(road: Road) -> None:
         ((0.0,), (-90.0,), r'grade -90\.0 must lie between'),
     ],
 )
-def test_road_that_makes_no_sense_is_refused(
+def test_an_invalid_road_is_refused(
     starts: tuple[float, ...], grades_deg: tuple[float, ...], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
@@ -195,7 +195,7 @@ def test_a_profile_is_straight_between_points_and_level_outside(at: float, value
     assert Profile('time_s', (3.0,), (2.0,))(at, 0.0) == 2.0
 
 
-def test_a_file_names_what_it_is_over(tmp_path: Path) -> None:
+def test_a_file_gives_its_values_over_time_or_distance(tmp_path: Path) -> None:
     file = tmp_path / 'gust.csv'
     file.write_text('# a gust\ndistance_m, force_n\n\n10,0\n20,-500\n', encoding='utf-8')
     assert force(file)(0.0, 15.0) == force(str(file))(99.0, 15.0) == -250.0

@@ -49,7 +49,7 @@ def students(tmp_path: Path) -> list[Student]:
         ('lab', None),
     ],
 )
-def test_a_folder_is_its_students_by_id_or_name(
+def test_a_folder_belongs_to_a_student_by_id_or_name(
     students: list[Student], folder: str, name: str | None
 ) -> None:
     found = owner(folder, students)
@@ -119,7 +119,7 @@ FIRST, AGAIN, BOB = 'chen_li_123457_998_lab', 'chen_li_123457_999_lab-2', 'bob'
 
 
 @pytest.mark.usefixtures('confinement')
-def test_grading_again_loses_nothing(
+def test_grading_again_keeps_the_points_by_hand(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(command, 'processes', ThreadPoolExecutor)  # which start at once
@@ -170,7 +170,7 @@ def test_grading_again_loses_nothing(
     assert (out / 'class.csv').read_bytes() == before  # of the class, and not of one
 
 
-def test_nothing_is_written_beside_what_is_handed_in(folder: Callable[..., Path]) -> None:
+def test_no_file_is_written_beside_the_submissions(folder: Callable[..., Path]) -> None:
     path = folder('ada', bike_model=MODEL)
     for submissions in (path, path.parent):
         assert 'has the submissions: name another folder' in refused(

@@ -47,7 +47,7 @@ def test_loading_leaves_no_module_or_path_behind(tmp_path: Path, helpers: str) -
     assert sorted(file.name for file in tmp_path.iterdir()) == ['helpers.py', 'main.py']
 
 
-def test_a_module_of_that_name_elsewhere_stays_what_it_is(
+def test_a_module_of_the_same_name_elsewhere_stays_unchanged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     elsewhere = object()
@@ -128,7 +128,9 @@ def test_in_the_process_of_a_submission_only_numpy_is_here(tmp_path: Path) -> No
         module.f()
 
 
-def test_an_import_that_has_a_replacement_fails_where_it_is_not_here(tmp_path: Path) -> None:
+def test_an_import_falls_back_to_its_replacement_where_its_module_is_missing(
+    tmp_path: Path,
+) -> None:
     text = 'try:\n    import yaml\nexcept ImportError:\n    yaml = 3\n'
     folder(tmp_path, main=text)
     own = Folder(tmp_path, budget=None)
@@ -137,7 +139,7 @@ def test_an_import_that_has_a_replacement_fails_where_it_is_not_here(tmp_path: P
 
 
 @pytest.mark.parametrize('text', ["__import__('yaml')", "exec('import yaml', {})"])
-def test_a_call_that_imports_what_is_not_here_names_it(tmp_path: Path, text: str) -> None:
+def test_a_call_that_imports_a_missing_module_names_it(tmp_path: Path, text: str) -> None:
     folder(tmp_path, main=text)
     with pytest.raises(ModuleNotFoundError, match="there is no module 'yaml' here"):
         Folder(tmp_path, budget=None).load(tmp_path / 'main.py')

@@ -48,7 +48,7 @@ def test_a_name_that_numpy_has_added_works(tmp_path: Path, name: str) -> None:
     assert UserCode({'controller': path}, budget=None).load().tolerated == ()
 
 
-def test_removed_names_compute_what_they_did(tmp_path: Path) -> None:
+def test_removed_names_give_their_former_results(tmp_path: Path) -> None:
     text = replaced(
         PLAIN_CONTROLLER,
         ('class PID', 'import numpy as np\n\n\nclass PID'),
