@@ -262,7 +262,7 @@ class CruiseControl:
             if dt < 0.0:
                 back = -dt
                 self._warn(lambda: f'time went back by {back:g} s: the controller is reset')
-                self.speed.reset()
+                self._pilot.reset()
                 dt = FIRST_DT
         self._previous = stamp
 

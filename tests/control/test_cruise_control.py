@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from barc_sim.control.cruise_control import CruiseControl
+from barc_sim.control.excitation import SineSteer
 from barc_sim.control.pilots import SpeedPilot
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID
 from barc_sim.interfaces.records import VehicleState
@@ -103,6 +104,20 @@ def test_time_that_goes_back_resets_the_controller(
     first = cruise.take_state(1_000_000_000, moving(7.75))
     assert cruise.take_state(1_020_000_000, moving(7.75)) != first
     assert cruise.take_state(1_000_000_000, moving(7.75)) == first
+    assert refused == ['time went back by 0.02 s: the controller is reset']
+
+
+def test_time_that_goes_back_resets_the_steering_law(refused: list[str]) -> None:
+    def refuse(sentence: Callable[[], str]) -> None:
+        refused.append(sentence())
+
+    oval = Track.named('oval')
+    cruise = CruiseControl(
+        None, defaults, ACCELERATION_LIMIT, refuse, refuse, track=oval, lane=SineSteer()
+    )
+    first = cruise.take_state(1_000_000_000, moving(8.0))
+    assert cruise.take_state(1_020_000_000, moving(8.0)) != first
+    assert cruise.take_state(1_000_000_000, moving(8.0)) == first
     assert refused == ['time went back by 0.02 s: the controller is reset']
 
 
