@@ -59,7 +59,7 @@ The way of a state, from the model to the plot of a run with ROS:
 5. `nodes/controller.py` passes it to `CruiseControl` in `control/cruise_control.py`, whose pilot
    (`control/pilots.py`) answers with a command.
 6. `Stepper.take_command` stores the command. The step follows at once or at the deadline.
-7. The simulator publishes which command holds (`publish_applied`).
+7. The simulator publishes which command is applied (`publish_applied`).
    `Plant.advance` makes the step: actuators, force, then the bicycle of `vehicle/bicycles.py` on
    its road or track. The next state follows at 3.
 8. `nodes/recorder.py` takes all messages, and `bags/writer.py` writes them to the bag.

@@ -128,8 +128,11 @@ def join(samples: Mapping[str, Samples]) -> Log:
 
     Topics are joined on the stamp of the state that each message belongs to. The commands are those
     that the simulator applied: its record on `applied_command` replaces the answer that a
-    controller published on `ecu`. A state without a record had no deadline: the log has its answer.
-    In a bag without any record, the times of publication decide which command was applied.
+    controller published on `ecu`. Where there is no record, the times of publication decide which
+    command of `ecu` was applied (`_applied_commands`).
+
+    A state without a record, such as the last one of a run that was killed, counts as answered. In
+    a bag without any record, the times decide which states were missed, too.
 
     Parameters
     ----------

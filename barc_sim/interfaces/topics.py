@@ -10,7 +10,7 @@ STATE_ERROR = 'ez_vhcl'
 #: the true place on the track, where there is one
 TRACK_STATE = 'track_vhcl'
 ECU = 'ecu'
-#: the command that the simulator holds from a state on, which the actuators follow
+#: the command that the simulator applies from a state on, which the actuators follow
 APPLIED_COMMAND = 'applied_command'
 ENVIRONMENT = 'environment'
 PID_STATE = 'pid_state'

@@ -24,7 +24,8 @@ class Relay(Node):
     """Publishes commands all the time: without a driver's input the car coasts.
 
     It runs by the wall clock at any real-time factor, as the driver does. Its commands have no
-    stamp: each holds until the next one. `driver` computes them; `refused` counts invalid Twists.
+    stamp: each is applied until the next one arrives. `driver` computes them; `refused` counts
+    invalid Twists.
 
     Examples
     --------

@@ -104,8 +104,8 @@ class Log:
     e_v_x: Annotated[Floats, Column('m/s', 'longitudinal speed error', STATE_ERROR)]
     e_v_y: Annotated[Floats, Column('m/s', 'lateral speed error', STATE_ERROR)]
     e_psi_dot: Annotated[Floats, Column('rad/s', 'yaw rate error', STATE_ERROR)]
-    # The command that the simulator holds from state k on: the answer to the state, or if that is
-    # late, the last one. It is the input of the actuators, whose values are in no column.
+    # The command that the simulator applies from state k on: the answer to the state, or if that is
+    # late, an earlier one. It is the input of the actuators, whose values are in no column.
     motor: Annotated[Floats, Column('m/s²', 'acceleration command', APPLIED_COMMAND)]
     servo: Annotated[Floats, Column('rad', 'steering angle command', APPLIED_COMMAND)]
     missed: Annotated[Flags, Column('', 'whether no command answered in time', APPLIED_COMMAND)]

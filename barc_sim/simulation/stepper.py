@@ -1,10 +1,11 @@
 """The state machine of a simulator: when it starts, steps, pauses, resets and ends.
 
-`Pace` has the deadlines, `Commands` the command that holds. Nothing here imports ROS or starts a
-thread or timer: the node `vehicle_simulator` passes events to `Stepper`, and is its `StepperHost`.
+`Pace` has the deadlines, `Commands` the command that is applied. Nothing here imports ROS or starts
+a thread or timer: the node `vehicle_simulator` passes events to `Stepper`, and is its
+`StepperHost`.
 
-The command that holds, which the topic `applied_command` has, is the input of the plant for a step:
-the answer to the state, or without an answer the command before. The values of the actuators,
+The applied command, which the topic `applied_command` has, is the input of the plant for a step:
+the answer to the state, or without an answer the latest command. The values of the actuators,
 `Plant.acting`, are another thing: they follow this command, and with a delay they do so later.
 """
 
@@ -72,13 +73,13 @@ class Commands:
     """The commands that a simulator has received since its start.
 
     A command answers the state with the same stamp, or without a stamp, the present state. It
-    replaces the command that holds, unless it is older or the present state is answered already.
+    replaces the applied command, unless it is older or the present state is answered already.
     So neither a late command nor one with a stamp in the future can displace the answer.
 
     Attributes
     ----------
     latest
-        The command that holds; None before the first one.
+        The applied command; None before the first one.
     timeout
         [s] Commands count as lost when none arrives for longer than this; inf: never.
     """
@@ -102,9 +103,9 @@ class Commands:
         return self._unsynchronised or self._answered_by_stamp
 
     def store(self, command: Command, stamp: int, present: int, t: float) -> bool:
-        """Store a `command` that arrived at `t` [s] in the state `present` [ns]; it holds now.
+        """Store a `command` that arrived at `t` [s] in the state `present` [ns]: it is applied.
 
-        Return False if its `stamp` [ns] is out of order: another command holds.
+        Return False if its `stamp` [ns] is out of order: another command stays applied.
         """
         has_stamp = stamp != NO_STAMP
         is_answer = stamp == present
@@ -196,10 +197,10 @@ class StepperHost(Protocol):
         """Publish the state `t` [s] after the start, with its stamp [ns]."""
 
     def publish_applied(self, command: Command, stamp_ns: int, *, missed: bool) -> None:
-        """Publish the command that holds from the state with this stamp [ns] on.
+        """Publish the command that is applied from the state with this stamp [ns] on.
 
         That is the latest state that was published. `missed`: no command answered it by its
-        deadline, so that the last one holds.
+        deadline, so that an earlier one is applied.
         """
 
     def run_deadlines(self, *, on: bool) -> None:
@@ -232,7 +233,7 @@ class Stepper:
 
     A state is answered once a command for it has arrived (see `Commands`). In lock-step
     (`realtime_factor` 0) the answer triggers the step. Otherwise the deadline does, one for each
-    period; the command that holds is used if the state is unanswered, and `missed` counts it.
+    period; if the state is unanswered, the latest command is applied, and `missed` counts it.
 
     One thread at a time may call it: all callbacks of the simulator's node are in its default
     callback group, which is mutually exclusive.
@@ -257,7 +258,7 @@ class Stepper:
     FINISHED   reset, place                                 STARTING
     =========  ===================  ======================  =====================================
 
-    A step publishes the command that holds, and the next state. From a state at or beyond
+    A step publishes the applied command, and the next state. From a state at or beyond
     `distance` it ends the lap: the next lap begins as after a reset, and the last one leads to
     FINISHED; so does any step after `end`. If commands are lost, the car brakes. STARTING begins
     with a new plant, at the start or where `place` puts it, and no command. Other events change
@@ -519,7 +520,7 @@ class Stepper:
     def _step(self, *, missed: bool = False) -> None:
         """Take the step to the next state, or do what was requested in its place."""
         is_lost = self._commands.timed_out(self._clock())
-        command = self._command_to_hold(is_lost=is_lost)
+        command = self._command_to_apply(is_lost=is_lost)
         # Also where no step follows: then the records of a run are as many as its missed commands.
         self._host.publish_applied(command, self.stamp, missed=missed)
 
@@ -539,7 +540,7 @@ class Stepper:
             )
         self._advance(command)
 
-    def _command_to_hold(self, *, is_lost: bool) -> Command:
+    def _command_to_apply(self, *, is_lost: bool) -> Command:
         """Return the command for the next step: the latest one.
 
         While commands are lost, it is the driver's brake, with the steering of the latest one.
