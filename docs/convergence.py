@@ -15,7 +15,7 @@ from matplotlib import style
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from barc_sim.figures.style import BLUE, DASHES, EARTH, GREY, INK, MUTED, STYLE, VERMILLION
+from barc_sim.figures.colours import BLUE, DASHES, EARTH, GREY, INK, MUTED, STYLE, VERMILLION
 from barc_sim.interfaces.records import Command
 from barc_sim.vehicle.bicycles import INTEGRATORS, Slip, bicycle_of, bicycle_step
 from barc_sim.vehicle.bike_model import BicycleState, Vehicle, slip_angle

@@ -21,9 +21,9 @@ from matplotlib.transforms import Affine2D
 import barc_sim
 from barc_sim.control.driver import Driver, DriverInput
 from barc_sim.control.speed import KI, KP, PID
+from barc_sim.figures.colours import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
+from barc_sim.figures.colours import VERMILLION as RED
 from barc_sim.figures.run_figures import speed_figure
-from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
-from barc_sim.figures.style import VERMILLION as RED
 from barc_sim.figures.track_figure import TRACK_GROUND, track_figure
 from barc_sim.figures.views import SIZE, SideView, TopView, frames
 from barc_sim.interfaces.records import Command, VehicleState

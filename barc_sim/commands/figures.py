@@ -40,14 +40,14 @@ def add_arguments_plot(parser: Parser) -> None:
 def run_plot(options: Namespace) -> None:
     """Save the figure, or show it in a window."""
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.figures import run_figures, style  # noqa: PLC0415
+    from barc_sim.figures import run_figures, windows  # noqa: PLC0415
     from barc_sim.figures.files import save_figure  # noqa: PLC0415
 
     path = figure_path(options.save)
     sources = options.bags or [reader.newest()]
     runs = [_recorded_run(source, options.namespace) for source in sources]
     title = runs[0].name if len(runs) == 1 else f'{len(runs)} runs'
-    window = style.window(title) if options.show or not path else None
+    window = windows.window(title) if options.show or not path else None
     if options.show and not window:
         raise UserError(
             'cannot open a window for --show: there is no display, or no GUI toolkit such as '
@@ -67,7 +67,7 @@ def run_plot(options: Namespace) -> None:
     if path:
         save_figure(path, figure)
     if window:
-        style.show()
+        windows.show()
 
 
 def _recorded_run(source: Path, namespace: str | None) -> RecordedRun:

@@ -112,17 +112,17 @@ def add_arguments_graph(parser: Parser) -> None:
 
 def run_graph(options: Namespace) -> None:
     """Print the table, and draw it to a file or a window."""
-    from barc_sim.figures import style  # noqa: PLC0415
+    from barc_sim.figures import windows  # noqa: PLC0415
     from barc_sim.figures.graph_figure import graph_figure, lines, save  # noqa: PLC0415
 
     path = target(options.save, _FORMATS) if options.save is not None else None
     bag = options.bag or options.named
     graph, title = _graph_of_bag(bag) if bag else _graph_of_system()
     show('\n'.join(lines(graph)))
-    window = None if path else style.window(title)
+    window = None if path else windows.window(title)
     figure = graph_figure(graph, title, window)
     if window:
-        style.show()
+        windows.show()
         return
     path = path or Path('graph.svg')
     with saving(path) as part:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 
 from barc_sim.cli.files import saving
 from barc_sim.cli.parser import show
-from barc_sim.figures.style import STYLE
+from barc_sim.figures.colours import STYLE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

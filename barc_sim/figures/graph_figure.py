@@ -15,7 +15,13 @@ from matplotlib.patches import Ellipse, FancyBboxPatch
 
 from barc_sim.errors import escaped
 from barc_sim.figures import files
-from barc_sim.figures.style import BLUE, GREY, INK, MUTED, STYLE
+from barc_sim.figures.colours import (
+    BLUE,
+    GREY,
+    INK,
+    MUTED,
+    STYLE,
+)
 from barc_sim.interfaces.nodes import NODES
 from barc_sim.interfaces.topics import EVERYONES
 

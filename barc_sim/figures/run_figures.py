@@ -16,9 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from barc_sim.cli.text import one_line
 from barc_sim.control.cruise_control import GAINS
 from barc_sim.errors import UserError
-from barc_sim.figures.differences import bag_settings, labels_of, log_settings
-from barc_sim.figures.files import save
-from barc_sim.figures.style import (
+from barc_sim.figures.colours import (
     BLUE,
     COLOURS,
     DASHES,
@@ -33,12 +31,16 @@ from barc_sim.figures.style import (
     TERM_DASHES,
     TERMS,
     VERMILLION,
+)
+from barc_sim.figures.differences import bag_settings, labels_of, log_settings
+from barc_sim.figures.drawn_log import (
     after_run_up,
     driven_road,
     limits,
     speed_limits,
     with_zero_for_unknown_errors,
 )
+from barc_sim.figures.files import save
 from barc_sim.figures.track_figure import OTHER, draw_table, track_figure
 from barc_sim.simulation import metrics
 from barc_sim.simulation.log import COLUMNS, Log, TrackLog

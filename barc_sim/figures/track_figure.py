@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from barc_sim.control.lane import STEERING_LIMIT, speed_profile
 from barc_sim.control.planning import lap_time
-from barc_sim.figures.style import (
+from barc_sim.figures.colours import (
     BLUE,
     DASHES,
     EARTH,
@@ -25,10 +25,8 @@ from barc_sim.figures.style import (
     RUN_LINES,
     STYLE,
     VERMILLION,
-    limits,
-    speed_limits,
-    with_zero_for_unknown_errors,
 )
+from barc_sim.figures.drawn_log import limits, speed_limits, with_zero_for_unknown_errors
 from barc_sim.simulation.metrics import LAP_HEADINGS, lap_settings_of, track_laps_of
 
 if TYPE_CHECKING:

@@ -22,8 +22,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Affine2D
 
 from barc_sim.errors import UserError
-from barc_sim.figures.run_figures import is_by_hand
-from barc_sim.figures.style import (
+from barc_sim.figures.colours import (
     BLUE,
     DASHES,
     EARTH,
@@ -33,12 +32,15 @@ from barc_sim.figures.style import (
     STYLE,
     SURFACE,
     VERMILLION,
+)
+from barc_sim.figures.drawn_log import (
     driven_road,
     limits,
     reading,
     speed_limits,
     with_zero_for_unknown_errors,
 )
+from barc_sim.figures.run_figures import is_by_hand
 from barc_sim.figures.track_figure import draw_course
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import laps_of, settings_of, settings_text, track_laps_of

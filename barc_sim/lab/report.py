@@ -16,10 +16,10 @@ from pygments.lexers import PythonLexer
 
 from barc_sim.bags import reader
 from barc_sim.bags.graph import NodeGraph
+from barc_sim.figures.drawn_log import with_zero_for_unknown_errors
 from barc_sim.figures.files import save
 from barc_sim.figures.graph_figure import graph_figure
 from barc_sim.figures.run_figures import drive_figure, is_by_hand, speed_figure, terms_figure
-from barc_sim.figures.style import with_zero_for_unknown_errors
 from barc_sim.figures.track_figure import track_figure
 from barc_sim.lab.pages import data_url, render
 from barc_sim.lab.user_code.code import attached

@@ -10,7 +10,8 @@ from warnings import warn
 import numpy as np
 from matplotlib.figure import Figure
 
-from barc_sim.figures import style
+from barc_sim.figures import windows
+from barc_sim.figures.colours import DASHES, INK
 from barc_sim.figures.views import SIZE, RoadStretch, frames, view_of
 from barc_sim.simulation.closed_loop import log_of_rows
 
@@ -36,7 +37,7 @@ class Picture:
         self._task = task
         self._in_window = in_window
         self._title = type(task).__name__
-        self._window = style.window(self._title) if in_window else None
+        self._window = windows.window(self._title) if in_window else None
         if self._window:
             self._window.canvas.mpl_connect('close_event', lambda _: self.close())
         elif in_window:
@@ -52,7 +53,7 @@ class Picture:
     def close(self) -> None:
         """Close the window for good."""
         if self._window:
-            style.close(self._window)
+            windows.close(self._window)
         self._window = None
 
     def draw(self, plant: Plant, command: Command) -> Any:  # noqa: ANN401 (an array)
@@ -84,7 +85,7 @@ class Picture:
     def _show(self, window: Figure, frame: Any) -> None:  # noqa: ANN401 (an array)
         window.clear()
         window.figimage(frame, resize=True)
-        style.show(block=False)
+        windows.show(block=False)
         window.canvas.draw()
         window.canvas.flush_events()
 
@@ -100,7 +101,7 @@ class Picture:
         else:
             course.set_xlim(first, last)
             chart.set(xlim=(first, last), ylim=(0.0, 2.0 * task.speed))
-            chart.axhline(task.speed, color=style.INK, lw=1.0, ls=style.DASHES)
+            chart.axhline(task.speed, color=INK, lw=1.0, ls=DASHES)
         self._frames = frames(self._view, self._latest_times())
 
     def _latest_times(self) -> Iterator[float]:

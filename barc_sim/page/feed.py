@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.figures.style import with_zero_for_unknown_errors
+from barc_sim.figures.drawn_log import with_zero_for_unknown_errors
 from barc_sim.interfaces.stamps import NANOSECONDS, to_nanoseconds
 from barc_sim.interfaces.topics import (
     CONTROLLER_STATE,

@@ -13,7 +13,7 @@ from websockets.asyncio.server import broadcast
 from barc_sim.control.driver import COAST, FULL_BRAKE, STALE_AFTER, DriverInput
 from barc_sim.control.lane import LANE
 from barc_sim.errors import UserError
-from barc_sim.figures.style import driven_road
+from barc_sim.figures.drawn_log import driven_road
 from barc_sim.page.feed import columns_in, laps_in, rows_of
 from barc_sim.page.protocol import (
     Pause,

@@ -20,7 +20,7 @@ from websockets.http11 import Response
 
 from barc_sim.cli.parser import warn
 from barc_sim.errors import UserError
-from barc_sim.figures.style import style_sheet
+from barc_sim.figures.colours import style_sheet
 from barc_sim.page.access import own_hosts, refusal
 from barc_sim.page.opening import open_page
 from barc_sim.page.protocol import RequestError, parse

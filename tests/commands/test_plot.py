@@ -13,7 +13,7 @@ from matplotlib.text import Text
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
-from barc_sim.figures import files, style
+from barc_sim.figures import files, windows
 from barc_sim.simulation.closed_loop import closed_loop
 
 SIGNATURES = {'png': b'\x89PNG', 'pdf': b'%PDF', 'svg': b'<?xml'}
@@ -27,7 +27,7 @@ def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path.parent.mkdir()
     make(path, log, {'road': 'lab', 'kp': '30.0', 'python': '3.12'})
     monkeypatch.setattr(bag, 'newest', lambda: path.relative_to(tmp_path))
-    monkeypatch.setattr(style, 'window', lambda *_: None)
+    monkeypatch.setattr(windows, 'window', lambda *_: None)
     monkeypatch.chdir(tmp_path)
     return path
 
@@ -55,8 +55,8 @@ def test_the_heading_names_the_bag_its_road_and_its_gains(
     directory: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     window = Figure()
-    monkeypatch.setattr(style, 'window', lambda *_: window)
-    monkeypatch.setattr(style, 'show', lambda: None)
+    monkeypatch.setattr(windows, 'window', lambda *_: window)
+    monkeypatch.setattr(windows, 'show', lambda: None)
     assert barc(['plot', str(directory)]) == 0
     words = {text.get_text() for text in window.findobj(Text)}
     assert {'2026-11-21_12-00-00', 'road lab · kp 30.0'} <= words
@@ -130,8 +130,8 @@ def test_with_a_display_the_figure_is_shown(
     directory: Path, monkeypatch: pytest.MonkeyPatch, args: list[str], saved: bool
 ) -> None:
     window, shown = Figure(), []
-    monkeypatch.setattr(style, 'window', lambda *_: window)
-    monkeypatch.setattr(style, 'show', lambda: shown.append(len(window.axes)))
+    monkeypatch.setattr(windows, 'window', lambda *_: window)
+    monkeypatch.setattr(windows, 'show', lambda: shown.append(len(window.axes)))
     assert barc(['plot', str(directory), *args]) == 0
     assert shown == [4]
     assert Path('a.png').exists() == saved

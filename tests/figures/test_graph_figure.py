@@ -11,8 +11,8 @@ from matplotlib.text import Text
 
 from barc_sim.bags.bounds import MAX_NAME
 from barc_sim.bags.graph import NodeGraph
+from barc_sim.figures.colours import BLUE, MUTED
 from barc_sim.figures.graph_figure import graph_figure, save
-from barc_sim.figures.style import BLUE, MUTED
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from barc_sim.control.lane import LaneLQR, Stanley, speed_profile
+from barc_sim.figures.colours import BLUE, VERMILLION
 from barc_sim.figures.run_figures import plot, run_figure
-from barc_sim.figures.style import BLUE, VERMILLION
 from barc_sim.figures.track_figure import draw_course, track_figure
 from barc_sim.figures.views import SIZE, TopView, view_of
 from barc_sim.simulation.closed_loop import lap

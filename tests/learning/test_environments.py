@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from barc_sim.control.lane import LaneLQR
 from barc_sim.errors import UserError
-from barc_sim.figures import style
+from barc_sim.figures import windows
+from barc_sim.figures.colours import VERMILLION
 from barc_sim.learning.preview import AHEAD, row_at
 from barc_sim.learning.tasks import TASKS, DrivingTask
 from barc_sim.simulation.closed_loop import lap, simulate
@@ -88,16 +89,16 @@ def test_gymnasium_accepts_each_environment_with_each_option(
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Return the windows that open, each without a display; none is shown at once."""
-    windows: list[Figure] = []
+    opened: list[Figure] = []
 
     def window(_: str) -> Figure:
-        windows.append(Figure())
-        return windows[-1]
+        opened.append(Figure())
+        return opened[-1]
 
-    monkeypatch.setattr(style, 'window', window)
+    monkeypatch.setattr(windows, 'window', window)
     for name in ('show', 'close'):
-        monkeypatch.setattr(style, name, lambda *_, **__: None)
-    return windows
+        monkeypatch.setattr(windows, name, lambda *_, **__: None)
+    return opened
 
 
 @pytest.mark.parametrize(('name', 'mode'), [*product(IDS, (None, 'rgb_array')), ('Lane', 'human')])
@@ -111,7 +112,7 @@ def test_gymnasium_accepts_each_render_mode(name: str, mode: str, shown: list[Fi
 def place_of(frame: Any) -> Any:  # noqa: ANN401 (an array)
     """Return column and row of the dot that is the car on its whole course."""
     assert (frame.shape, frame.dtype) == ((360, 640, 3), np.uint8)
-    colour = np.multiply(to_rgb(style.VERMILLION), 255.0)
+    colour = np.multiply(to_rgb(VERMILLION), 255.0)
     is_dot = (abs(frame[COURSE] - colour) < 30.0).all(axis=2)
     return np.argwhere(is_dot).mean(axis=0)[::-1]
 
@@ -150,7 +151,7 @@ def test_a_window_shows_each_step_until_it_is_closed(shown: list[Figure]) -> Non
 def test_without_a_display_a_warning_says_so_and_the_environment_runs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(style, 'window', lambda *_: None)
+    monkeypatch.setattr(windows, 'window', lambda *_: None)
     env = gymnasium.make(IDS['Hills'], render_mode='human')
     with pytest.warns(UserWarning, match='there is no display, so no window opens'):
         env.reset()

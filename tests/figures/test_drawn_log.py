@@ -1,54 +1,16 @@
-"""The palette, limits of axes, readings of instruments; and no window without a display."""
+"""What is drawn of a log: limits of axes, readings, and where the truth or the road is unknown."""
 
 from __future__ import annotations
 
-import os
-import re
-import subprocess
-import sys
 from dataclasses import replace
-from importlib import resources
-from itertools import combinations
 
 import numpy as np
 import pytest
-from palette import READERS, contrast, difference
 
-from barc_sim.figures.style import (
-    COLOURS,
-    driven_road,
-    limits,
-    reading,
-    with_zero_for_unknown_errors,
-)
+from barc_sim.figures.drawn_log import driven_road, limits, reading, with_zero_for_unknown_errors
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import NoiseLevels, Plant
 from barc_sim.vehicle.road import Road
-
-CSS = (resources.files('barc_sim.page') / 'web' / 'view.css').read_text('utf-8')
-GROUNDS = re.findall(r'--panel: light-dark\((#\w+), (#\w+)\)', CSS)[0]
-
-
-def test_the_published_pairs_have_the_published_difference() -> None:
-    assert difference('#FFFFFF', '#000000', 'any') == pytest.approx(100.0, abs=0.1)
-    assert difference('#FF0000', '#00FF00', 'any') == pytest.approx(170.6, abs=0.1)
-
-
-@pytest.mark.parametrize('reader', READERS)
-@pytest.mark.parametrize('ground', [0, 1])
-def test_any_two_colours_differ_for_every_reader(reader: str, ground: int) -> None:
-    close = {
-        (one, other): round(found, 1)
-        for one, other in combinations(COLOURS, 2)
-        if (found := difference(COLOURS[one][ground], COLOURS[other][ground], reader)) <= 18.0
-    }
-    assert close == {}
-
-
-@pytest.mark.parametrize('name', COLOURS)
-def test_each_colour_contrasts_with_both_grounds(name: str) -> None:
-    for colour, ground in zip(COLOURS[name], GROUNDS, strict=True):
-        assert contrast(colour, ground) >= 3.0
 
 
 @pytest.mark.parametrize(
@@ -113,21 +75,3 @@ def test_a_run_without_grades_has_no_road_and_the_last_grade_continues() -> None
     road = driven_road(replace(log, theta_deg=theta_deg))
     assert road
     assert road.grade_deg(1000.0) == 30.0
-
-
-@pytest.mark.parametrize('backend', [None, 'tkagg'])
-def test_without_a_display_there_is_no_window(backend: str | None) -> None:
-    environment = {
-        name: value
-        for name, value in os.environ.items()
-        if name not in {'DISPLAY', 'WAYLAND_DISPLAY', 'MPLBACKEND'}
-    }
-    script = 'from barc_sim.figures import style; print(style.window(str()))'
-    result = subprocess.run(
-        [sys.executable, '-c', script],
-        env=environment | ({'MPLBACKEND': backend} if backend else {}),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert (result.stdout.strip(), result.stderr) == ('None', '')
