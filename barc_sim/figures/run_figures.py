@@ -62,10 +62,8 @@ _SHOWN = 120  # maximum length of a setting
 _SEPARATOR = ' · '  #: between two settings
 _INCHES = 0.85  #: [inch] of a chart's share of the height
 _ROW_INCHES = 0.24  #: [inch] of a row of the table
-_TABLE_WIDTHS = (0.08, 0.1, 0.12, 0.12, 0.11, 0.11, 0.36)  #: shares
 _MAX_GAINS = 46  #: characters
 ROW_HEADINGS = ('run', *metrics.ROAD_LAP_HEADINGS[1:])  #: of the table of a comparison
-_COMPARISON_WIDTHS = (0.42, 0.1, 0.12, 0.12, 0.12, 0.12)  #: shares
 _MAX_NAME = 44  #: characters of a run's name in it
 _LEGEND_CHARACTERS = 105  #: of a row of the legend
 _HANDLE_CHARACTERS = 8  #: that the line in front of a name takes
@@ -214,7 +212,7 @@ def speed_figure(
     _draw_reference(charts.speed, _broken(run), 'reference', 1.2)
     _add_details(run, front, charts)
     if laps and charts.table:
-        draw_table(charts.table, laps.rows, _TABLE_WIDTHS[: len(laps.rows[0])], laps.colors)
+        draw_table(charts.table, laps.rows, laps.colors)
     if not laps:
         # The errors of the raw log: a state whose true speed is unknown does not count.
         figure.supxlabel(_caption(log), x=0.99, ha='right', fontsize=9, color=MUTED)
@@ -284,7 +282,7 @@ def comparison_figure(
     if charts.table:
         rows = [_row_of(label, log) for label, log in zip(labels, logs, strict=True)]
         colors = {row: line.speed_color for row, line in enumerate(lines, start=1)}
-        draw_table(charts.table, [ROW_HEADINGS, *rows], _COMPARISON_WIDTHS, colors)
+        draw_table(charts.table, [ROW_HEADINGS, *rows], colors)
 
     _finish(figure, charts, runs)
     _add_heading(charts.speed, title, settings)

@@ -51,8 +51,9 @@ OTHER = '#A9B4BD'  #: colour of the laps beside the best and the last one
 _BEST: dict[str, Any] = {'color': BLUE, 'lw': 1.8}
 _LAST: dict[str, Any] = {'color': VERMILLION, 'lw': 1.4}
 _OTHERS: dict[str, Any] = {'color': OTHER, 'lw': 1.0}
-_WIDTHS = (0.25, 0.15, 0.16, 0.17, 0.27)  #: of the table's columns, as shares
-_WIDTHS_WITH_GAINS = (0.13, 0.13, 0.14, 0.14, 0.23, 0.23)
+#: Of the table; the share of states in which the steering is at its limit is the last one.
+_HEADINGS = (*LAP_HEADINGS[:-1], 'at limit')
+_PADDING = 0.2  #: on either side of a cell's text, as a share of the column's width
 _MAX_GAINS = 22  #: characters
 _MAX_NAME = 20  #: characters of a run's name in the table
 _LEGEND_CHARACTERS = 60  #: of the names in a row of the legend
@@ -217,13 +218,11 @@ def _best_curves(results: Sequence[_TrackRun], labels: Sequence[str]) -> list[_C
 def _draw_laps(axes: Axes, result: _TrackRun) -> None:
     """Draw the table of a run's laps."""
     laps = result.laps.rows
-    rows = [lap.cells for lap in laps]
-    headings: tuple[str, ...] = LAP_HEADINGS
-    widths: tuple[float, ...] = _WIDTHS
+    rows = [_cells(lap) for lap in laps]
+    headings: tuple[str, ...] = _HEADINGS
     gains = [result.settings.text(lap.number) for lap in laps]
     if any(gains):
         headings = (*headings, 'gains')
-        widths = _WIDTHS_WITH_GAINS
         texts = [shorten(text, _MAX_GAINS, placeholder=' …') for text in gains]
         rows = [(*cells, text) for cells, text in zip(rows, texts, strict=True)]
 
@@ -236,7 +235,12 @@ def _draw_laps(axes: Axes, result: _TrackRun) -> None:
         colors[row_of_lap[last.number]] = VERMILLION
     if result.front.number in row_of_lap:
         colors[row_of_lap[result.front.number]] = BLUE
-    draw_table(axes, [headings, *rows], widths, colors)
+    draw_table(axes, [headings, *rows], colors)
+
+
+def _cells(lap: TrackLap) -> tuple[str, ...]:
+    """Return the texts of a lap in the table, without its gains."""
+    return (*lap.cells[:-1], f'{lap.at_limit:.0%}')
 
 
 def _draw_bests(axes: Axes, results: Sequence[_TrackRun], curves: Sequence[_Curve]) -> None:
@@ -246,9 +250,9 @@ def _draw_bests(axes: Axes, results: Sequence[_TrackRun], curves: Sequence[_Curv
         name = shorten(curve.name, _MAX_NAME, placeholder=' …')
         if not result.front.is_finished:
             name = f'{name}, not finished'
-        rows.append((name, *result.front.cells[1:]))
+        rows.append((name, *_cells(result.front)[1:]))
     colors = {row: curve.line['color'] for row, curve in enumerate(curves, start=1)}
-    draw_table(axes, [('best lap of', *LAP_HEADINGS[1:]), *rows], _WIDTHS, colors)
+    draw_table(axes, [('best lap of', *_HEADINGS[1:]), *rows], colors)
 
 
 def _draw_map(axes: Axes, track: Track | None, curves: list[_Curve]) -> None:
@@ -418,10 +422,9 @@ def _coloured_line(line: Track, limits: Limits) -> LineCollection:
 def draw_table(
     axes: Axes,
     rows: Sequence[Sequence[str]],
-    widths: Sequence[float],
     colors: Mapping[int, str],
 ) -> None:
-    """Draw a table.
+    """Draw a table, whose columns are as wide as their texts.
 
     Parameters
     ----------
@@ -429,18 +432,16 @@ def draw_table(
         Where to draw.
     rows
         Its rows of cells; the first one has the headings.
-    widths
-        The width of each column, as a share.
     colors
         The colours of rows, by their index; these rows are bold.
     """
     axes.set_axis_off()
-    table = axes.table(
-        list(rows), colWidths=list(widths), cellLoc='right', edges='open', loc='upper center'
-    )
+    table = axes.table(list(rows), cellLoc='right', edges='open', loc='upper center')
+    table.auto_set_column_width(range(len(rows[0])))
     table.auto_set_font_size(False)
     table.set_fontsize(9)
     for (row, _), cell in table.get_celld().items():
+        cell.PAD = _PADDING
         default = INK if row else MUTED
         cell.get_text().set_color(colors.get(row, default))
         cell.get_text().set_fontweight('bold' if row in colors else 'normal')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -137,6 +138,35 @@ def test_the_last_lap_has_its_colour_and_each_lap_its_gains(log: TrackLog) -> No
     colors = [to_hex(texts[row, 0].get_color()).upper() for row in range(1, 4)]
     assert colors[1:] == [BLUE, VERMILLION]
     assert colors[0] not in colors[1:]
+
+
+def texts_of_rows(figure: Figure) -> list[list[Text]]:
+    """Return the texts of the table in each row, from left to right."""
+    (table,) = figure.axes[1].tables
+    cells = table.get_celld()
+    rows = 1 + max(row for row, _ in cells)
+    columns = 1 + max(column for _, column in cells)
+    return [[cells[row, column].get_text() for column in range(columns)] for row in range(rows)]
+
+
+def test_no_cell_of_a_table_covers_another(log: TrackLog) -> None:
+    long_gains = {
+        f'controller.lane.{name}': np.full(len(log), 0.123456) for name in ('q_e_y', 'q_change')
+    }
+    unfinished = log.map(lambda column: column[:800])
+    figures = [
+        track_figure(log),
+        track_figure(replace(log, parameters=long_gains)),
+        track_figure(replace(log, parameters=long_gains).map(lambda column: column[:800])),
+        track_figure(unfinished, log, labels=['q_e_y=100, q_e_psi=0.5', 'weights as always']),
+    ]
+    for figure in figures:
+        FigureCanvasAgg(figure).draw()
+        for texts in texts_of_rows(figure):
+            boxes = [text.get_window_extent() for text in texts]
+            assert boxes[0].x0 > 0.0
+            gaps = [right.x0 - left.x1 for left, right in pairwise(boxes)]
+            assert min(gaps) > 0.5 * texts[0].get_fontsize()
 
 
 def test_the_pale_car_of_a_video_is_the_best_lap_at_the_same_time(log: TrackLog) -> None:
