@@ -352,6 +352,8 @@ class UserCode:
         so a new value belongs to the line of the event before. At the start of a function there is
         none: no line assigns the arguments.
         """
+        # A new process has loaded no file yet: without this it would know the names of none.
+        self._part(CALLED[arguments[0]].part)
         names = {str(source.path): source.name for source in self.sources}
         before: dict[FrameType, tuple[int, dict[str, Any]]] = {}
         assigned: list[tuple[str, float]] = []

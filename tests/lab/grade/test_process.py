@@ -420,6 +420,11 @@ def test_forged_answers_of_any_shape_and_size_are_sentences(
         assert sum(map(len, code.tolerated())) < 10_000
 
 
+def test_the_first_request_of_a_process_finds_a_line(folder: Callable[..., Path]) -> None:
+    with JudgedCode(folder(bike_model=BIKE_FE)) as code:
+        assert code.line_of('functions', ('bikeFE', [ROW]), [3.0], []) == 'bike_model.py, line 3'
+
+
 def test_a_forged_list_of_lines_is_not_read(folder: Callable[..., Path]) -> None:
     text = f"""
 import sys
