@@ -21,6 +21,7 @@ import sys
 import tokenize
 import warnings
 from contextlib import suppress
+from enum import Enum
 from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
@@ -267,8 +268,23 @@ def _letters(name: str) -> str:
     return ''.join(filter(str.isalpha, name.lower()))
 
 
-#: Part of the error of a file that needs a later Python: a person judges it.
-NEEDS_PYTHON = 'needs Python'
+class ErrorKind(Enum):
+    """The kinds of errors in user code that more follows from than a message.
+
+    Only barc_sim chooses the kind. What a program raises or prints can have any words, so no text
+    is searched for them.
+    """
+
+    NOT_WRITTEN = 'not written'  #: a function is still the template's
+    READS_KEYS = 'reads keys'  #: a relay that is a program with a keyboard of its own
+    NEEDS_PYTHON = 'needs Python'  #: a file that only a later Python can read
+    ENDLESS = 'endless loop'  #: a call that has used up its time limit
+    OTHER = 'other'
+
+    @property
+    def needs_person(self) -> bool:
+        """Whether a person judges the code, because it cannot be judged here."""
+        return self in {ErrorKind.READS_KEYS, ErrorKind.NEEDS_PYTHON}
 
 
 class UserCodeError(UserError):
@@ -276,6 +292,11 @@ class UserCodeError(UserError):
 
     An exception of the user code is its `__cause__`.
     """
+
+    def __init__(self, message: str = '', kind: ErrorKind = ErrorKind.OTHER) -> None:
+        """Make an error of a kind."""
+        super().__init__(message)
+        self.kind = kind
 
 
 class Source(NamedTuple):
@@ -368,12 +389,12 @@ def _later_syntax(source: Source, error: SyntaxError) -> str:
     line = (error.text or '').strip()
     for version, pattern, what in _LATER:
         if sys.version_info < version and pattern.match(line):
-            return f'{what} {NEEDS_PYTHON} {version[0]}.{version[1]}'
+            return f'{what} needs Python {version[0]}.{version[1]}'
     if sys.version_info >= _F_STRINGS:
         return ''
     with suppress(SyntaxError, ValueError, RecursionError, MemoryError):
         ast.parse(without_f_strings(source.text))
-        return f'this f-string {NEEDS_PYTHON} {_F_STRINGS[0]}.{_F_STRINGS[1]}'
+        return f'this f-string needs Python {_F_STRINGS[0]}.{_F_STRINGS[1]}'
     return ''
 
 
@@ -384,7 +405,8 @@ def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
     later = _later_syntax(source, error)
     if later:
         return UserCodeError(
-            f'{at}: {later}, and this machine has {_HERE}: run it with a later one'
+            f'{at}: {later}, and this machine has {_HERE}: run it with a later one',
+            ErrorKind.NEEDS_PYTHON,
         )
 
     statement = _PRINT.match(text)

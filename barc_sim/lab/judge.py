@@ -22,14 +22,14 @@ Points never rise by a further mistake, and a mistake costs points once. Three r
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import JudgedCode, ProcessLimits
-from barc_sim.lab.files import CALLED, NEEDS_PYTHON
+from barc_sim.lab.files import CALLED, UserCodeError
 from barc_sim.lab.law import Mistake
 from barc_sim.lab.user_code.folder import BY_EYE
 
@@ -140,10 +140,9 @@ class Finding:
         return self.score >= 1.0
 
 
-def _opened(finding: Finding) -> Finding:
-    """Return a finding as open if the file cannot be read by this version of Python."""
-    is_unread = not finding.score and NEEDS_PYTHON in finding.message
-    return replace(finding, open=True) if is_unread else finding
+def needs_person(error: UserError) -> bool:
+    """Return whether an error shows that a person must judge the code of its part."""
+    return isinstance(error, UserCodeError) and error.kind.needs_person
 
 
 #: For `check`: short, because its user waits; not confined, because its user wrote the code.
@@ -239,7 +238,8 @@ class Lab:
     def judge(self, code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
         """Return a finding for each criterion of `settings`, in the order of the labels.
 
-        An error of the code costs the criteria of its part that have no finding yet.
+        An error of the code costs the criteria of its part that have no finding yet; if a person
+        must judge the code, they are open.
         """
         settings = settings or Settings()
         criteria = self.labels if settings.criteria is None else settings.criteria
@@ -263,6 +263,7 @@ class Lab:
             for criterion, what in self.by_eye.items()
         }
         message = ''
+        is_open = False
         try:
             if {*requested} - findings.keys():
                 for finding in part.judge(code, settings):
@@ -271,8 +272,9 @@ class Lab:
                         break
         except UserError as error:
             message = str(error)
+            is_open = needs_person(error)
         return [
-            _opened(findings.get(criterion) or Finding(criterion, 0.0, message))
+            findings.get(criterion) or Finding(criterion, 0.0, message, open=is_open)
             for criterion in requested
         ]
 
@@ -464,6 +466,8 @@ class Functions:
                 rows = code.rows(name, self._rows(name, inputs), self._right_results(name, inputs))
                 numbers = np.array(rows)
             except UserError as error:
+                if needs_person(error):
+                    raise
                 failure = str(error)
 
             if len(results) == CALLED[name].numbers:

@@ -13,7 +13,8 @@ PyPI has had only development releases since 2022, and refuses neither networks 
 for seccomp, such as pyseccomp, need the system's libseccomp, which not every machine has.
 
 Requests and replies are lines of JSON: `{"serial": 1, "do": NAME, "arguments": […]}` gets
-`{"serial": 1, "result": …}` or `{"serial": 1, "error": TEXT}`. The first reply has the serial 0 and
+`{"serial": 1, "result": …}` or `{"serial": 1, "error": TEXT, "kind": KIND}`; the kinds are
+`ErrorKind` of `files.py`. The first reply has the serial 0 and
 no request: it reports that the process is confined. NAME is an attribute of `UserCode`; each name
 also has the shape of its result in `RESULTS` of `replies.py`:
 
@@ -380,18 +381,28 @@ def _answer(handler: Callable[..., Any], serial: int, do: str, arguments: list[A
     try:
         data = json.dumps(reply | {'result': handler(do, *arguments)})
     except BaseException as error:  # noqa: BLE001 (SystemExit, too: a submission can raise it)
-        data = json.dumps(reply | {'error': _text(error)})
+        data = json.dumps(reply | {'error': _text(error), 'kind': _kind(error)})
     return data.encode() + b'\n'
 
 
 def _text(error: BaseException) -> str:
     try:
         # Errors of barc_sim are whole sentences; for other exceptions the type is added.
-        is_sentence = type(error).__module__.startswith('barc_sim.')
-        text = str(error) if is_sentence else f'{type(error).__name__}: {error}'
+        text = str(error) if _is_ours(error) else f'{type(error).__name__}: {error}'
         return text[:MAX_TEXT]
     except BaseException:  # noqa: BLE001 (str() can run the submission's code)
         return 'an exception that cannot be printed'
+
+
+def _kind(error: BaseException) -> str:
+    """Return the kind of a `UserCodeError`; empty for any other exception."""
+    kind = getattr(error, 'kind', None) if _is_ours(error) else None
+    return str(kind.value) if kind else ''
+
+
+def _is_ours(error: BaseException) -> bool:
+    """Return whether barc_sim defines the class of an exception."""
+    return type(error).__module__.startswith('barc_sim.')
 
 
 def _serve(handler: Callable[..., Any], requests: int, replies: int) -> None:

@@ -50,7 +50,7 @@ from barc_sim.cli.text import one_line, without_addresses
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.child import NO_PIPES, abi
 from barc_sim.lab.confined.replies import RESULTS, WrongReply, max_size, parsed
-from barc_sim.lab.files import ChosenGains, UserCodeError, files_in
+from barc_sim.lab.files import ChosenGains, ErrorKind, UserCodeError, files_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -89,6 +89,11 @@ class Unconfined(OSError):  # noqa: N818
 
 class Failed(Exception):  # noqa: N818 (a reply, no error of the grader)
     """The submission's code raised an error, whose text this has. The process continues."""
+
+    def __init__(self, text: str, kind: ErrorKind) -> None:
+        """Make an error of a kind."""
+        super().__init__(text)
+        self.kind = kind
 
 
 class Ended(Exception):  # noqa: N818
@@ -195,7 +200,7 @@ class Process:
         if self._is_late:
             raise Ended(self._end(line))
         if error is not None:
-            raise Failed(one_line(error))
+            raise Failed(one_line(error.text), error.kind)
         return shape.checked(result)
 
     def _end(self, line: bytes) -> str:
@@ -371,9 +376,9 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
         try:
             return self._process.request(do, *arguments, wait=min(self._limits.wait, self._left))
         except Failed as error:
-            if 'is there an endless loop' in str(error):  # such a call uses up its time limit
+            if error.kind is ErrorKind.ENDLESS:  # such a call uses up its time limit
                 ends.append(str(error))
-            raise UserCodeError(str(error)) from None
+            raise UserCodeError(str(error), error.kind) from None
         except WrongReply as error:
             raise UserCodeError(f'{function} returned something other than {error}') from None
         except Ended as error:

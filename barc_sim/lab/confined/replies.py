@@ -9,10 +9,10 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from barc_sim.lab.confined.child import MAX_TEXT
-from barc_sim.lab.files import CALLED
+from barc_sim.lab.files import CALLED, ErrorKind
 from barc_sim.lab.user_code.code import MAX_LINES, MAX_NAME, MAX_PLACE
 from barc_sim.lab.user_code.folder import MAX_COMMANDS, MAX_PHRASES, TimedCommand
 
@@ -191,7 +191,14 @@ def max_size(shape: Shape) -> int:
     return max(shape.size, Text(MAX_TEXT).size) + _AROUND
 
 
-def parsed(line: bytes, serial: int) -> tuple[object, str | None]:
+class ErrorReply(NamedTuple):
+    """An error in a reply: its sentence, and its kind."""
+
+    text: str
+    kind: ErrorKind
+
+
+def parsed(line: bytes, serial: int) -> tuple[object, ErrorReply | None]:
     """Return the result and the error in a reply; ValueError: it is no reply to this request."""
     try:
         # No integer is longer than Python converts, and none is beyond float.
@@ -200,5 +207,7 @@ def parsed(line: bytes, serial: int) -> tuple[object, str | None]:
         raise ValueError('too many brackets within brackets') from None
     if not isinstance(reply, dict) or reply.get('serial') != serial:
         raise ValueError('no reply to this request')
-    error = reply.get('error')
-    return reply.get('result'), None if error is None else Text(MAX_TEXT).checked(error)
+    if reply.get('error') is None:
+        return reply.get('result'), None
+    text = Text(MAX_TEXT).checked(reply['error'])
+    return None, ErrorReply(text, ErrorKind(reply.get('kind') or 'other'))

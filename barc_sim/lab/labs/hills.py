@@ -25,11 +25,10 @@ import numpy as np
 from barc_sim.control.speed import KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab import files
-from barc_sim.lab.files import ChosenGains
-from barc_sim.lab.judge import Evidence, Finding, Functions, JudgedPart, Lab, Trial
+from barc_sim.lab.files import ChosenGains, ErrorKind, UserCodeError
+from barc_sim.lab.judge import Evidence, Finding, Functions, JudgedPart, Lab, Trial, needs_person
 from barc_sim.lab.labs import relay
 from barc_sim.lab.law import read_law
-from barc_sim.lab.user_code.folder import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import Progress, closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.simulation.scenario import Scenario
@@ -271,7 +270,7 @@ class _UserPid(PID):
             row = (speed_reference, speed_current, dt or TS)
             output = self._code.steps('PID', self._pid, [row])[0]
         except UserError as error:
-            if NOT_WRITTEN in str(error):
+            if isinstance(error, UserCodeError) and error.kind is ErrorKind.NOT_WRITTEN:
                 raise
             raise UserError(f'{where}: {error} (with {self._gains})') from error
         if abs(output) > _MAX_OUTPUT:
@@ -384,14 +383,13 @@ def judge_pid(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
         code.make('PID', KP, KI, KD)
     gains = code.chosen_gains()
 
-    findings, corrections = judge_terms(code, settings.seed, settings.points)
-    yield from findings
+    terms = judge_terms(code, settings.seed, settings.points)
+    yield from terms.findings
 
-    ignores_gains = findings[0].message == _IGNORED
-    if gains is None and ignores_gains:
+    if gains is None and terms.ignores_gains:
         gains = ChosenGains(KP, KI, KD, 'which have no effect')
-    score, text, evidence = judge_lab_road(code, gains, settings.thresholds, corrections)
-    if gains and ignores_gains:  # its fixed gains may be better than the chosen ones
+    score, text, evidence = judge_lab_road(code, gains, settings.thresholds, terms.corrections)
+    if gains and terms.ignores_gains:  # its fixed gains may be better than the chosen ones
         chosen_score, chosen_text, _ = _drive(PID(*gains.values), settings.thresholds, gains)
         score, text = _worse_drive((score, text), (chosen_score, chosen_text))
     yield Finding('loop.lab_road', score, text, evidence)
@@ -429,6 +427,8 @@ class Term(NamedTuple):
                 if kp:
                     outputs -= np.array([_outputs(code, p_alone, each) for each in sequences])
             except UserError as error:
+                if needs_person(error):
+                    raise
                 failure = str(error)
 
         inputs = {'reference': reference, 'measured': measured, 'dt': dt}
@@ -572,11 +572,19 @@ _IGNORED = (
 )
 
 
+class JudgedTerms(NamedTuple):
+    """What is found in the terms of a PID."""
+
+    findings: list[Finding]  #: one for each term
+    corrections: Mapping[str, float] = {}  #: the terms to correct, as `judge_lab_road` takes them
+    ignores_gains: bool = False  #: whether the PID uses fixed numbers in place of its gains
+
+
 @np.errstate(all='ignore')
 def judge_terms(
     code: JudgedCode, seed: int, points: Mapping[str, float] | None = None
-) -> tuple[list[Finding], dict[str, float]]:
-    """Return a finding for each term, and the terms to correct, as `judge_lab_road` takes them.
+) -> JudgedTerms:
+    """Judge each term of the PID alone.
 
     With a wrong term, random outputs are mentioned. A term that never changes is not corrected: the
     car drives with it, or without it if it is 0.
@@ -588,7 +596,7 @@ def judge_terms(
         again = _outputs(code, _SMALL_GAINS, rows)
         with_large_gains = _outputs(code, _LARGE_GAINS, rows)
         if outputs == with_large_gains and any(outputs):
-            return _with_fixed_gains(outputs, rows), {}
+            return JudgedTerms(_with_fixed_gains(outputs, rows), ignores_gains=True)
         random = '' if np.allclose(outputs, again, rtol=0.0, atol=_TOLERANCE) else _RANDOM
 
     trials = [term.trial(code, seed) for term in TERMS]
@@ -625,7 +633,7 @@ def judge_terms(
         else:
             text = f'right in all {trial.got[name].size} outputs{_remark(name, factor_of(trial))}'
         findings.append(Finding(trial.name, score, text))
-    return findings, corrections
+    return JudgedTerms(findings, corrections)
 
 
 def _with_fixed_gains(outputs: Sequence[float], rows: Sequence[Sample]) -> list[Finding]:

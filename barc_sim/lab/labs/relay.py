@@ -6,9 +6,9 @@ from math import degrees, inf, radians
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.driver import RATE, STALE_AFTER
-from barc_sim.errors import UserError
+from barc_sim.lab.files import ErrorKind, UserCodeError
 from barc_sim.lab.judge import Finding
-from barc_sim.lab.user_code.folder import BY_EYE, NOT_WRITTEN, TimedCommand, TimedTwist
+from barc_sim.lab.user_code.folder import TimedCommand, TimedTwist
 from barc_sim.simulation.stepper import StepperOptions
 
 if TYPE_CHECKING:
@@ -67,17 +67,18 @@ def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwi
 
 
 def judge_relay(code: JudgedCode) -> list[Finding]:
-    """Return a finding for each criterion `relay.…`; all are skipped if it is not written yet.
+    """Return a finding for each criterion `relay.…`.
 
-    The findings of a program that reads keys itself are open: a person judges it.
+    All are skipped where `relay.py` is still the template's, because the relay is optional in the
+    usual rubric, and `barc new` writes a `relay.py` for everybody. Model and controller are not
+    optional: their templates get 0 points.
     """
     try:
         drives = {key: relay_commands(code, _twists(*twist), _END) for key, twist in _KEYS.items()}
-    except UserError as error:
-        text = str(error)
-        is_unwritten = NOT_WRITTEN in text
-        is_open = BY_EYE in text
-        return [Finding(name, 0.0, text, skipped=is_unwritten, open=is_open) for name in LABELS]
+    except UserCodeError as error:
+        if error.kind is not ErrorKind.NOT_WRITTEN:
+            raise
+        return [Finding(name, 0.0, str(error), skipped=True) for name in LABELS]
 
     commands = {key: _at(drive, _AFTER_PRESS) for key, drive in drives.items()}
     verdicts = {

@@ -26,6 +26,7 @@ from barc_sim.lab.files import (
     FILES,
     GAINS,
     ChosenGains,
+    ErrorKind,
     Source,
     UserCodeError,
     find_gains,
@@ -153,7 +154,8 @@ class UserCode:
         if module:
             raise UserCodeError(
                 f'{path.name} reads keys itself, with {module}; expected a relay that gets Twists '
-                f'on cmd_vel: {BY_EYE}'
+                f'on cmd_vel: {BY_EYE}',
+                ErrorKind.READS_KEYS,
             )
         from barc_sim.lab.user_code.relay_program import RelayProgram  # noqa: PLC0415 (200 ms)
 
@@ -478,6 +480,7 @@ def _load(folder: Folder, path: Path) -> ModuleType:
         raise
     except (Exception, SystemExit, OutOfTime) as error:
         fault = f'loading the file raised {folder.describe(error)}'
+        kind = ErrorKind.OTHER
         if isinstance(error, ModuleNotFoundError):
             fault = (
                 f'there is no module {error.name!r} here: install it, put it into the folder, '
@@ -488,7 +491,8 @@ def _load(folder: Folder, path: Path) -> ModuleType:
                 f'loading the file took longer than {error.seconds or _LOADING:g} s: is there an '
                 'endless loop outside its functions?'
             )
-        failure = UserCodeError(f'{folder.raised_at(error)[0] or path.name}: {fault}')
+            kind = ErrorKind.ENDLESS
+        failure = UserCodeError(f'{folder.raised_at(error)[0] or path.name}: {fault}', kind)
         folder.failed[path] = failure
         raise failure from error
 

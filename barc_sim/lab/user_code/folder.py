@@ -32,6 +32,7 @@ from barc_sim.cli.text import one_line, without_addresses
 from barc_sim.lab.files import (
     FILES,
     Called,
+    ErrorKind,
     Source,
     UserCodeError,
     compiled,
@@ -53,9 +54,9 @@ _T = TypeVar('_T')
 #: [s] Default time budget of a call: a hundred steps of the car.
 BUDGET = 2.0
 SECOND = 10**9  #: [ns]
-#: Part of the error of a function that is still the template's.
+#: The end of the sentence on a function that is still the template's.
 NOT_WRITTEN = 'is not written yet (TODO)'
-#: Part of the error of a relay that only a person can judge.
+#: The end of the sentence on what only a person can judge.
 BY_EYE = 'a person judges it'
 MAX_PHRASES = 20  #: on faults that cost nothing, of those that are reported
 MAX_COMMANDS = 8000  #: of a relay's run; 20 a second are usual
@@ -567,7 +568,8 @@ class UserFunction:
         if isinstance(error, OutOfTime):
             return UserCodeError(
                 f'{place}: {call} did not return within {self.folder.budget or error.seconds:g} s; '
-                f'expected {self.called.returns}: is there an endless loop?'
+                f'expected {self.called.returns}: is there an endless loop?',
+                ErrorKind.ENDLESS,
             )
         if isinstance(error, AbsentModuleError):
             return UserCodeError(f'{place}: {call} uses {error}')
@@ -576,9 +578,11 @@ class UserFunction:
             # The unwritten function can be one that this one calls, but not `<listcomp>` or so.
             name = frame.f_code.co_name if frame else '<none>'
             name = self._name() if name.startswith(('_', '<')) else name
-            return UserCodeError(f'{place}: {name} {NOT_WRITTEN}')
+            return UserCodeError(f'{place}: {name} {NOT_WRITTEN}', ErrorKind.NOT_WRITTEN)
+        # The call can import a file that cannot be read.
+        kind = error.kind if isinstance(error, UserCodeError) else ErrorKind.OTHER
         text = f'{call} raised {self.folder.describe(error)}'
-        return UserCodeError(f'{place}: {text}; expected {self.called.returns}')
+        return UserCodeError(f'{place}: {text}; expected {self.called.returns}', kind)
 
     def _call_text(self, args: tuple[Any, ...], options: Mapping[str, Any]) -> str:
         names = [name for name in self.parameters if name not in options]

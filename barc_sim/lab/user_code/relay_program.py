@@ -16,7 +16,7 @@ from math import isfinite
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.lab.files import UserCodeError
+from barc_sim.lab.files import ErrorKind, UserCodeError
 from barc_sim.lab.user_code.folder import (
     MAX_COMMANDS,
     Absent,
@@ -322,6 +322,7 @@ class RelayRun(World):
             raise
         except (Exception, OutOfTime) as error:
             fault = f'after {self._seconds:.2f} s the relay raised {folder.describe(error)}'
+            kind = ErrorKind.OTHER
             if isinstance(error, AbsentModuleError):
                 fault = f'the relay uses {error}'
             elif isinstance(error, OutOfTime):
@@ -329,8 +330,9 @@ class RelayRun(World):
                     f'{self.end / SECOND:g} s of the relay took longer than '
                     f'{error.seconds or _BUDGET:g} s: is there an endless loop?'
                 )
+                kind = ErrorKind.ENDLESS
             place, _ = folder.raised_at(error)
-            raise UserCodeError(f'{place or path.name}: {fault}') from error
+            raise UserCodeError(f'{place or path.name}: {fault}', kind) from error
 
         self._note_topics()
         self._published -= {'rosout', 'parameter_events', _ECU}

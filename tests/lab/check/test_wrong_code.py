@@ -27,7 +27,7 @@ def of_model(code: LocalCode) -> list[Finding]:
 
 
 def of_pid(code: LocalCode) -> dict[str, Finding]:
-    return {finding.criterion: finding for finding in judge_terms(code, seed=0)[0]}
+    return {finding.criterion: finding for finding in judge_terms(code, seed=0).findings}
 
 
 def failed(findings: dict[str, Finding]) -> set[str]:
