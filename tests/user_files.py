@@ -75,7 +75,7 @@ def judged_file(
     with TemporaryDirectory() as folder:
         path = Path(folder, name)
         path.write_text(text, encoding='utf-8')
-        code = LocalCode(UserCode({part: path}, budget=None))
+        code = LocalCode(UserCode({part: path}, is_judged=True))
         own = HILLS.parts[part].labels
         found = [each for each in HILLS.judge(code, settings) if each.criterion in own]
         assert folder not in ''.join(each.message for each in found)
@@ -87,7 +87,7 @@ def load_folder(folder: Path, parts: Collection[str] = tuple(FILES), **options: 
     return UserCode(find_files(folder, parts), **options).load()
 
 
-def load(path: Path, *, budget: float | None = BUDGET) -> UserCode:
+def load(path: Path, *, budget: float = BUDGET) -> UserCode:
     """Load the part that the file at `path` has by its name."""
     (part,) = (part for part, name in FILES.items() if name == path.name)
     return UserCode({part: path}, budget=budget).load()
@@ -134,7 +134,7 @@ def points_of(
     (name,) = rubric.lab.handout.files.values()
     (folder / name).write_text(text, encoding='utf-8')
     criteria = criteria or rubric.points
-    code = LocalCode(UserCode(files_in(folder), budget=None))
+    code = LocalCode(UserCode(files_in(folder), is_judged=True))
     findings = rubric.lab.judge(code, replace(rubric.settings, criteria=criteria))
     assert [each.criterion for each in findings] == [*criteria]
     remarks = '\n'.join(each.message for each in findings)

@@ -36,7 +36,7 @@ def findings_on(folder: Path, name: str, text: str) -> list[Finding]:
     """Return the findings on one file."""
     path = folder / name
     path.write_text(RAISES[name].format(text), encoding='utf-8')
-    findings = HILLS.judge(LocalCode(UserCode({PARTS[name]: path}, budget=None)))
+    findings = HILLS.judge(LocalCode(UserCode({PARTS[name]: path}, is_judged=True)))
     return [each for each in findings if each.criterion in HILLS.parts[PARTS[name]].labels]
 
 

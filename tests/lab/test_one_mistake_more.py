@@ -176,7 +176,7 @@ def points_of_text(rubric: str, text: str) -> float:
     with TemporaryDirectory() as folder:
         path = Path(folder, name)
         path.write_text(text, encoding='utf-8')
-        code = LocalCode(UserCode({part: path}, budget=None))
+        code = LocalCode(UserCode({part: path}, is_judged=True))
         findings = loaded.lab.judge(code, loaded.settings)
     return sum(loaded.points_for(each) for each in findings if each.criterion in loaded.points)
 

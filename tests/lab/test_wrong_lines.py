@@ -147,6 +147,6 @@ def findings_of(text: str) -> dict[str, Finding]:
     with TemporaryDirectory() as folder:
         path = Path(folder, 'raceline.py')
         path.write_text(text, encoding='utf-8')
-        code = LocalCode(UserCode({'raceline': path}, budget=None))
+        code = LocalCode(UserCode({'raceline': path}, is_judged=True))
         found = RUBRIC.lab.judge(code, replace(RUBRIC.settings, criteria=criteria))
     return {each.criterion: each for each in found}

@@ -86,7 +86,7 @@ def _handler(seconds: float) -> Callable[..., Any]:
 
     _seed_generators()
 
-    code = UserCode(files, budget=None)  # loads no file yet: the process is not confined
+    code = UserCode(files, is_judged=True)  # loads no file yet: the process is not confined
     code.drop_writes()  # so that `check`, which is not confined, writes nothing either
 
     has_alarms = hasattr(signal, 'setitimer')  # not on Windows: the grader ends the process

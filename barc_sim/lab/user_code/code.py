@@ -41,7 +41,6 @@ from barc_sim.lab.user_code.folder import (
     SECOND,
     Folder,
     OutOfTime,
-    TimeBudget,
     TimedCommand,
     UserFunction,
     clock,
@@ -81,19 +80,22 @@ class UserCode:
         self,
         files: Mapping[str, Path] | None = None,
         *,
-        budget: float | None = BUDGET,
+        is_judged: bool = False,
+        budget: float = BUDGET,
         output: Callable[[str], object] | None = None,
     ) -> None:
         """Use `files` by part (see `FILES`), of any folders.
 
-        `budget` is the time limit of each call [s]. It is None in the process of a submission, as
-        in `check` and `grade`: then no thread watches the calls, and NumPy alone can be imported.
-        Text that user code prints goes to `output`; without it, to stdout.
+        `budget` is the time limit of each call [s], which a thread watches. The code `is_judged` in
+        the process of a submission, as in `check` and `grade`: an alarm of this process replaces
+        the thread, NumPy alone can be imported, and random numbers are seeded. Text that user code
+        prints goes to `output`; without it, to stdout.
         """
         # Absolute and without `..`, so that each folder has one name.
         self.paths = {part: Path(os.path.abspath(file)) for part, file in (files or {}).items()}  # noqa: PTH100
         self._folders = {
-            path.parent: Folder(path.parent, output, budget=budget) for path in self.paths.values()
+            path.parent: Folder(path.parent, output, is_judged=is_judged, budget=budget)
+            for path in self.paths.values()
         }
         for part, path in self.paths.items():
             name = FILES.get(part, path.name)
@@ -101,7 +103,7 @@ class UserCode:
                 phrase = f'{path.name} is taken as {name}: did you mean that name?'
                 self._folders[path.parent].tolerate(phrase)
 
-        self._is_judged = budget is None
+        self._is_judged = is_judged
         self._requests = 0
         self._objects: dict[int, Callable[..., float]] = {}  # their steps, by the number of `make`
         self._now = 1000 * SECOND  # [ns] on the clock of an object that is judged
@@ -475,7 +477,7 @@ def _load(folder: Folder, path: Path) -> ModuleType:
     if path in folder.failed:
         raise folder.failed[path]
     try:
-        return TimeBudget(folder.budget and _LOADING).call(folder.load, path)
+        return folder.time_budget(_LOADING).call(folder.load, path)
     except UserError:
         raise
     except (Exception, SystemExit, OutOfTime) as error:

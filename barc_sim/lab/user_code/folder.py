@@ -162,14 +162,16 @@ class Folder:
         path: Path,
         output: Callable[[str], object] | None = None,
         *,
-        budget: float | None = None,
+        is_judged: bool = False,
+        budget: float = BUDGET,
     ) -> None:
         """Pass the modules' printed text to `output`; without it, to stdout.
 
-        `budget` [s] is the time limit of each call. It is None in the process of a submission,
-        where NumPy is the only package.
+        `budget` [s] is the time limit of each call. Where the code `is_judged`, the process of the
+        submission has an alarm in place of it, and NumPy is the only package.
         """
         self.path = path
+        self.is_judged = is_judged
         self.budget = budget
         self._output = output
         self.trees: dict[str, ast.Module] = {}  #: syntax trees of the loaded files, by path
@@ -190,9 +192,13 @@ class Folder:
 
     def again(self) -> Folder:
         """Return the same folder with nothing loaded."""
-        folder = Folder(self.path, self._output, budget=self.budget)
+        folder = Folder(self.path, self._output, is_judged=self.is_judged, budget=self.budget)
         folder.tolerated = self.tolerated
         return folder
+
+    def time_budget(self, seconds: float) -> TimeBudget:
+        """Return a time budget of `seconds`; where code is judged, one that ends no call."""
+        return TimeBudget(None if self.is_judged else seconds)
 
     def load(self, file: Path, name: str = '') -> ModuleType:
         """Return the module of `file`, imported once, by default under its own name.
@@ -311,7 +317,7 @@ class Folder:
         top = name.partition('.')[0]
         is_ros = top in _ROS or bool(_MESSAGES.fullmatch(name))
         is_of_python = top in sys.stdlib_module_names or top == 'numpy'
-        if is_of_python or (self.budget is not None and not is_ros):
+        if is_of_python or not (self.is_judged or is_ros):
             with suppress(ModuleNotFoundError):
                 if name == 'numpy' or (top == 'numpy' and not fromlist):
                     __import__(name)
@@ -489,7 +495,7 @@ class UserFunction:
         self.folder = folder
         self.function = function
         self.called = called
-        self._call = TimeBudget(folder.budget).call
+        self._call = folder.time_budget(folder.budget).call
 
         self.signature = self._signature()
         parameters = self.signature.parameters
@@ -567,7 +573,7 @@ class UserFunction:
         call = self._call_text(args, options)
         if isinstance(error, OutOfTime):
             return UserCodeError(
-                f'{place}: {call} did not return within {self.folder.budget or error.seconds:g} s; '
+                f'{place}: {call} did not return within {error.seconds or self.folder.budget:g} s; '
                 f'expected {self.called.returns}: is there an endless loop?',
                 ErrorKind.ENDLESS,
             )

@@ -22,7 +22,6 @@ from barc_sim.lab.user_code.folder import (
     Absent,
     AbsentModuleError,
     OutOfTime,
-    TimeBudget,
     TimedCommand,
     clock,
 )
@@ -193,7 +192,7 @@ class RelayProgram:
     def commands(self, twists: Sequence[Sequence[float]], duration: float) -> list[TimedCommand]:
         """Return its commands on `ecu` from 0 to `duration` [s], while it gets `twists`."""
         run = RelayRun(self, twists, duration)
-        TimeBudget(self.folder.budget and _BUDGET).call(run.run)
+        self.folder.time_budget(_BUDGET).call(run.run)
         run.check()
         return [run.checked(*command) for command in run.commands]
 

@@ -31,7 +31,7 @@ def lab(tmp_path: Path) -> Callable[..., LocalCode]:
         for name, text in {'bike_model.py': model, 'controller.py': controller}.items():
             if text is not None:
                 (tmp_path / name).write_text(text, encoding='utf-8')
-        return LocalCode(load_folder(tmp_path, budget=None))
+        return LocalCode(load_folder(tmp_path, is_judged=True))
 
     return load
 

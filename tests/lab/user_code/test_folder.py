@@ -120,7 +120,7 @@ def test_the_labs_files_for_ros_1_are_loaded_as_they_are(tmp_path: Path) -> None
 
 def test_in_the_process_of_a_submission_only_numpy_is_here(tmp_path: Path) -> None:
     folder(tmp_path, main='import numpy, yaml\ndef f(): return 1 + yaml.load("1")')
-    own = Folder(tmp_path, budget=None)
+    own = Folder(tmp_path, is_judged=True)
     module = own.load(tmp_path / 'main.py')
     assert module.numpy.pi > 3.0
     assert own.tolerated == ['main.py imports yaml: it is not installed here']
@@ -133,7 +133,7 @@ def test_an_import_falls_back_to_its_replacement_where_its_module_is_missing(
 ) -> None:
     text = 'try:\n    import yaml\nexcept ImportError:\n    yaml = 3\n'
     folder(tmp_path, main=text)
-    own = Folder(tmp_path, budget=None)
+    own = Folder(tmp_path, is_judged=True)
     assert own.load(tmp_path / 'main.py').yaml == 3
     assert own.tolerated == []
 
@@ -142,7 +142,7 @@ def test_an_import_falls_back_to_its_replacement_where_its_module_is_missing(
 def test_a_call_that_imports_a_missing_module_names_it(tmp_path: Path, text: str) -> None:
     folder(tmp_path, main=text)
     with pytest.raises(ModuleNotFoundError, match="there is no module 'yaml' here"):
-        Folder(tmp_path, budget=None).load(tmp_path / 'main.py')
+        Folder(tmp_path, is_judged=True).load(tmp_path / 'main.py')
 
 
 def forever() -> None:

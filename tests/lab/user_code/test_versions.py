@@ -24,7 +24,7 @@ def judged(folder: Path, text: str) -> tuple[list[Finding], tuple[str, ...]]:
     """Return the findings on a controller, and what is tolerated."""
     path = folder / 'controller.py'
     path.write_text(text, encoding='utf-8')
-    code = LocalCode(UserCode({'controller': path}, budget=None))
+    code = LocalCode(UserCode({'controller': path}, is_judged=True))
     found = [each for each in HILLS.judge(code) if not each.skipped]
     return found, code.tolerated()
 
@@ -35,7 +35,7 @@ def test_a_name_that_numpy_has_removed_works_and_is_named(tmp_path: Path, name: 
     path.write_text(
         f'import numpy as np\nfrom numpy import {name}\n{PLAIN_CONTROLLER}a = np.{name}\n'
     )
-    code = UserCode({'controller': path}, budget=None).load()
+    code = UserCode({'controller': path}, is_judged=True).load()
     assert code.tolerated == (
         f'controller.py: np.{name} is no name of NumPy 2 any more: it still works here',
     )
@@ -45,7 +45,7 @@ def test_a_name_that_numpy_has_removed_works_and_is_named(tmp_path: Path, name: 
 def test_a_name_that_numpy_has_added_works(tmp_path: Path, name: str) -> None:
     path = tmp_path / 'controller.py'
     path.write_text(f'import numpy as np\n{PLAIN_CONTROLLER}assert callable(np.{name})\n')
-    assert UserCode({'controller': path}, budget=None).load().tolerated == ()
+    assert UserCode({'controller': path}, is_judged=True).load().tolerated == ()
 
 
 def test_removed_names_give_their_former_results(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_a_file_is_read_by_pythons_rules(tmp_path: Path, data: bytes) -> None:
             b'"\xc3\xa9".encode().decode()', b'chr(233)'
         )
     )
-    code = UserCode({'controller': path}, budget=None).load()
+    code = UserCode({'controller': path}, is_judged=True).load()
     assert code.attachments() == {'student/controller.py': path.read_bytes()}
     assert read_source(path, 'controller.py').data == path.read_bytes()
 
@@ -133,5 +133,5 @@ def test_a_wrapped_heading_is_right(tmp_path: Path) -> None:
     )
     text = replaced(PLAIN_MODEL, ('    v_next = v', f'    {wrapped}\n    v_next = v'))
     path.write_text(text, encoding='utf-8')
-    found = HILLS.judge(LocalCode(UserCode({'model': path}, budget=None)))
+    found = HILLS.judge(LocalCode(UserCode({'model': path}, is_judged=True)))
     assert [each.score for each in found[:4]] == [1.0] * 4
