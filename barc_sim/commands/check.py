@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
     from barc_sim.lab.grade.grade import Rubric
-    from barc_sim.lab.judge import Finding, Report
+    from barc_sim.lab.judge import Finding, JudgedFolder
 
 NOT_PASSED = 1
 _PIPE = 10_000  #: columns: a line is never broken
@@ -70,7 +70,7 @@ def run(options: Namespace) -> int:
 
     parts = find_files(folder)  # or a UserError
     rubric = load_rubric(options.rubric or handout_of(parts).rubric)
-    rubric.lab.ready()
+    rubric.lab.check_packages()
     files = rubric.lab.handout.files
     if parts.keys().isdisjoint(files):
         raise UserError(
@@ -78,17 +78,17 @@ def run(options: Namespace) -> int:
             f'{str(folder)!r} has none of them'
         )
 
-    report = rubric.lab.judge_folder(folder, rubric.settings)
-    print_report(report, rubric)
+    judged = rubric.lab.judge_folder(folder, rubric.settings)
+    print_findings(judged, rubric)
     is_composed = _composition(folder)
 
-    if path and report.drive:
+    if path and judged.drive:
         from barc_sim.figures.files import save_figure  # noqa: PLC0415 (slow: not for --help)
 
-        title = escaped(f'{folder.resolve().name}: {report.gains or rubric.title}')
-        save_figure(path, report.drive.figure(title))
+        title = escaped(f'{folder.resolve().name}: {judged.gains or rubric.title}')
+        save_figure(path, judged.drive.figure(title))
 
-    is_right = all(each.passed or each.skipped or each.open for each in report.findings)
+    is_right = all(each.passed or each.skipped or each.open for each in judged.findings)
     return 0 if is_composed and is_right else NOT_PASSED
 
 
@@ -107,7 +107,7 @@ def _composition(folder: Path) -> bool:
     return verdict.right
 
 
-def print_report(report: Report, rubric: Rubric, console: Console | None = None) -> None:
+def print_findings(judged: JudgedFolder, rubric: Rubric, console: Console | None = None) -> None:
     """Print the findings in a terminal, or a line for each in a pipe."""
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
     from rich.text import Text  # noqa: PLC0415
@@ -116,18 +116,18 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     if not console.is_terminal:
         console.width = _PIPE
 
-    worth = rubric.worth(report.findings)
-    findings = [each for each in report.findings if each.criterion in worth]
+    worth = rubric.worth(judged.findings)
+    findings = [each for each in judged.findings if each.criterion in worth]
     _print_table(console, ('criterion', 'points', 'finding'), _rows(findings, rubric))
-    if report.drive:
-        _plain(console, report.drive.title)
-        rows = (map(Text, cells) for cells in report.drive.rows)
-        _print_table(console, report.drive.header, rows)
-    if report.gains:
-        _plain(console, f'gains: {report.gains}')
-    if report.tolerated:
-        _plain(console, f'tolerated: {"; ".join(report.tolerated)}')
-    _print_output(report.printed, console)
+    if judged.drive:
+        _plain(console, judged.drive.title)
+        rows = (map(Text, cells) for cells in judged.drive.rows)
+        _print_table(console, judged.drive.header, rows)
+    if judged.gains:
+        _plain(console, f'gains: {judged.gains}')
+    if judged.tolerated:
+        _plain(console, f'tolerated: {"; ".join(judged.tolerated)}')
+    _print_output(judged.printed, console)
 
     closed = [finding for finding in findings if not finding.open]
     passed = sum(finding.passed for finding in closed)

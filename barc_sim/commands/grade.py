@@ -105,7 +105,7 @@ def run(options: Namespace) -> int:
     submissions = submission.find(options.submissions, is_class=bool(options.roster))
     paths = [path for path in map(Path.absolute, submissions) if path != out]
     rubric = grade.load_rubric(options.rubric or _rubric_of(paths))
-    rubric.lab.ready()
+    rubric.lab.check_packages()
     # Gradescope looks for the files of a single submission in the folder itself.
     is_single = paths == [options.submissions.resolve()]
     students = classroom.read_roster(options.roster) if options.roster else []

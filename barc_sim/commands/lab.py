@@ -98,7 +98,7 @@ def add_arguments_report(parser: Parser) -> None:
 def run_report(options: Namespace) -> None:
     """Write the page and print its path."""
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.lab.report import page, read  # noqa: PLC0415
+    from barc_sim.lab.run_report import page, read  # noqa: PLC0415
 
     source = options.bag or reader.newest()
     directory = source if source.is_dir() else source.parent

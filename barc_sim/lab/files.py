@@ -6,9 +6,9 @@ parts are judged is in `labs/`; the points are in `grade/rubrics/`.
 To find its gains, `find_gains` evaluates assignments and the arguments of `PID(…)`, with almost no
 built-in names. These few names keep it from side effects by accident; they are no protection
 against code that looks for a way out. It is safe for another reason: only `UserCode.gains` calls
-it, for a file that this process has already loaded. In `grade` that is the confined process of the
-submission; elsewhere it is a process whose user chose to run the file. So the expressions can do
-nothing that the file could not do while it was loaded.
+it, for a file that the same process has already loaded. In `grade` that is the confined process of
+the submission; elsewhere it is a process whose user chose to run the file. So the expressions can
+do nothing that the file could not do while it was loaded.
 """
 
 from __future__ import annotations

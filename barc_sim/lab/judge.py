@@ -22,6 +22,7 @@ Points never rise by a further mistake, and a mistake costs points once. Three r
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -77,7 +78,7 @@ def close(got: Floats, expected: Floats) -> bool:
 
 
 _ROUNDING = 1e-6  #: relative error, larger than in single precision
-_FACTOR = 0.4  #: loss for a wrong factor; see `Functions.loss`
+_FACTOR = 0.4  #: loss for a wrong factor; see `TrialJudge.loss`
 _SIGN = 0.6  #: loss for a wrong sign
 _UNRELATED = 0.95  #: relative error from which on a result has nothing of the right one
 _ABSENT = 'Absent'  #: The topic of a missing result begins so: each costs all its points.
@@ -130,8 +131,9 @@ class Finding:
     criterion: str
     score: float  #: from 0 to 1; 1 is full marks
     message: str  #: one or two sentences, in the terms of the lab
-    evidence: Any = field(default=None, compare=False, repr=False)  #: an `Evidence`, or None
-    skipped: bool = False  #: the file is missing: the score is 0
+    #: The judged drive, where there is one.
+    evidence: Evidence | None = field(default=None, compare=False, repr=False)
+    skipped: bool = False  #: there is nothing to judge: the score is 0
     open: bool = False  #: a person judges it: the points are open
 
     @property
@@ -205,7 +207,7 @@ class JudgedPart(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Report:
+class JudgedFolder:
     """The findings on a folder, and the text that its code printed."""
 
     findings: list[Finding]  #: one for each requested criterion
@@ -219,6 +221,10 @@ class Report:
         return next((each.evidence for each in self.findings if each.evidence), None)
 
 
+def _needs_no_package() -> None:
+    """Do nothing: most labs need only the packages of barc_sim itself."""
+
+
 @dataclass(frozen=True)
 class Lab:
     """A lab: the files that it hands out, and how submissions are judged."""
@@ -227,7 +233,8 @@ class Lab:
     parts: Mapping[str, JudgedPart]
     #: The criteria that a person judges, with what to look at. Their points have a separate sum.
     by_eye: Mapping[str, str] = field(default_factory=dict)
-    ready: Callable[[], object] = bool  #: raises a UserError where a needed package is missing
+    #: Raises a UserError if a package that this lab alone needs is not installed.
+    check_packages: Callable[[], object] = _needs_no_package
 
     @property
     def labels(self) -> dict[str, str]:
@@ -280,7 +287,7 @@ class Lab:
 
     def judge_folder(
         self, folder: Path, settings: Settings, limits: ProcessLimits = _CHECKED
-    ) -> Report:
+    ) -> JudgedFolder:
         """Return the findings on the files in `folder`; a process with limits calls their code.
 
         The folder may have none of the files.
@@ -289,50 +296,19 @@ class Lab:
             findings = self.judge(code, settings)
             gains = code.chosen_gains()
             tolerated = code.tolerated()
-        return Report(findings, code.printed, gains, tolerated)
+        return JudgedFolder(findings, code.printed, gains, tolerated)
 
 
 @dataclass(frozen=True)
-class Functions:
-    """Judges the functions of a user's file by a law, which has situations for each function.
+class TrialJudge(ABC):
+    """Judges trials by a law: the score of each result, and the message on the mistake in it.
 
-    The arguments of a function are quantities of the law.
+    A class for each kind of trial says how to show a call, and how to find its line.
     """
 
     law: Law
-    #: By function, the names of the numbers that it returns; a single name is for the whole list.
-    results: Mapping[str, tuple[str, ...]]
-    criteria: Mapping[str, str]  #: by judged result, in the order of a report
-    count: int = 100  #: calls in each situation
     agree: Agree = close
     min_loss: float = 0.1  #: the minimum loss for a wrong result
-    #: By function, another one that it calls: a mistake in that one costs points only there.
-    calls: Mapping[str, str] = field(default_factory=dict)
-    angles: Collection[str] = ()  #: results [rad] that are right with any number of full turns
-
-    @np.errstate(all='ignore')
-    def judge(
-        self, code: JudgedCode, seed: int | str, points: Mapping[str, float] | None = None
-    ) -> tuple[list[Finding], list[Trial]]:
-        """Return a finding for each judged result, and the trials of all results.
-
-        `points` by criterion divide what a mistake in several results costs. A result without a
-        criterion is tried, but not judged here: the lab itself judges it by its trial.
-        """
-        trials = [each for name in self.results for each in self._trials(code, name, seed)]
-        judged = []
-        for trial in trials:
-            got = {name: values for name, values in trial.got.items() if name in self.criteria}
-            judged.append(trial._replace(got=got))
-
-        points = points or {}
-        weights = {name: points.get(criterion, 1.0) for name, criterion in self.criteria.items()}
-        findings = []
-        for name, (score, message) in self.verdicts(code, judged, weights).items():
-            cases = self.count * sum(name in trial.got for trial in trials)
-            right = f'right in all {cases:,} cases'
-            findings.append(Finding(self.criteria[name], score, message or right))
-        return findings, trials
 
     def is_right(self, trial: Trial, name: str) -> bool:
         """Return whether a result is right."""
@@ -366,9 +342,14 @@ class Functions:
     ) -> dict[str, tuple[float, str]]:
         """Return the score of each result, from 0 to 1, and the message on the mistake in it.
 
-        A mistake of the law costs no more than a wrong sign. A mistake in several results counts
-        once: together they lose what it costs in the result that loses most by it. `weights` are
-        the points of each result.
+        A mistake of the law costs at most `_SIGN`, what a wrong sign costs. Such a mistake has a
+        name: it is one wrong idea, and the rest of the formula is right. Its size in numbers does
+        not matter then, because it depends on the units and on the test cases: an angle in degrees
+        is wrong by the factor 57, but is no worse a mistake than a sign. Only a result that is
+        missing, or unrelated to the right one without a known reason, costs more.
+
+        A mistake in several results counts once: together they lose what it costs in the result
+        that loses most by it. `weights` are the points of each result.
 
         For example, a wrong beta costs 0.3 of the 9 points for x, and 0.6 of the 14 points for psi:
         2.7 and 8.4 points. Together they lose the larger one, 8.4 points. So each loses
@@ -452,6 +433,58 @@ class Functions:
             f'{worst.got[name][index]:.9g}, expected {worst.right[name][index]:.9g}'
         )
         return Mistake('', text, {}, text)
+
+    @abstractmethod
+    def _call(self, trial: Trial, index: Index) -> str:
+        """Return a call with its arguments as text."""
+
+    @abstractmethod
+    def _line(
+        self, code: JudgedCode, trial: Trial, name: str, index: Index, wrong: list[float]
+    ) -> str:
+        """Return file and line where a call assigns one of these values; empty if nowhere."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Functions(TrialJudge):
+    """Judges the functions of a user's file by a law, which has situations for each function.
+
+    The arguments of a function are quantities of the law.
+    """
+
+    #: By function, the names of the numbers that it returns; a single name is for the whole list.
+    results: Mapping[str, tuple[str, ...]]
+    #: By judged result, in the order of a report.
+    criteria: Mapping[str, str]
+    count: int = 100  #: calls in each situation
+    #: By function, another one that it calls: a mistake in that one costs points only there.
+    calls: Mapping[str, str] = field(default_factory=dict)
+    #: Results [rad] that are right with any number of full turns.
+    angles: Collection[str] = ()
+
+    @np.errstate(all='ignore')
+    def judge(
+        self, code: JudgedCode, seed: int | str, points: Mapping[str, float] | None = None
+    ) -> tuple[list[Finding], list[Trial]]:
+        """Return a finding for each judged result, and the trials of all results.
+
+        `points` by criterion divide what a mistake in several results costs. A result without a
+        criterion is tried, but not judged here: the lab itself judges it by its trial.
+        """
+        trials = [each for name in self.results for each in self._trials(code, name, seed)]
+        judged = []
+        for trial in trials:
+            got = {name: values for name, values in trial.got.items() if name in self.criteria}
+            judged.append(trial._replace(got=got))
+
+        points = points or {}
+        weights = {name: points.get(criterion, 1.0) for name, criterion in self.criteria.items()}
+        findings = []
+        for name, (score, message) in self.verdicts(code, judged, weights).items():
+            cases = self.count * sum(name in trial.got for trial in trials)
+            right = f'right in all {cases:,} cases'
+            findings.append(Finding(self.criteria[name], score, message or right))
+        return findings, trials
 
     def _trials(self, code: JudgedCode, name: str, seed: int | str) -> Iterator[Trial]:
         """Call a function in each of its situations; yield the trials."""

@@ -28,7 +28,7 @@ The arguments of `read_law` replace their names in braces, too. A section with l
 with each choice of their values, which must differ: above, with `v` in place of `{name}`, and `a`
 or `m` in place of `{other}`. A topic that begins with `Absent` is for a result that is missing:
 each costs all its points. All other mistakes cost no more than a wrong sign; see
-`Functions.verdicts` of `judge.py`.
+`TrialJudge.verdicts` of `judge.py`.
 
 `labs/lane_class.txt` has the same form with another meaning, because a whole class has no formulas
 for its results. Its inputs are the measured angles. A mistake has two entries: `is_made`, a
@@ -124,19 +124,21 @@ class Law:
 
     def changed(self, inputs: Inputs, mistake: Mistake, at: Sequence[int]) -> list[float]:
         """Return the wrong values of the scalar quantities that a mistake changes, at an index."""
-        shape = np.broadcast_shapes(
+        # That of the inputs: one number for each call. Arrays in a call, such as the speeds of a
+        # lap, have more axes, and no line assigns them as a number.
+        scalar_shape = np.broadcast_shapes(
             *(np.shape(values) for name, values in inputs.items() if name not in self.formulas)
         )
-        index = tuple(at[: len(shape)])
+        index = tuple(at[: len(scalar_shape)])
         wrong = self.compute(inputs, mistake.formulas)
         right = self.compute(inputs)
 
         changed = []
         for name, values in right.items():
-            if values.ndim > len(shape):
+            if values.ndim > len(scalar_shape):
                 continue
-            wrong_value = float(np.broadcast_to(wrong[name], shape)[index])
-            if wrong_value != float(np.broadcast_to(values, shape)[index]):
+            wrong_value = float(np.broadcast_to(wrong[name], scalar_shape)[index])
+            if wrong_value != float(np.broadcast_to(values, scalar_shape)[index]):
                 changed.append(wrong_value)
         return changed
 

@@ -1,7 +1,7 @@
 """Finds and reads submissions: the files of a folder or a .zip, whose contents are not trusted.
 
-Names, links and sizes are checked. Archives are read in this process by Python's zipfile, with
-limits on how much it reads at once.
+Names, links and sizes are checked. The grader itself reads archives, by Python's zipfile, before it
+starts a process for the submission; limits hold for how much it reads at once.
 
 The steps from a folder or an archive to a `Submission`:
 
@@ -79,29 +79,45 @@ def find(path: Path, *, is_class: bool = False) -> list[Path]:
     and lists of the class. Only `path` itself may be a link, because the instructor has typed it.
     """
     if not path.is_dir():
-        if path.exists() and _is_archive(path.name):
-            return [path.resolve()]
-        fault = f'there is no folder {str(path)!r}'
-        if path.exists():
-            fault = f'{str(path)!r} is a file'
-        raise UserError(f'{fault}: name one submission (a folder or a .zip), or a folder of them')
+        _check_archive(path)
+        return [path.resolve()]
 
     entries = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
     packed = [entry for entry in entries if entry.is_dir() or _is_archive(entry.name)]
-    names = [entry.name for entry in entries]
-    is_one = bool(names_of(names))
-    if packed:
-        # Perhaps a class. A file with a similar name, such as `controller_solution.py`, can be the
-        # instructor's, beside the submissions; only an exact name makes the folder one submission.
-        is_one = any(name in names for name in FILES.values())
-    if is_one or (len(packed) == 1 and files_in(packed[0]) and not is_class):
+    if _has_code(entries, packed) or (not is_class and _wraps_code(packed)):
         return [path.resolve()]
+
     if not packed:
         raise UserError(
             f'{str(path)!r} is not a submission and contains none: expected '
             f'{" or ".join(FILES.values())} in it, or a folder for each submission'
         )
     return [entry for entry in entries if entry in packed or entry.suffix not in _LISTS]
+
+
+def _check_archive(path: Path) -> None:
+    """Check that a path, which is no folder, is that of an archive."""
+    if path.exists() and _is_archive(path.name):
+        return
+    fault = f'{str(path)!r} is a file' if path.exists() else f'there is no folder {str(path)!r}'
+    raise UserError(f'{fault}: name one submission (a folder or a .zip), or a folder of them')
+
+
+def _has_code(entries: Sequence[Path], packed: Sequence[Path]) -> bool:
+    """Return whether a folder with these entries has graded files, so that it is one submission.
+
+    Beside folders or archives, which may be a class, only an exact name counts: a file with a
+    similar name, such as `controller_solution.py`, can be the instructor's.
+    """
+    names = [entry.name for entry in entries]
+    if packed:
+        return any(name in names for name in FILES.values())
+    return bool(names_of(names))
+
+
+def _wraps_code(packed: Sequence[Path]) -> bool:
+    """Return whether there is one folder alone, with graded files in it."""
+    return len(packed) == 1 and bool(files_in(packed[0]))
 
 
 def read_submission(path: Path) -> Submission:

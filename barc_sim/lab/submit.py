@@ -13,7 +13,7 @@ from barc_sim.bags import mcap_files, reader
 from barc_sim.cli.files import HeldFolder, open_regular
 from barc_sim.errors import UserError
 from barc_sim.lab.files import files_in, handout_of, names_of
-from barc_sim.lab.report import page, read
+from barc_sim.lab.run_report import page, read
 from barc_sim.lab.submission import listed, take
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import RUN_UP

@@ -37,7 +37,7 @@ from barc_sim.bags import reader
 from barc_sim.bags.convert import convert, recover
 from barc_sim.errors import UserError
 from barc_sim.figures import run_figures, views
-from barc_sim.lab.report import page, read
+from barc_sim.lab.run_report import page, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable

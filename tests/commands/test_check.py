@@ -12,7 +12,7 @@ from user_files import CONTROLLER as RIGHT
 from user_files import MODEL, replaced, user_text
 
 from barc_sim.__main__ import main as barc
-from barc_sim.commands.check import print_report
+from barc_sim.commands.check import print_findings
 from barc_sim.lab.grade.grade import load_rubric
 from barc_sim.lab.labs.hills import HILLS
 
@@ -97,7 +97,7 @@ def test_calls_that_fail_alike_are_one_cause(wrong: Path) -> None:
 def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
     out = StringIO()
     console = Console(file=out, force_terminal=True, color_system=None, width=100)
-    print_report(HILLS.judge_folder(wrong, load_rubric().settings), load_rubric(), console)
+    print_findings(HILLS.judge_folder(wrong, load_rubric().settings), load_rubric(), console)
     text = out.getvalue()
     assert text.splitlines()[0].split() == ['criterion', 'points', 'finding']
     assert "the lab's road, stretch by stretch" in text
@@ -110,7 +110,7 @@ def test_in_a_narrow_terminal_nothing_is_cut_off(wrong: Path) -> None:
     file.write_text(replaced(file.read_text(), ('return ', 'return nothing + ')), encoding='utf-8')
     out = StringIO()
     console = Console(file=out, force_terminal=True, color_system=None, width=60)
-    print_report(HILLS.judge_folder(wrong, load_rubric().settings), load_rubric(), console)
+    print_findings(HILLS.judge_folder(wrong, load_rubric().settings), load_rubric(), console)
     assert '…' not in out.getvalue().replace('… and more', '')
 
 

@@ -19,6 +19,23 @@ limit                         default  measures         ends
 the line; `wait` ends code that sleeps, or that catches the alarm. `check` has shorter limits
 (`_CHECKED` of `judge.py`); `grade --time-limit` sets `total`.
 
+What else limits the process depends on `ProcessLimits.confined` and on the system:
+
+==========================  =========================  ===================  ====================
+limit                       confined                   not, on Linux        not, elsewhere
+==========================  =========================  ===================  ====================
+time, as above              yes                        yes                  yes
+`memory`, 64 open files     yes                        yes                  no
+files that it can read      its folder, Python, NumPy  those of its user    those of its user
+files made and deleted      none                       those of its user    those of its user
+bytes written into files    none                       none                 no limit
+network                     none                       that of its user     that of its user
+other processes, threads    none                       none; root: any      no limit
+its end with the grader     at once                    at once              after its request
+==========================  =========================  ===================  ====================
+
+`check` does not confine, because its user wrote the code; `grade --unconfined` does not either.
+
 The line of a mistake is found in three steps. `judge.py` chooses the wrong values: those of the
 quantities that the wrong law changes, and the wrong result itself. The request `lines` repeats the
 call with a trace function, which collects each number that a line assigns (`UserCode.lines`).
@@ -80,7 +97,7 @@ class ProcessLimits(NamedTuple):
     wait: float = 20.0  #: [s] for one request, on a busy machine or with a sleep
     total: float = 120.0  #: [s] for all requests of a submission, waits included
     output: int = 16_384  #: bytes kept of its output
-    confined: bool = True  #: if not, it can use files, network and other processes
+    confined: bool = True  #: the table at the top of this module has what still holds if not
 
 
 class Unconfined(OSError):  # noqa: N818

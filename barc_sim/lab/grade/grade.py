@@ -9,8 +9,8 @@ The states of a criterion, from its `Finding` to the class:
 state    where it comes from                       points              in reports
 =======  ========================================  ==================  =====================
 judged   `score`, from 0 to 1                      those of the score  points and message
-skipped  `skipped`: the file is missing, or still  0; left out if it   a message; left out
-         the template's                            is optional         if it is optional
+skipped  `skipped`: the file is missing; or it is  0; left out if it   a message; left out
+         `relay.py`, and still the template's      is optional         if it is optional
 open     `open`: a person judges it (`by_eye`),    0 until a person    "open"; not in the
          or a later Python is needed to read it    enters some         means of a class
 by hand  `ByHand`: a person has entered points     those entered       also the earlier ones
@@ -349,6 +349,7 @@ def report(submission: Submission, hand: ByHand, rubric: Rubric, limits: Process
         'results.json': gradescope(merged).encode(),
         'report.html': report_page(merged).encode(),
     }
+    # The figure is drawn. A drive is large, and the grade goes to another process.
     items = tuple(item._replace(evidence=None) for item in merged.items)
     return merged._replace(items=items, files=files)
 

@@ -26,7 +26,16 @@ from barc_sim.control.speed import KD, KI, KP, PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab import files
 from barc_sim.lab.files import ChosenGains, ErrorKind, UserCodeError
-from barc_sim.lab.judge import Evidence, Finding, Functions, JudgedPart, Lab, Trial, needs_person
+from barc_sim.lab.judge import (
+    Evidence,
+    Finding,
+    Functions,
+    JudgedPart,
+    Lab,
+    Trial,
+    TrialJudge,
+    needs_person,
+)
 from barc_sim.lab.labs import relay
 from barc_sim.lab.law import read_law
 from barc_sim.simulation.closed_loop import Progress, closed_loop
@@ -67,8 +76,8 @@ BIKE = read_law(
 )
 FUNCTIONS = Functions(
     BIKE,
-    {'bikeFE': EQUATIONS},
-    dict(zip(EQUATIONS, MODEL_LABELS, strict=True)),
+    results={'bikeFE': EQUATIONS},
+    criteria=dict(zip(EQUATIONS, MODEL_LABELS, strict=True)),
     count=250,
     angles=('psi_next',),
 )
@@ -531,7 +540,7 @@ def factor_of(trial: Trial) -> float:
     return 0.0
 
 
-class _Terms(Functions):
+class _Terms(TrialJudge):
     """Judges the terms of the PID: every common form of a term is right."""
 
     def is_right(self, trial: Trial, _: str) -> bool:
@@ -612,7 +621,7 @@ def judge_terms(
 
     points = points or {}
     weights = {term.name: points.get(term.criterion, 1.0) for term in TERMS}
-    verdicts = _Terms(PID_LAW, {}, {}, agree=agree, min_loss=_HALF).verdicts(code, trials, weights)
+    verdicts = _Terms(PID_LAW, agree, min_loss=_HALF).verdicts(code, trials, weights)
 
     findings = []
     corrections = {}

@@ -164,9 +164,9 @@ def car_of(name: str) -> UnknownCar:
 _RESULTS = tuple(name + kind for name in UnknownCar._fields for kind in ('', '_interval'))
 FUNCTIONS = Functions(
     LAW,
-    {'estimate': _RESULTS},
-    {name: f'estimate.{name}' for name in UnknownCar._fields},
-    _CARS,
+    results={'estimate': _RESULTS},
+    criteria={name: f'estimate.{name}' for name in UnknownCar._fields},
+    count=_CARS,
     agree=partial(np.allclose, rtol=_WRONG, atol=0.0),
 )
 

@@ -88,8 +88,8 @@ LAW = read_law(
 )
 FUNCTIONS = Functions(
     LAW,
-    {name: (name,) for name in ('profile', 'predict', 'program')},
-    {'profile': 'speed.profile', 'predict': 'mpc.model', 'program': 'mpc.program'},
+    results={name: (name,) for name in ('profile', 'predict', 'program')},
+    criteria={'profile': 'speed.profile', 'predict': 'mpc.model', 'program': 'mpc.program'},
     count=10,
     agree=partial(np.allclose, rtol=_TOLERANCE, atol=_TOLERANCE),
     min_loss=0.6,
@@ -211,5 +211,5 @@ RACELINE = Lab(
     files.RACELINE,
     {'raceline': JudgedPart(LABELS, _judge)},
     by_eye={'line.gain': 'the figure, and two sentences'},
-    ready=solver,
+    check_packages=solver,
 )

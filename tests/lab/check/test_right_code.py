@@ -122,7 +122,9 @@ def test_a_function_that_returns_one_number_is_judged(tmp_path: Path) -> None:
     (tmp_path / 'identify.py').write_text('def command(t):\n    return 2.0 * t\n')
     situation = LawSituation('any time', ['command'], {'t': (0.0, 60.0)})
     law = Law({'command': '2.0 * t'}, (), {'command': (situation,)})
-    functions = Functions(law, {'command': ('command',)}, {'command': 'stop.command'}, count=10)
+    functions = Functions(
+        law, results={'command': ('command',)}, criteria={'command': 'stop.command'}, count=10
+    )
     with JudgedCode(tmp_path, ProcessLimits(confined=False)) as code:
         findings, _ = functions.judge(code, seed=0)
     assert [each.message for each in findings] == ['right in all 10 cases']
