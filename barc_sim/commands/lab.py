@@ -14,7 +14,6 @@ from barc_sim.cli.parser import add_bag_arguments, barc_path, show
 from barc_sim.cli.python import python_command
 from barc_sim.errors import UserError
 from barc_sim.lab.files import HANDOUTS, HILLS, Handout, files_in, find_files, handout_of
-from barc_sim.lab.submission import MAX_ARCHIVE
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -147,12 +146,9 @@ def run_submit(options: Namespace) -> None:
 
     for part in parts:
         show(part)
-    size = path.stat().st_size
-    text = f'{size / _MEBIBYTE:.1f} MiB'
-    if size > MAX_ARCHIVE:
-        limit = MAX_ARCHIVE // _MEBIBYTE
-        text += f', and barc grade opens {limit} MiB at most: leave the video out'
-    print(f'{path}  ({text})')  # noqa: T201
+    for fault in submit.unread(path, parts):
+        show(fault)
+    print(f'{path}  ({path.stat().st_size / _MEBIBYTE:.1f} MiB)')  # noqa: T201
 
 
 def _drive(folder: Path, bags: Path) -> tuple[Path | None, str]:

@@ -38,10 +38,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
 _LISTS = ('.csv', '.yml')  # of a class: a roster, the metadata of Gradescope
+SUMMARY = 'summary.txt'  #: what `submit` writes about a zip
 #: Files beside the code, which are not read for grading: plots, films, pages, bags, archives.
 _EVIDENCE = (
     *('.png', '.jpg', '.jpeg', '.gif', '.svg', '.pdf', '.html', '.mp4', '.mkv', '.mov', '.webm'),
     *('.mcap', '.db3', '.bag', '.zip', '.tar.gz', '/metadata.yaml'),
+    f'/{SUMMARY}',
 )
 MAX_FILE = 1 << 20  #: bytes
 MAX_FILES = 200
@@ -155,7 +157,7 @@ def _archive_fault(name: str, status: os.stat_result) -> str:
     if not _is_archive(name):
         return f'a single {Path(name).suffix} file cannot be graded: hand in a .zip or a folder'
     if status.st_size > MAX_ARCHIVE:
-        return f'it is larger than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one'
+        return f'it is larger than {MAX_ARCHIVE >> 20} MiB: leave the video out'
     return ''
 
 

@@ -14,7 +14,7 @@ from barc_sim.cli.files import HeldFolder, open_regular
 from barc_sim.errors import UserError
 from barc_sim.lab.files import files_in, handout_of, names_of
 from barc_sim.lab.run_report import page, read
-from barc_sim.lab.submission import listed, take
+from barc_sim.lab.submission import SUMMARY, listed, read_submission, take
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import RUN_UP
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+_CODE = 'code'  # the name of a part
 _VIDEOS = ('.mp4', '.gif', '.webm', '.mkv', '.mov')
 _DESCRIPTIONS = ('description.md', 'description.txt', 'description.pdf', 'report.pdf')
 
@@ -78,7 +79,19 @@ def write(path: Path, parts: Iterable[ZipPart]) -> None:
                 archive.open(name, 'w', force_zip64=True) as packed,
             ):
                 shutil.copyfileobj(file, packed)
-        archive.writestr('summary.txt', ''.join(f'{part}\n' for part in parts))
+        archive.writestr(SUMMARY, ''.join(f'{part}\n' for part in parts))
+
+
+def unread(path: Path, parts: Iterable[ZipPart]) -> list[str]:
+    """Return a sentence on each file of code in a zip that `grade` does not read.
+
+    The zip is read as `grade` reads it, so that both have the same limits.
+    """
+    submission = read_submission(path)
+    if not submission.files:
+        return [f'barc grade does not read it: {note}' for note in submission.notes]
+    code = [name for part in parts if part.name == _CODE for name in part.files]
+    return [f'barc grade does not read {name}' for name in code if name not in submission.files]
 
 
 def newest_drive(folders: Sequence[Path]) -> Path | None:
@@ -109,9 +122,9 @@ def _code(folder: Path) -> Iterator[ZipPart]:
     text = ', '.join(names)
     if others:
         text += f', other files: {others}'
-    yield ZipPart('code', text or 'no file', dict(files), missing=not files)
+    yield ZipPart(_CODE, text or 'no file', dict(files), missing=not files)
     for note in notes:
-        yield ZipPart('code', f'{note}: it is left out')
+        yield ZipPart(_CODE, f'{note}: it is left out')
 
     by_part = names_of(files)
     handout = handout_of(by_part)
@@ -119,9 +132,9 @@ def _code(folder: Path) -> Iterator[ZipPart]:
     expected |= {name: name for name in handout.others}
     for name, actual in expected.items():
         if actual not in files:
-            yield ZipPart('code', name, missing=True)
+            yield ZipPart(_CODE, name, missing=True)
         elif files[actual] == handout.templates()[name]:
-            yield ZipPart('code', f'{actual} is still the template', missing=True)
+            yield ZipPart(_CODE, f'{actual} is still the template', missing=True)
 
 
 def _course(bag: Path) -> ZipPart:

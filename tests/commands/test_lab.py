@@ -74,9 +74,10 @@ def test_everything_is_in_the_zip(lab: Path) -> None:
 def test_a_zip_that_grade_does_not_open_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr('barc_sim.commands.lab.MAX_ARCHIVE', 1000)
+    monkeypatch.setattr('barc_sim.lab.submission.MAX_ARCHIVE', 1000)
     run('submit', ['lab'])
-    assert 'barc grade opens 0 MiB at most: leave the video out' in capsys.readouterr().out
+    fault = 'barc grade does not read it: it is larger than 0 MiB: leave the video out'
+    assert fault in capsys.readouterr().out
 
 
 def test_a_link_in_a_strangers_bag_is_not_packed(lab: Path) -> None:
