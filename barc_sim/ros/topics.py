@@ -9,7 +9,13 @@ from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 
 from barc_sim.bags.messages import Topic
@@ -36,6 +42,13 @@ _QOS = (
     'liveliness_lease_duration',
     'avoid_ros_namespace_conventions',
 )
+_CHOICES = {
+    'history': HistoryPolicy,
+    'reliability': ReliabilityPolicy,
+    'durability': DurabilityPolicy,
+    'liveliness': LivelinessPolicy,
+}
+_DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
 _BEST = ('best_effort', ReliabilityPolicy.BEST_EFFORT.value)
 _LATCHED = ('transient_local', DurabilityPolicy.TRANSIENT_LOCAL.value)
 
@@ -95,6 +108,28 @@ def offer(recorded: Sequence[Mapping[str, Any]]) -> QoSProfile:
         )
     except (AttributeError, TypeError, ValueError) as error:
         raise UserError(f'{[*recorded]!r} is not a quality of service: {error}') from None
+
+
+def overriding(policies: Mapping[str, Any], depth: int) -> QoSProfile:
+    """Return the QoS of a topic that a user has set; a policy without a value has ROS's default.
+
+    Parameters
+    ----------
+    policies
+        The values of `read_qos_overrides` for this topic.
+    depth
+        The length of the queue, if the user has set none or 0.
+    """
+    values: dict[str, Any] = {}
+    for policy, value in policies.items():
+        if policy in _CHOICES:
+            values[policy] = _CHOICES[policy][value.upper()]
+        elif policy in _DURATIONS:
+            values[policy] = Duration(seconds=value['sec'], nanoseconds=value['nsec'])
+        else:
+            values[policy] = value
+    values['depth'] = values.get('depth') or depth
+    return QoSProfile(**values)
 
 
 class Latch(NamedTuple):
