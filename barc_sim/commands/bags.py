@@ -13,7 +13,7 @@ from barc_sim.bags.messages import CDR
 from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number, show
 from barc_sim.cli.process import require_ros
 from barc_sim.errors import UserError
-from barc_sim.runs.options import add_recording_options, add_topic_choice, recording
+from barc_sim.runs.recording_options import add_recording_options, add_topic_choice, recording
 
 if TYPE_CHECKING:
     from argparse import Namespace

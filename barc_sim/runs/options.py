@@ -1,19 +1,17 @@
-"""The options of both runs, `acc` and `teleop`, and of other commands that record or show."""
+"""The options of both runs, `acc` and `teleop`, and of other commands that show a page."""
 
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from argparse import ArgumentTypeError
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.bags.recording_settings import Recording
 from barc_sim.cli.parser import MAX_PORT, number, whole
 from barc_sim.cli.process import is_at_desktop
 from barc_sim.lab.files import FILES
+from barc_sim.runs.recording_options import add_recording_options
 from barc_sim.simulation.stepper import REALTIME_FACTORS, StepperOptions
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import ROWS
@@ -23,7 +21,6 @@ if TYPE_CHECKING:
 
 #: The options that `--help` shows; `--help-all` shows the others, too.
 USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--no-bag', '--quiet')
-_MAX_SIZE = 2.0**60  #: [B]
 
 
 def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view: str) -> None:
@@ -183,57 +180,3 @@ def page_of(options: argparse.Namespace) -> str:
     if page == 'offer' and (options.quiet or not is_watched):
         return 'none'
     return page
-
-
-def add_recording_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a recording, in a group of their own."""
-    group = parser.add_argument_group('recording')
-    add_topic_choice(group, 'record', ", also hidden ones such as '/_service_event'")
-    group.add_argument(
-        '--min-free-space',
-        type=number(0, _MAX_SIZE / 2**20),
-        default=Recording.min_free_space,
-        metavar='MIB',
-        help=f'space to leave free on the disk ({Recording.min_free_space:g} MiB)',
-    )
-
-
-def add_topic_choice(parser: argparse._ActionsContainer, verb: str, hidden: str = '') -> None:
-    """Add `--topics` and `--exclude`; each can be given several times."""
-    _add_patterns(
-        parser,
-        '--topics',
-        help=f'{verb} only topics whose name contains one of these patterns{hidden}',
-    )
-    _add_patterns(
-        parser,
-        '-x',
-        '--exclude',
-        help=f'{verb} no topics whose name contains one of these patterns',
-    )
-
-
-def _add_patterns(parser: argparse._ActionsContainer, *names: str, help: str) -> None:  # noqa: A002 (argparse's)
-    parser.add_argument(
-        *names,
-        type=pattern,
-        nargs='+',
-        action='extend',
-        default=[],
-        metavar='REGEX',
-        help=help,
-    )
-
-
-def recording(options: argparse.Namespace) -> Recording:
-    """Return the settings on the command line; an option that it lacks has its default."""
-    names = [field.name for field in fields(Recording) if hasattr(options, field.name)]
-    return Recording(**{name: getattr(options, name) for name in names})
-
-
-def pattern(text: str) -> re.Pattern[str]:
-    """Return a regular expression of the command line."""
-    try:
-        return re.compile(text)
-    except re.error as error:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a regular expression: {error}') from None

@@ -18,7 +18,7 @@ from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.peers import node_graph
 from barc_sim.runs.engine import LOCAL
-from barc_sim.runs.options import recording
+from barc_sim.runs.recording_options import recording
 
 if TYPE_CHECKING:
     from argparse import Namespace

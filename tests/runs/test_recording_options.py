@@ -7,7 +7,7 @@ from argparse import ArgumentParser, Namespace
 import pytest
 
 from barc_sim.bags.recording_settings import Recording
-from barc_sim.runs.options import add_recording_options, recording
+from barc_sim.runs.recording_options import add_recording_options, recording
 
 
 def parse(*arguments: str) -> Recording:
