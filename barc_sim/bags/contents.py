@@ -121,13 +121,20 @@ class Contents:
         """Read all messages, so that they are counted and their damage is found."""
         deque(self.messages(), maxlen=0)
 
-    def messages(self) -> Iterator[BagMessage]:
-        """Yield the messages in the order of the bag, up to its damage."""
+    def messages(self, start: int | None = None) -> Iterator[BagMessage]:
+        """Yield the messages in the order of the bag, up to its damage.
+
+        Parameters
+        ----------
+        start
+            The time of reception [ns] of the first message to yield. A file with an index is read
+            from there; another one is read from its beginning. None: all messages are read.
+        """
         self._counts = Counter()
         self.span = Span()
         self._budget.renew()
         for file in self.files:
-            for message in file.messages():
+            for message in file.messages(start):
                 self._counts[id(message.topic)] += 1
                 self.span.add(message.received)
                 if message.data.startswith(_ZSTD):
@@ -135,11 +142,14 @@ class Contents:
                 else:
                     yield message
 
-    def in_order(self) -> Iterator[BagMessage]:
-        """Yield the messages in order of reception, if none is more than 2 s behind a later one."""
+    def in_order(self, start: int | None = None) -> Iterator[BagMessage]:
+        """Yield the messages in order of reception, if none is more than 2 s behind a later one.
+
+        `start` is as for `messages`.
+        """
         # Of messages received at the same time, the first in the bag comes first.
         waiting: list[tuple[int, int, BagMessage]] = []
-        for number, message in enumerate(self.messages()):
+        for number, message in enumerate(self.messages(start)):
             heappush(waiting, (message.received, number, message))
             while waiting[0][0] < message.received - _DISORDER:
                 _, _, earliest = heappop(waiting)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import zlib
+from array import array
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 _HEADER = Struct('<BQ')  # of a record: opcode, length
 _MESSAGE = Struct('<HIQQ')  # channel, sequence number, times of reception and publication
+_TIMES = Struct('<QQ')  # begins a chunk: its first and last time of reception
 _OF_MESSAGES = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
 _DESCRIBING: dict[int, Any] = {
     Opcode.SCHEMA: Schema,
@@ -140,24 +142,58 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Topic] = {}
         self._whole = 0  # the end of the last whole record
+        self._chunk_ends = array('Q')  # [ns] last time of reception in each chunk
+        self._chunk_offsets = array('Q')  # [B]
+        self._has_loose_messages = False  # in no chunk
+        self._channel_count: int | None = None  # of the whole file; None: unknown
         with self._records(messages=False) as records:
             for opcode, body in records:
                 self._add(opcode, body)
 
-    def messages(self) -> Iterator[BagMessage]:
-        """Yield the messages in the order of the file."""
-        with self._records(messages=True) as records:
-            for opcode, body in records:
-                if opcode == Opcode.CHUNK:
-                    yield from self._in_chunk(Chunk.read(ReadDataStream(BytesIO(body))))
-                elif opcode == Opcode.MESSAGE:
-                    message = self._message(body)
-                    if message is not None:
-                        yield message
+    def messages(self, start: int | None = None) -> Iterator[BagMessage]:
+        """Yield the messages in the order of the file.
+
+        Parameters
+        ----------
+        start
+            The time [ns] from which on messages are read; None: all are.
+        """
+        offset = self._offset_from(start)
+        with self._records(messages=True, offset=offset) as records:
+            for message in self._messages_of(records):
+                if start is None or message.received >= start:
+                    yield message
+        if offset is None:
+            self._channel_count = len(self._channels)
+
+    def _offset_from(self, start: int | None) -> int | None:
+        """Return where the chunks begin that can have messages from `start` on; None: unknown."""
+        has_all_channels = self._channel_count in range(len(self._channels) + 1)
+        if start is None or self._has_loose_messages or not has_all_channels:
+            return None
+
+        for offset, end in zip(self._chunk_offsets, self._chunk_ends, strict=True):
+            if end >= start:
+                return offset
+        return self._chunk_offsets[-1] if self._chunk_offsets else None
+
+    def _messages_of(self, records: Iterator[tuple[int, bytes]]) -> Iterator[BagMessage]:
+        for opcode, body in records:
+            if opcode == Opcode.CHUNK:
+                yield from self._in_chunk(Chunk.read(ReadDataStream(BytesIO(body))))
+            elif opcode == Opcode.MESSAGE:
+                message = self._message(body)
+                if message is not None:
+                    yield message
 
     @contextmanager
-    def _records(self, *, messages: bool) -> Iterator[Iterator[tuple[int, bytes]]]:
-        """Open the file and provide its records; an exception while reading them is damage."""
+    def _records(
+        self, *, messages: bool, offset: int | None = None
+    ) -> Iterator[Iterator[tuple[int, bytes]]]:
+        """Open the file and provide its records; an exception while reading them is damage.
+
+        `offset` is where the first record begins; None: after the file's first bytes.
+        """
         damage = Damage()
         self.damage = damage
         try:
@@ -174,16 +210,25 @@ class McapFile:
                 raise UserError(f'{str(self.path)!r} is {what}: name another bag')
 
             self._whole = len(MAGIC)
+            has_beginning = offset is None
+            if offset is not None:
+                stream.seek(offset)
+                self._whole = offset
             try:
-                yield self._raw(stream, size, messages=messages)
+                yield self._raw(stream, size, messages=messages, has_beginning=has_beginning)
             except UserError:
                 raise
             except Exception:  # noqa: BLE001 (damage may raise anything)
                 damage.unfinished = True
                 damage.unread = size - self._whole
 
-    def _raw(self, stream: BinaryIO, size: int, *, messages: bool) -> Iterator[tuple[int, bytes]]:
-        """Yield opcode and body of each record up to the footer, with or without `messages`."""
+    def _raw(
+        self, stream: BinaryIO, size: int, *, messages: bool, has_beginning: bool
+    ) -> Iterator[tuple[int, bytes]]:
+        """Yield opcode and body of each record up to the footer, with or without `messages`.
+
+        The checksum of all data is compared only where it is read `has_beginning` and messages.
+        """
         end = self._whole
         checksum = zlib.crc32(MAGIC)  # of all data before the summary
         opcode = 0
@@ -197,12 +242,13 @@ class McapFile:
             self._budget.charge(length)
 
             if not messages and opcode in _OF_MESSAGES:
-                stream.seek(length, os.SEEK_CUR)
+                self._pass_over(stream, opcode, length)
             else:
                 body = stream.read(length)
                 # Zero in place of a checksum: the writer has computed none.
                 expected = int.from_bytes(body[:4], 'little')
-                if messages and opcode == Opcode.DATA_END and expected not in {0, checksum}:
+                is_checked = messages and has_beginning and opcode == Opcode.DATA_END
+                if is_checked and expected not in {0, checksum}:
                     raise ValueError('checksum')
                 checksum = zlib.crc32(header, checksum)
                 checksum = zlib.crc32(body, checksum)
@@ -211,6 +257,16 @@ class McapFile:
 
         if stream.read(len(MAGIC)) != MAGIC:
             raise ValueError('end')
+
+    def _pass_over(self, stream: BinaryIO, opcode: int, length: int) -> None:
+        """Pass over a record's body of `length` bytes; note where a chunk begins."""
+        if opcode == Opcode.CHUNK and length >= _TIMES.size:
+            self._chunk_offsets.append(stream.tell() - _HEADER.size)
+            _, end = _TIMES.unpack(stream.read(_TIMES.size))
+            self._chunk_ends.append(end)
+            length -= _TIMES.size
+        self._has_loose_messages |= opcode == Opcode.MESSAGE
+        stream.seek(length, os.SEEK_CUR)
 
     def _add(self, opcode: int, body: bytes) -> None:
         """Add a topic, metadata, an attached file or a time span to the bag; skip other records."""
@@ -236,6 +292,7 @@ class McapFile:
             self._bag.attachments[record.name] = record.data
         elif isinstance(record, Statistics):
             self.has_summary = True
+            self._channel_count = record.channel_count
             if record.message_count:
                 self._bag.span += Span(
                     record.message_start_time, record.message_end_time, record.message_count

@@ -19,6 +19,7 @@ from command_line import printed, refused
 from mcap.writer import CompressionType, Writer
 from rosbags.convert.converter import convert
 
+from barc_sim.bags import mcap_files
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.messages import BagMessage, Topic, topic
 from barc_sim.bags.schemas import types_of
@@ -86,6 +87,40 @@ def test_the_messages_of_any_recorder_are_read_in_order(path: Path) -> None:
 def test_a_bag_can_be_read_several_times(ours: Path) -> None:
     contents = Contents(ours)  # `barc play --loop` does it for hours
     assert {sum(1 for _ in contents.messages()) for _ in range(60)} == {440}
+
+
+@pytest.mark.parametrize('time', [0, 10**9 + 1, 10**9 + 10**7 * 150, 10**9 + 10**7 * 399, 10**12])
+@pytest.mark.parametrize('cut', [False, True], ids=['whole', 'killed'])
+def test_a_bag_is_read_from_a_time_on(ours: Path, tmp_path: Path, time: int, *, cut: bool) -> None:
+    path = tmp_path / 'from'
+    shutil.copytree(ours, path)
+    if cut:
+        for file in path.iterdir():
+            file.write_bytes(file.read_bytes()[:-200])
+    contents = Contents(path)
+    expected = [message for message in contents.messages() if message.received >= time]
+    assert [*contents.messages(time)] == expected
+    assert [*Contents(path).messages(time)] == expected
+    assert [*contents.in_order(time)] == sorted(expected, key=lambda message: message.received)
+
+
+def test_what_lies_before_the_time_is_not_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = BagWriter(tmp_path)
+    value = topic('/a', 'std_msgs/msg/Header')
+    for k in range(50):
+        writer.write([BagMessage(value, bytes(20), k, k, k)])
+        writer.flush()  # ends a chunk
+    writer.close()
+    contents = Contents(tmp_path)
+    sizes: list[int] = []
+    unpack = mcap_files.unpacked
+    monkeypatch.setattr(
+        mcap_files, 'unpacked', lambda data, size: sizes.append(size) or unpack(data, size)
+    )
+    assert [message.received for message in contents.messages(45)] == [45, 46, 47, 48, 49]
+    assert len(sizes) == 5
 
 
 def test_info_prints_what_is_in_it(path: Path) -> None:
