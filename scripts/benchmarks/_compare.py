@@ -17,7 +17,7 @@ from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 EXECUTORS = {
     'ours': 'QuickExecutor',
@@ -28,12 +28,14 @@ EXECUTORS = {
 EVENTS_EXECUTORS = {'events': "Jazzy's EventsExecutor", 'kilted': "Kilted's EventsExecutor"}
 
 #: [s] for one measurement. Beside a busy thread, a stock executor may need for ever.
-_LIMIT = 60.0
+_TIMEOUT = 60.0
+#: The wheels of ROS set these variables when Python begins, once.
+_VARIABLES_OF_WHEELS = ('LD_LIBRARY_PATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE')
 
 #: The figures of one measurement, by name; None where it did not end.
 Figures = dict[str, float] | None
 #: By case and subject, the figures of each repetition.
-Found = dict[str, dict[str, list[Figures]]]
+Results = dict[str, dict[str, list[Figures]]]
 
 
 def add_number(
@@ -50,79 +52,156 @@ def add_case(parser: argparse.ArgumentParser, cases: Iterable[str]) -> None:
     parser.add_argument('--case', choices=list(cases), action='append', help=about)
 
 
-def in_turns(
+def measure_in_turns(
     subjects: Mapping[str, Iterable[str]], repeat: int, measure: Callable[[str, str], Figures]
-) -> Found:
-    """Measure the subjects of each case in turns, so that a busy machine slows all alike."""
-    found: Found = {case: {name: [] for name in names} for case, names in subjects.items()}
+) -> Results:
+    """Measure the subjects of each case in turns, so that a busy machine slows all alike.
+
+    Parameters
+    ----------
+    subjects
+        The names of the subjects, by case.
+    repeat
+        How many times each subject is measured.
+    measure
+        Takes a case and a subject; returns the figures of one measurement.
+    """
+    results: Results = {}
+    for case, names in subjects.items():
+        results[case] = {name: [] for name in names}
+
     for number in range(repeat):
         print(f'repetition {number + 1} of {repeat}', file=sys.stderr)
-        for case, by_subject in found.items():
-            for name, runs in by_subject.items():
+        for case, runs_by_subject in results.items():
+            for name, runs in runs_by_subject.items():
                 runs.append(measure(case, name))
-    return found
+    return results
 
 
-def measured(worker: str, python: str = sys.executable, **task: Any) -> Any:  # noqa: ANN401
-    """Run a program of this folder; return what it prints as JSON, or None if it does not end.
+def run_worker(program: str, python: str = sys.executable, **task: Any) -> dict[str, Any] | None:  # noqa: ANN401
+    """Run a program of this folder on a task.
 
-    It gets the task as JSON on its command line, with the time at which it was started.
+    The program gets the task as JSON on its command line, with the time at which it was started.
+
+    Returns
+    -------
+    dict or None
+        The figures, which the program prints as JSON; None if it does not end.
+
+    Raises
+    ------
+    UserError
+        The program fails.
     """
-    # The wheels of ROS set these when Python begins, once.
-    wheels = ('LD_LIBRARY_PATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE')
-    environment = {name: value for name, value in os.environ.items() if name not in wheels}
-    program = str(Path(__file__).with_name(worker))
+    environment = None
+    if python != sys.executable:
+        environment = {
+            name: value for name, value in os.environ.items() if name not in _VARIABLES_OF_WHEELS
+        }
+
+    words = json.dumps({'spawned': time.time(), **task})
     try:
-        done = subprocess.run(  # noqa: S603 (our own)
-            [python, program, json.dumps({'spawned': time.time(), **task})],
-            env=environment if python != sys.executable else None,
+        process = subprocess.run(  # noqa: S603 (our own)
+            [python, str(Path(__file__).with_name(program)), words],
+            env=environment,
             capture_output=True,
             text=True,
             check=False,
-            timeout=_LIMIT + task.get('seconds', 0),
+            timeout=_TIMEOUT + task.get('seconds', 0),
         )
     except subprocess.TimeoutExpired:
         return None
-    if done.returncode:
-        raise UserError(f'{task} failed: {done.stderr}')
-    return json.loads(done.stdout)
+
+    if process.returncode:
+        raise UserError(f'{task} failed: {process.stderr}')
+    figures: dict[str, Any] = json.loads(process.stdout)
+    return figures
 
 
-def table(found: Found, titles: Mapping[str, str] | None = None, *, ratio: bool = True) -> str:
-    """Return medians, with ranges in brackets, and the ratio to the first subject's."""
-    titles = titles or {}
+def table(results: Results, titles: Mapping[str, str] | None = None, *, ratio: bool = True) -> str:
+    """Return medians, with ranges in brackets, and the ratio to the first subject's.
+
+    Parameters
+    ----------
+    results
+        Of `measure_in_turns`.
+    titles
+        What a subject is called in the table; default: its name.
+    ratio
+        Whether the last column is the ratio of the first figure.
+    """
     lines = []
-    for case, by_subject in found.items():
-        first = [each for each in next(iter(by_subject.values())) if each]
-        keys = list(first[0]) if first else []
-        rows = [[case, *keys, *([f'{keys[0]}, ratio'] if ratio and keys else [])]]
-        for name, runs in by_subject.items():
-            ended = [run for run in runs if run]
-            cells = [_cell([run[key] for run in ended if key in run]) for key in keys]
-            if ratio and ended and first:
-                base, other = (median(run[keys[0]] for run in each) for each in (first, ended))
-                cells.append(f'{base / other:.2f}')
-            rows.append([titles.get(name, name), *(cells if ended else ['no end'])])
-        width = len(rows[0])
-        rows = [[*row, *[''] * (width - len(row))] for row in rows]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        for head, *others in rows:
-            cells = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
-            lines.append('  '.join([head.ljust(widths[0]), *cells]).rstrip())
+    count = 0
+    for case, runs_by_subject in results.items():
+        lines += _aligned(_rows(case, runs_by_subject, titles or {}, ratio=ratio))
         lines.append('')
-    count = max(len(runs) for by_subject in found.values() for runs in by_subject.values())
-    last = f'medians of {count} runs [minimum, maximum]'
-    return '\n'.join([*lines, f'{last}; ratio: the first to the other' if ratio else last])
+        count = max(count, *map(len, runs_by_subject.values()))
+
+    note = f'medians of {count} runs [minimum, maximum]'
+    if ratio:
+        note += '; ratio: the first to the other'
+    return '\n'.join([*lines, note])
 
 
-def _cell(values: list[float]) -> str:
+def _rows(
+    case: str,
+    runs_by_subject: Mapping[str, Sequence[Figures]],
+    titles: Mapping[str, str],
+    *,
+    ratio: bool,
+) -> list[list[str]]:
+    """Return the heading of a case, and a row for each subject, all of the same length."""
+    first_runs = _ended_runs(next(iter(runs_by_subject.values())))
+    keys = list(first_runs[0]) if first_runs else []
+    heading = [case, *keys]
+    if ratio and keys:
+        heading.append(f'{keys[0]}, ratio')
+
+    rows = [heading]
+    for name, figures in runs_by_subject.items():
+        runs = _ended_runs(figures)
+        row = [titles.get(name, name)]
+        if runs:
+            row += [_cell(runs, key) for key in keys]
+        else:
+            row.append('no end')
+        if ratio and runs and keys:
+            row.append(f'{_median(first_runs, keys[0]) / _median(runs, keys[0]):.2f}')
+
+        empty_cells = [''] * (len(heading) - len(row))
+        rows.append(row + empty_cells)
+    return rows
+
+
+def _ended_runs(runs: Iterable[Figures]) -> list[dict[str, float]]:
+    return [figures for figures in runs if figures]
+
+
+def _median(runs: Iterable[Mapping[str, float]], key: str) -> float:
+    return median(figures[key] for figures in runs)
+
+
+def _cell(runs: Iterable[Mapping[str, float]], key: str) -> str:
+    values = [figures[key] for figures in runs if key in figures]
     if not values:
         return ''
-    shown = [_number(value) for value in (median(values), min(values), max(values))]
-    return '{} [{}, {}]'.format(*shown)
+    return f'{_number(median(values))} [{_number(min(values))}, {_number(max(values))}]'
 
 
 def _number(value: float) -> str:
     """Return a number with three significant digits or more, never with a power of ten."""
-    decimals = max(0, 2 - floor(log10(abs(value)))) if abs(value) > 1e-3 else 0  # noqa: PLR2004
+    decimals = 0
+    if abs(value) > 1e-3:  # noqa: PLR2004 (smaller ones count as zero)
+        decimals = max(0, 2 - floor(log10(abs(value))))
     return f'{value:,.{decimals}f}'
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return a line for each row: the first column to the left, the others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
+        cells[0] = row[0].ljust(widths[0])
+        lines.append('  '.join(cells).rstrip())
+    return lines

@@ -1,4 +1,4 @@
-"""Publishes at a steady rate once it has subscribers; prints how many messages."""
+"""Publishes at a steady rate, once its topics have subscribers; prints the number of messages."""
 
 from __future__ import annotations
 
@@ -26,19 +26,23 @@ def main() -> None:
         node.create_publisher(UInt8MultiArray, f'flood_{number}', 10_000)
         for number in range(task['topics'])
     ]
+
     while not all(publisher.get_subscription_count() for publisher in publishers):
         time.sleep(0.01)
     time.sleep(0.5)  # the other side may not have matched yet
+
     data = os.urandom(max(task['size'] - _HEADERS, 0))
     message = serialize_message(UInt8MultiArray(data=data))
-    began = time.perf_counter()
     total = task['rate'] * task['seconds']
+    start = time.perf_counter()
     for number in range(total):
         for publisher in publishers:
             publisher.publish(message)
-        wait = began + number / task['rate'] - time.perf_counter()
+
+        wait = start + number / task['rate'] - time.perf_counter()
         if wait > 0.001:  # noqa: PLR2004 (what a sleep can do)
             time.sleep(wait)
+
     for publisher in publishers:
         publisher.wait_for_all_acked(Duration(seconds=30))
     print(total * len(publishers))

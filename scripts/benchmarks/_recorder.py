@@ -1,9 +1,10 @@
-"""Floods a recorder: takes a task as JSON on the command line, prints the figures as JSON."""
+"""A recorder under a flood: its task is JSON on the command line, and so are its figures."""
 
 from __future__ import annotations
 
 import json
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -19,12 +20,60 @@ from barc_sim.cli.process import StopSignals
 from barc_sim.ros.process import ros
 
 
-def main() -> None:
-    """Do the task on the command line."""
-    task = json.loads(sys.argv[1])
-    with tempfile.TemporaryDirectory() as folder:
-        work = _rosbag2 if task['recorder'].startswith('rosbag2') else _run
-        print(json.dumps(work(task, Path(folder))))
+class _FloodedRun:
+    """A run that meets a flood, and ends after it."""
+
+    def __init__(self, task: dict[str, Any], folder: Path) -> None:
+        options = ['--distance', '0']
+        if task['recorder'] == 'no recorder':
+            options += ['--no-bag']
+        else:
+            options += ['--bag-dir', str(folder)]
+
+        self._task = task
+        self._folder = folder
+        self._timed_run = TimedRun(*options)
+        self._published = 0
+        self._load: dict[str, float] = {}
+
+    def drive(self, stop: StopSignals) -> None:
+        """Drive through the flood."""
+        threading.Thread(target=self._flood).start()
+        self._timed_run.spin(stop)
+
+    def figures(self) -> dict[str, float]:
+        """Return what was published, lost and used."""
+        timing = self._timed_run.timing()
+        bag = self._timed_run.run.bag
+        return {
+            'sent': self._published,
+            'lost': self._published - (_recorded_count(self._folder) if bag else 0),
+            'lost, as counted': bag.recorder.missing.total if bag else 0,
+            **self._load,
+            'step jitter p99, ms': timing['jitter p99, ms'],
+            'missed': timing['missed'],
+        }
+
+    def _flood(self) -> None:
+        time.sleep(1.0)  # the run's start is not what is measured
+        self._timed_run.log.ticks.clear()
+        start = time.perf_counter()
+        process_start = time.process_time()
+        thread_start = _recorder_time()
+        self._published = _flood(self._task)
+
+        hundredth = (time.perf_counter() - start) / 100.0
+        self._load['core, %'] = (time.process_time() - process_start) / hundredth
+        self._load['recorder thread, %'] = (_recorder_time() - thread_start) / hundredth
+        self._timed_run.run.finish()
+
+
+def _recorder_time() -> float:
+    """Return the processor time of the recorder's thread [s]; 0 if there is none."""
+    for thread in threading.enumerate():
+        if thread.name == 'recorder' and thread.ident:
+            return time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
+    return 0.0
 
 
 def _flood(task: dict[str, Any]) -> int:
@@ -32,14 +81,15 @@ def _flood(task: dict[str, Any]) -> int:
     if not task['topics']:
         time.sleep(task['seconds'])
         return 0
+
     program = str(Path(__file__).with_name('_flood.py'))
-    done = subprocess.run(  # noqa: S603 (our own)
+    process = subprocess.run(  # noqa: S603 (our own)
         [sys.executable, program, json.dumps(task)], stdout=subprocess.PIPE, check=True
     )
-    return int(done.stdout)
+    return int(process.stdout)
 
 
-def _kept(folder: Path) -> int:
+def _recorded_count(folder: Path) -> int:
     """Return how many messages of the flood are in a bag."""
     (metadata,) = folder.rglob('metadata.yaml')
     information = yaml.safe_load(metadata.read_text())['rosbag2_bagfile_information']
@@ -51,46 +101,17 @@ def _kept(folder: Path) -> int:
 
 
 def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
-    sent: list[int] = []
-    used: dict[str, float] = {}
-
-    def publish() -> None:
-        time.sleep(1.0)  # the run's start is not what is measured
-        threads = (t.ident for t in threading.enumerate() if t.name == 'recorder' and t.ident)
-        clock = next(map(time.pthread_getcpuclockid, threads), None)
-        began = time.perf_counter()
-        processor = time.process_time()
-        own = time.clock_gettime(clock) if clock else 0.0
-        run.clock.ticks.clear()
-        sent.append(_flood(task))
-        taken = (time.perf_counter() - began) / 100.0
-        used['core, %'] = (time.process_time() - processor) / taken
-        used['recorder thread, %'] = (time.clock_gettime(clock) - own if clock else 0.0) / taken
-        run.run.finish()
-
     with ros([]), StopSignals() as stop:
-        option = ['--no-bag'] if task['recorder'] == 'no recorder' else ['--bag-dir', str(folder)]
-        run = TimedRun('--distance', '0', *option)
-        threading.Thread(target=publish).start()
-        run.spin(stop)
-        timing = run.timing()
-    bag = run.run.bag
-    counted = bag.recorder.missing.total if bag else 0
-    return {
-        'sent': sent[0],
-        'lost': sent[0] - (_kept(folder) if bag else 0),
-        'lost, as counted': counted,
-        **used,
-        'step jitter p99, ms': timing['jitter p99, ms'],
-        'missed': timing['missed'],
-    }
+        run = _FloodedRun(task, folder)
+        run.drive(stop)
+    return run.figures()
 
 
 def _rosbag2(task: dict[str, Any], folder: Path) -> dict[str, float]:
     command = ['ros2', 'bag', 'record', '--all-topics', '--storage', 'mcap']
     if task['depth']:
         profile = {'history': 'keep_last', 'depth': task['depth'], 'reliability': 'reliable'}
-        overrides = {f'/flood_{n}': profile for n in range(task['topics'])}
+        overrides = {f'/flood_{number}': profile for number in range(task['topics'])}
         (folder / 'qos.yaml').write_text(json.dumps(overrides))  # JSON is YAML
         command += ['--qos-profile-overrides-path', str(folder / 'qos.yaml')]
     recorder = subprocess.Popen(  # noqa: S603 (the user's)
@@ -98,14 +119,28 @@ def _rosbag2(task: dict[str, Any], folder: Path) -> dict[str, float]:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    began = time.perf_counter()
-    sent = _flood(task)
-    taken = time.perf_counter() - began
-    recorder.send_signal(2)
+
+    start = time.perf_counter()
+    published = _flood(task)
+    seconds = time.perf_counter() - start
+    recorder.send_signal(signal.SIGINT)
     recorder.wait()
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)  # with what the flood has used
-    core = (used.ru_utime + used.ru_stime) / taken * 100.0
-    return {'sent': sent, 'lost': sent - _kept(folder), 'core, % (with the flood)': core}
+
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)  # of the flood, too
+    core = (usage.ru_utime + usage.ru_stime) / seconds * 100.0
+    return {
+        'sent': published,
+        'lost': published - _recorded_count(folder),
+        'core, % (with the flood)': core,
+    }
+
+
+def main() -> None:
+    """Do the task on the command line."""
+    task = json.loads(sys.argv[1])
+    measure = _rosbag2 if task['recorder'].startswith('rosbag2') else _run
+    with tempfile.TemporaryDirectory() as folder:
+        print(json.dumps(measure(task, Path(folder))))
 
 
 if __name__ == '__main__':

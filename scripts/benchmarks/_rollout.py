@@ -1,4 +1,4 @@
-"""One measurement of closed loops: its task is JSON on the command line, so are its figures."""
+"""One measurement of closed loops: its task is JSON on the command line, and so are its figures."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ class LabPid:
         self.kp = kp
         self.ki = ki
         self.kd = kd
-        self.integral = self.previous = 0.0
+        self.integral = 0.0
+        self.previous = 0.0
 
     def acc_calculate(self, reference: float, speed: float64) -> float64:
         """Return the command."""
@@ -47,8 +48,9 @@ class LabPid:
         self.integral += error * 0.02
         derivative = (error - self.previous) / 0.02
         self.previous = error
-        wanted = self.kp * error + self.ki * self.integral + self.kd * derivative
-        command: float64 = min(max(wanted, float64(-8.0)), float64(8.0))
+
+        total = self.kp * error + self.ki * self.integral + self.kd * derivative
+        command: float64 = min(max(total, float64(-8.0)), float64(8.0))
         return command
 
 
@@ -68,6 +70,7 @@ def lab_bike_fe(
     ts = 0.02
     l_f = 1.5
     l_r = 1.5
+
     beta = arctan(l_r / (l_f + l_r) * tan(d_f))
     external = -m * 9.8 * sin(theta) - a0 * v**2 - friction
     return (
@@ -86,7 +89,8 @@ def lab_loop() -> int:
     steps = 0
     while x < Scenario.distance:
         theta = np.radians(road.grade_deg(x))
-        x, y, psi, v = lab_bike_fe(x, y, psi, v, pid.acc_calculate(8.0, v), float64(0.0), theta)
+        motor = pid.acc_calculate(8.0, v)
+        x, y, psi, v = lab_bike_fe(x, y, psi, v, motor, float64(0.0), theta)
         steps += 1
     return steps
 
@@ -119,20 +123,24 @@ def laps_loop(runs: int = _RUNS_OF_LAWS, lane: str = 'laps', **options: Any) -> 
     return runs * (len(simulate(lane=_LANES[lane], **_LAPS)) - 1)
 
 
-def in_one_thread(loop: Callable[..., int]) -> int:
-    """Score runs on one core."""
+def in_one_thread(loop: Callable[[], int]) -> int:
+    """Score runs on one core; return the steps."""
     with patch.object(many_runs, 'cpu_count', lambda: 1):
         return loop()
 
 
-def in_python(loop: Callable[..., int]) -> int:
-    """Score some of the runs without Numba."""
+def in_python(loop: Callable[[int], int]) -> int:
+    """Score some of the runs without Numba; return the steps."""
     with ExitStack() as stack:
         for module in (drive, many_runs, rollout):
             stack.enter_context(patch.object(module, 'is_compiled', lambda: False))
         for module in (drive, rollout):
-            stack.enter_context(patch.object(module, 'compiled', lambda loop: loop))
+            stack.enter_context(patch.object(module, 'compiled', _not_compiled))
         return loop(_RUNS_IN_PYTHON)
+
+
+def _not_compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    return function
 
 
 def seeds_loop() -> int:
@@ -141,39 +149,40 @@ def seeds_loop() -> int:
     return _SEEDS * noise_loop()
 
 
-def _rates(drive: Callable[[], int], seconds: float) -> dict[str, float]:
-    drive()  # to warm up
+#: Each drives once, and returns the steps.
+_LOOPS: dict[str, Callable[[], int]] = {
+    'lab': lab_loop,
+    'simulate': simulate_loop,
+    'noise': noise_loop,
+    'sweep': sweep_loop,
+    'one thread': lambda: in_one_thread(sweep_loop),
+    'python': lambda: in_python(sweep_loop),
+    'seeds': seeds_loop,
+    'lqr': lqr_loop,
+    'lqr python': lambda: in_python(lqr_loop),
+    'laps': laps_loop,
+    'laps one thread': lambda: in_one_thread(laps_loop),
+    'laps python': lambda: in_python(laps_loop),
+    'stanley': lambda: laps_loop(lane='stanley'),
+    'pure pursuit': lambda: laps_loop(lane='pure pursuit'),
+    'laps seeds': lambda: laps_loop(_SEEDS, noise=0.05, seed=range(_SEEDS)),
+}
+
+
+def _rates(loop: Callable[[], int], seconds: float) -> dict[str, float]:
+    loop()  # to warm up
+
     steps = 0
-    began = time.perf_counter()
-    began_processor = time.process_time()
-    while time.perf_counter() - began < seconds:
-        steps += drive()
-    took = time.perf_counter() - began
-    processor = time.process_time() - began_processor
-    return {'steps/s': steps / took, 'steps/s of processor time': steps / processor}
+    start = time.perf_counter()
+    processor_start = time.process_time()
+    while time.perf_counter() - start < seconds:
+        steps += loop()
 
-
-def main(task: dict[str, object]) -> dict[str, float]:
-    """Measure; return the figures."""
-    drives = {
-        'lab': lab_loop,
-        'simulate': simulate_loop,
-        'noise': noise_loop,
-        'sweep': sweep_loop,
-        'one thread': lambda: in_one_thread(sweep_loop),
-        'python': lambda: in_python(sweep_loop),
-        'seeds': seeds_loop,
-        'lqr': lqr_loop,
-        'lqr python': lambda: in_python(lqr_loop),
-        'laps': laps_loop,
-        'laps one thread': lambda: in_one_thread(laps_loop),
-        'laps python': lambda: in_python(laps_loop),
-        'stanley': lambda: laps_loop(lane='stanley'),
-        'pure pursuit': lambda: laps_loop(lane='pure pursuit'),
-        'laps seeds': lambda: laps_loop(_SEEDS, noise=0.05, seed=range(_SEEDS)),
-    }
-    return _rates(drives[str(task['subject'])], float(str(task['seconds'])))
+    wall = time.perf_counter() - start
+    processor = time.process_time() - processor_start
+    return {'steps/s': steps / wall, 'steps/s of processor time': steps / processor}
 
 
 if __name__ == '__main__':
-    print(json.dumps(main(json.loads(sys.argv[1]))))
+    task = json.loads(sys.argv[1])
+    print(json.dumps(_rates(_LOOPS[task['subject']], task['seconds'])))

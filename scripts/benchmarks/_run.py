@@ -1,4 +1,4 @@
-"""One cruise-control run for `run.py`: a task as JSON on the command line, its figures printed."""
+"""One run for `run.py`: its task is JSON on the command line, and so are its figures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from _timed import TimedRun
-from rclpy import executors
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 
 from barc_sim.cli.process import StopSignals
@@ -18,15 +18,10 @@ from barc_sim.ros.process import NUM_THREADS, ros
 
 #: [s] A stock executor may need minutes for a course in lock-step: it is stopped here.
 _LOCK_STEP_LIMIT = 10.0
-_EXECUTORS = {
-    'ours': lambda: QuickExecutor(num_threads=NUM_THREADS),
-    'single': executors.SingleThreadedExecutor,
-    'multi': lambda: executors.MultiThreadedExecutor(num_threads=NUM_THREADS),
-}
 _COURSE = 1152  # states from 0 to 180 m
 
 
-class _Run(TimedRun):
+class _ShortRun(TimedRun):
     """Ends early where a lock-step course would take minutes."""
 
     def show(self, *status: object) -> None:
@@ -35,38 +30,50 @@ class _Run(TimedRun):
             self.run.finish()
 
 
-def _drive(case: str, executor: str, distance: float) -> _Run:
-    """Return the run that was driven."""
+def _drive(case: str, executor_name: str, distance: float) -> _ShortRun:
+    """Return the run after its end."""
     with tempfile.TemporaryDirectory() as folder, StopSignals() as stop, ros([]):
         options = ['--distance', str(distance), '--bag-dir', folder]
         if case == 'lock-step':
             options += ['--realtime-factor', 'max']
         if 'mirrored' in case:
             options += ['--mirrors']
-        run = _Run(*options)
-        spinning: Any = _EXECUTORS[executor]()
+        run = _ShortRun(*options)
+
+        executor = _executor(executor_name)
         if 'blocked' in case:
             sleeper = Node('sleeper')
-            sleeper.create_timer(0.2, lambda: time.sleep(0.1))
-            spinning.add_node(sleeper)
-        run.spin(stop, spinning)
+            sleeper.create_timer(0.2, _sleep)
+            executor.add_node(sleeper)
+        run.spin(stop, executor)
     return run
 
 
-def _figures(run: _Run, started: float, *, lock_step: bool) -> dict[str, float]:
-    taken = run.steps[-1] - run.steps[0]
-    if lock_step:
-        rate = (len(run.steps) - 1) / taken
+def _executor(name: str) -> Any:  # noqa: ANN401 (any executor)
+    if name == 'single':
+        return SingleThreadedExecutor()
+    if name == 'multi':
+        return MultiThreadedExecutor(num_threads=NUM_THREADS)
+    return QuickExecutor(num_threads=NUM_THREADS)
+
+
+def _sleep() -> None:
+    time.sleep(0.1)
+
+
+def _figures(run: _ShortRun, start: float) -> dict[str, float]:
+    """Return the figures of a run whose process was started at `start` [s]."""
+    if run.in_lock_step:
+        rate = (len(run.steps) - 1) / (run.steps[-1] - run.steps[0])
         return {'steps/s': rate, 'course, s': (_COURSE - 1) / rate}
-    return {**run.timing(), 'start, s': run.first - started}
+    return {**run.timing(), 'start, s': run.first_state - start}
 
 
 def main() -> None:
     """Drive once and print the figures."""
     task = json.loads(sys.argv[1])
     run = _drive(task['case'], task['executor'], task['distance'])
-    figures = _figures(run, task['spawned'], lock_step=task['case'] == 'lock-step')
-    print(json.dumps(figures))
+    print(json.dumps(_figures(run, task['spawned'])))
 
 
 if __name__ == '__main__':

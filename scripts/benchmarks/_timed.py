@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from _jitter import Clock
+from _ticks import TickLog
 
 from barc_sim.__main__ import parse
 from barc_sim.ros.carrier import DdsCarrier
@@ -23,9 +23,9 @@ _PERIOD = 0.02  # s
 
 
 class TimedRun(Display):
-    """Notes when each state was published: in real time by several clocks, in lock-step by one.
+    """Notes the time of each published state: in real time by several clocks, in lock-step by one.
 
-    To read how long the thread waited takes as long as a step in lock-step.
+    In lock-step, the other clocks would take as long as a step.
 
     Parameters
     ----------
@@ -34,28 +34,32 @@ class TimedRun(Display):
     """
 
     def __init__(self, *arguments: str) -> None:
-        self.clock = Clock()
+        self.log = TickLog()
         self.steps: list[float] = []  #: [s]
-        self.first = 0.0  #: [s] since the epoch
+        self.first_state = 0.0  #: [s] since the epoch
+
         options = parse('acc', ['--quiet', *arguments])
         options.engine = 'ros'
         self.run = Run(options, read_inputs(options), DdsCarrier())
         self.car = add_car(self.run, 0)
-        self.in_lock_step = not self.car.simulator.values['realtime_factor']
         self.car.display = self
+        self.in_lock_step = not self.car.simulator.values['realtime_factor']
         self.run.prepare()
 
     def show(self, *_: object) -> None:
         """Note that a state was published now."""
-        self.first = self.first or time.time()
+        if not self.steps:
+            self.first_state = time.time()
         self.steps.append(time.perf_counter())
         if not self.in_lock_step:
-            self.clock()
+            self.log.note()
 
     def spin(self, stop: StopSignals, executor: Any = None) -> None:  # noqa: ANN401 (any executor)
         """Spin the nodes until the run has ended, and end them."""
         stop.then(self.run.finish)
-        executor = executor or new_executor()
+        if executor is None:
+            executor = new_executor()
+
         with self.run:
             for node in self.run.nodes:
                 executor.add_node(node)
@@ -66,18 +70,22 @@ class TimedRun(Display):
     def timing(self) -> dict[str, float]:
         """Return how far steps were from their period [ms], and the share of a core [%].
 
-        The second figure leaves out what the thread waited for a core, as a busy machine makes it.
+        The second figure leaves out how long the thread waited for a core on a busy machine.
         """
-        steps, waited, processor, _ = np.array(self.clock.ticks).T
-        off = np.abs(np.diff(steps) - _PERIOD) * 1e3
-        taken = steps[-1] - steps[0]
-        without = np.maximum(off - waited[1:] * 1e3, 0.0)
+        ticks = self.log.ticks
+        times = np.array([tick.time for tick in ticks])
+        waits = np.array([tick.wait for tick in ticks])
+        jitter = np.abs(np.diff(times) - _PERIOD) * 1e3
+        without_waits = np.maximum(jitter - waits[1:] * 1e3, 0.0)
+
+        seconds = ticks[-1].time - ticks[0].time
+        processor = ticks[-1].processor - ticks[0].processor
         return {
-            'jitter p99, ms': float(np.percentile(off, 99)),
-            'without waits, ms': float(np.percentile(without, 99)),
-            'p50, ms': float(np.percentile(off, 50)),
-            'max, ms': float(off.max()),
+            'jitter p99, ms': float(np.percentile(jitter, 99)),
+            'without waits, ms': float(np.percentile(without_waits, 99)),
+            'p50, ms': float(np.percentile(jitter, 50)),
+            'max, ms': float(jitter.max()),
             'missed': self.car.simulator.stepper.missed,
             'slipped': self.run.slipped,
-            'core, %': (processor[-1] - processor[0]) / taken * 100.0,
+            'core, %': processor / seconds * 100.0,
         }

@@ -14,7 +14,13 @@ from pathlib import Path
 from resource import RUSAGE_CHILDREN, getrusage
 from typing import TYPE_CHECKING
 
-from _compare import Found, add_number, in_turns, table
+from _compare import (
+    Figures,
+    Results,
+    add_number,
+    measure_in_turns,
+    table,
+)
 
 from barc_sim.bags.reader import info
 from barc_sim.cli.parser import whole
@@ -23,7 +29,7 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     import argparse
 
-_COUNTED = {'missed': 'missed_deadlines', 'slips': 'slipped_periods', 'lost': 'lost_messages'}
+_COUNTS = {'missed': 'missed_deadlines', 'slips': 'slipped_periods', 'lost': 'lost_messages'}
 QUICK = ('--repeat', '1', '--distance', '2', '--cars', '2')
 
 
@@ -36,36 +42,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(parser, '--distance', 60, 'length of a run', 'M')
 
 
-def measure(options: argparse.Namespace) -> Found:
+def measure(options: argparse.Namespace) -> Results:
     """Return the figures of each number of cars, a list of one per repetition."""
-    return in_turns(
-        {'cars': map(str, options.cars)},
-        options.repeat,
-        lambda _, cars: _drive(cars, options.distance),
-    )
+
+    def measure_once(_: str, cars: str) -> Figures:
+        return _drive(cars, options.distance)
+
+    return measure_in_turns({'cars': map(str, options.cars)}, options.repeat, measure_once)
 
 
 def _drive(cars: str, distance: int) -> dict[str, float]:
     command = [sys.executable, '-m', 'barc_sim', 'acc', '--quiet', '--cars', cars]
     with tempfile.TemporaryDirectory() as folder:
-        began = time.monotonic()
+        start = time.monotonic()
         before = getrusage(RUSAGE_CHILDREN)
-        done = subprocess.run(  # noqa: S603 (our own)
+        process = subprocess.run(  # noqa: S603 (our own)
             [*command, '--distance', str(distance), '--bag-dir', folder],
             check=False,
             capture_output=True,
             text=True,
         )
-        took = time.monotonic() - began
         after = getrusage(RUSAGE_CHILDREN)
-        if done.returncode:
-            raise UserError(f'{cars} cars failed: {done.stderr}')
+        seconds = time.monotonic() - start
+
+        if process.returncode:
+            raise UserError(f'{cars} cars failed: {process.stderr}')
         metadata = info(next(Path(folder).iterdir()))
+
     processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    counts = {name: float(metadata[key]) for name, key in _COUNTED.items()}
-    return {'of a core': processor / took, 'processor, s': processor, 'wall, s': took, **counts}
+    counts = {name: float(metadata[key]) for name, key in _COUNTS.items()}
+    return {
+        'of a core': processor / seconds,
+        'processor, s': processor,
+        'wall, s': seconds,
+        **counts,
+    }
 
 
-def report(found: Found) -> str:
+def report(results: Results) -> str:
     """Return a table."""
-    return table(found, ratio=False)
+    return table(results, ratio=False)

@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING
 from _compare import (
     EVENTS_EXECUTORS,
     EXECUTORS,
-    Found,
+    Figures,
+    Results,
     add_case,
     add_number,
-    in_turns,
-    measured,
+    measure_in_turns,
+    run_worker,
     table,
 )
 
@@ -46,36 +47,58 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_case(parser, _CASES)
 
 
-def measure(options: argparse.Namespace) -> Found:
+def measure(options: argparse.Namespace) -> Results:
     """Return the figures of each case and executor, a list of one per repetition."""
     cases = options.case or list(_CASES)
     pythons = dict.fromkeys([*EXECUTORS, 'events'], sys.executable)
-    if any(_CASES[case] for case in cases) and (kilted := _kilted()):
+    kilted = None
+    if any(_CASES[case] for case in cases):
+        kilted = _kilted()
+    if kilted:
         pythons['kilted'] = kilted
-    return in_turns(
-        {case: pythons if _CASES[case] else EXECUTORS for case in cases},
-        options.repeat,
-        lambda case, name: measured(
-            '_ping_pong.py', pythons[name], case=case, executor=name, seconds=options.seconds
-        ),
-    )
+
+    def measure_once(case: str, executor: str) -> Figures:
+        return run_worker(
+            '_ping_pong.py',
+            pythons[executor],
+            case=case,
+            executor=executor,
+            seconds=options.seconds,
+        )
+
+    subjects = {case: pythons if _CASES[case] else EXECUTORS for case in cases}
+    return measure_in_turns(subjects, options.repeat, measure_once)
 
 
 def _kilted() -> str | None:
     """Return the Python of an environment with Kilted's rclpy; None where there is none."""
     python = _KILTED / 'bin' / 'python'
-    # pyenv's command is there for versions that are not chosen, too, and does not work then.
-    installed = Path('~/.pyenv/versions').expanduser().glob('3.12.*/bin/python')
-    base = next(map(str, installed), None) or shutil.which('python3.12')
-    if not python.exists() and base:
+    base = _python_3_12()
+    if base and not python.exists():
         print("making an environment with Kilted's rclpy", file=sys.stderr)
-        made = subprocess.run([base, '-m', 'venv', str(_KILTED)], check=False)  # noqa: S603
-        command = [str(python), '-m', 'pip', 'install', '--quiet', *_PACKAGES]
-        if made.returncode or subprocess.run(command, check=False).returncode:  # noqa: S603
-            shutil.rmtree(_KILTED, ignore_errors=True)
+        _make_kilted(base, python)
     return str(python) if python.exists() else None
 
 
-def report(found: Found) -> str:
+def _python_3_12() -> str | None:
+    # pyenv's command is there for versions that are not chosen, too, and does not work then.
+    installed = Path('~/.pyenv/versions').expanduser().glob('3.12.*/bin/python')
+    of_pyenv = next(installed, None)
+    return str(of_pyenv) if of_pyenv else shutil.which('python3.12')
+
+
+def _make_kilted(base: str, python: Path) -> None:
+    """Make the environment; leave nothing of it where a step fails."""
+    commands = (
+        [base, '-m', 'venv', str(_KILTED)],
+        [str(python), '-m', 'pip', 'install', '--quiet', *_PACKAGES],
+    )
+    for command in commands:
+        if subprocess.run(command, check=False).returncode:  # noqa: S603
+            shutil.rmtree(_KILTED, ignore_errors=True)
+            return
+
+
+def report(results: Results) -> str:
     """Return a table."""
-    return table(found, EXECUTORS | EVENTS_EXECUTORS)
+    return table(results, EXECUTORS | EVENTS_EXECUTORS)

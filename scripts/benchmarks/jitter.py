@@ -13,10 +13,13 @@ from __future__ import annotations
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from _compare import add_case, add_number, measured
+from _compare import add_case, add_number, run_worker
+
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterable
 
 _SUBJECTS = {
     'loop free': 'bare loop',
@@ -34,12 +37,12 @@ _SUBJECTS = {
     'ours counts': 'Quick, and a thread',
 }
 _LIMITS = (1.0, 5.0, 15.0)  # ms
-_SHARES = ('p99, ms', 'less waiting')
+_PERCENTILES = ('p99, ms', 'less waiting')
 
 QUICK = ('--repeat', '1', '--seconds', '1')
 
-#: By subject, what `_jitter.py` found in each slice.
-Found = dict[str, list[dict[str, Any]]]
+#: By subject, the figures that `_jitter.py` prints for each slice.
+Slices = dict[str, list[dict[str, Any]]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,32 +52,54 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_case(parser, _SUBJECTS)
 
 
-def measure(options: argparse.Namespace) -> Found:
-    """Return what each slice found."""
-    found: Found = {subject: [] for subject in options.case or _SUBJECTS}
+def measure(options: argparse.Namespace) -> Slices:
+    """Return the figures of each slice, measured in turns."""
+    slices_by_subject: Slices = {subject: [] for subject in options.case or _SUBJECTS}
     for _ in range(options.repeat):
-        for subject, slices in found.items():
-            slices.append(measured('_jitter.py', subject=subject, seconds=options.seconds))
-    return found
+        for subject, slices in slices_by_subject.items():
+            figures = run_worker('_jitter.py', subject=subject, seconds=options.seconds)
+            if figures is None:
+                raise UserError(f'{subject!r} has not ended in time: leave it out with --case')
+            slices.append(figures)
+    return slices_by_subject
 
 
-def report(found: Found) -> str:
+def report(slices_by_subject: Slices) -> str:
     """Return a table of the numbers of late ticks, and in brackets of those the machine owes."""
     limits = [f'> {limit:g} ms' for limit in _LIMITS]
-    heads = ('ticks', *limits, *_SHARES, 'max, ms', 'less waiting', 'core, %', 'counts/s')
-    lines = [f'{"":24}' + ''.join(f'{head:>20}' for head in heads)]
-    for subject, slices in found.items():
-        late = [each for part in slices for each in part['late']]
-        cells = [str(sum(part['ticks'] for part in slices))]
-        for limit in _LIMITS:
-            count = sum(ms > limit for ms, _ in late)
-            left = sum(ms - waited > limit for ms, waited in late)
-            cells.append(f'{count} ({count - left})')
-        cells += [f'{median(part[name] for part in slices):.3g}' for name in _SHARES]
-        cells.append(f'{max((ms for ms, _ in late), default=0.0):.3g}')
-        cells.append(f'{max((ms - waited for ms, waited in late), default=0.0):.3g}')
-        cells.append(f'{median(part["core"] for part in slices):.2f}')
-        cells.append(f'{median(part["counted"] for part in slices):.3g}')
-        lines.append(f'{_SUBJECTS[subject]:24}' + ''.join(f'{cell:>20}' for cell in cells))
+    headings = ('ticks', *limits, *_PERCENTILES, 'max, ms', 'less waiting', 'core, %', 'counts/s')
+    lines = [_line('', headings)]
+    for subject, slices in slices_by_subject.items():
+        lines.append(_line(_SUBJECTS[subject], _cells(slices)))
     lines.append('in brackets: late only because the kernel kept the thread waiting for a core')
     return '\n'.join(lines)
+
+
+def _line(title: str, cells: Iterable[str]) -> str:
+    return f'{title:24}' + ''.join(f'{cell:>20}' for cell in cells)
+
+
+def _cells(slices: list[dict[str, Any]]) -> list[str]:
+    lateness = []  # ms
+    without_waits = []  # ms
+    for part in slices:
+        for late, wait in part['late']:
+            lateness.append(late)
+            without_waits.append(late - wait)
+
+    cells = [str(sum(part['ticks'] for part in slices))]
+    for limit in _LIMITS:
+        count = sum(late > limit for late in lateness)
+        count_without_waits = sum(late > limit for late in without_waits)
+        cells.append(f'{count} ({count - count_without_waits})')
+
+    cells += [f'{_median(slices, name):.3g}' for name in _PERCENTILES]
+    cells.append(f'{max(lateness, default=0.0):.3g}')
+    cells.append(f'{max(without_waits, default=0.0):.3g}')
+    cells.append(f'{_median(slices, "core"):.2f}')
+    cells.append(f'{_median(slices, "counted"):.3g}')
+    return cells
+
+
+def _median(slices: list[dict[str, Any]], name: str) -> float:
+    return float(median(part[name] for part in slices))

@@ -11,7 +11,15 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from _compare import Found, add_case, add_number, in_turns, measured, table
+from _compare import (
+    Figures,
+    Results,
+    add_case,
+    add_number,
+    measure_in_turns,
+    run_worker,
+    table,
+)
 
 from barc_sim.errors import UserError
 
@@ -21,7 +29,7 @@ if TYPE_CHECKING:
 _CARS = {'1 car': 1, '100 cars': 100, '1,000 cars': 1000, '10,000 cars': 10_000}
 _CARS['100,000 cars'] = 100_000
 _PROCESSES = 'Lane, processes'
-_OURS: dict[str, tuple[str, dict[str, Any]]] = {
+_BARC_SIM: dict[str, tuple[str, dict[str, Any]]] = {
     'Lane, kinematic': ('barc_sim/Lane-v0', {}),
     'Lane, dynamic': ('barc_sim/Lane-v0', {'dynamics': 'dynamic'}),
     'Lane, noise': ('barc_sim/Lane-v0', {'noise': 0.1}),
@@ -29,7 +37,7 @@ _OURS: dict[str, tuple[str, dict[str, Any]]] = {
     'Hills': ('barc_sim/Hills-v0', {}),
     _PROCESSES: ('barc_sim/Lane-v0', {}),
 }
-_THEIRS: dict[str, tuple[str, dict[str, Any]]] = {
+_HIGHWAY_ENV: dict[str, tuple[str, dict[str, Any]]] = {
     'HighwayEnv, lane keeping': ('lane-keeping-v0', {}),
     'HighwayEnv, racetrack': ('racetrack-v0', {}),
 }
@@ -43,29 +51,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_case(parser, _CARS)
 
 
-def measure(options: argparse.Namespace) -> Found:
+def measure(options: argparse.Namespace) -> Results:
     """Return the figures of each number of cars and environment, measured in turns."""
     if not find_spec('gymnasium'):
         raise UserError("Gymnasium is not installed: pip install 'barc_sim[gym]'")
-    theirs = _THEIRS if find_spec('highway_env') else {}
-    subjects = {**_OURS, **theirs}
-    return in_turns(
-        {case: [*(subjects if _CARS[case] == 1 else _OURS)] for case in options.case or _CARS},
-        options.repeat,
-        lambda case, name: measured(
+
+    environments = _BARC_SIM
+    if find_spec('highway_env'):
+        environments = _BARC_SIM | _HIGHWAY_ENV
+    subjects = {}
+    for case in options.case or _CARS:
+        subjects[case] = environments if _CARS[case] == 1 else _BARC_SIM
+
+    def measure_once(case: str, name: str) -> Figures:
+        environment, arguments = environments[name]
+        return run_worker(
             '_learning.py',
-            name=subjects[name][0],
-            options=subjects[name][1],
+            name=environment,
+            options=arguments,
             cars=_CARS[case],
             processes=name == _PROCESSES,
             seconds=options.seconds,
-        ),
-    )
+        )
+
+    return measure_in_turns(subjects, options.repeat, measure_once)
 
 
-def report(found: Found) -> str:
+def report(results: Results) -> str:
     """Return a table."""
-    hint = (
-        '' if find_spec('highway_env') else '\nHighwayEnv is compared, too: pip install highway-env'
-    )
-    return table(found) + hint
+    text = table(results)
+    if not find_spec('highway_env'):
+        text += '\nHighwayEnv is compared, too: pip install highway-env'
+    return text

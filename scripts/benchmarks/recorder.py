@@ -11,7 +11,15 @@ from __future__ import annotations
 import shutil
 from typing import TYPE_CHECKING, Any
 
-from _compare import Found, add_case, add_number, in_turns, measured, table
+from _compare import (
+    Figures,
+    Results,
+    add_case,
+    add_number,
+    measure_in_turns,
+    run_worker,
+    table,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -24,8 +32,8 @@ _CASES: dict[str, dict[str, Any]] = {
     '20 x 500/s of 50 B': {'topics': 20, 'rate': 500, 'size': 50},
     '1 x 30/s of 1 MB': {'topics': 1, 'rate': 30, 'size': 1_000_000},
 }
-_OURS = 'barc_sim'
-_NONE = 'no recorder'
+_BARC_SIM = 'barc_sim'
+_NO_RECORDER = 'no recorder'
 _ROSBAG2 = {'rosbag2': None, 'rosbag2, depth 10,000': 10_000}
 QUICK = ('--repeat', '1', '--seconds', '1', '--case', '1 x 10,000/s of 50 B')
 
@@ -37,25 +45,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_case(parser, _CASES)
 
 
-def measure(options: argparse.Namespace) -> Found:
+def measure(options: argparse.Namespace) -> Results:
     """Return the figures of each case and recorder, a list of one per repetition."""
-    rosbag2 = _ROSBAG2 if shutil.which('ros2') else ()
-    return in_turns(
-        {
-            case: (_OURS, *([_NONE] if case == 'quiet' else rosbag2))
-            for case in options.case or _CASES
-        },
-        options.repeat,
-        lambda case, name: measured(
+    subjects = {case: _recorders(case) for case in options.case or _CASES}
+
+    def measure_once(case: str, recorder: str) -> Figures:
+        return run_worker(
             '_recorder.py',
-            recorder=name,
-            depth=_ROSBAG2.get(name),
+            recorder=recorder,
+            depth=_ROSBAG2.get(recorder),
             seconds=options.seconds,
             **_CASES[case],
-        ),
-    )
+        )
+
+    return measure_in_turns(subjects, options.repeat, measure_once)
 
 
-def report(found: Found) -> str:
+def _recorders(case: str) -> list[str]:
+    """Return the recorders that this machine has for a case."""
+    if case == 'quiet':
+        return [_BARC_SIM, _NO_RECORDER]
+    if shutil.which('ros2'):
+        return [_BARC_SIM, *_ROSBAG2]
+    return [_BARC_SIM]
+
+
+def report(results: Results) -> str:
     """Return a table."""
-    return table(found, ratio=False)
+    return table(results, ratio=False)

@@ -10,7 +10,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from _compare import Found, add_number, in_turns, measured, table
+from _compare import (
+    Figures,
+    Results,
+    add_number,
+    measure_in_turns,
+    run_worker,
+    table,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -41,15 +48,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(parser, '--seconds', 2, 'of each measurement', 'S')
 
 
-def measure(options: argparse.Namespace) -> Found:
+def measure(options: argparse.Namespace) -> Results:
     """Return the figures of each subject, measured in turns, each in a process of its own."""
-    return in_turns(
-        {'closed loops': _SUBJECTS},
-        options.repeat,
-        lambda _, name: measured('_rollout.py', subject=name, seconds=options.seconds),
-    )
+
+    def measure_once(_: str, subject: str) -> Figures:
+        return run_worker('_rollout.py', subject=subject, seconds=options.seconds)
+
+    return measure_in_turns({'closed loops': _SUBJECTS}, options.repeat, measure_once)
 
 
-def report(found: Found) -> str:
+def report(results: Results) -> str:
     """Return a table."""
-    return table(found, _SUBJECTS)
+    return table(results, _SUBJECTS)

@@ -8,7 +8,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from _compare import EXECUTORS, Found, add_case, add_number, in_turns, measured, table
+from _compare import (
+    EXECUTORS,
+    Figures,
+    Results,
+    add_case,
+    add_number,
+    measure_in_turns,
+    run_worker,
+    table,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -24,17 +33,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_case(parser, _CASES)
 
 
-def measure(options: argparse.Namespace) -> Found:
+def measure(options: argparse.Namespace) -> Results:
     """Return the figures of each case and executor, a list of one per repetition."""
-    return in_turns(
-        dict.fromkeys(options.case or _CASES, EXECUTORS),
-        options.repeat,
-        lambda case, name: measured(
-            '_run.py', case=case, executor=name, distance=float(options.distance)
-        ),
-    )
+
+    def measure_once(case: str, executor: str) -> Figures:
+        return run_worker('_run.py', case=case, executor=executor, distance=float(options.distance))
+
+    subjects = dict.fromkeys(options.case or _CASES, EXECUTORS)
+    return measure_in_turns(subjects, options.repeat, measure_once)
 
 
-def report(found: Found) -> str:
+def report(results: Results) -> str:
     """Return a table."""
-    return table(found, EXECUTORS)
+    return table(results, EXECUTORS)
