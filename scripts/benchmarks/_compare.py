@@ -151,26 +151,32 @@ def _rows(
     ratio: bool,
 ) -> list[list[str]]:
     """Return the heading of a case, and a row for each subject, all of the same length."""
-    first_runs = _ended_runs(next(iter(runs_by_subject.values())))
-    keys = list(first_runs[0]) if first_runs else []
+    ended_runs = {name: _ended_runs(runs) for name, runs in runs_by_subject.items()}
+    keys: list[str] = []
+    for runs in ended_runs.values():
+        if runs:
+            keys = list(runs[0])
+            break
+
+    first_runs = next(iter(ended_runs.values()))
+    has_ratio = ratio and bool(first_runs)
     heading = [case, *keys]
-    if ratio and keys:
+    if has_ratio:
         heading.append(f'{keys[0]}, ratio')
 
     rows = [heading]
-    for name, figures in runs_by_subject.items():
-        runs = _ended_runs(figures)
+    for name, runs in ended_runs.items():
         row = [titles.get(name, name)]
         if runs:
             row += [_cell(runs, key) for key in keys]
         else:
             row.append('no end')
-        if ratio and runs and keys:
+        if has_ratio and runs:
             row.append(f'{_median(first_runs, keys[0]) / _median(runs, keys[0]):.2f}')
+        rows.append(row)
 
-        empty_cells = [''] * (len(heading) - len(row))
-        rows.append(row + empty_cells)
-    return rows
+    columns = max(map(len, rows))
+    return [row + [''] * (columns - len(row)) for row in rows]
 
 
 def _ended_runs(runs: Iterable[Figures]) -> list[dict[str, float]]:
