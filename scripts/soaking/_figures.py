@@ -1,4 +1,4 @@
-"""Figures with the bounds that they are to keep, and their table."""
+"""Figures with the bounds that they must keep, and their table."""
 
 from __future__ import annotations
 
@@ -14,35 +14,38 @@ if TYPE_CHECKING:
 
 
 class Figure(NamedTuple):
-    """One figure; `name` bears its unit."""
+    """One figure; its name ends with its unit."""
 
     name: str
     value: float
-    most: float = inf
-    least: float = -inf
+    maximum: float = inf
+    minimum: float = -inf
 
     @property
-    def kept(self) -> bool:
+    def is_within_bounds(self) -> bool:
         """Whether it is within its bounds; NaN is not."""
-        return self.least <= self.value <= self.most
+        return self.minimum <= self.value <= self.maximum
 
     def __str__(self) -> str:
         """Return a line of the table."""
-        bounds = [
-            f'{words} {bound:g}'
-            for words, bound in (('at least', self.least), ('at most', self.most))
-            if abs(bound) < inf
-        ]
-        broken = '' if self.kept else '   BROKEN'
-        return f'{self.name:52}{self.value:>12.6g}   {", ".join(bounds)}{broken}'.rstrip()
+        bounds = []
+        if self.minimum > -inf:
+            bounds.append(f'at least {self.minimum:g}')
+        if self.maximum < inf:
+            bounds.append(f'at most {self.maximum:g}')
+
+        line = f'{self.name:52}{self.value:>12.6g}   {", ".join(bounds)}'
+        if not self.is_within_bounds:
+            line += '   BROKEN'
+        return line.rstrip()
 
 
-def spread(name: str, values: Sequence[float], most: float = inf) -> Iterator[Figure]:
-    """Yield median, percentiles and the greatest of `values`, which is to be `most` at most."""
+def spread(name: str, values: Sequence[float], maximum: float = inf) -> Iterator[Figure]:
+    """Yield median, percentiles and the greatest of `values`, which may be `maximum` at most."""
     if values:
         for share in (50, 90, 99):
             yield Figure(f'{name}, p{share}', float(np.percentile(values, share)))
-        yield Figure(f'{name}, greatest', max(values), most)
+        yield Figure(f'{name}, greatest', max(values), maximum)
 
 
 def table(figures: Sequence[Figure]) -> str:

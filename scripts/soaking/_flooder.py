@@ -1,4 +1,4 @@
-"""Floods the topics of a run; prints, as JSON, how many messages it sent in which time."""
+"""Floods the topics of a run; prints, as JSON, the number of its messages and the time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import random
 import sys
 import time
 from itertools import cycle
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import rclpy
 from _garbage import Garbage
@@ -18,7 +18,10 @@ from barc_sim.interfaces import qos, topics
 from barc_sim.ros.process import ros
 from barc_sim.ros.topics import message_class
 
-#: By mode what a node of the run other than the recorder listens to, and its type.
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+#: By mode, the topics with a subscriber other than the recorder, and their types.
 TOPICS = {
     'acc': {
         topics.ECU: 'barc_interfaces/msg/ECU',
@@ -40,26 +43,30 @@ _POOL = 1000  #: different messages of a topic
 #: [s] between two bursts.
 _TICK = 0.002
 _FIRST_STATES = 50
-_PATIENCE = 3.0  #: [s]
+_MATCH_TIMEOUT = 3.0  #: [s]
+
+
+class _Sender(NamedTuple):
+    """Publishes the messages of a topic, again and again."""
+
+    publisher: Any
+    messages: Iterator[bytes]
+
+    def publish(self) -> None:
+        self.publisher.publish(next(self.messages))
+
+    def has_subscriber(self) -> bool:
+        return bool(self.publisher.get_subscription_count())
 
 
 def main() -> None:
     """Flood with the task on the command line, in JSON."""
     task = json.loads(sys.argv[1])
-    chance = random.Random(task['seed'])  # noqa: S311 (no secret)
     with ros([]):
         node = rclpy.create_node('flooder')
         _wait_for_states(node)
-        garbage = Garbage(chance, time.time_ns())
-        sends = []
-        for topic, kind in TOPICS[task['mode']].items():
-            publisher = node.create_publisher(message_class(kind), topic, qos.DEFAULT)
-            pool = [
-                serialize_message(garbage.of(kind, wild=chance.choice((False, True))))
-                for _ in range(_POOL)
-            ]
-            sends.append((publisher, cycle(pool)))
-        print(json.dumps(_flood(_matched(sends), task['rate'], task['seconds'])))
+        senders = _senders(node, task['mode'], task['seed'])
+        print(json.dumps(_flood(_matched(senders), task['rate'], task['seconds'])))
 
 
 def _wait_for_states(node: rclpy.node.Node) -> None:
@@ -71,25 +78,43 @@ def _wait_for_states(node: rclpy.node.Node) -> None:
     node.destroy_subscription(subscription)
 
 
-def _matched(sends: list[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+def _senders(node: rclpy.node.Node, mode: str, seed: int) -> list[_Sender]:
+    """Return a sender for each topic of a mode."""
+    chance = random.Random(seed)  # noqa: S311 (no secret)
+    garbage = Garbage(chance, time.time_ns())
+    senders = []
+    for topic, type_name in TOPICS[mode].items():
+        publisher = node.create_publisher(message_class(type_name), topic, qos.DEFAULT)
+        pool = []
+        for _ in range(_POOL):
+            message = garbage.message(type_name, wild=chance.choice((False, True)))
+            pool.append(serialize_message(message))
+        senders.append(_Sender(publisher, cycle(pool)))
+    return senders
+
+
+def _matched(senders: list[_Sender]) -> list[_Sender]:
     """Return those with a subscriber, after a wait for the subscribers of all."""
-    end = time.monotonic() + _PATIENCE
-    while time.monotonic() < end and not all(pub.get_subscription_count() for pub, _ in sends):
+    deadline = time.monotonic() + _MATCH_TIMEOUT
+    while time.monotonic() < deadline:
+        if all(sender.has_subscriber() for sender in senders):
+            break
         time.sleep(0.01)
-    return [send for send in sends if send[0].get_subscription_count()]
+    return [sender for sender in senders if sender.has_subscriber()]
 
 
-def _flood(sends: list[tuple[Any, Any]], rate: float, seconds: float) -> dict[str, float]:
-    turns = cycle(sends)
-    began = time.perf_counter()
-    sent = 0
-    while (passed := time.perf_counter() - began) < seconds:
-        for _ in range(int(passed * rate) - sent):
-            publisher, pool = next(turns)
-            publisher.publish(next(pool))
-            sent += 1
+def _flood(senders: list[_Sender], rate: float, seconds: float) -> dict[str, float]:
+    turns = cycle(senders)
+    count = 0
+    start = time.perf_counter()
+    elapsed = 0.0
+    while elapsed < seconds:
+        for _ in range(int(elapsed * rate) - count):
+            next(turns).publish()
+            count += 1
         time.sleep(_TICK)
-    return {'sent': sent, 'seconds': time.perf_counter() - began}
+        elapsed = time.perf_counter() - start
+    return {'messages': count, 'seconds': elapsed}
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""Messages of any type, filled with what is right and with what nobody should send."""
+"""Messages of any type, with right values and with values that nobody should send."""
 
 from __future__ import annotations
 
@@ -31,51 +31,79 @@ _NS = 10**9
 
 
 class Garbage:
-    """Fills messages; a `wild` one holds what is malformed, as far as its type lets it."""
+    """Makes messages; a `wild` one has malformed values, as far as its type lets it.
+
+    Parameters
+    ----------
+    chance
+        The values are drawn from it.
+    now_ns
+        [ns] Stamps are of about this time, or of any other time.
+    """
 
     def __init__(self, chance: random.Random, now_ns: int) -> None:
-        """Draw with `chance`; stamps are of about `now_ns` and of any other time."""
         self._chance = chance
         self._now = now_ns
 
-    def of(self, name: str, *, wild: bool) -> Any:  # noqa: ANN401 (of any type)
+    def message(self, name: str, *, wild: bool) -> Any:  # noqa: ANN401 (of any type)
         """Return a message of the type `name`, such as 'std_msgs/msg/Header'."""
         message = message_class(name)()
         if name == 'builtin_interfaces/msg/Time':
             message.sec, message.nanosec = self._stamp(wild=wild)
             return message
+
         for field, kind in message.get_fields_and_field_types().items():
             setattr(message, field, self._value(kind, wild=wild))
         return message
 
     def _stamp(self, *, wild: bool) -> tuple[int, int]:
         if wild and self._chance.random() < 0.3:  # noqa: PLR2004
-            ends = (-(2**31), -1, 0, 2**31 - 1)
-            return self._chance.choice(ends), self._chance.choice((0, 1, 2**32 - 1))
+            seconds = self._chance.choice((-(2**31), -1, 0, 2**31 - 1))
+            return seconds, self._chance.choice((0, 1, 2**32 - 1))
+
         spread = 70 if wild else 1
         return divmod(self._now + self._chance.randint(-spread * _NS, spread * _NS), _NS)
 
-    def _value(self, kind: str, *, wild: bool) -> Any:  # noqa: ANN401, PLR0911
+    def _value(self, kind: str, *, wild: bool) -> Any:  # noqa: ANN401
+        """Return a value for a field, whose type is named as in a message definition."""
+        sequence = _SEQUENCE.fullmatch(kind)
+        if sequence:
+            count = self._chance.randint(0, 3)
+            return [self._value(sequence[1], wild=wild) for _ in range(count)]
+        array = _ARRAY.fullmatch(kind)
+        if array:
+            return [self._value(array[1], wild=wild) for _ in range(int(array[2]))]
+        if '/' in kind:
+            package, name = kind.split('/')
+            return self.message(f'{package}/msg/{name}', wild=wild)
+        return self._basic_value(kind, wild=wild)
+
+    def _basic_value(self, kind: str, *, wild: bool) -> Any:  # noqa: ANN401
         chance = self._chance
-        if found := _SEQUENCE.fullmatch(kind):
-            return [self._value(found[1], wild=wild) for _ in range(chance.randint(0, 3))]
-        if found := _ARRAY.fullmatch(kind):
-            return [self._value(found[1], wild=wild) for _ in range(int(found[2]))]
-        if found := _INTEGER.fullmatch(kind):
-            bits = int(found[2]) - (not found[1])
-            low = 0 if found[1] else -(2**bits)
-            return chance.choice((low, 2**bits - 1, 0)) if wild else chance.randint(0, 9)
+        integer = _INTEGER.fullmatch(kind)
+        if integer:
+            return self._integer(int(integer[2]), is_unsigned=bool(integer[1]), wild=wild)
         if kind in {'double', 'float'}:
             # Some fields of a wild message are right.
-            odd = wild and chance.random() < 0.7  # noqa: PLR2004
-            return chance.choice(_FLOATS) if odd else chance.uniform(-1.0, 1.0)
+            is_odd = wild and chance.random() < 0.7  # noqa: PLR2004
+            return chance.choice(_FLOATS) if is_odd else chance.uniform(-1.0, 1.0)
         if kind == 'string':
-            if wild and chance.randrange(1000) < _HUGE_SHARE:
-                return _HUGE
-            return chance.choice(_STRINGS) if wild else ''
+            return self._string(wild=wild)
         if kind == 'boolean':
             return chance.random() < 0.5  # noqa: PLR2004
-        if kind in {'octet', 'byte'}:
-            return bytes([chance.randrange(256)])
-        package, name = kind.split('/')
-        return self.of(f'{package}/msg/{name}', wild=wild)
+        return bytes([chance.randrange(256)])  # of an octet
+
+    def _integer(self, bits: int, *, is_unsigned: bool, wild: bool) -> int:
+        if not wild:
+            return self._chance.randint(0, 9)
+
+        minimum = 0 if is_unsigned else -(2 ** (bits - 1))
+        maximum = 2**bits - 1 if is_unsigned else 2 ** (bits - 1) - 1
+        return self._chance.choice((minimum, maximum, 0))
+
+    def _string(self, *, wild: bool) -> str:
+        if not wild:
+            return ''
+        if self._chance.randrange(1000) < _HUGE_SHARE:
+            return _HUGE
+        return self._chance.choice(_STRINGS)

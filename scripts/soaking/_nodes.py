@@ -1,4 +1,4 @@
-"""The nodes, each in a process of its own, that may be killed and started again."""
+"""Nodes in processes of their own, which can be killed and started again."""
 
 from __future__ import annotations
 
@@ -23,14 +23,19 @@ _PARAMETERS = {
     'vehicle_simulator': ('-p', 'command_timeout:=0.5', '-p', 'road:=flat'),
     'bag_recorder': ('-p', 'bag_dir:=bags'),
 }
-_END = 20.0  #: [s] for a node to end in order
+_END_TIMEOUT = 20.0  #: [s]
 
 
 class Nodes:
-    """Processes by the name of the node's module."""
+    """Processes, by the names of their nodes.
+
+    Parameters
+    ----------
+    folder
+        The nodes run in it; each one writes its output to a log there.
+    """
 
     def __init__(self, folder: Path) -> None:
-        """Run them in `folder`, and write there what they say."""
         self._folder = folder
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
@@ -52,7 +57,7 @@ class Nodes:
         process.kill()
         process.wait()
 
-    def alive(self, name: str) -> bool:
+    def is_alive(self, name: str) -> bool:
         """Return whether a node has not ended by itself."""
         return self._running[name].poll() is None
 
@@ -60,35 +65,37 @@ class Nodes:
         """End all in order; return their exit codes."""
         for process in self._running.values():
             process.send_signal(signal.SIGINT)
-        codes = [_end_of(process) for process in self._running.values()]
+        codes = [_exit_code(process) for process in self._running.values()]
         self._running.clear()
         return codes
 
     def logs(self) -> str:
-        """Return all that they have said."""
+        """Return the output of all nodes."""
         return '\n'.join(log.read_text(errors='replace') for log in self._folder.glob('*.log'))
 
 
-def _end_of(process: subprocess.Popen[bytes]) -> int:
+def _exit_code(process: subprocess.Popen[bytes]) -> int:
+    """Wait for the end of a process; kill it if it does not end."""
     try:
-        return process.wait(_END)
+        return process.wait(_END_TIMEOUT)
     except subprocess.TimeoutExpired:
         process.kill()
         return process.wait()
 
 
 class Witness(Node):
-    """Subscribes to the states, and publishes the input to drive ahead all the time."""
+    """Observes the states, and publishes the driver's input to go ahead ten times a second."""
 
     def __init__(self) -> None:
-        """Subscribe, and publish ten times a second."""
         super().__init__('witness')
-        self.speed = 0.0
-        self.stamp = 0
+        self.speed = 0.0  #: [m/s]
+        self.stamp = 0  #: [ns]
         self.states = 0
-        self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.DEFAULT)
+
         self._twist_pub = self.create_publisher(Twist, topics.CMD_VEL, qos.DEFAULT)
+        self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.DEFAULT)
         self.create_timer(0.1, self._drive_ahead)
+
         self._executor: Any = SingleThreadedExecutor()
         self._executor.add_node(self)
 
@@ -100,10 +107,10 @@ class Witness(Node):
     def _drive_ahead(self) -> None:
         self._twist_pub.publish(Twist(linear=Vector3(x=1.0)))
 
-    def commanded(self) -> bool:
-        """Return whether there is a node that commands."""
+    def sees_commands(self) -> bool:
+        """Return whether a node publishes commands."""
         return bool(publishers(self, topics.ECU))
 
-    def turn(self) -> None:
-        """Take what has come."""
+    def spin_once(self) -> None:
+        """Process what has arrived."""
         self._executor.spin_once(timeout_sec=0.05)

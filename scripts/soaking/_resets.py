@@ -1,4 +1,4 @@
-"""Drives in lock-step and resets, again and again; prints, as JSON, what each drive was."""
+"""Drives in lock-step and resets, again and again; prints, as JSON, a digest of each drive."""
 
 from __future__ import annotations
 
@@ -36,62 +36,71 @@ _PARAMETERS = {
 
 
 class _Drives(Node):
-    """Asks for a reset after so many states."""
+    """Calls the reset service after so many states."""
 
     def __init__(self, resets: int) -> None:
         super().__init__('drives')
+        self.digests: list[str] = []
+        self.seconds: list[float] = []
+        self.memory: list[int] = []  #: [bytes]
+        self._resets_left = resets
+        self._reset_time = time.perf_counter()
+        self._begin()
+
         self.simulator = VehicleSimulator(
             on_step=self._on_step,
             parameter_overrides=[
                 Parameter(name, value=value) for name, value in _PARAMETERS.items()
             ],
         )
-        self._reset = self.create_client(Trigger, services.RESET_SIMULATOR)
-        self._left = resets
-        self.digests: list[str] = []
-        self.seconds: list[float] = []
-        self.memory: list[int] = []
-        self._asked = time.perf_counter()
+        self._reset_client = self.create_client(Trigger, services.RESET_SIMULATOR)
 
-    def _on_step(self, t: float, seen: Observation) -> None:
+    def _on_step(self, t: float, observation: Observation) -> None:
         if t == 0.0:
-            self._count = 0
-            self._hash = hashlib.sha256()
-        self._count += 1
-        if self._count > _STATES:  # until the reset is done
+            self._begin()
+        self._states += 1
+        if self._states > _STATES:  # until the reset is done
             return
-        values = (*seen.true, *seen.measured, *seen.acting)
+
+        values = (*observation.true, *observation.measured, *observation.acting)
         self._hash.update(struct.pack(f'{len(values)}d', *values))
-        if self._count == _STATES:
+        if self._states == _STATES:
             self._end()
+
+    def _begin(self) -> None:
+        self._states = 0
+        self._hash = hashlib.sha256()
 
     def _end(self) -> None:
         now = time.perf_counter()
         self.digests.append(self._hash.hexdigest())
-        self.seconds.append(now - self._asked)
+        self.seconds.append(now - self._reset_time)
         self.memory.append(memory())
-        if not self._left:
+
+        if not self._resets_left:
             self.simulator.finish()
             return
-        self._left -= 1
-        self._asked = now
-        self._reset.call_async(Trigger.Request())
+        self._resets_left -= 1
+        self._reset_time = now
+        self._reset_client.call_async(Trigger.Request())
 
 
 def main() -> None:
     """Reset as many times as the command line names."""
     with ros([]):
         drives = _Drives(int(sys.argv[1]))
-        nodes = drives, drives.simulator, CruiseController()
+        nodes: list[Node] = [drives, drives.simulator, CruiseController()]
         executor = QuickExecutor(num_threads=NUM_THREADS)
         for node in nodes:
             executor.add_node(node)
         executor.spin_until_future_complete(drives.simulator.finished)
+
         executor.shutdown()
         for node in nodes:
             node.destroy_node()
-    kept = {name: getattr(drives, name) for name in ('digests', 'seconds', 'memory')}
-    print(json.dumps(kept))
+    print(
+        json.dumps({'digests': drives.digests, 'seconds': drives.seconds, 'memory': drives.memory})
+    )
 
 
 if __name__ == '__main__':

@@ -23,9 +23,10 @@ _NAMES = sorted(
 
 
 def main(args: list[str] | None = None) -> int:
-    """Do it, and print the figures."""
+    """Put it through one kind of fault, and print the figures."""
     parser = Parser(prog='soak', description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     commands = parser.add_subparsers(metavar='NAME', required=True)
+
     for name in _NAMES:
         module: Any = importlib.import_module(name)
         about = module.__doc__
@@ -34,10 +35,11 @@ def main(args: list[str] | None = None) -> int:
         if hasattr(module, 'add_arguments'):
             module.add_arguments(command)
         command.set_defaults(module=module)
+
     options = parser.parse_args(args)
     figures = options.module.soak(options)
     print(table(figures))
-    return 0 if all(figure.kept for figure in figures) else 1
+    return 0 if all(figure.is_within_bounds for figure in figures) else 1
 
 
 if __name__ == '__main__':

@@ -1,7 +1,7 @@
-"""10,000 messages a second, well-formed and malformed, on every topic that a node listens to.
+"""10,000 messages a second, well-formed and malformed, on every topic that a node subscribes to.
 
-From another process, once beside the cruise control and once beside a drive by hand, both with
-recorder and live page.
+They come from another process, once beside the cruise control and once beside a drive by hand,
+both with recorder and live page.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 SHORT = '3 s of it, and any speed will do'
 _HERE = Path(__file__).parent
 _MODES = ('acc', 'teleop')
-_PATIENCE = 60.0  #: [s]
+_END_TIMEOUT = 60.0  #: [s]
 _MIB = 1 << 20
-#: Beyond, the simulator refuses a command; faster, no such command can have made the car.
-_SPEED = 200.0
-_MOTOR = 100.0
-_SERVO = 1.5
-#: [MiB] after the first third; the recorder's and the page's buffers breathe.
-_GROWTH = 30.0
+#: The simulator refuses larger commands, and no smaller one makes the car faster.
+_MAX_SPEED = 200.0  #: [m/s]
+_MAX_MOTOR = 100.0  #: [m/s²]
+_MAX_SERVO = 1.5  #: [rad]
+#: [MiB] after the first third; the recorder's and the page's buffers grow and shrink.
+_MAX_GROWTH = 30.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,32 +54,35 @@ def soak(options: argparse.Namespace) -> list[Figure]:
 
 
 def _figures(mode: str, rate: float, seconds: float, *, in_time: bool) -> list[Figure]:
-    flooded, flood = _meet(mode, rate, seconds)
-    late = 100.0 * int(flooded['missed_deadlines']) / int(flooded['steps'])
-    held = flooded['memory'][len(flooded['memory']) // 3 :]
-    sent = flood['sent'] / flood['seconds']
+    """Return the figures of a run; `in_time`: the machine has to be fast, too."""
+    run, flood = _meet(mode, rate, seconds)
+    late = 100.0 * int(run['missed_deadlines']) / int(run['steps'])
+    memory = run['memory'][len(run['memory']) // 3 :]
+    growth = max(memory) - memory[0]
+    sent_rate = flood['messages'] / flood['seconds']
+    lost = run['recorded'] - run['in_bag']
     figures = [
-        Figure('messages sent, 1/s', sent, least=0.95 * rate if in_time else 1.0),
-        Figure('messages recorded', flooded['recorded']),
-        Figure('of them not in the bag', flooded['recorded'] - flooded['held'], most=0, least=0),
-        Figure('messages that the recorder lost and counted', int(flooded['lost_messages'])),
-        Figure('steps', int(flooded['steps']), least=1),
+        Figure('messages sent, 1/s', sent_rate, minimum=0.95 * rate if in_time else 1.0),
+        Figure('messages recorded', run['recorded']),
+        Figure('of them not in the bag', lost, maximum=0, minimum=0),
+        Figure('messages that the recorder lost and counted', int(run['lost_messages'])),
+        Figure('steps', int(run['steps']), minimum=1),
         # A machine that tests share is late for reasons of its own.
-        Figure('missed deadlines, %', late, most=1.0 if in_time else 75.0),
-        Figure('periods that the clock slipped', int(flooded['slipped_periods'])),
-        Figure('states that are not finite', flooded['not_finite'], most=0),
-        Figure('greatest speed, m/s', flooded['speed'], most=_SPEED),
-        Figure('greatest acceleration, m/s²', flooded['motor'], most=_MOTOR),
-        Figure('greatest steering, rad', flooded['servo'], most=_SERVO),
-        Figure('memory at the end, MiB', held[-1] / _MIB),
-        Figure('its growth in the last two thirds, MiB', (max(held) - held[0]) / _MIB, _GROWTH),
-        Figure('exceptions', flooded['stderr'].count('Traceback'), most=0),
+        Figure('missed deadlines, %', late, maximum=1.0 if in_time else 75.0),
+        Figure('periods that the clock slipped', int(run['slipped_periods'])),
+        Figure('states that are not finite', run['not_finite'], maximum=0),
+        Figure('greatest speed, m/s', run['speed'], maximum=_MAX_SPEED),
+        Figure('greatest acceleration, m/s²', run['motor'], maximum=_MAX_MOTOR),
+        Figure('greatest steering, rad', run['servo'], maximum=_MAX_SERVO),
+        Figure('memory at the end, MiB', memory[-1] / _MIB),
+        Figure('its growth in the last two thirds, MiB', growth / _MIB, _MAX_GROWTH),
+        Figure('exceptions', run['stderr'].count('Traceback'), maximum=0),
     ]
     return [figure._replace(name=f'{mode}: {figure.name}') for figure in figures]
 
 
 def _meet(mode: str, rate: float, seconds: float) -> tuple[dict[str, Any], dict[str, float]]:
-    """Return what became of the run, and of the flood."""
+    """Return what the run and its bag have at the end, and what the flood has sent."""
     task = json.dumps({'mode': mode, 'rate': rate, 'seconds': seconds, 'seed': 1})
     with tempfile.TemporaryDirectory() as folder:
         options = ['--bag-dir', folder, '--view', 'web', '--quiet']
@@ -87,20 +90,25 @@ def _meet(mode: str, rate: float, seconds: float) -> tuple[dict[str, Any], dict[
             options += ['--distance', '0', '--road', 'flat']
         run = _start('_flooded.py', mode, *options)
         flooder = _start('_flooder.py', task)
+
         try:
-            flood = _answer(flooder, seconds + _PATIENCE)
+            flood = _answer(flooder, seconds + _END_TIMEOUT)
             run.send_signal(signal.SIGINT)
-            flooded = _answer(run, _PATIENCE)
+            answer = _answer(run, _END_TIMEOUT)
         finally:
             for process in (run, flooder):
                 process.kill()
                 process.communicate()
-        path = bag.newest(folder)
-        with AnyReader([path]) as reader:
-            held = sum(1 for _ in reader.messages())
-            counts = {'recorded': reader.message_count, 'held': held}
-        # A bag that is not whole lacks the number of steps.
-        return {**flooded, **counts, **bag.info(path)}, flood
+        return {**answer, **_bag_facts(folder)}, flood
+
+
+def _bag_facts(folder: str) -> dict[str, Any]:
+    path = bag.newest(folder)
+    with AnyReader([path]) as reader:
+        messages = sum(1 for _ in reader.messages())
+        counts = {'recorded': reader.message_count, 'in_bag': messages}
+    # A bag that is not whole lacks the number of steps.
+    return {**counts, **bag.info(path)}
 
 
 def _start(program: str, *arguments: str) -> subprocess.Popen[str]:
@@ -113,11 +121,13 @@ def _start(program: str, *arguments: str) -> subprocess.Popen[str]:
     )
 
 
-def _answer(process: subprocess.Popen[str], patience: float) -> dict[str, Any]:
+def _answer(process: subprocess.Popen[str], timeout: float) -> dict[str, Any]:
+    """Return what a process prints last, as JSON, with its `stderr`."""
     try:
-        out, err = process.communicate(timeout=patience)
+        out, err = process.communicate(timeout=timeout)
     except subprocess.TimeoutExpired:
-        raise UserError(f'{process.args!r} has not ended after {patience:g} s') from None
+        raise UserError(f'{process.args!r} has not ended after {timeout:g} s') from None
+
     if process.returncode or not out:
         raise UserError(f'{process.args!r} ended with code {process.returncode}: {err}')
     if 'Traceback' in err:

@@ -21,38 +21,35 @@ if TYPE_CHECKING:
 
 SHORT = '30 of them'
 _PROGRAM = Path(__file__).with_name('_resets.py')
-#: A machine that others use, too, is slower now than then.
-_SLOWER = 1.5
-_GROWTH = 5.0  #: [MiB]
-_PATIENCE = 600.0  #: [s]
+#: The last resets by the first ones. A machine that others use is not always equally fast.
+_MAX_SLOWDOWN = 1.5
+_MAX_GROWTH = 5.0  #: [MiB]
+_TIMEOUT = 600.0  #: [s]
 
 
 def soak(options: argparse.Namespace) -> list[Figure]:
     """Return the figures."""
-    count, tenth = (30, 10) if options.short else (1000, 100)
-    done = subprocess.run(  # noqa: S603 (our own)
+    count = 30 if options.short else 1000
+    tenth = 10 if options.short else 100
+    process = subprocess.run(  # noqa: S603 (our own)
         [sys.executable, str(_PROGRAM), str(count)],
         capture_output=True,
         text=True,
         check=False,
-        timeout=_PATIENCE,
+        timeout=_TIMEOUT,
     )
-    if done.returncode:
-        raise UserError(f'the resets ended with code {done.returncode}: {done.stderr}')
-    found = json.loads(done.stdout)
-    seconds = found['seconds'][1:]
-    memory = found['memory']  # the first has the start in it
-    first = median(seconds[:tenth])
-    last = median(seconds[-tenth:])
+    if process.returncode:
+        raise UserError(f'the resets ended with code {process.returncode}: {process.stderr}')
+
+    drives = json.loads(process.stdout)
+    seconds = drives['seconds'][1:]  # without the start
+    slowdown = median(seconds[-tenth:]) / median(seconds[:tenth])
+    growth = (drives['memory'][-1] - drives['memory'][tenth]) / 2**20
     return [
-        Figure('resets', len(seconds), least=count),
-        Figure('different trajectories', len(set(found['digests'])), most=1),
+        Figure('resets', len(seconds), minimum=count),
+        Figure('different trajectories', len(set(drives['digests'])), maximum=1),
         *spread('a reset and 100 states, s', seconds),
-        Figure(f'median of the last {tenth} by that of the first', last / first, most=_SLOWER),
-        Figure(
-            'memory gained after the first tenth, MiB',
-            (memory[-1] - memory[tenth]) / 2**20,
-            _GROWTH,
-        ),
-        Figure('exceptions', done.stderr.count('Traceback'), most=0),
+        Figure(f'median of the last {tenth} by that of the first', slowdown, _MAX_SLOWDOWN),
+        Figure('memory gained after the first tenth, MiB', growth, _MAX_GROWTH),
+        Figure('exceptions', process.stderr.count('Traceback'), maximum=0),
     ]

@@ -1,7 +1,7 @@
 """SIGINT and SIGTERM at 100 random moments, from the start of the process to its end.
 
-Half of them to `run acc`, half to `run teleop` in a terminal; half started as scripts/run does,
-which holds signals back until they are handled, half as `python -m barc_sim.run`.
+Half of them go to `run acc`, half to `run teleop` in a terminal. Half of the runs are started as
+by scripts/run, which blocks signals until they are handled, half as `python -m barc_sim.run`.
 """
 
 from __future__ import annotations
@@ -23,65 +23,82 @@ if TYPE_CHECKING:
     import argparse
 
 SHORT = '8 of them, and any time will do'
-_MOST = 2.0  #: [s] from the signal to the end
-_SECONDS = 1.5  #: a run by hand, which has no end of its own
+_MAX_SECONDS = 2.0  #: [s] from the signal to the end
+_TELEOP_DURATION = 1.5  #: [s] of a run by hand, which has no end of its own
 _OPTIONS = {
     'acc': ('acc', '-q', '--realtime-factor', 'max', '--distance', '20'),
     'teleop': ('teleop', '--view', 'none'),
 }
-_PATIENCE = 30.0
+_TIMEOUT = 30.0  #: [s]
 
 
 def soak(options: argparse.Namespace) -> list[Figure]:
     """Return the figures."""
     count = 8 if options.short else 100
-    chance = random.Random(7)  # noqa: S311 (no secret)
-    whole = _whole_run()
-    seconds: list[float] = []
-    faults: list[str] = []
-    early = 0
+    runs = _InterruptedRuns()
     for number in range(count):
         mode = 'teleop' if number % 2 else 'acc'
-        blocked = number % 4 < 2  # noqa: PLR2004
-        moment = chance.uniform(0.0, whole + (_SECONDS if mode == 'teleop' else 0.0))
-        with tempfile.TemporaryDirectory() as name:
-            session = Session(Path(name), *_OPTIONS[mode], terminal=number % 2 > 0, blocked=blocked)
-            ended = session.look(moment)
-            if not ended:
-                number_ = chance.choice((signal.SIGINT, signal.SIGTERM))
-                seconds.append(session.stop(number_))
-            found = session.faults() + _bag_faults(Path(name) / 'bags')
-            if 'Traceback' in found and not blocked and b'barc_sim' not in session.shown:
-                found.remove('Traceback')  # Python's own start
-                found = [fault for fault in found if fault != 'exit code 1']
-                early += 1
-            if found:
-                print(f'{mode} at {moment:.3f} s of {whole:.3f}: {found}', file=sys.stderr)
-                print(session.shown.decode(errors='replace')[-2000:], file=sys.stderr)
-            faults += found
+        runs.endure(mode, blocked=number % 4 < 2)  # noqa: PLR2004 (half of each mode)
+
+    max_seconds = _TIMEOUT if options.short else _MAX_SECONDS
     return [
-        Figure('signals', len(seconds), least=1),
-        Figure('a whole run, s', whole),
-        *spread('from the signal to the end, s', seconds, _PATIENCE if options.short else _MOST),
-        Figure("tracebacks of Python's own, before it runs barc_sim", early),
-        Figure('faults', len(faults), most=0),
+        Figure('signals', len(runs.seconds), minimum=1),
+        Figure('a whole run, s', runs.acc_duration),
+        *spread('from the signal to the end, s', runs.seconds, max_seconds),
+        Figure("tracebacks of Python's own, before it runs barc_sim", runs.early_tracebacks),
+        Figure('faults', runs.faults, maximum=0),
     ]
 
 
-def _whole_run() -> float:
+class _InterruptedRuns:
+    """Runs that get a signal at a random moment."""
+
+    def __init__(self) -> None:
+        self.acc_duration = _acc_duration()
+        self.seconds: list[float] = []  #: from the signal to the end
+        self.early_tracebacks = 0
+        self.faults = 0
+        self._chance = random.Random(7)  # noqa: S311 (no secret)
+
+    def endure(self, mode: str, *, blocked: bool) -> None:
+        """Start a run, send the signal, and count the faults of its end."""
+        is_teleop = mode == 'teleop'
+        duration = self.acc_duration
+        if is_teleop:
+            duration += _TELEOP_DURATION
+        moment = self._chance.uniform(0.0, duration)
+
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            session = Session(folder, *_OPTIONS[mode], terminal=is_teleop, blocked=blocked)
+            if not session.watch(moment):
+                number = self._chance.choice((signal.SIGINT, signal.SIGTERM))
+                self.seconds.append(session.stop(number))
+            faults = session.faults() + _bag_faults(folder / 'bags')
+
+        if 'Traceback' in faults and not blocked and b'barc_sim' not in session.output:
+            self.early_tracebacks += 1  # Python's own start
+            faults = [fault for fault in faults if fault not in {'Traceback', 'exit code 1'}]
+        if faults:
+            self.faults += len(faults)
+            print(f'{mode} at {moment:.3f} s of {duration:.3f}: {faults}', file=sys.stderr)
+            print(session.output.decode(errors='replace')[-2000:], file=sys.stderr)
+
+
+def _acc_duration() -> float:
     """Return how long `acc` takes without a signal [s]."""
     with tempfile.TemporaryDirectory() as name:
-        began = time.monotonic()
+        start = time.monotonic()
         session = Session(Path(name), *_OPTIONS['acc'], terminal=False, blocked=False)
-        session.look(_PATIENCE)
+        session.watch(_TIMEOUT)
         session.faults()
-        return time.monotonic() - began
+        return time.monotonic() - start
 
 
 def _bag_faults(root: Path) -> list[str]:
     """Return what is wrong with the bags in the folder: it has one that is whole, or none."""
+    if not root.exists():
+        return []
     return [
-        f'{bag_path} is not whole'
-        for bag_path in (sorted(root.iterdir()) if root.exists() else [])
-        if 'steps' not in bag.info(bag_path)
+        f'{path} is not whole' for path in sorted(root.iterdir()) if 'steps' not in bag.info(path)
     ]
