@@ -43,9 +43,30 @@ os.environ['PATH'] = os.pathsep.join(each for each in _folders if each != _progr
 # On a desktop, no test opens a browser.
 os.environ['BARC_SIM_NO_BROWSER'] = '1'
 
+#: [characters]
+_LONGEST_ID = 60
+
 # How long an example takes is the machine's affair.
 settings.register_profile('any machine', deadline=None)
 settings.load_profile('any machine')
+
+
+def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
+    """Return the id of a parameter: a truth with its name, and the values of a container."""
+    if isinstance(val, bool):
+        return f'{argname}={val}'
+    if isinstance(val, (dict, list, tuple)) and _has_text(val):
+        return str(val)[:_LONGEST_ID]
+    return None
+
+
+def _has_text(value: object) -> bool:
+    """Return whether a value's text is the same in every process, as no object's address is."""
+    if isinstance(value, dict):
+        return all(_has_text(each) for each in value.values())
+    if isinstance(value, (list, tuple)):
+        return all(_has_text(each) for each in value)
+    return isinstance(value, (bool, bytes, float, int, str, type(None)))
 
 
 def _take_signals() -> None:
